@@ -42,7 +42,7 @@ if __name__ == "__main__":
         "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
     )
     parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
-    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
+    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="less work, to try it out")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()

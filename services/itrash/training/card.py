@@ -88,8 +88,8 @@ def measure(model_dir: Path, data: Path, fetched: Path, training: Training, fold
         grouped = evaluation.grouped_accuracy(on_photos, samples, load_photos(data / "train"))
         corrupted = evaluation.corrupted_accuracy(classifier, samples, every=CORRUPTED_EVERY)
     real = {
-        "of the samples of scikit-image and scikit-learn": others.installed_photos(),
-        "of further packages (`others.MEASURED`)": others.measured_photos(fetched),
+        "out of scikit-image and scikit-learn": others.installed_photos(),
+        "out of further packages (`others.MEASURED`)": others.measured_photos(fetched),
     }
     return Measured(
         photos=on_photos,
@@ -152,7 +152,7 @@ def _text(training: Training, preprocessing: Preprocessing, m: Measured) -> str:
     lists = (
         "its train and val lists to learn from"
         if training.learnt_all
-        else "its train list to learn from,\n  its val list to measure"
+        else "its train list to learn from, its val list to measure"
     )
     chosen = (
         "by the five networks on photos that they did not learn from; the\nlatter risks"
@@ -162,14 +162,14 @@ def _text(training: Training, preprocessing: Preprocessing, m: Measured) -> str:
     )
     learnt = "" if training.others_sha256 is None else _LEARNT
     real = "\n".join(
-        f"| real photos of other things, {source}, called unknown ({len(found.truth)}) "
+        f"| real photos of other things {source}, called unknown ({len(found.truth)}) "
         f"| {found.unknown_share():.1%} |"
         for source, found in m.real.items()
     )
     origin = (
-        "so the network does not know the world from them"
+        "training drew its pictures of nothing, so the network does\nnot know the world"
         if training.others_sha256 is None
-        else "others of their kind were learnt from (`others.LEARNT`)"
+        else "training learnt from others of their\nkind (`others.LEARNT`)"
     )
     recipe = ", ".join(f"{name} {value}" for name, value in training.recipe.items())
     return f"""# Model card: iTrash classifier
@@ -217,7 +217,7 @@ Under each corruption (`corruptions.py`, mean over five severities):
 {_failures(m, which)}
 
 Temperature and threshold were chosen {chosen}. The
-real photos of other things choose nothing: {origin}. TrashNet
+real photos of other things choose nothing; {origin}. TrashNet
 shows one object on a plain board and repeats objects, so plain accuracy flatters; a bin sees worse.
 """
 

@@ -25,6 +25,7 @@ from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
+import torch
 from pydantic import ValidationError
 
 from rodeo.config import Site, bin_process
@@ -204,6 +205,7 @@ def tuned(
     draws = Draws(
         [*photos, *[one.sample for one in corrected] * times], rendered, world, recipe, recipe.seed, SELDOM
     )
+    torch.manual_seed(recipe.seed)  # of what is left out of a step
     network = exported(weights, recipe.drop_connect)
     return last(fit(network, draws, finish(recipe), recipe, recipe.finish_ema_decay)).eval()
 

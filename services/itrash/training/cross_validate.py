@@ -169,7 +169,7 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, required=True, help="where networks and checkpoints are kept")
     parser.add_argument("--fold", type=int, choices=range(FOLDS), help="this one; all without it")
     parser.add_argument("--recipe", choices=RECIPES, default="shipped")
-    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
+    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="less work, to try it out")
     parser.add_argument("--pack", type=Path, metavar="FOLDER", help="train nothing: write small files there")
     parser.add_argument(
         "--choose", type=Path, metavar="MODEL", help="train nothing: write the threshold of all folds there"

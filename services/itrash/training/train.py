@@ -97,9 +97,9 @@ class Recipe:
     """Share of known photos that may be called unknown; sets the threshold."""
 
     def shortened(self, times: int) -> Recipe:
-        """To try the program out: so many times fewer steps."""
-        stages = ("stable_steps", "cooldown_steps", "finish_steps")
-        return replace(self, **{stage: max(getattr(self, stage) // times, 1) for stage in stages})
+        """To try the program out: so many times fewer steps and renderings."""
+        parts = ("stable_steps", "cooldown_steps", "finish_steps", "renderings_per_class")
+        return replace(self, **{part: max(getattr(self, part) // times, 1) for part in parts})
 
 
 class Draws:
@@ -515,7 +515,7 @@ if __name__ == "__main__":
     parser.add_argument(
         "--checkpoints", type=Path, metavar="FOLDER", help="go on from here after it was killed"
     )
-    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
+    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="less work, to try it out")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()

@@ -219,6 +219,13 @@ def test_what_was_exported_learns_on_from_where_it_was(tmp_path: Path, small: bo
     np.testing.assert_allclose(found[0].numpy(), before.logits(picture), atol=0.05)
 
 
+def test_the_same_corrections_make_the_same_network() -> None:
+    one = corrected.Corrected(CAN, "metal", "a can", (ANNA.address,))
+    arguments = (MODEL_DIR / WEIGHTS, drawn(), [one], rendered(), WORLD, TINY)
+    first, second = (corrected.tuned(*arguments).state_dict() for _ in range(2))
+    assert all(torch.equal(value, second[name]) for name, value in first.items())
+
+
 def drawn() -> list[Sample]:
     """Two photos of each class; the renderings of the tests will do."""
     return [
