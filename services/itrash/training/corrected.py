@@ -160,7 +160,8 @@ def add_corrections(
 ) -> list[str]:
     """Write the model that learnt from them into `out`; the report as lines.
 
-    `folds` holds the cross-validated networks. Raises NoCorrections, NotCrossValidated, WorseThanBefore.
+    `folds` holds the cross-validated networks. Raises NoCorrections, NotCrossValidated, WorseThanBefore, and
+    OtherRecipe where the installed network was made by another recipe than they were.
     """
     corrected, left_out = gather(site, allowed)
     if not corrected:
@@ -168,10 +169,17 @@ def add_corrections(
     there = [fold for fold in range(FOLDS) if crossed.is_there(folds, fold)]
     if len(there) < FOLDS or not (folds / crossed.DIVISION).exists():
         raise NotCrossValidated("cross-validated networks are missing", folder=str(folds), there=there)
+    crossed.check(folds, Training.model_validate_json((MODEL_DIR / TRAINING).read_bytes()))
     out.mkdir(parents=True, exist_ok=True)
     photos = crossed.all_photos(data)
+    training = Training(
+        architecture=ARCHITECTURE,
+        recipe=asdict(recipe),
+        others_sha256=world.sha256,
+        learnt=crossed.PARTS,
+    )
     before = crossed.measured(folds, data)
-    after = _cross_validated(photos, corrected, rendered, world, data, folds, out / "folds", recipe)
+    after = _cross_validated(photos, corrected, rendered, world, data, folds, out / "folds", training, recipe)
     was, now = before.answers.accuracy(), after.answers.accuracy()
     if now < was:
         raise WorseThanBefore("fewer photos are named rightly than before", before=was, after=now)
@@ -179,7 +187,6 @@ def add_corrections(
     export(network, out / WEIGHTS, recipe.input_px)
     changed = calibrated(after, out / "folds", recipe.known_rejected)
     write_preprocessing(out, load_preprocessing().model_copy(update=changed))
-    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe), others_sha256=world.sha256)
     (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     people = Counter(person for one in corrected for person in one.people)
     return [
@@ -230,6 +237,7 @@ def _cross_validated(
     data: Path,
     folds: Path,
     out: Path,
+    training: Training,
     recipe: Recipe,
 ) -> Crossed:
     """The answers of the cross-validated networks after the same fine-tuning, by their own thresholds."""
@@ -245,5 +253,5 @@ def _cross_validated(
         network = tuned(source / WEIGHTS, others, corrected, rendered, world, recipe)
         export(network, folder / WEIGHTS, recipe.input_px)
         write_preprocessing(folder, load_preprocessing(source))
-        (folder / TRAINING).write_text((source / TRAINING).read_text())
+        (folder / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     return crossed.measured(out, data)

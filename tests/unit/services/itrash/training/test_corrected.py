@@ -36,7 +36,7 @@ from services.itrash.training.corrected import (  # noqa: E402
     add_corrections,
     gather,
 )
-from services.itrash.training.crossed import Division  # noqa: E402
+from services.itrash.training.crossed import Division, OtherRecipe  # noqa: E402
 from services.itrash.training.dataset import CLASSES, Sample  # noqa: E402
 from services.itrash.training.network import exported  # noqa: E402
 from services.itrash.training.others import World  # noqa: E402
@@ -279,6 +279,16 @@ def test_without_all_cross_validated_networks_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
+def test_networks_of_another_recipe_than_the_installed_one_measure_nothing(
+    own: Site, data: Path, folds: Path, tmp_path: Path
+) -> None:
+    correct(own, ANNA, CAN, "metal")
+    path = folds / "fold2" / crossed.TRAINING
+    path.write_text(path.read_text().replace('"seed": 8', '"seed": 9'))
+    with pytest.raises(OtherRecipe):
+        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
+
+
 def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     own: Site, data: Path, folds: Path, tmp_path: Path
 ) -> None:
@@ -291,6 +301,9 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     made = Classifier(out)
     assert f"model_sha256 {made.model_sha256}" in report
     assert made.model_sha256 != Classifier().model_sha256
+    kept = crossed.Training.model_validate_json((out / crossed.TRAINING).read_bytes())
+    assert kept.learnt_all
+    crossed.check(out / "folds", kept)  # the next corrections can be learnt from where these are installed
     assert made.preprocessing.temperature != load_preprocessing().temperature
 
 
