@@ -11,11 +11,10 @@ import threading
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import onnxruntime
-from onnxruntime.capi import onnxruntime_pybind11_state as refusals
 
 from rodeo.vision.classification import (
     MODEL_DIR,
@@ -29,6 +28,9 @@ from rodeo.vision.classification import (
     verdict,
 )
 from rodeo.vision.images import IMAGE_LIMITS, ImageLimits, decode_image
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 SHORTER_SIDE_PX = 256
 """Photos are made as small as this before anything else is done with them, as training's were."""
@@ -59,15 +61,6 @@ def to_input(image_bgr: np.ndarray, preprocessing: Preprocessing) -> np.ndarray:
 _IMAGE, _LOGITS = "image", "logits"
 _FATAL = 4
 """Of onnxruntime's severities."""
-_REFUSALS = (
-    refusals.Fail,
-    refusals.InvalidArgument,
-    refusals.InvalidGraph,
-    refusals.InvalidProtobuf,
-    refusals.NotImplemented,
-    refusals.RuntimeException,
-)
-"""What it raises for weights that it cannot load; they have no other base than Exception."""
 
 
 class Classifier:
@@ -108,6 +101,19 @@ class Classifier:
 
 def _session(weights: bytes, preprocessing: Preprocessing) -> onnxruntime.InferenceSession:
     """Raises BrokenModel."""
+    # Imported here: it starts a thread, for which a process that is forked afterwards waits when it ends.
+    import onnxruntime
+    from onnxruntime.capi import onnxruntime_pybind11_state as refusals
+
+    # What it raises for weights that it cannot load; they have no other base than Exception.
+    refused = (
+        refusals.Fail,
+        refusals.InvalidArgument,
+        refusals.InvalidGraph,
+        refusals.InvalidProtobuf,
+        refusals.NotImplemented,
+        refusals.RuntimeException,
+    )
     options = onnxruntime.SessionOptions()
     # One thread computes, the caller's: the sums do not depend on the number of cores, nothing spins between
     # two pictures, and a process may fork.
@@ -115,7 +121,7 @@ def _session(weights: bytes, preprocessing: Preprocessing) -> onnxruntime.Infere
     options.log_severity_level = _FATAL  # what it refuses is raised
     try:
         session = onnxruntime.InferenceSession(weights, options, providers=["CPUExecutionProvider"])
-    except _REFUSALS as error:
+    except refused as error:
         raise BrokenModel("onnxruntime does not load the weights", problem=str(error)[:300]) from error
     found = {one.name: one.shape for one in (*session.get_inputs(), *session.get_outputs())}
     side, classes = preprocessing.input_px, len(preprocessing.classes)
