@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
 
 SECOND_NS = 1_000_000_000
 
+Time = TypeVar("Time", int, "np.ndarray")
 
-def sec_nanosec(time_ns: int) -> tuple[int, int]:
-    """(s, ns below a second) of a time or a duration."""
+
+def sec_nanosec(time_ns: Time) -> tuple[Time, Time]:
+    """(s, ns below a second) of a time or a duration, or of an array of them."""
     return divmod(time_ns, SECOND_NS)
 
 

@@ -118,7 +118,7 @@ class Rows:
         count = len(time_ns)
         if count > len(self._buffer):
             self._reserve(count)
-        seconds, nanoseconds = np.divmod(time_ns, 1_000_000_000)
+        seconds, nanoseconds = sec_nanosec(time_ns)
         self._words[:count, stamp_words] = seconds[:, None]
         self._words[:count, stamp_words + 1] = nanoseconds[:, None]
         return self._numbers[:count]

@@ -396,7 +396,8 @@ class PostForm:
                 and request.provider in (None, one.provider))
         ]  # fmt: skip
         if not request.allow_wait and prices and min(prices) > request.reward_iec:
-            which = "The cheapest such service" if request.service_id is None else "This service"
+            of = "kind" if request.provider is None else "provider"
+            which = f"The cheapest service of this {of}" if request.service_id is None else "This service"
             wrong.append(f"{which} costs {iec(min(prices))}")
         balance = self._balance()
         if balance is not None and balance < request.reward_iec:
