@@ -7,7 +7,7 @@ CHAIN ?= eth-tester
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup postgresql demo test test-contracts test-python test-long experiment bench lint contracts clean
+.PHONY: help setup postgresql demo test test-contracts test-python test-long test-contracts-long test-python-long experiment bench lint contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -47,17 +47,27 @@ PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --forks --numprocesses $(JOBS)
 
 # The contracts beside the rest: their compiler keeps one core busy for minutes, while tests of sites wait for processes
 # and for time that passes.
+BESIDE = $(MAKE) --no-print-directory --jobs=2 --keep-going
+# Whole lives of tasks, in any order, take minutes.
+LONG_CONTRACTS = EscrowInvariants
+FORGE = mkdir -p out; npm run --silent contracts:test -- $(1) >out/$@.log 2>&1; status=$$?; cat out/$@.log; exit $$status
+
 test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes
-	@$(MAKE) --no-print-directory --jobs=2 --keep-going test-contracts test-python
+	@$(BESIDE) test-contracts test-python
 
 test-contracts: node_modules/.stamp
-	@mkdir -p out; npm run --silent contracts:test >out/test-contracts.log 2>&1; status=$$?; \
-		cat out/test-contracts.log; exit $$status
+	@$(call FORGE,--no-match-contract $(LONG_CONTRACTS))
 
 test-python: $(VENV)/stamp
 	@$(PYTEST) -m "not long"
 
 test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
+	@$(BESIDE) test-contracts-long test-python-long
+
+test-contracts-long: node_modules/.stamp
+	@$(call FORGE,--match-contract $(LONG_CONTRACTS))
+
+test-python-long: $(VENV)/stamp
 	@$(PYTEST) -m long
 
 experiment: $(VENV)/stamp  ## the published experiment, about ten minutes; out/experiment/paper/report.html
