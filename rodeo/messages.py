@@ -288,6 +288,16 @@ class UpdateService(Command):
     state: Literal["active", "paused", "retired"] | None = None
 
 
+class SetPayout(Command):
+    """Have what the contracts owe a provider for work, bonds and stakes paid to another address. A provider
+    names one once. Then only the address that is paid can name the next."""
+
+    payout: Party
+    """Who is paid from now on. The provider itself gets the right to choose back."""
+    provider: Party | None = None
+    """Whose payments; by default the sender's own."""
+
+
 Payment = Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]
 """A positive amount of IEC."""
 
@@ -646,6 +656,7 @@ COMMANDS: dict[str, type[Command]] = {
     "match_task": MatchTask,
     "register_service": RegisterService,
     "update_service": UpdateService,
+    "set_payout": SetPayout,
     "transfer": Transfer,
     "collect": Collect,
     "deposit": Deposit,

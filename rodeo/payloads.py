@@ -292,6 +292,7 @@ _VALUES: dict[str, Any] = {
     "signatures": ["0x" + "5b" * 64, "0x" + "6c" * 64],
     "signature": "0x" + "5b" * 64,
     "price_iec": "40",
+    "payout": _OTHER,
     "service_id": 2,
     "to": "panther1",
     "device": _ADDRESS,

@@ -171,7 +171,15 @@ class Services(Answer):
     total: int
 
 
-class Person(Answer):
+class Paid(Answer):
+    """Who is paid what the contracts owe an account for work, bonds and stakes."""
+
+    payout: str | None = None
+    """The address that the account has named; None for its own."""
+    payout_name: str | None = None
+
+
+class Person(Paid):
     """A participant, with its tasks until now."""
 
     name: str | None
@@ -190,7 +198,7 @@ class Participants(Answer):
     participants: list[Person]
 
 
-class Wallet(Answer):
+class Wallet(Paid):
     name: str
     address: str
     balance_iec: Amount
@@ -203,7 +211,7 @@ class Wallets(Answer):
     supply_iec: Amount
 
 
-class Balance(Answer):
+class Balance(Paid):
     name: str | None
     address: str
     balance_iec: Amount

@@ -19,6 +19,8 @@ _SENTENCES = {
     "not_creator": "only the task's creator may do this",
     "not_executor": "only the task's executor may do this",
     "not_provider": "only the service's provider may do this",
+    "not_payout": "only the address that is paid may say who is paid next",
+    "no_payout": "somebody has to be paid",
     "not_device_owner": "only the device's owner may do this",
     "not_member": "only members may do this",
     "not_judge": "this participant does not judge tasks of this kind",

@@ -469,13 +469,17 @@ def resume(
 def withdraw(
     service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
 ) -> None:
-    """End an offer for good and refund the rest of its bond. A task in progress continues."""
+    """End an offer for good and refund the rest of its bond. A task in progress continues.
+
+    Whoever is paid for the provider's work may do this, too, for instance when the provider's key is lost.
+    """
     _change_service(site, service_id, participant, state="retired")
     say(f"Service {service_id} is withdrawn for good. Offer a new one with `rodeo service offer`.")
 
 
 def _change_service(site: Path, service_id: int, participant: str | None, **change: str) -> dict[str, Any]:
-    """Update the service in its provider's name; returns it as it was, with the change.
+    """Update the service in its provider's name; returns it as it was, with the change. Another participant
+    can only retire it, if it is paid for the provider's work.
 
     Raises InvalidRequest when there is none, or its provider has no name here.
     """
@@ -489,7 +493,8 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
                 f"there is no service {service_id}; `rodeo service list` shows them", service_id=service_id
             )
         provider = service.provider_name
-        if provider is None or participant not in (None, provider):
+        retires = participant is not None and change.get("state") == "retired"
+        if not retires and (provider is None or participant not in (None, provider)):
             raise InvalidRequest(
                 f"service {service_id} belongs to another participant than {participant}"
                 if participant
@@ -499,7 +504,9 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
             )
         request = {"service_id": service_id, **change}
         bus.query(
-            topics.COMMAND.name(org=loaded.org, participant=provider, command="update_service"),
+            topics.COMMAND.name(
+                org=loaded.org, participant=participant or provider or "", command="update_service"
+            ),
             request,
             timeout_s=30,
         )
@@ -510,6 +517,31 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
             "the site file."
         )
     return service.model_dump(mode="json") | change
+
+
+@services.command("payout")
+@reports_errors
+def payout(
+    address: Annotated[str, typer.Argument(help="Who is paid from now on: an address or a participant.")],
+    participant: Annotated[str, typer.Option("--as", help="The participant that was paid until now.")],
+    site: SiteOption = DEFAULT_SITE,
+    provider: Annotated[
+        str | None, typer.Option(help="Whose payments; by default those of the participant itself.")
+    ] = None,
+) -> None:
+    """Have payments for a provider's work, its bonds and stakes go to another address.
+
+    A provider can do this once. From then on only the address that is paid can name the next one, so that
+    whoever steals the provider's key cannot take what it earns. Nobody undoes a mistake in the address.
+    """
+    whose = provider or participant
+    with connected(site) as (loaded, bus):
+        send_command(loaded, bus, participant, "set_payout", payout=address, provider=whose)
+        paid = queries.ask(bus, loaded.org, queries.WALLET, account=whose)
+    if paid.payout is None:
+        say(f"{whose} is paid itself.")
+        return
+    say(f"{_party(paid.payout_name, paid.payout)} is paid for what {whose} does, and alone can change this.")
 
 
 @reports_errors
@@ -524,9 +556,19 @@ def wallet(
     wallets = [one for one in known if name in (None, one.name)]
     if not wallets:
         raise InvalidRequest("no such wallet", name=name, known=[one.name for one in known])
-    rows = (Row((one.name, iec(one.balance_iec), one.address)) for one in wallets)
+    rows = (
+        Row(
+            (
+                one.name,
+                iec(one.balance_iec),
+                one.address,
+                "itself" if one.payout is None else _party(one.payout_name, one.payout),
+            )
+        )
+        for one in wallets
+    )
     document = wallets if name is None else wallets[0]
-    print_listing(document, as_json, ("name", "balance", "address"), rows, folds=(0,))
+    print_listing(document, as_json, ("name", "balance", "address", "is paid"), rows, folds=(0,))
 
 
 @reports_errors

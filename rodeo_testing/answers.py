@@ -66,9 +66,10 @@ def events(of: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def wallets(addresses: Mapping[str, str]) -> dict[str, Any]:
+    paid = {"payout": None, "payout_name": None}
     return {
         "wallets": [
-            {"name": name, "address": address, "balance_iec": "0", "owed_iec": "0"}
+            {"name": name, "address": address, "balance_iec": "0", "owed_iec": "0", **paid}
             for name, address in addresses.items()
         ],
         "supply_iec": "0",

@@ -48,6 +48,8 @@ class Rebuilt:
     suspended_providers: set[str] = field(default_factory=set)
     asleep: dict[str, int] = field(default_factory=dict)
     """Provider -> when it may wake up, of those that are asleep."""
+    payouts: dict[str, str] = field(default_factory=dict)
+    """Provider -> who is paid for its work, of those that have named somebody."""
     waiting: list[int] = field(default_factory=list)
     """Services that wait for a task, those that have waited longest first."""
     devices: dict[str, Device] = field(default_factory=dict)
@@ -186,6 +188,8 @@ class Rebuilt:
                 self.asleep[event.provider] = event.until
             case events.ProviderWokeUp():
                 del self.asleep[event.provider]
+            case events.PayoutChanged():
+                self.payouts[event.provider] = event.payout
             case events.ServiceReinstated():
                 self._service(event.service_id, state=ServiceState.PAUSED)
                 self._set_failures(self.services[event.service_id].provider, 0)
@@ -284,7 +288,8 @@ class Rebuilt:
         changes: dict[str, int] = {"task_id": 0}
         judged = cause in (None, Cause.REJECTED, Cause.EXECUTION_EXPIRED, Cause.ABANDONED_LATE)
         owners = {address: device.owner for address, device in self.devices.items()}
-        if judged and not is_own(self.tasks[task_id].creator, service.provider, owners):
+        payout = self.payouts.get(service.provider, service.provider)
+        if judged and not is_own(self.tasks[task_id].creator, service.provider, owners, payout):
             work = self.work.get(service.provider, Work())
             self.work[service.provider] = work.plus(value, cause is None, time_s)
         if cause is None:

@@ -150,7 +150,7 @@ contract Disputes is IDisputes {
         uint256 amount = pendingPayments[account];
         if (amount == 0) revert NothingOwed(account);
         pendingPayments[account] = 0;
-        _token.safeTransfer(account, amount);
+        _token.safeTransfer(_services.payoutOf(account), amount);
     }
 
     /// @inheritdoc IDisputes
@@ -269,7 +269,8 @@ contract Disputes is IDisputes {
     }
 
     /// @dev A token that refuses holds up no case.
-    function _pay(uint256 taskId, address to, uint256 amount) private {
+    function _pay(uint256 taskId, address account, uint256 amount) private {
+        address to = _services.payoutOf(account);
         emit StakePaid(taskId, to, amount);
         if (_token.trySafeTransfer(to, amount)) return;
         pendingPayments[to] += amount;

@@ -59,6 +59,8 @@ contract ServiceManager is IServiceManager {
         bool owned;
         /// @dev A task has named it and waited for it: each of its services has to look at its queue.
         bool hired;
+        /// @dev Another address is paid (see _payouts). Here, because this word is read before each payment.
+        bool paidElsewhere;
     }
 
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
@@ -113,6 +115,8 @@ contract ServiceManager is IServiceManager {
     /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
     mapping(address provider => uint32[MAX_SERVICES]) private _live;
     mapping(address device => address) private _owners;
+    /// @dev Only where `paidElsewhere`.
+    mapping(address provider => address) private _payouts;
     /// @dev The services that abandoned a task, 32 bits each, the last in the lowest; of more than eight the last eight.
     mapping(uint256 taskId => uint256) private _abandoned;
 
@@ -170,7 +174,12 @@ contract ServiceManager is IServiceManager {
     /// @inheritdoc IServiceManager
     function updateService(uint256 serviceId, uint256 price, ServiceState state) external {
         Record storage s = _get(serviceId);
-        if (msg.sender != s.provider) revert NotProvider(serviceId, msg.sender, s.provider);
+        address provider = s.provider;
+        if (msg.sender != provider) {
+            // Whoever lost the provider's key has the bonds back this way, before penalties use them up.
+            bool retires = state == ServiceState.Retired && msg.sender == payoutOf(provider);
+            if (!retires) revert NotProvider(serviceId, msg.sender, provider);
+        }
         if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
         if (state == ServiceState.None || state == ServiceState.Suspended) revert InvalidServiceState(state);
         if (s.state == ServiceState.Suspended && state != ServiceState.Retired) {
@@ -186,8 +195,18 @@ contract ServiceManager is IServiceManager {
             tasks.onServiceFree(serviceId, _kinds.kinds[s.kindId], price, _named(serviceId, s));
         } else if (state == ServiceState.Retired && s.taskId == 0) {
             uint96 bond = _leave(serviceId, s);
-            if (bond != 0) tasks.returnBond(msg.sender, bond);
+            if (bond != 0) tasks.returnBond(payoutOf(provider), bond);
         }
+    }
+
+    /// @inheritdoc IServiceManager
+    function setPayout(address provider, address payout) external {
+        address current = payoutOf(provider);
+        if (msg.sender != current) revert NotPayout(provider, msg.sender, current);
+        if (payout == address(0)) revert NoPayout(provider);
+        _payouts[provider] = payout;
+        _providers[provider].paidElsewhere = payout != provider;
+        emit PayoutChanged(provider, payout);
     }
 
     /// @inheritdoc IServiceManager
@@ -266,17 +285,16 @@ contract ServiceManager is IServiceManager {
         if (outcome == Outcome.Completed) s.completed = uint24(_increment(s.completed, type(uint24).max));
         else if (outcome == Outcome.Rejected) s.rejected = uint16(_increment(s.rejected, type(uint16).max));
         else if (outcome == Outcome.Expired) s.expired = uint16(_increment(s.expired, type(uint16).max));
-        if (outcome != Outcome.Unjudged) r.penalty = _count(serviceId, s, outcome, value, creator);
+        (r.payout, r.penalty) = _count(serviceId, s, outcome, value, creator);
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
-        (r.provider, r.available, r.price, r.named) =
-        (s.provider, _isAvailable(s), s.price, _named(serviceId, s));
+        (r.available, r.price, r.named) = (_isAvailable(s), s.price, _named(serviceId, s));
     }
 
     /// @inheritdoc IServiceManager
     function countAbandoned(uint256 taskId, uint256 serviceId, address creator) external onlyTaskManager {
         address able = _services[serviceId].provider;
-        if (_isOwn(able, _providers[able].owned, creator)) return;
+        if (_isOwn(able, _providers[able].owned, payoutOf(able), creator)) return;
         for (uint256 by = _abandoned[taskId]; by != 0; by >>= 32) {
             address provider = _services[uint32(by)].provider;
             if (provider != able) _miss(provider, _providers[provider]);
@@ -331,6 +349,11 @@ contract ServiceManager is IServiceManager {
     /// @inheritdoc IServiceManager
     function providerOf(uint256 serviceId) external view returns (address) {
         return _get(serviceId).provider;
+    }
+
+    /// @inheritdoc IServiceManager
+    function payoutOf(address account) public view returns (address) {
+        return _providers[account].paidElsewhere ? _payouts[account] : account;
     }
 
     /// @inheritdoc IServiceManager
@@ -441,26 +464,30 @@ contract ServiceManager is IServiceManager {
         s.next = 0;
     }
 
-    /// @dev What the attempt that ends makes of its provider and service. Returns the penalty.
+    /// @dev What the attempt that ends makes of its provider and service.
     function _count(uint256 serviceId, Record storage s, Outcome outcome, uint256 value, address creator)
         private
-        returns (uint96 penalty)
+        returns (address payout, uint96 penalty)
     {
-        Provider storage p = _providers[s.provider];
-        bool agreed = outcome != Outcome.Abandoned && outcome != Outcome.Missed;
-        if (agreed) {
-            bool own = _isOwn(s.provider, p.owned, creator);
+        address provider = s.provider;
+        Provider storage p = _providers[provider];
+        // At once: the word is written below.
+        (bool owned, bool paidElsewhere) = (p.owned, p.paidElsewhere);
+        payout = paidElsewhere ? _payouts[provider] : provider;
+        if (outcome == Outcome.Unjudged) return (payout, 0);
+        if (outcome != Outcome.Abandoned && outcome != Outcome.Missed) {
+            bool own = _isOwn(provider, owned, payout, creator);
             _rate(p, outcome == Outcome.Completed, value, own);
             if (outcome == Outcome.Completed) {
-                if (!own && p.missed | p.failures | p.naps != 0) _forgive(s.provider, p);
-                return 0;
+                if (!own && p.missed | p.failures | p.naps != 0) _forgive(provider, p);
+                return (payout, 0);
             }
             if (p.failures < type(uint8).max) ++p.failures;
             if (s.hasTerms) penalty = _applyTerms(serviceId, s, p.failures);
         }
-        if (outcome == Outcome.Rejected || s.provider == address(organization)) return penalty;
+        if (outcome == Outcome.Rejected || provider == address(organization)) return (payout, penalty);
         if (outcome == Outcome.Abandoned) _remember(s.taskId, serviceId);
-        else _miss(s.provider, p);
+        else _miss(provider, p);
         if (p.asleepUntil != 0 && s.state == ServiceState.Active) {
             s.state = ServiceState.Paused;
             emit ServiceFellAsleep(serviceId);
@@ -483,11 +510,16 @@ contract ServiceManager is IServiceManager {
         p.work = _work(done, failed);
     }
 
-    /// @dev Whether the creator of a task is its provider, or one owns the other, or somebody owns both.
-    function _isOwn(address provider, bool owned, address creator) private view returns (bool) {
-        address creatorsOwner = _owners[creator];
-        return
-            (creatorsOwner == address(0) ? creator : creatorsOwner) == (owned ? _owners[provider] : provider);
+    /// @dev Whether the creator of a task is its provider, or one owns the other, or somebody owns both, or what the
+    /// provider earns goes back to whoever pays.
+    function _isOwn(address provider, bool owned, address payout, address creator)
+        private
+        view
+        returns (bool)
+    {
+        address payer = _owners[creator];
+        if (payer == address(0)) payer = creator;
+        return payer == (owned ? _owners[provider] : provider) || payer == payout;
     }
 
     /// @dev A proof was accepted, of work for others.

@@ -274,7 +274,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         pendingPayments[account] = 0;
         _totals.held -= uint192(amount);
         emit PaymentCollected(account, amount);
-        token.safeTransfer(account, amount);
+        token.safeTransfer(services.payoutOf(account), amount);
     }
 
     /// @inheritdoc ITaskManager
@@ -293,8 +293,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function returnBond(address provider, uint256 amount) external nonReentrant onlyServiceManager {
-        _pay(provider, amount);
+    function returnBond(address payout, uint256 amount) external nonReentrant onlyServiceManager {
+        _pay(payout, amount);
     }
 
     /// @inheritdoc ITaskManager
@@ -538,9 +538,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             services.countAbandoned(taskId, serviceId, t.creator);
         }
         Release memory r = services.release(serviceId, outcome, amount, t.creator);
-        emit TaskSettled(taskId, r.provider, amount, refund);
+        emit TaskSettled(taskId, r.payout, amount, refund);
         if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
-        _pay(r.provider, amount + r.bond);
+        _pay(r.payout, amount + r.bond);
         _pay(t.creator, refund);
     }
 
@@ -558,7 +558,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 serviceId = t.serviceId;
         Release memory r = services.release(serviceId, Outcome.Unjudged, 0, t.creator);
         if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
-        _pay(r.provider, r.bond);
+        _pay(r.payout, r.bond);
     }
 
     /// @dev The auditors were silent.
@@ -575,11 +575,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     function _payAudited(uint256 taskId, Record storage t, uint256 amount) private {
         uint256 refund = t.reward - amount;
-        address executor = services.providerOf(t.serviceId);
+        address payout = services.payoutOf(services.providerOf(t.serviceId));
         t.state = TaskState.Settled;
         t.deadline = 0;
-        emit TaskSettled(taskId, executor, amount, refund);
-        _pay(executor, amount);
+        emit TaskSettled(taskId, payout, amount, refund);
+        _pay(payout, amount);
         _pay(t.creator, refund);
     }
 
@@ -590,7 +590,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool last = _endAttempt(taskId, t, kind, cause);
         Release memory r = services.release(serviceId, _outcome(cause), price, t.creator);
         if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
-        _pay(r.provider, r.bond);
+        _pay(r.payout, r.bond);
         _pay(address(organization), r.penalty);
         if (last) _pay(t.creator, t.reward);
     }

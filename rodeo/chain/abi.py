@@ -442,6 +442,9 @@ class ServiceManagerCalls(ContractCalls):
             "ServiceManager", "registerService", kind, price, max_bond, auto_accept, description
         )
 
+    def set_payout(self, provider: str, payout: str) -> Call:
+        return self._call("ServiceManager", "setPayout", provider, payout)
+
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("ServiceManager", "updateService", service_id, price, state)
 

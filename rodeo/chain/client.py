@@ -120,6 +120,10 @@ class ChainClient:
         """When a provider that fell asleep may wake up, s of block time; 0 while it is awake."""
         return int(self._view("ServiceManager", "asleepUntil", provider))
 
+    def payout_of(self, account: str) -> str:
+        """Who is paid what the contracts owe an account."""
+        return str(self._view("ServiceManager", "payoutOf", to_checksum_address(account)))
+
     def service_count(self) -> int:
         return self._view("ServiceManager", "serviceCount")
 

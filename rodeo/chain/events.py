@@ -187,6 +187,12 @@ class BondReturned(Event):
 
 
 @dataclass(frozen=True)
+class PayoutChanged(Event):
+    provider: str
+    payout: str
+
+
+@dataclass(frozen=True)
 class ProviderFellAsleep(Event):
     provider: str
     until: int
@@ -346,7 +352,7 @@ class TaskRequeued(Event):
 @dataclass(frozen=True)
 class TaskSettled(Event):
     task_id: int
-    executor: str
+    payout: str
     paid: int
     refund: int
 

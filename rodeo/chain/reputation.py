@@ -55,6 +55,7 @@ class Work:
         return (now.done + _PRIOR) * 64 // (now.done + now.failed + 2 * _PRIOR)
 
 
-def is_own(creator: str, provider: str, owners: Mapping[str, str]) -> bool:
-    """Whether both are one, or one owns the other, or somebody owns both. `owners`: device -> owner."""
-    return owners.get(creator, creator) == owners.get(provider, provider)
+def is_own(creator: str, provider: str, owners: Mapping[str, str], payout: str) -> bool:
+    """Whether both are one, or one owns the other, or somebody owns both, or what the provider earns goes
+    back to whoever pays. `owners`: device -> owner; `payout`: who is paid."""
+    return owners.get(creator, creator) in (owners.get(provider, provider), payout)

@@ -20,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from rodeo.addresses import typed_address
 from rodeo.pricing import PricingConfig
 from rodeo.schedule import Schedule, parse_hours, require_apart, zone
 
@@ -341,6 +342,9 @@ class RobotConfig(Section):
     """Postures of the arm. An arm with other joints than a ViperX 300S's needs its own."""
     wallet: str = Field("", pattern=r"^[a-z][a-z0-9_-]*$", validate_default=True)
     """Keystore of its account; by default the name."""
+    payout: Annotated[str, AfterValidator(typed_address)] | None = None
+    """Address that payments for its work go to, and its bonds and stakes; by default its own. The robot names
+    it once. From then on only that address can change it, and neither the robot's key nor this file."""
     pose: Pose2
     """Where a simulated body stands in a new world."""
     working_hours: tuple[Annotated[str, AfterValidator(_are_hours)], ...] | None = Field(None, min_length=1)

@@ -14,6 +14,7 @@ from eth_account import Account
 from eth_utils import is_address, to_checksum_address
 
 from rodeo import messages, signed_requests, votes
+from rodeo.addresses import typed_address
 from rodeo.bus import validate
 from rodeo.chain import (
     Call,
@@ -81,6 +82,7 @@ from rodeo.messages import (
     SeatJudge,
     SetBudget,
     SetMembersOnly,
+    SetPayout,
     SetPolicy,
     SetQuorum,
     SetTerms,
@@ -601,6 +603,16 @@ class Wallet:
         """What comes before an offer of a provider that let too many attempts pass without a proof."""
         return [self.client.calls.wake_up()] if self.index.is_asleep(self.address) else []
 
+    def _set_payout(self, command: SetPayout) -> list[Call]:
+        provider = self.address if command.provider is None else self.names.address(command.provider)
+        # Nobody could correct a mistyped one.
+        payout = self.names.addresses.get(command.payout)
+        try:
+            payout = payout or typed_address(command.payout)
+        except ValueError as error:
+            raise InvalidRequest(f"payout: neither a participant nor {error}") from error
+        return [self.client.calls.set_payout(provider, payout)]
+
     def _transfer(self, command: Transfer) -> list[Call]:
         amount = to_wei(command.amount_iec)
         to = self.names.address(command.to)
@@ -958,6 +970,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "expire_task": (ExpireTask, Wallet._expire_task),
     "register_service": (RegisterService, Wallet._register_service),
     "update_service": (UpdateService, Wallet._update_service),
+    "set_payout": (SetPayout, Wallet._set_payout),
     "transfer": (Transfer, Wallet._transfer),
     "match_task": (MatchTask, Wallet._match_task),
     "deposit": (Deposit, Wallet._deposit),

@@ -460,6 +460,10 @@ class Index:
         """Address -> what counts for all services of an account."""
         return {row["address"]: row for row in self._rows(select(schema.providers))}
 
+    def payouts(self) -> dict[str, str]:
+        """Address -> who is paid for its work, of accounts that have named another one."""
+        return {address: row["payout"] for address, row in self.providers().items() if row["payout"]}
+
     def is_asleep(self, provider: str) -> bool:
         """Whether this account has to wake up before it offers anything."""
         found = self._first(select(schema.providers).where(schema.providers.c.address == provider))

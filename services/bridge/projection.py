@@ -228,6 +228,9 @@ class Projection:
                 self._change_provider(event.provider, asleep_until=event.until)
             case events.ProviderWokeUp():
                 self._change_provider(event.provider, asleep_until=None)
+            case events.PayoutChanged():
+                payout = None if event.payout == event.provider else event.payout
+                self._change_provider(event.provider, payout=payout)
             case events.ServiceUpdated():
                 # It queues again at the back.
                 state = event.state.name.lower()
@@ -386,8 +389,12 @@ class Projection:
             "day": 0,
             "asleep_until": None,
             "suspended": False,
+            "payout": None,
         }
         return self.rows.find(schema.providers, address) or unknown
+
+    def _payout_of(self, address: str) -> str:
+        return str(self._provider(address)["payout"] or address)
 
     def _change_kind(self, kind: str, **values: Any) -> None:
         self.rows.put(schema.kinds, **{**self._kind(kind), **values})
@@ -443,7 +450,8 @@ class Projection:
 
     def _is_own(self, creator: str, provider: str) -> bool:
         devices = {address: self.rows.find(schema.devices, address) for address in (creator, provider)}
-        return is_own(creator, provider, {key: row["owner"] for key, row in devices.items() if row})
+        owners = {key: row["owner"] for key, row in devices.items() if row}
+        return is_own(creator, provider, owners, self._payout_of(provider))
 
     def _place_free(self) -> None:
         """As ServiceManager.offer: behind the others of its kind, where it takes tasks and there was none."""
@@ -497,7 +505,7 @@ class Projection:
                 return [_Reason("escrow", event.task_id, event.creator, tasks, event.reward)]
             case events.TaskSettled():
                 return [
-                    _Reason("payment", event.task_id, tasks, event.executor, event.paid),
+                    _Reason("payment", event.task_id, tasks, event.payout, event.paid),
                     _Reason("surplus", event.task_id, tasks, None, event.refund),
                 ]
             case events.TaskFailed() | events.TaskCancelled():
@@ -507,9 +515,9 @@ class Projection:
             case events.BondPenalized():
                 return [_Reason("penalty", event.task_id, tasks, organization, event.amount)]
             case events.BondReturned():
-                return [_Reason("bond_returned", None, tasks, event.provider, event.amount)]
+                return [_Reason("bond_returned", None, tasks, self._payout_of(event.provider), event.amount)]
             case events.PaymentCollected():
-                return [_Reason("collected", None, tasks, event.account, event.amount)]
+                return [_Reason("collected", None, tasks, self._payout_of(event.account), event.amount)]
             case events.Challenged():
                 disputes = self.contracts.get("Disputes")
                 return [_Reason("stake", event.task_id, event.challenger, disputes, event.stake)]

@@ -124,6 +124,7 @@ class Queries:
 
     def _participants(self, _request: Request) -> Json:
         balances, roles = self._index.balances(), self._index.roles()
+        payouts = self._index.payouts()
         created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
         members = roles.get(Role.MEMBER, [])
         named = self._names.addresses
@@ -140,13 +141,14 @@ class Queries:
                     "created": created.get(address, {}),
                     "executed": executed.get(address, {}),
                     "member": address in members,
+                    **self._payout_json(payouts.get(address)),
                 }
                 for name, address in people
             ]
         }
 
     def _wallets(self, _request: Request) -> Json:
-        balances, owed = self._index.balances(), self._index.owed()
+        balances, owed, payouts = self._index.balances(), self._index.owed(), self._index.payouts()
         return {
             "wallets": [
                 {
@@ -154,6 +156,7 @@ class Queries:
                     "address": address,
                     "balance_iec": iec(balances.get(address, 0)),
                     "owed_iec": iec(owed.get(address, 0)),
+                    **self._payout_json(payouts.get(address)),
                 }
                 for name, address in self._names.addresses.items()
             ],
@@ -167,7 +170,11 @@ class Queries:
             "address": address,
             "balance_iec": iec(self._index.balance(address)),
             "in_escrow_iec": iec(self._index.in_escrow(address)),
+            **self._payout_json(self._index.payouts().get(address)),
         }
+
+    def _payout_json(self, payout: str | None) -> Json:
+        return {"payout": payout, "payout_name": self._names.name(payout)}
 
     def _transfers(self, request: Request) -> Json:
         wanted = validate(TransferFilters, request.parameters)

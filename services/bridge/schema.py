@@ -183,7 +183,8 @@ providers = Table(
     Column("day", Integer, nullable=False, doc="from 1970-01-01 UTC"),
     Column("asleep_until", BigInteger, doc="when it may wake up, s; null while it is awake"),
     Column("suspended", Boolean, nullable=False, doc="by the administrator: it offers no service"),
-    comment="accounts that offered a service, or were suspended",
+    Column("payout", String(42), doc="who is paid for its work; null for itself"),
+    comment="accounts that offered a service, were suspended, or named who is paid for their work",
 )
 
 devices = Table(

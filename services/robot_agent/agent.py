@@ -183,6 +183,8 @@ class Agent:
         )
         self._exploring = HourlyBudget(60 * site.agent.explore_min_per_h)
         self._schedule = robot.schedule
+        self._payout = robot.payout
+        """Who is to be paid, by the site file; None once the chain was asked."""
         self._astray = 0
         """Tries in a row to get home that failed."""
         self._off_since: Situation | None = None
@@ -345,6 +347,7 @@ class Agent:
             self._put_back(held)
         if intent is not Intent.WORK:
             # A task to be done comes first: its motion must not wait for the chain.
+            self._name_payout()
             self._open_services(situation.able if takes_work(situation) else ())
         self._process.ready()
         act: dict[Intent, Callable[[Situation], None]] = {
@@ -469,6 +472,19 @@ class Agent:
         eta = {} if left_s is None else {"eta_s": round(left_s)}
         self._doing = {"activity": text, "progress": progress, **eta}
         self._process.activity(text, progress, **eta, **self._body.vitals(), **self._upkeep.state())
+
+    def _name_payout(self) -> None:
+        """Before the first offer: whoever takes this machine's key later does not get what it earns."""
+        if self._payout is None:
+            return
+        paid = self._dao.name_payout(self._payout)
+        if paid != self._payout:
+            log.warning(
+                "payments go to %s, and not to %s as the site file says: only the former can change this",
+                paid,
+                self._payout,
+            )
+        self._payout = None
 
     def _open_services(self, wanted: Collection[str]) -> None:
         """Offer the `wanted` kinds of work, and pause the other offers. Done again, it also mends what a

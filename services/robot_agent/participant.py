@@ -8,7 +8,7 @@ from decimal import Decimal
 from rodeo import queries
 from rodeo.dao import Participant
 from rodeo.errors import MalformedAnswer
-from rodeo.messages import RegisterTask, Task, UpdateService
+from rodeo.messages import RegisterTask, SetPayout, Task, UpdateService
 from rodeo.robot.errors import CapReached
 
 _AHEAD = ("open", "assigned", "submitted")
@@ -54,6 +54,15 @@ class RobotParticipant(Participant):
         if posted.task_id is None:
             raise MalformedAnswer("the answer has no ID of the new task", tx_hash=posted.tx_hash)
         return posted.task_id
+
+    def name_payout(self, payout: str) -> str:
+        """Have payments go to the checksummed address `payout`. Returns where they go: if another address was
+        named before, to that one, which alone can change it."""
+        account = self.ask(queries.WALLET, account=self.name)
+        if account.payout is not None or payout == account.address:
+            return account.payout or payout
+        self.command("set_payout", SetPayout(payout=payout))
+        return payout
 
     def set_service_state(self, service_id: int, state: str) -> None:
         """`active` or `paused`."""

@@ -26,10 +26,12 @@ from rodeo.messages import (
     RegisterService,
     RegisterTask,
     RevokeRequest,
+    SetPayout,
     SignedRequest,
     SubmitProof,
     Transfer,
     TypedSignature,
+    UpdateService,
 )
 from tests.support import command
 from tests.support.dao import PARAMS, Dao
@@ -250,6 +252,60 @@ def test_the_command_line_signs_into_a_file_and_sends_it(dao: Dao, tmp_path: Pat
     file.write_text("{}")
     assert "invalid_request" in rodeo("relay", str(file), status=1)
     assert "no such folder" in rodeo(*create, "--sign", str(tmp_path / "none" / "task.json"), status=1)
+
+
+def test_what_a_participant_earns_goes_where_its_key_cannot_take_it(dao: Dao) -> None:
+    def paid(who: str) -> tuple[str | None, str | None]:
+        wallet = dao.state("wallet", account=who)
+        return wallet["payout"], wallet["payout_name"]
+
+    def retired(service_id: int) -> UpdateService:
+        return UpdateService(service_id=service_id, state="retired")
+
+    path = str(dao.running.path)
+    done = command.rodeo(
+        *("service", "payout", ALICE.address, "--as", "bob", "--site", path), env=os.environ, timeout_s=WAIT_S
+    )
+    assert (done.returncode, "alone can change this" in done.stdout) == (0, True), done.stderr
+    assert paid("bob") == (ALICE.address, "alice") and paid("alice") == (None, None)
+    (known,) = [one for one in dao.state("participants")["participants"] if one["name"] == "bob"]
+    assert known["payout_name"] == "alice"
+    # Whoever has bob's key cannot take it back.
+    with pytest.raises(RemoteError) as refused:
+        dao.command("bob", "set_payout", payout="bob")
+    assert refused.value.code == "not_payout"
+    assert refused.value.details["payout"] == ALICE.address
+
+    mistyped = CAROL.address[:-4] + CAROL.address[-4:].swapcase()
+    for nobody in (mistyped, "nobody"):
+        with pytest.raises(RemoteError) as refused:
+            alice(dao).command("set_payout", SetPayout(provider="bob", payout=nobody))
+        assert refused.value.code == "invalid_request"
+
+    (service,) = dao.state("services", provider="bob")["services"]
+    (waits,) = dao.state("tasks", executor="bob", state="submitted")["tasks"]
+    before = dao.balances()
+    dao.judge(waits["id"], accepted=True)
+    price = float(waits["price_iec"])
+    after = dao.balances()
+    assert (after["alice"], after["bob"]) == (before["alice"] + price, before["bob"])
+    (payment,) = dao.state("transfers", account="alice", task_id=waits["id"])["transfers"]
+    assert payment["reason"] == "payment"
+
+    # bob's key is lost: alice has the bond back.
+    alice(dao).command("update_service", retired(service["id"]))
+    dao.command("organization", "set_terms", bond_iec="50")
+    before = dao.balances()
+    bonded = dao.command("bob", "register_service", kind="waste_disposal", price_iec="60")["service_id"]
+    with pytest.raises(RemoteError) as refused:
+        dao.command("oracle", "update_service", service_id=bonded, state="retired")
+    assert refused.value.code == "not_provider"
+    alice(dao).command("update_service", retired(bonded))
+    dao.command("organization", "set_terms")
+    after = dao.balances()
+    assert (after["alice"], after["bob"]) == (before["alice"] + 50, before["bob"] - 50)
+    alice(dao).command("set_payout", SetPayout(provider="bob", payout="bob"))
+    assert paid("bob") == (None, None)
 
 
 def test_health_and_metrics_are_served_over_http(dao: Dao) -> None:

@@ -61,6 +61,8 @@ def _compare_money_and_rules(
         found.check_iec(
             f"{entry['name']}: owed", entry["owed_iec"], client.pending_payments(entry["address"])
         )
+        payout = entry["payout"] or entry["address"]
+        found.check(f"{entry['name']}: payout", payout, client.payout_of(entry["address"]))
     for device in state("devices")["devices"]:
         what, kept = f"device {device['address']}", client.device(device["address"])
         found.check_record(what, device, kept, without={"registered_at", "revoked_at", "revocation"})

@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from rodeo.config import GovernanceConfig, Site, oracle_names, oracle_process, votes_needed
 from rodeo.errors import ConfigError
+from rodeo.lab.config import RobotConfig
 from rodeo_cli.site_check import check
 from tests.support.site import LAB
 
@@ -255,3 +256,13 @@ def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_sa
         "oracle.carl",
     ]
     assert oracle_names(Site.load(LAB)) == ["oracle"]
+
+
+def test_a_mistyped_payout_address_is_an_error() -> None:
+    robot = {"pose": {"x_m": 1, "y_m": 1, "yaw_rad": 0}}
+    address = "0x70997970C51812dc3A010C7d01b50e0d17dc79C8"
+    for written in (address, address.lower()):
+        assert RobotConfig.model_validate({**robot, "payout": written}).payout == address
+    for mistyped in (address.replace("dc79", "dc97"), address[:-1], "alice"):
+        with pytest.raises(ValidationError, match="payout"):
+            RobotConfig.model_validate({**robot, "payout": mistyped})

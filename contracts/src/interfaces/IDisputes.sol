@@ -53,6 +53,7 @@ interface IDisputes {
     event CaseClosed(uint256 indexed taskId, uint8 attempt, Verdict verdict, uint256 amount);
     /// @notice The attempt ended in another way. Nobody was wrong.
     event CaseVoided(uint256 indexed taskId, uint8 attempt);
+    /// @param account who got it: the challenger or its opponent, or the payout address of either
     event StakePaid(uint256 indexed taskId, address indexed account, uint256 amount);
     /// @notice The token refused it; see withdrawPayments.
     event StakeDeferred(address indexed account, uint256 amount);
@@ -102,7 +103,7 @@ interface IDisputes {
     /// @param reportUri as the event Ruled has it
     function close(Vote calldata vote, string calldata reportUri) external;
 
-    /// @notice Pay `account` what the token refused before.
+    /// @notice Pay `account`, or its payout address, what the token refused before.
     function withdrawPayments(address account) external;
 
     // -- a party or a judge -------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ struct Service {
     bool autoAccept;
 }
 
-/// @param provider who is paid
+/// @param payout who is paid: the provider's payout address
 /// @param available whether the provider wants another task
 /// @param price what that one costs
 /// @param penalty taken from the bond for the attempt that ended
@@ -64,7 +64,7 @@ struct Service {
 /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
 /// provider's address as a number; else 0
 struct Release {
-    address provider;
+    address payout;
     bool available;
     uint96 price;
     uint96 penalty;
@@ -90,7 +90,10 @@ interface IServiceManager {
     event TermsAgreed(uint256 indexed serviceId, uint256 bond, uint256 penalty, uint8 maxFailures);
     /// @param amount what the failed attempt took from the bond, for the organization's treasury
     event BondPenalized(uint256 indexed serviceId, uint256 indexed taskId, uint256 amount);
+    /// @param provider whose payout address gets it
     event BondReturned(uint256 indexed serviceId, address indexed provider, uint256 amount);
+    /// @notice From now on `payout` gets what the contracts owe `provider` for work, bonds and stakes.
+    event PayoutChanged(address indexed provider, address indexed payout);
     event ServiceSuspended(uint256 indexed serviceId);
     /// @notice Its provider is asleep, and this service has missed an attempt, too: it is paused.
     event ServiceFellAsleep(uint256 indexed serviceId);
@@ -127,6 +130,10 @@ interface IServiceManager {
     /// @notice The provider has let too many attempts pass without a proof. It may call `wakeUp` at `until`.
     error ProviderIsAsleep(address provider, uint256 until);
     error ProviderIsAwake(address provider);
+    /// @notice Only the payout address changes itself. It is the provider's own until it names another one.
+    error NotPayout(address provider, address caller, address payout);
+    /// @notice Somebody has to be paid: the provider's own address undoes the change.
+    error NoPayout(address provider);
     error NotTaskManager(address caller);
     error NotOrganization(address caller);
 
@@ -149,9 +156,10 @@ interface IServiceManager {
     ) external returns (uint256 serviceId);
 
     /// @notice Change price and state of a service from its next task on. A service that waits moves to the end of its
-    /// line. A retired service's bond goes back to its provider: at once when the service
-    /// is idle, else when its task ends. A provider that is asleep cannot activate a service (see wakeUp).
-    /// @param serviceId a service of the caller
+    /// line. A retired service's bond goes to its provider's payout address: at once when the service is idle, else
+    /// when its task ends. That address may retire the service, too. A provider that is asleep cannot activate a
+    /// service (see wakeUp).
+    /// @param serviceId a service of the caller, or of whoever the caller is the payout address
     /// @param price what one task costs, in the token's smallest unit
     /// @param state Active, Paused or Retired
     function updateService(uint256 serviceId, uint256 price, ServiceState state) external;
@@ -159,14 +167,24 @@ interface IServiceManager {
     /// @notice The caller, who fell asleep, takes part again. Its services stay paused until it activates them.
     function wakeUp() external;
 
+    /// @notice Have payments for the provider's work, and its bonds and stakes, go to another address. A provider names
+    /// one once. Then only that address can name the next, so that whoever takes the provider's key cannot take what
+    /// it earns. Applies to whatever is paid from now on. What a creator has back of its rewards stays with the creator.
+    /// @param provider whose payments go there; the caller has to be its payout address
+    /// @param payout who is paid; the provider's own address gives the right to choose back to the provider
+    function setPayout(address provider, address payout) external;
+
     /// @notice Returns a service as it is now. Reverts with UnknownService.
     /// @param serviceId its number
     function service(uint256 serviceId) external view returns (Service memory);
 
-    /// @notice Returns the account that does the service's tasks and is paid for them. It never changes. Reverts with
-    /// UnknownService.
+    /// @notice Returns the account that does the service's tasks. It never changes. Reverts with UnknownService.
     /// @param serviceId its number
     function providerOf(uint256 serviceId) external view returns (address);
+
+    /// @notice Returns who is paid what the contracts owe an account: itself, or the address that it has named.
+    /// @param account any account
+    function payoutOf(address account) external view returns (address);
 
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services
@@ -239,7 +257,7 @@ interface IServiceManager {
     /// @param hired whether the task names the service, or its provider. It then waits for it, and `release` says so.
     /// Reverts with UnknownService or ServiceOfOtherKind if it would wait forever.
     /// @return taker the service; where the task names a provider maybe another one of it
-    /// @return provider who is paid for the task; 0 if the service does not fit, and nothing happened
+    /// @return provider who does the task; 0 if the service does not fit, and nothing happened
     /// @return price the price of this task
     /// @return accepted whether the service accepts each task
     function reserve(

@@ -194,8 +194,9 @@ interface ITaskManager {
     event VerdictSigned(uint256 indexed taskId, uint8 attempt, address indexed judge, bytes32 rules);
     /// @notice Follows an undecided verdict: auditors decide until `deadline`, else `silence` does.
     event AuditRequested(uint256 indexed taskId, uint8 attempt, uint256 deadline, Silence silence);
+    /// @param payout who is paid: the executor, or whom it has named (IServiceManager.setPayout)
     /// @param refund the rest of the reward, which the creator has back
-    event TaskSettled(uint256 indexed taskId, address indexed executor, uint256 paid, uint256 refund);
+    event TaskSettled(uint256 indexed taskId, address indexed payout, uint256 paid, uint256 refund);
     /// @param attempt the attempt that failed
     event TaskRequeued(uint256 indexed taskId, uint8 attempt, Cause cause);
     /// @param attempt the last attempt, which failed
@@ -358,7 +359,8 @@ interface ITaskManager {
     /// @return taskId 0 if there is none
     function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId);
 
-    /// @notice Anyone has the amount paid that the token refused to transfer before. The account gets it.
+    /// @notice Anyone has the amount paid that the token refused to transfer before. The account's payout address gets
+    /// it, so that an account that the token refuses for ever can name another one (IServiceManager.setPayout).
     /// @param account who is owed something
     function withdrawPayments(address account) external;
 
@@ -389,8 +391,8 @@ interface ITaskManager {
     /// @param amount in the token's smallest unit
     function holdBond(address provider, uint256 amount) external;
 
-    /// @notice Return a bond to a provider. Only the service manager.
-    /// @param provider who gets it
+    /// @notice Return a bond. Only the service manager.
+    /// @param payout who gets it: the provider's payout address
     /// @param amount in the token's smallest unit
-    function returnBond(address provider, uint256 amount) external;
+    function returnBond(address payout, uint256 amount) external;
 }

@@ -89,6 +89,8 @@ contract Handler is CommonBase, StdUtils {
     mapping(address provider => uint256) private _naps;
     mapping(address provider => Work) private _work;
     mapping(address device => address) private _owners;
+    /// @dev Whom a provider has named; 0 for itself.
+    mapping(address provider => address) private _payouts;
     /// @dev How often its signature was used.
     mapping(address device => uint256) private _signatures;
     /// @notice When a provider that is asleep may wake up; 0 while it is awake.
@@ -182,10 +184,20 @@ contract Handler is CommonBase, StdUtils {
     /// @dev The work for `creator` was judged, or never came.
     function _expectReputation(Task memory t, uint256 done, uint256 failed) private {
         address provider = _services.providerOf(t.serviceId);
-        if (_principal(t.creator) == _principal(provider)) return;
+        if (_isOwn(t.creator, provider)) return;
         Work memory w = _workOf(provider);
         (w.done, w.failed) = (w.done + done, w.failed + failed);
         _work[provider] = w;
+    }
+
+    /// @dev The creator, or its owner, does the work or is paid for it.
+    function _isOwn(address creator, address provider) private view returns (bool) {
+        address payer = _principal(creator);
+        return payer == _principal(provider) || payer == _payoutOf(provider);
+    }
+
+    function _payoutOf(address provider) private view returns (address) {
+        return _payouts[provider] == address(0) ? provider : _payouts[provider];
     }
 
     function _principal(address account) private view returns (address) {
@@ -429,8 +441,11 @@ contract Handler is CommonBase, StdUtils {
         if (s.state == ServiceState.Retired) return;
         // One in ten retires, else there would soon be no service left.
         ServiceState next = state % 10 == 0 ? ServiceState.Retired : ServiceState(1 + state % 2);
-        vm.prank(s.provider);
+        // Every other time whoever is paid tries, who may only retire it.
+        bool right = price % 2 == 0 || _payoutOf(s.provider) == s.provider || next == ServiceState.Retired;
+        vm.prank(price % 2 == 0 ? s.provider : _payoutOf(s.provider));
         try _services.updateService(serviceId, _price(price), next) {
+            if (!right) violation = "whoever is paid changed a service";
             if (asleepUntil[s.provider] != 0 && next == ServiceState.Active) violation = "an update woke";
             if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
             if (next == ServiceState.Retired) {
@@ -438,10 +453,30 @@ contract Handler is CommonBase, StdUtils {
                 if (s.taskId == 0) _expectBondBack(serviceId, s.provider);
             }
         } catch {
-            bool right =
+            bool may =
                 !ghost[serviceId].suspended && (next != ServiceState.Active || asleepUntil[s.provider] == 0);
-            if (right || next == ServiceState.Retired) violation = "locked in";
+            if (right && (may || next == ServiceState.Retired)) violation = "locked in";
         }
+    }
+
+    /// @dev Anybody says who is paid for a provider's work, and is believed where it is paid itself.
+    function setPayout(uint256 who, uint256 whose, uint256 next) external {
+        address provider = _providers[bound(whose, 0, _providers.length - 1)];
+        // Every fourth time whoever may, else hardly any change would come about.
+        address caller = who % 4 == 0 ? _payoutOf(provider) : _participant(who / 4);
+        address payout = _participant(next);
+        vm.prank(caller);
+        try _services.setPayout(provider, payout) {
+            if (caller != _payoutOf(provider)) violation = "payments were redirected";
+            _payouts[provider] = payout == provider ? address(0) : payout;
+        } catch {
+            if (caller == _payoutOf(provider)) violation = "payments could not be redirected";
+        }
+    }
+
+    function _participant(uint256 which) private view returns (address) {
+        which %= _creators.length + _providers.length;
+        return which < _creators.length ? _creators[which] : _providers[which - _creators.length];
     }
 
     function wakeUp(uint256 who) external inOrder {
@@ -894,7 +929,7 @@ contract Handler is CommonBase, StdUtils {
     /// @dev Work for others was accepted: who did it is there, and those who abandoned it were wrong.
     function _expectForgiveness(uint256 taskId, Task memory t) private {
         address provider = _services.providerOf(t.serviceId);
-        if (_principal(t.creator) == _principal(provider)) return;
+        if (_isOwn(t.creator, provider)) return;
         for (uint256 i = 0; i < _abandoned[taskId].length; ++i) {
             address other = _services.providerOf(_abandoned[taskId][i]);
             if (other != provider) _expectMissed(other);
@@ -976,6 +1011,9 @@ contract Handler is CommonBase, StdUtils {
         } catch {}
         try _services.updateService(1, 0, ServiceState.Retired) {
             violation = "a stranger retired a service";
+        } catch {}
+        try _services.setPayout(_providers[0], who) {
+            violation = "a stranger took a provider's payments";
         } catch {}
         try _services.recordOwner(who, address(0)) {
             violation = "a stranger recorded an owner";
@@ -1190,7 +1228,7 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function _expectPayment(Task memory t, uint256 amount) private {
-        expected[_services.providerOf(t.serviceId)] += amount;
+        expected[_payoutOf(_services.providerOf(t.serviceId))] += amount;
         expected[t.creator] += t.reward - amount;
     }
 
@@ -1227,7 +1265,7 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function _expectBondBack(uint256 serviceId, address provider) private {
-        expected[provider] += ghost[serviceId].bond;
+        expected[_payoutOf(provider)] += ghost[serviceId].bond;
         ghost[serviceId].bond = 0;
     }
 

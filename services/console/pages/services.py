@@ -521,6 +521,7 @@ def _draw_participants(participants: list[queries.Person]) -> None:
             ("Address", "wide-only"),
             ("Roles", "wrap"),
             ("Balance", "number"),
+            ("Paid for its work", "wrap wide-only"),
             ("Posted", "number wide-only"),
             ("Done", "number wide-only"),
         ],
@@ -530,6 +531,7 @@ def _draw_participants(participants: list[queries.Person]) -> None:
                 partial(hash_text, one.address),
                 ", ".join(map(_role, one.roles_on_chain)) or one.role or "–",
                 iec(one.balance_iec),
+                "itself" if one.payout is None else one.payout_name or partial(hash_text, one.payout),
                 f"{sum(one.created.values()):,}",
                 f"{one.executed.get('settled', 0):,}",
             )

@@ -88,6 +88,10 @@ class Life:
             votes.change_key(JUDGES[1], JUDGES[2]),
         ):
             organization.send(organization.operator, call)
+        robot, operator = organization.robot, organization.operator
+        organization.send(robot, votes.set_payout(robot.address, operator.address))
+        organization.send(operator, votes.set_payout(robot.address, robot.address))
+        organization.send(operator, votes.set_payout(operator.address, robot.address))
         organization.send(organization.operator, calls.revoke_device(DEVICE, Revocation.COMPROMISED))
         organization.send(organization.operator, calls.revoke_role(Role.AUDITOR, organization.oracle.address))
 
@@ -341,6 +345,9 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert client.members_only() == state.members_only
     robot = life.organization.robot.address
     assert client.asleep_until(robot) == state.asleep.get(robot, 0)
+    operator = life.organization.operator.address
+    assert {one: client.payout_of(one) for one in (robot, operator)} == state.payouts
+    assert state.payouts == {robot: robot, operator: robot}
     suspended = {one for one in (DEVICE, JUDGES[0], robot) if client.is_suspended(one)}
     assert suspended == state.suspended_providers == {JUDGES[0]}
     assert client.policy() == state.policy

@@ -29,6 +29,12 @@ def test_less_than_a_unit_changes_nothing() -> None:
 
 def test_who_has_the_same_owner_works_for_itself() -> None:
     owners = {"robot": "owner", "other": "owner"}
-    assert is_own("robot", "robot", {}) and not is_own("robot", "other", {})
-    assert is_own("robot", "owner", owners) and is_own("owner", "robot", owners)
-    assert is_own("robot", "other", owners) and not is_own("stranger", "robot", owners)
+    assert is_own("robot", "robot", {}, "robot") and not is_own("robot", "other", {}, "other")
+    assert is_own("robot", "owner", owners, "owner") and is_own("owner", "robot", owners, "robot")
+    assert is_own("robot", "other", owners, "other") and not is_own("stranger", "robot", owners, "robot")
+
+
+def test_whose_earnings_go_back_to_who_pays_works_for_itself() -> None:
+    owners = {"robot": "owner"}
+    assert is_own("safe", "provider", {}, "safe") and not is_own("creator", "provider", {}, "safe")
+    assert is_own("robot", "provider", owners, "owner") and not is_own("robot", "provider", owners, "robot")

@@ -36,7 +36,7 @@ ACTS = {
     "rodeo task accept", "rodeo task abandon", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
     "rodeo task revoke", "rodeo task dispute challenge", "rodeo task dispute vote",
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
-    "rodeo service withdraw",
+    "rodeo service withdraw", "rodeo service payout",
     "rodeo console create-admin", "rodeo console create", "rodeo console passphrase", "rodeo console token",
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (

@@ -515,6 +515,30 @@ def test_what_the_token_refused_is_owed_until_it_is_collected(chain: Chain) -> N
     assert (chain.index.owed(), chain.index.balance(ROBOT)) == ({}, 9)
 
 
+def test_what_a_provider_is_owed_goes_to_whom_it_named(chain: Chain) -> None:
+    safe, escrow = "0x" + "33" * 20, CONTRACTS["TaskManager"]
+    chain.block(offered(), events.PayoutChanged(ROBOT, safe))
+    assert chain.index.payouts() == {ROBOT: safe}
+    chain.block(registered(), assigned(), proved())
+    chain.block(
+        judged(True),
+        events.TaskSettled(1, safe, 80 * IEC, 40 * IEC),
+        events.BondReturned(1, ROBOT, 7),
+        events.PaymentDeferred(ROBOT, 9),
+        events.PaymentCollected(ROBOT, 9),
+        *(events.Transfer(escrow, safe, amount) for amount in (80 * IEC, 7, 9)),
+    )
+    moved = chain.index.transfers(safe, None, 0, 2_000, Page(10))[0]
+    assert {row["amount"]: row["reason"] for row in moved} == {
+        80 * IEC: "payment",
+        7: "bond_returned",
+        9: "collected",
+    }
+    assert task(chain)["executor"] == ROBOT
+    chain.block(events.PayoutChanged(ROBOT, ROBOT))
+    assert chain.index.payouts() == {}
+
+
 def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
     chain.block(
         events.KindAllowed("a", Review.ORACLE, b"\1" * 32),

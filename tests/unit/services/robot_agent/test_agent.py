@@ -97,6 +97,7 @@ class Night:
         agent._energy, agent._behaviours = SimpleNamespace(name="charge"), {TASK.kind: self}
         agent._open_services = lambda wanted: setattr(self, "service", "active" if wanted else "paused")
         agent._has_begun = lambda _task: False
+        agent._payout = None
         self.agent = agent
         return agent
 
@@ -128,6 +129,10 @@ class Night:
 
     def next_assignment(self, _kinds: Any) -> Task | None:
         return next(iter(self.assigned), None)
+
+    def name_payout(self, payout: str) -> str:
+        self.did.append(f"name {payout}")
+        return "0x02"
 
     # the work
     def weigh(self, _task: Task | None, here: Pose2) -> Estimate:
@@ -254,6 +259,15 @@ def test_a_paused_robot_is_switched_off_where_it_stands() -> None:
     night = Night(at(18), standing=Standing(paused=True))
     steps(night, 1)
     assert (night.did, night.powered) == (["clear the dock"], False)
+
+
+def test_who_is_paid_is_said_once_and_before_the_first_offer(caplog: pytest.LogCaptureFixture) -> None:
+    night = Night(at(9))
+    agent = night.mind()
+    agent._payout, agent._open_services = "0x01", lambda _wanted: night.did.append("offer")
+    steps(night, 2)
+    assert night.did == ["name 0x01", "offer", "rest", "offer", "rest"]
+    assert "payments go to 0x02, and not to 0x01" in caplog.text
 
 
 def test_who_sleeps_hears_at_once_that_the_process_is_asked_to_end() -> None:

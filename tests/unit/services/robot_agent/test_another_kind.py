@@ -177,7 +177,7 @@ def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     agent._stop, agent._wake, agent._clock = threading.Event(), threading.Event(), clock
     agent._site, agent._robot, agent._schedule = SITE, SITE.robots[0], SITE.robots[0].schedule
     agent._events, agent._events_lock, agent._recording = deque(), threading.Lock(), None
-    agent._off_since = agent._attempt = agent._device = None
+    agent._off_since = agent._attempt = agent._device = agent._payout = None
     agent._exploring, agent._decisions = HourlyBudget(3600.0), Decisions(tmp_path / "decisions.jsonl")
     agent._interrupts, agent._recorded = body.interrupts, None
     agent._body, agent._memory, agent._manipulator, agent._floor = body, memory, hands, Floor(SITE)

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from rodeo.messages import Command, Mined, RegisterTask, Task
+from rodeo import queries
+from rodeo.messages import Command, Mined, RegisterTask, SetPayout, Task
 from rodeo.robot.errors import CapReached
 from services.robot_agent.participant import RobotParticipant
 from tests.support.tasks import task
@@ -32,6 +33,37 @@ class Bridge(RobotParticipant):
     def command(self, name: str, request: Command) -> Mined:
         self.sent.append(request)
         return Mined(tx_hash="0x", block=1, task_id=7)
+
+
+ROBOT, SAFE, OTHER = (f"0x{number:040}" for number in (1, 2, 3))
+
+
+class Paid(Bridge):
+    """The account of a robot that has named `payout` before."""
+
+    def __init__(self, payout: str | None) -> None:
+        super().__init__([])
+        self.payout = payout
+
+    def ask(self, query: queries.Query[queries.A], **parameters: Any) -> queries.A:
+        assert parameters == {"account": "panther1"}
+        known = {"name": "panther1", "address": ROBOT, "payout": self.payout}
+        return query.answer.model_validate(known | {"balance_iec": "0", "in_escrow_iec": "0"})
+
+
+@pytest.mark.parametrize(
+    ("before", "wanted", "after", "sends"),
+    [
+        (None, SAFE, SAFE, True),
+        (SAFE, SAFE, SAFE, False),
+        (OTHER, SAFE, OTHER, False),
+        (None, ROBOT, ROBOT, False),
+    ],
+)
+def test_a_robot_says_once_who_is_paid(before: str | None, wanted: str, after: str, sends: bool) -> None:
+    account = Paid(before)
+    assert account.name_payout(wanted) == after
+    assert account.sent == ([SetPayout(payout=wanted)] if sends else [])
 
 
 def own(state: str, reward_iec: int, age_s: float, refunded_iec: int = 0) -> Task:
