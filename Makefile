@@ -3,11 +3,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# The solver's packages want older versions of some that the project needs.
+SOLVER := .venv-symbolic
 CHAIN ?= eth-tester
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup postgresql demo test test-contracts test-python test-long test-contracts-long test-python-long experiment bench lint contracts clean
+.PHONY: help setup postgresql demo test test-contracts test-python test-long test-contracts-long test-python-long symbolic experiment bench lint contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -18,6 +20,12 @@ $(VENV)/stamp: pyproject.toml constraints.txt
 	@echo "Installing the Python packages into $(VENV) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+$(SOLVER)/stamp: contracts/symbolic/requirements.txt
+	@echo "Installing the solver into $(SOLVER) ..."
+	@test -x $(SOLVER)/bin/python || $(PYTHON) -m venv $(SOLVER)
+	@$(SOLVER)/bin/pip install --quiet --disable-pip-version-check --requirement $<
 	@touch $@
 
 node_modules/.stamp: package.json package-lock.json
@@ -64,7 +72,10 @@ test-python: $(VENV)/stamp
 test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
 	@$(BESIDE) test-contracts-long test-python-long
 
-test-contracts-long: node_modules/.stamp
+symbolic: $(SOLVER)/stamp node_modules/.stamp  ## what a task pays, by a solver: for all amounts, bonds and penalties
+	@node contracts/symbolic.mjs
+
+test-contracts-long: node_modules/.stamp symbolic
 	@$(call FORGE,--match-contract $(LONG_CONTRACTS))
 
 test-python-long: $(VENV)/stamp
@@ -73,7 +84,7 @@ test-python-long: $(VENV)/stamp
 experiment: $(VENV)/stamp  ## the published experiment, about ten minutes; out/experiment/paper/report.html
 	@$(BIN)/rodeo experiment paper
 
-bench: $(VENV)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
+bench: $(VENV)/stamp $(SOLVER)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)
 
 lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, imports, built contracts equal to their sources
@@ -88,4 +99,4 @@ contracts: $(VENV)/stamp node_modules/.stamp  ## build the contracts' ABI and by
 	@$(BIN)/python -m rodeo.chain.generate
 
 clean:  ## remove what was installed, built and run
-	rm -rf $(VENV) node_modules out var contracts/out contracts/cache
+	rm -rf $(VENV) $(SOLVER) node_modules out var contracts/out contracts/cache

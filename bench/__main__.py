@@ -13,6 +13,7 @@ from rich.table import Table
 
 AREAS = (
     "contracts",
+    "mutants",
     "evidence",
     "oracle",
     "forgeries",

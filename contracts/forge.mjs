@@ -7,11 +7,13 @@ import { fileURLToPath } from "node:url";
 
 const ARCHITECTURES = { x64: "amd64", arm64: "arm64" };
 
+/** The program itself, for tools that call it. */
+export const program = createRequire(import.meta.url).resolve(
+  `@foundry-rs/forge-${platform}-${ARCHITECTURES[arch]}/bin/forge${platform === "win32" ? ".exe" : ""}`,
+);
+
 /** Exit status of forge with these arguments, in the repository's root. */
 export function forge(...args) {
-  const program = createRequire(import.meta.url).resolve(
-    `@foundry-rs/forge-${platform}-${ARCHITECTURES[arch]}/bin/forge${platform === "win32" ? ".exe" : ""}`,
-  );
   const { status, signal, error } = spawnSync(program, args, {
     cwd: fileURLToPath(new URL("..", import.meta.url)),
     stdio: "inherit",

@@ -1,5 +1,5 @@
-// Plants the bugs of contracts/test/mutants, one at a time, into a copy of the contracts, and fails unless the
-// invariants find each of them (and nothing in the contracts as they are):
+// Plants the bugs of contracts/test/mutants and contracts/symbolic/mutants, one at a time, into a copy of the contracts,
+// and fails unless the invariants, or the solver, find each of them (and nothing in the contracts as they are):
 //   node contracts/mutants.mjs [NAME...]
 import { spawnSync } from "node:child_process";
 import { cpSync, mkdtempSync, readFileSync, readdirSync, rmSync, symlinkSync } from "node:fs";
@@ -7,17 +7,12 @@ import { tmpdir } from "node:os";
 import { basename, dirname, join } from "node:path";
 import { argv } from "node:process";
 import { fileURLToPath } from "node:url";
+import { symbolic } from "./symbolic.mjs";
 
 const LIMIT_MS = 15 * 60_000;
 
 const root = dirname(dirname(fileURLToPath(import.meta.url)));
-const patches = join(root, "contracts", "test", "mutants");
 const wanted = argv.slice(2);
-const names = readdirSync(patches)
-  .filter((file) => file.endsWith(".patch"))
-  .map((file) => basename(file, ".patch"))
-  .filter((name) => wanted.length === 0 || wanted.includes(name));
-
 const copy = mkdtempSync(join(tmpdir(), "rodeo-mutants-"));
 const source = (path) => cpSync(join(root, path), join(copy, path), { recursive: true });
 
@@ -47,27 +42,50 @@ function broken() {
   return [...failed];
 }
 
-const missed = [];
-try {
-  for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/test/Fixture.sol"]) source(path);
-  for (const path of ["contracts/test/Committee.sol", "contracts/test/Instances.sol", "contracts/test/Possession.sol", "contracts/test/Signing.sol", "contracts/test/invariant", "contracts/forge.mjs", "contracts/solc.mjs"]) source(path);
-  symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
-  const found = broken();
-  if (found.length > 0) throw new Error(`without a planted bug the invariants fail: ${found}`);
+/** What the solver finds: the names of the checks that do not hold. */
+function refuted() {
+  const { status, stdout } = symbolic(copy, { encoding: "utf8", timeout: LIMIT_MS, maxBuffer: 1 << 28 });
+  const failed = [...stdout.matchAll(/\[(?:FAIL|TIMEOUT)\]\S* (\w+)\(/g)].map((match) => match[1]);
+  if (!/Symbolic test result: (?!0 passed; 0 failed)/.test(stdout)) throw new Error(`halmos did not run:\n${stdout}`);
+  if ((status === 0) !== (failed.length === 0)) throw new Error(`halmos ended with ${status}:\n${stdout}`);
+  return failed;
+}
+
+/** How many bugs of this folder there are, and which of them `find` missed. */
+function plant(patches, find) {
+  const names = readdirSync(join(root, patches))
+    .filter((file) => file.endsWith(".patch"))
+    .map((file) => basename(file, ".patch"))
+    .filter((name) => wanted.length === 0 || wanted.includes(name));
+  if (names.length === 0) return { planted: 0, missed: [] };
+  const found = find();
+  if (found.length > 0) throw new Error(`without a planted bug these fail: ${found}`);
+  const missed = [];
   for (const name of names) {
-    const patch = spawnSync("git", ["apply", join(patches, `${name}.patch`)], {
-      cwd: copy,
-      encoding: "utf8",
-    });
+    const patch = spawnSync("git", ["apply", join(root, patches, `${name}.patch`)], { cwd: copy, encoding: "utf8" });
     if (patch.status !== 0) throw new Error(`${name} does not apply: ${patch.stderr}`);
-    const caught = broken();
+    const caught = find();
     console.log(caught.length > 0 ? `caught  ${name}: ${caught.join(", ")}` : `MISSED  ${name}`);
     if (caught.length === 0) missed.push(name);
     rmSync(join(copy, "contracts", "src"), { recursive: true });
     source("contracts/src");
   }
+  return { planted: names.length, missed };
+}
+
+let results;
+try {
+  for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/symbolic"]) source(path);
+  for (const path of ["Fixture.sol", "Committee.sol", "Instances.sol", "Possession.sol", "Signing.sol", "invariant"]) {
+    source(join("contracts", "test", path));
+  }
+  for (const path of ["contracts/forge.mjs", "contracts/solc.mjs"]) source(path);
+  symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
+  results = [plant("contracts/test/mutants", broken), plant("contracts/symbolic/mutants", refuted)];
 } finally {
   rmSync(copy, { recursive: true });
 }
-console.log(`${names.length - missed.length} of ${names.length} planted bugs caught`);
-process.exitCode = missed.length > 0 ? 1 : 0;
+const planted = results.reduce((sum, result) => sum + result.planted, 0);
+const missed = results.flatMap((result) => result.missed);
+console.log(`${planted - missed.length} of ${planted} planted bugs caught`);
+process.exitCode = missed.length > 0 || planted === 0 ? 1 : 0;

@@ -210,9 +210,7 @@ contract GasBench is Fixture {
         tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
         proof = _used();
         vm.prank(oracle);
-        tasks.postVerdict(
-            taskId, 1, PROOF, Verdict.Accepted, PRICE, REPORT, PROOF_URI, "all checks passed"
-        );
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, PRICE, REPORT, PROOF_URI, "all checks passed");
         verdict = _used();
         _figure(name, register + proof + verdict);
     }

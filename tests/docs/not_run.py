@@ -23,6 +23,7 @@ NOT_RUN: dict[str, str] = {
     "make lint": _SUITE,
     "make test": _SUITE,
     "make test-long": _SUITE,
+    "make symbolic": _SUITE,
     "npm run contracts:test -- --match-contract TermsTest": _SUITE,
     "make bench ONLY=contracts": _MINUTES,
     "npm run contracts:test": _SUITE,
