@@ -257,6 +257,21 @@ def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
     assert "<svg" in rodeo(up, "report", "--html").stdout
 
 
+def test_a_task_for_one_provider_alone_is_posted_and_shown(up: Path) -> None:
+    create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
+    nobodys = rodeo(up, *create, "--provider", "oracle", status=1)
+    assert "provider_without_service" in nobodys.stderr and "oracle" in nobodys.stderr
+    both = rodeo(up, *create, "--provider", "panther1", "--service", "1", status=1)
+    assert "name a service or a provider, not both" in both.stderr
+    posted = json.loads(rodeo(up, *create, "--provider", "panther1", "--json").stdout)
+    task_id = str(posted["task_id"])
+    shown = rodeo(up, "task", "show", task_id).stdout
+    assert ["named", "provider", "panther1"] in [line.split() for line in shown.splitlines()]
+    told = json.loads(rodeo(up, "task", "show", task_id, "--json").stdout)
+    assert (told["requested_provider_name"], told["state"]) == ("panther1", "open")
+    rodeo(up, "task", "cancel", task_id)
+
+
 def test_a_reward_rises_while_nobody_takes_the_task(up: Path) -> None:
     create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
     rises = ("--reward-up-to", "1.15", "--rise", "0.1", "--rise-every", "1")
