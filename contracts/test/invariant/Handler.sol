@@ -258,9 +258,15 @@ contract Handler is CommonBase, StdUtils {
         return count == 0 || wish % 5 > 1 ? 0 : uint32(1 + (wish / 5) % count);
     }
 
-    /// @dev Another one in five names a provider.
+    /// @dev Another one in five names a provider, if possible one with several services: any of them may do the task.
     function _namedProvider(uint256 wish) private view returns (address) {
-        return wish % 5 == 2 ? _providers[wish / 5 % _providers.length] : address(0);
+        if (wish % 5 != 2) return address(0);
+        uint256 first = wish / 5;
+        for (uint256 i = 0; i < _providers.length; ++i) {
+            address provider = _providers[(first + i) % _providers.length];
+            if (_live(provider) > 1) return provider;
+        }
+        return _providers[first % _providers.length];
     }
 
     /// @dev One in eight is none in which anybody should agree to work.
