@@ -127,17 +127,17 @@ def mind(connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator)
 def begin(mind: Mind, simulator: Simulator, work: Callable[[], object]) -> threading.Thread:
     """Start `work`, and wait until the simulator knows that it holds the clock."""
     thread = mind.start(work)
-    assert not wait_until(lambda: simulator.holders._seen == {})
+    assert not stays(lambda: simulator.holders._seen == {})
     return thread
 
 
 def begin_as_second(mind: Mind, simulator: Simulator, work: Callable[[], object]) -> None:
     mind.start(work)
-    assert not wait_until(lambda: len(simulator.holders._seen) < 2)
+    assert not stays(lambda: len(simulator.holders._seen) < 2)
 
 
-def wait_until(condition: Callable[[], bool]) -> bool:
-    """Whether it stays false for SOON_S."""
+def stays(condition: Callable[[], bool]) -> bool:
+    """Whether the condition is true for all of SOON_S."""
     deadline_s = time.monotonic() + SOON_S
     while condition():
         if time.monotonic() > deadline_s:
@@ -213,7 +213,7 @@ def test_what_passes_between_threads_of_one_process_has_nobody_else_asked(
         marks = simulator.holders._number
         handing_over = mind.clock.hold(within)
         with handing_over:
-            assert not wait_until(lambda: not any(one.hold.busy for one in simulator.holders._seen.values()))
+            assert not stays(lambda: not any(one.hold.busy for one in simulator.holders._seen.values()))
             assert not simulator.may_pass(0.1)
         assert simulator.may_pass()
         return simulator.holders._number - marks
@@ -279,7 +279,7 @@ def test_who_only_looks_whether_to_go_on_is_not_asked_for_it(simulator: Simulato
     )
     assert simulator.may_pass()
     marks = simulator.holders._number
-    assert not wait_until(lambda: len(looks) < 5)
+    assert not stays(lambda: len(looks) < 5)
     simulator.advance(0.02)
     assert simulator.may_pass()
     assert simulator.holders._number == marks
@@ -382,7 +382,7 @@ def test_who_comes_late_is_waited_for_from_then_on(
     late = Mind(connect(), site, "itrash")
     done = threading.Event()
     late.start(lambda: (done.wait(SOON_S), late.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
-    assert not wait_until(lambda: len(simulator.holders._seen) < 2)
+    assert not stays(lambda: len(simulator.holders._seen) < 2)
     assert not simulator.may_pass(0.3)
     done.set()
     assert simulator.may_pass()
@@ -466,11 +466,11 @@ def test_nothing_is_jumped_over_before_a_mind_is_ready(
     mind = Mind(connect(), site, name, starting=True)
     with mind.clock.hold():
         pass
-    assert not wait_until(lambda: simulator.holders._seen == {})
+    assert not stays(lambda: simulator.holders._seen == {})
     assert simulator.may_pass()
     assert not simulator.holders.resting
     mind.clock.started()
-    assert not wait_until(lambda: simulator.holders.resting)
+    assert not stays(lambda: not simulator.holders.resting)
     assert simulator.may_pass()
 
 
@@ -520,7 +520,7 @@ def test_a_last_word_that_is_lost_is_asked_for_again(
     with monkeypatch.context() as away:
         away.setattr(mind.clock._holder, "_publisher", SimpleNamespace(put=said.append))
         done.set()
-        assert not wait_until(lambda: not said)
+        assert not stays(lambda: not said)
     assert simulator.may_pass()
 
 
