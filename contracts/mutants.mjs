@@ -76,9 +76,8 @@ function plant(patches, find) {
 let results;
 try {
   for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/symbolic"]) source(path);
-  for (const path of ["Fixture.sol", "Committee.sol", "Instances.sol", "Possession.sol", "Signing.sol", "invariant"]) {
-    source(join("contracts", "test", path));
-  }
+  const support = ["Fixture.sol", "Committee.sol", "Instances.sol", "PlainToken.sol", "Possession.sol", "Signing.sol"];
+  for (const path of [...support, "invariant"]) source(join("contracts", "test", path));
   for (const path of ["contracts/forge.mjs", "contracts/solc.mjs"]) source(path);
   symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
   results = [plant("contracts/test/mutants", broken), plant("contracts/symbolic/mutants", refuted)];

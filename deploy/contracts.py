@@ -22,8 +22,10 @@ from pathlib import Path
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
+from eth_typing import ChecksumAddress
 from eth_utils import to_checksum_address
 from web3 import Web3
+from web3.exceptions import BadFunctionCallOutput, ContractLogicError
 from web3.types import Nonce, TxReceipt, Wei
 from web3.utils import get_create_address
 
@@ -42,7 +44,6 @@ from rodeo.chain import (
     Role,
     Silence,
     artifacts,
-    to_wei,
     transactions,
 )
 from rodeo.chain.client import connect, require_chain
@@ -65,6 +66,10 @@ _LONGEST_VERDICT_S = 7 * 24 * 3600
 
 class OtherGovernance(RodeoError):
     """Who decides is another on chain than in the site file, and neither is changed by this step."""
+
+
+class OtherToken(RodeoError):
+    """The site file names another payment token, or other decimals, than the chain has."""
 
 
 class WithoutDisputes(RodeoError):
@@ -147,6 +152,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
             wanted=wanted or "administrator",
             found=deployment.votes_by or "administrator",
         )
+    _require_token(site, deployment)
     if site.disputes is not None and not deployment.has_disputes:
         raise WithoutDisputes(
             "the contracts on this chain were deployed without [disputes]: take that table out, or deploy "
@@ -254,6 +260,49 @@ def _require_gas_money(site: Site, w3: Web3) -> None:
         raise WithoutGasMoney("these wallets need the chain's native currency to pay for gas", **empty)
 
 
+def _require_token(site: Site, deployment: Deployment) -> None:
+    """Raises OtherToken unless the contracts pay with what the site file says."""
+    token = site.economy.token
+    wanted = None if token is None else token.address, site.economy.currency.decimals
+    found = deployment.address("IECoin") if deployment.is_token_foreign else None, deployment.decimals
+    if wanted != found:
+        raise OtherToken(
+            "the contracts on this chain pay with another token than economy.token of the site file: correct "
+            "that, or deploy for a new organization",
+            wanted=wanted[0] or "IECoin",
+            wanted_decimals=wanted[1],
+            found=found[0] or "IECoin",
+            found_decimals=found[1],
+        )
+
+
+def existing_token(site: Site, w3: Web3) -> ChecksumAddress | None:
+    """The token that the site file names; None for IECoin. Raises OtherToken unless it is there and as the
+    file says."""
+    token = site.economy.token
+    if token is None:
+        return None
+    address = to_checksum_address(token.address)
+    with translated():
+        if not w3.eth.get_code(address):
+            raise OtherToken("there is no contract at economy.token.address", address=address)
+        contract = w3.eth.contract(address=address, abi=artifacts.load("IECoin").abi)
+        try:
+            decimals = contract.functions.decimals().call()
+        except (BadFunctionCallOutput, ContractLogicError) as error:
+            raise OtherToken(
+                "the contract at economy.token.address does not say how many decimals it has", address=address
+            ) from error
+    if decimals != token.decimals:
+        raise OtherToken(
+            "the token has other decimals than economy.token.decimals",
+            address=address,
+            wanted_decimals=token.decimals,
+            found_decimals=decimals,
+        )
+    return address
+
+
 def _unfinished(site: Site) -> Path:
     """Where the record is kept until the organization is set up."""
     return site.data_dir / "deployments" / "unfinished"
@@ -283,23 +332,27 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
         chain_id = w3.eth.chain_id
     by_vote = site.governance.kind == "vote"
-    governance = site.governance
+    governance, currency = site.governance, site.economy.currency
     all_names = (
         *artifacts.CONTRACTS,
         *(artifacts.governance(governance.votes) if by_vote else ()),
         *(artifacts.DISPUTES if site.disputes is not None else ()),
     )
-    names = [name for name in all_names if name != "SignedRequests"]
+    token = existing_token(site, w3)
+    others = {"SignedRequests"} if token is None else {"SignedRequests", "IECoin"}
+    names = [name for name in all_names if name not in others]
     addresses = {
         name: get_create_address(deployer.address, Nonce(nonce + offset)) for offset, name in enumerate(names)
     }
     # TaskManager makes it in its constructor, and a contract's first nonce is 1.
     addresses["SignedRequests"] = get_create_address(addresses["TaskManager"], Nonce(1))
+    if token is not None:
+        addresses["IECoin"] = token
     coin, organization = addresses["IECoin"], addresses["Organization"]
     services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
     terms = site.governance.terms
     arguments: dict[str, tuple[Any, ...]] = {
-        "IECoin": _first_holders(site, organization, deployer.address),
+        "IECoin": _first_holders(site, organization, deployer.address) if token is None else (),
         "Organization": (
             coin,
             services,
@@ -308,7 +361,7 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
             # From the beginning: a handover takes a later block, and a chain at rest has none.
             addresses["OrganizationTimelock"] if by_vote else deployer.address,
             site.governance.delay_s,
-            (to_wei(terms.bond_iec), to_wei(terms.penalty_iec), terms.max_failures),
+            (currency.to_units(terms.bond_iec), currency.to_units(terms.penalty_iec), terms.max_failures),
         ),
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
@@ -327,7 +380,7 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
                 addresses[artifacts.VOTES[governance.votes]],
                 timelock,
                 governance.voting_period_s,
-                to_wei(governance.proposal_iec) if by_tokens else 1,
+                currency.to_units(governance.proposal_iec) if by_tokens else 1,
                 governance.quorum_percent,
             ),
         }
@@ -337,6 +390,8 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         genesis_hash=genesis_hash,
         block=min(receipt["blockNumber"] for receipt in receipts),
         contracts=addresses,
+        decimals=currency.decimals,
+        is_token_foreign=token is not None,
     )
     # Fails if another transaction of the deployer came in between and moved the addresses.
     deployment.verify(w3)
@@ -367,10 +422,11 @@ def _create(w3: Web3, deployer: LocalAccount, name: str, args: tuple[Any, ...], 
 
 
 def _first_holders(site: Site, organization: str, administrator: str) -> tuple[list[str], list[int]]:
-    initial = to_wei(site.economy.initial_iec)
+    currency = site.economy.currency
+    initial = currency.to_units(site.economy.initial_iec)
     shares = {organization: initial}
     shares |= {wallets.address(site, robot.name): initial for robot in site.robots}
-    shares[administrator] = to_wei(site.economy.supply_iec) - sum(shares.values())
+    shares[administrator] = currency.to_units(site.economy.supply_iec) - sum(shares.values())
     return list(shares), list(shares.values())
 
 
@@ -404,7 +460,8 @@ def _missing_rules(
         limited = Role[spenders.upper()]
         # Never set: what the administrator changed later stays.
         if client.budget(limited).since == 0:
-            yield administrator, calls.set_budget(limited, to_wei(limit.iec), limit.period_s)
+            amount = site.economy.currency.to_units(limit.iec)
+            yield administrator, calls.set_budget(limited, amount, limit.period_s)
     for kind, declared in kinds_of(site).items():
         rules, review = client.kind(kind), Review[declared.review.upper()]
         if review is Review.ORACLE and rules.silence is Silence.NONE:
@@ -512,10 +569,11 @@ def _missing_instances(site: Site, client: ChainClient, kind: str) -> Iterator[C
         longest_s = max(rules.max_verdict_window, site.economy.verdict_window_s, _LONGEST_VERDICT_S)
         yield client.organization_calls.set_verdict_windows(kind, shortest_s, longest_s)
     address = client.deployment.address
+    stake = site.economy.currency.to_units(wanted.stake_iec)
     yield client.dispute_calls.set_instances(
         kind,
         [
-            Instance(address("OracleCommittee"), wanted.window_s, 0, to_wei(wanted.stake_iec)),
+            Instance(address("OracleCommittee"), wanted.window_s, 0, stake),
             Instance(address("DisputeCommittee"), 0, wanted.decision_s, 0),
         ],
     )

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from urllib.parse import urlsplit
 
 from pydantic import (
+    AfterValidator,
     AwareDatetime,
     BaseModel,
     ConfigDict,
@@ -28,6 +29,8 @@ from pydantic import (
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from rodeo import endpoint
+from rodeo.addresses import typed_address
+from rodeo.currency import IEC, MAX_DECIMALS, MIN_DECIMALS, Currency, InvalidAmount
 from rodeo.errors import ConfigError
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, PlaceConfig, Pose2, RobotConfig
 from rodeo.lab.rooms import RoomConfig, walls
@@ -147,11 +150,22 @@ class RateConfig(FromHour):
     iec: Decimal = Field(gt=0, max_digits=28, decimal_places=18)
 
 
+class TokenConfig(_Table):
+    """A token that is on the chain already: any ERC-20 without hooks and fees, with or without permit."""
+
+    address: Annotated[str, AfterValidator(typed_address)]
+    decimals: int = Field(ge=MIN_DECIMALS, le=MAX_DECIMALS)
+    """As the token says itself, which is checked."""
+
+
 class EconomyConfig(_Table):
     """What the organization pays and charges, and how long it waits."""
 
+    token: TokenConfig | None = None
+    """What it pays with; by default IECoin, which is made at deployment and has 18 decimals. It counts when
+    the contracts are deployed. Amounts are called IEC all the same."""
     initial_iec: Decimal = Decimal(2000)
-    """Minted to the organization and to each robot at deployment."""
+    """Minted to the organization and to each robot at deployment, unless `token` is set."""
     supply_iec: Decimal = Decimal(1_000_000)
     """Total supply of IEC. The organization's administrator gets what the amounts above leave."""
     verdict_window_s: int = 48 * 3600
@@ -163,6 +177,11 @@ class EconomyConfig(_Table):
     electricity: list[TariffConfig] = Field(
         default=[TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))], min_length=1
     )
+
+    @property
+    def currency(self) -> Currency:
+        """What amounts on this site are of."""
+        return IEC if self.token is None else Currency(self.token.decimals)
 
 
 class BudgetConfig(_Table):
@@ -775,7 +794,7 @@ _SLACK_M = 1e-6
 def faults(site: Site) -> dict[Place, str]:
     """Where -> what is wrong there; empty for a site that can be."""
     found: dict[Place, str] = {}
-    rules = (_outside, _rooms, _names, _wallets, _governance, _oracles, _disputes, _hours, _ports)
+    rules = (_outside, _rooms, _names, _wallets, _amounts, _governance, _oracles, _disputes, _hours, _ports)
     for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
     return found
@@ -856,6 +875,35 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
             yield place, f"nobody on this site is called {name}{close(name, known)}"
 
 
+def _amounts(site: Site) -> Iterator[tuple[Place, str]]:
+    currency = site.economy.currency
+    for place, amount in _amounts_in(site, ()):
+        try:
+            currency.to_units(amount)
+        except InvalidAmount as error:
+            yield place, f"{error.message}: {amount} IEC"
+
+
+def _amounts_in(part: object, place: Place) -> Iterator[tuple[Place, Decimal]]:
+    """Where an amount is, and which. Rates may be finer than the token: what is paid by them is rounded."""
+    entries: Iterable[tuple[str | int, object]] = ()
+    match part:
+        case RateConfig():
+            return
+        case BaseModel():
+            entries = part
+        case dict():
+            entries = part.items()
+        case list() | tuple():
+            entries = enumerate(part)
+    for name, value in entries:
+        if isinstance(value, Decimal):
+            if name == "iec" or str(name).endswith("_iec"):
+                yield (*place, name), value
+        else:
+            yield from _amounts_in(value, (*place, name))
+
+
 def _governance(site: Site) -> Iterator[tuple[Place, str]]:
     governance, known = (
         site.governance,
@@ -877,7 +925,7 @@ def _governance(site: Site) -> Iterator[tuple[Place, str]]:
             yield ("governance", "votes"), 'tokens vote only with kind = "vote": set it, or leave votes out'
         if governance.members:
             yield ("governance", "members"), "wrapped tokens vote here, and not members: leave members out"
-        if governance.proposal_iec > site.economy.supply_iec:
+        if site.economy.token is None and governance.proposal_iec > site.economy.supply_iec:
             yield (
                 ("governance", "proposal_iec"),
                 f"nobody could propose anything: there are only {site.economy.supply_iec} IEC",

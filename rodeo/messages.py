@@ -634,6 +634,11 @@ class Relay(Command):
     signed: SignedRequest
 
 
+class AllowPayments(Command):
+    """Let the contracts take rewards and bonds from this wallet, of any amount. The first payment that the
+    wallet sends does it, too. A wallet whose requests others send needs it if the token takes no permits."""
+
+
 class RevokeRequest(Command):
     """Make a signed request to post a task void."""
 
@@ -692,6 +697,7 @@ COMMANDS: dict[str, type[Command]] = {
     "queue_proposal": QueueProposal,
     "execute_proposal": ExecuteProposal,
     "relay": Relay,
+    "allow_payments": AllowPayments,
     "revoke_request": RevokeRequest,
 }
 """Commands of a wallet, by the last part of the key. `sign`, `sign_vote`, `prepare` and `broadcast`

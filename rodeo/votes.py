@@ -7,7 +7,8 @@ from eth_account.messages import SignableMessage, encode_typed_data
 from eth_account.signers.local import LocalAccount
 from eth_keys.exceptions import BadSignature, ValidationError
 
-from rodeo.chain import Verdict, to_wei
+from rodeo.chain import Verdict
+from rodeo.currency import Currency, InvalidAmount
 from rodeo.messages import Vote
 
 _TYPES = {
@@ -26,25 +27,27 @@ _TYPES = {
 _PARITY = 1 << 255
 
 
-def sign(vote: Vote, account: LocalAccount, chain_id: int, committee: str) -> str:
+def sign(vote: Vote, account: LocalAccount, chain_id: int, committee: str, currency: Currency) -> str:
     """The signature of `account`, 64 bytes as 0x hex."""
-    signed = account.sign_message(_message(vote, chain_id, committee))
+    signed = account.sign_message(_message(vote, chain_id, committee, currency))
     vs = signed.s | (_PARITY if signed.v == 28 else 0)
     return "0x" + signed.r.to_bytes(32).hex() + vs.to_bytes(32).hex()
 
 
-def signer(vote: Vote, signature: str, chain_id: int, committee: str) -> str | None:
+def signer(vote: Vote, signature: str, chain_id: int, committee: str, currency: Currency) -> str | None:
     """The address whose signature of `vote` this is; None where it is nobody's."""
     r, vs = (int.from_bytes(bytes.fromhex(part)) for part in (signature[2:66], signature[66:]))
     v = 28 if vs & _PARITY else 27
     try:
-        found: str = Account.recover_message(_message(vote, chain_id, committee), vrs=(v, r, vs & ~_PARITY))
-    except (BadSignature, ValidationError):
+        found: str = Account.recover_message(
+            _message(vote, chain_id, committee, currency), vrs=(v, r, vs & ~_PARITY)
+        )
+    except (BadSignature, ValidationError, InvalidAmount):
         return None
     return found
 
 
-def _message(vote: Vote, chain_id: int, committee: str) -> SignableMessage:
+def _message(vote: Vote, chain_id: int, committee: str, currency: Currency) -> SignableMessage:
     domain = {
         "name": "RODEO OracleCommittee",
         "version": "1",
@@ -58,7 +61,7 @@ def _message(vote: Vote, chain_id: int, committee: str) -> SignableMessage:
         "reportHash": vote.report_sha256,
         "rulesHash": vote.rules_sha256,
         "verdict": Verdict[vote.outcome.upper()].value,
-        "amount": to_wei(vote.amount_iec),
+        "amount": currency.to_units(vote.amount_iec),
         "reason": vote.reason,
     }
     return encode_typed_data(domain, _TYPES, said)

@@ -360,6 +360,21 @@ def relay(
     say(f"{participant} sent it in block {reply['block']}{posted}.")
 
 
+@tasks.command("allow-payments")
+@reports_errors
+def allow_payments(
+    participant: Annotated[str, typer.Option("--as", help="The participant.")],
+    site: SiteOption = DEFAULT_SITE,
+) -> None:
+    """Let the contracts take rewards and bonds from a wallet, of any amount.
+
+    The first payment does it, too. It is needed before `create --sign` where the token takes no permits.
+    """
+    with connected(site) as (loaded, bus):
+        send_command(loaded, bus, participant, "allow_payments")
+    say(f"The contracts may take payments from {participant}.")
+
+
 @tasks.command("revoke")
 @reports_errors
 def revoke(

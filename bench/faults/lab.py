@@ -33,7 +33,7 @@ from deploy.chain.record import give_up_chain
 from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus
-from rodeo.chain import ChainClient, Deployment, TaskState, from_wei
+from rodeo.chain import ChainClient, Deployment, TaskState
 from rodeo.chain.events import TaskRegistered, TaskSettled
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
@@ -675,12 +675,12 @@ class Lab:
         left = {self.asked[label] for label in self.unfinished}
         open_ones = {number for number, task in tasks.items() if task.state not in _DONE}
         need(open_ones == left, f"tasks that did not end: {sorted(open_ones - left)}")
-        escrow = client.balance(client.task_manager)
+        escrow, iec = client.balance(client.task_manager), client.currency.text
         held = sum(task.reward for number, task in tasks.items() if number in open_ones)
         owed = sum(client.pending_payments(entry["address"]) for entry in self.state("wallets")["wallets"])
         need(
             escrow == held + owed,
-            f"the escrow holds {from_wei(escrow)} IEC instead of {from_wei(held + owed)}",
+            f"the escrow holds {iec(escrow)} IEC instead of {iec(held + owed)}",
         )
         # The index may be a block behind for a moment.
         differing: list[str] = []

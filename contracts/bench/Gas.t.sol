@@ -175,7 +175,7 @@ contract GasBench is Fixture {
     /// @dev As much as ten identities with bonds get for 10M gas: services that nobody pays for, at the prices that
     /// make the way to the others' services longest.
     function _spam() private {
-        uint64 level = Units.levelFor(PRICE);
+        uint64 level = Units.levelFor(PRICE, 1 gwei);
         uint256 gas = 0;
         for (uint256 i = 0; i < 80 && gas < 10_000_000; ++i) {
             address identity = address(uint160(0xbad00 + i / 8));
@@ -186,7 +186,7 @@ contract GasBench is Fixture {
                 coin.approve(address(tasks), type(uint256).max);
             }
             uint64 near = i < 13 ? level ^ uint64(1 << i) : uint64(uint256(keccak256(abi.encode(i))) % 13_000);
-            offer(identity, Units.priceOf(near));
+            offer(identity, Units.priceOf(near, 1 gwei));
             gas += _used();
         }
     }

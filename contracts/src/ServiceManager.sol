@@ -17,7 +17,7 @@ contract ServiceManager is IServiceManager {
     /// @dev A Service in two words. Counters stop at their greatest value.
     struct Record {
         address provider;
-        /// @dev Enough for Units.MAX.
+        /// @dev Enough for Units.max.
         uint88 price;
         uint8 kindId;
         uint40 taskId;
@@ -53,7 +53,7 @@ contract ServiceManager is IServiceManager {
         /// @dev When it may wake up; 0 while it is awake.
         uint40 asleepUntil;
         /// @dev What it was paid for accepted work of others (64 bits), and what it would have been paid for work that
-        /// failed (64 bits), in Units.UNIT, as of a day (24 bits): both decay. One number, because it is written so.
+        /// failed (64 bits), in `_unit`, as of a day (24 bits): both decay. One number, because it is written so.
         uint152 work;
         /// @dev It is somebody's device (see _owners).
         bool owned;
@@ -93,18 +93,22 @@ contract ServiceManager is IServiceManager {
     uint256 public constant MAX_NAPS = 8;
     /// @notice Days after which work counts half for the reputation of its provider.
     uint256 public constant HALF_LIFE = 90;
-    /// @notice A newcomer counts as if it had done so much work well, and as much badly: 100 tokens with 18 decimals.
-    uint256 public constant PRIOR = 100 ether;
     /// @notice Grades of reputation by which waiting services are compared. More would mean more lines, and each new
     /// one costs whoever comes into it first two words.
     uint256 public constant GRADES = 8;
 
+    /// @dev A newcomer counts as if it had done work for so many tokens well, and as much badly.
+    uint256 private constant PRIOR = 100;
     uint64 private constant STEP = uint64((1 << WeightTree.MINOR_BITS) / GRADES);
     /// @dev What a day leaves of work: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
     uint256 private constant DAILY = 18305219661902323056;
 
     IOrganization public immutable organization;
     ITaskManager public immutable tasks;
+    /// @dev What each price is a multiple of, in the token's smallest unit.
+    uint256 private immutable _unit;
+    /// @dev PRIOR in `_unit`.
+    uint256 private immutable _prior;
 
     uint256 private _serviceCount;
     KindTable.Table private _kinds;
@@ -133,6 +137,9 @@ contract ServiceManager is IServiceManager {
     constructor(IOrganization organization_, ITaskManager tasks_) {
         organization = organization_;
         tasks = tasks_;
+        uint256 perToken;
+        (_unit, perToken) = Units.unitOf(organization_.token());
+        _prior = PRIOR * perToken;
     }
 
     /// @inheritdoc IServiceManager
@@ -266,7 +273,7 @@ contract ServiceManager is IServiceManager {
         if (hired != Hire.None && s.state == ServiceState.None) revert UnknownService(serviceId);
         if (hired != Hire.None && !ofKind) revert ServiceOfOtherKind(serviceId, kind);
         price = Math.max(s.price, wanted);
-        if (!_isAvailable(s) || price > Math.min(maxPrice, Units.MAX) || !ofKind) {
+        if (!_isAvailable(s) || price > Math.min(maxPrice, Units.max(_unit)) || !ofKind) {
             if (hired > s.hired) _hire(s, hired);
             return (serviceId, address(0), 0, false);
         }
@@ -395,7 +402,7 @@ contract ServiceManager is IServiceManager {
         uint64 key = idle.lines.lowest();
         Line storage line = idle.line[key];
         if (line.first == line.last) key = idle.lines.secondLowest();
-        return key == 0 ? Units.MAX : _priceOf(key);
+        return key == 0 ? Units.max(_unit) : _priceOf(key);
     }
 
     /// @inheritdoc IServiceManager
@@ -502,7 +509,7 @@ contract ServiceManager is IServiceManager {
 
     /// @dev What a provider is known for: work of others, by its value. Nobody pays oneself, or nothing, for a name.
     function _rate(Provider storage p, bool accepted, uint256 value, bool own) private {
-        value /= Units.UNIT;
+        value /= _unit;
         if (value == 0 || own) return;
         (uint256 done, uint256 failed) = _record(p);
         if (accepted) done = Math.min(done + value, type(uint64).max);
@@ -598,11 +605,11 @@ contract ServiceManager is IServiceManager {
         if (s.provider == address(0)) revert UnknownService(serviceId);
     }
 
-    /// @dev (done + PRIOR) / (done + failed + 2 PRIOR) in 64ths, the rule of succession (Laplace): 0 .. 63.
+    /// @dev (done + _prior) / (done + failed + 2 _prior) in 64ths, the rule of succession (Laplace): 0 .. 63.
     function _reputation(Provider storage p) private view returns (uint64) {
         (uint256 done, uint256 failed) = _record(p);
-        done += PRIOR / Units.UNIT;
-        return uint64((done << WeightTree.MINOR_BITS) / (done + failed + PRIOR / Units.UNIT));
+        done += _prior;
+        return uint64((done << WeightTree.MINOR_BITS) / (done + failed + _prior));
     }
 
     /// @dev What is left today of what the provider has done and failed. By whole days, so that it does not matter
@@ -621,8 +628,8 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev Before or at this key are the lines that cost at most `price`.
-    function _lastKey(uint256 price) private pure returns (uint64) {
-        return _key(Units.levelOf(price), 0);
+    function _lastKey(uint256 price) private view returns (uint64) {
+        return _key(Units.levelOf(price, _unit), 0);
     }
 
     /// @dev Cheap before dear, then reputable before not; never 0.
@@ -630,8 +637,8 @@ contract ServiceManager is IServiceManager {
         return WeightTree.weigh(level + 1, WeightTree.MAX_MINOR - reputation);
     }
 
-    function _priceOf(uint64 key) private pure returns (uint256) {
-        return Math.min(Units.priceOf(WeightTree.majorOf(key) - 1), Units.MAX);
+    function _priceOf(uint64 key) private view returns (uint256) {
+        return Math.min(Units.priceOf(WeightTree.majorOf(key) - 1, _unit), Units.max(_unit));
     }
 
     /// @dev The weight of a line that `first` leads.
@@ -653,7 +660,7 @@ contract ServiceManager is IServiceManager {
         if (until != 0) revert ProviderIsAsleep(provider, until);
     }
 
-    function _requirePrice(uint256 price) private pure {
-        if (!Units.isPrice(price)) revert InvalidPrice(price, Units.UNIT, Units.MAX);
+    function _requirePrice(uint256 price) private view {
+        if (!Units.isPrice(price, _unit)) revert InvalidPrice(price, _unit, Units.max(_unit));
     }
 }

@@ -39,7 +39,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     struct Record {
         address creator;
         uint96 reward;
-        /// @dev Enough for Units.MAX.
+        /// @dev Enough for Units.max.
         uint88 price;
         /// @dev While a task is open, the service that it names, or one of the provider that it names, or 0.
         uint32 serviceId;
@@ -96,6 +96,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     IERC20 public immutable token;
     IOrganization public immutable organization;
     IServiceManager public immutable services;
+    uint256 private immutable _unit;
     /// @notice Says for whom it calls, and is believed: it has seen that participant's signature.
     SignedRequests public immutable signedRequests;
 
@@ -127,6 +128,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         organization = organization_;
         services = services_;
         token = organization_.token();
+        (_unit,) = Units.unitOf(token);
         signedRequests = new SignedRequests();
     }
 
@@ -342,7 +344,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId) {
-        return _open[_kinds.ids[kind]].first(Units.levelFor(price));
+        return _open[_kinds.ids[kind]].first(Units.levelFor(price, _unit));
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (uint256 taskId) {
@@ -422,7 +424,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
     /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
     function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price, uint256 named) private {
-        uint64 minimum = Units.levelFor(price);
+        uint64 minimum = Units.levelFor(price, _unit);
         uint256 queue = kindId;
         uint64 taskId = _open[queue].first(minimum);
         while (named != 0) {
@@ -780,8 +782,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (window < MIN_WINDOW || window > MAX_WINDOW) revert InvalidWindow(window, MIN_WINDOW, MAX_WINDOW);
     }
 
-    function _weight(uint256 reward) private pure returns (uint64) {
-        return WeightTree.weigh(Units.levelOf(reward), 0);
+    function _weight(uint256 reward) private view returns (uint64) {
+        return WeightTree.weigh(Units.levelOf(reward, _unit), 0);
     }
 
     function _outcome(Cause cause) private pure returns (Outcome) {

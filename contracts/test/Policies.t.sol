@@ -168,17 +168,22 @@ contract PolicyTest is Fixture {
         assertEq(tasks.task(taskId).price, 99.71 ether, "what it asked");
     }
 
-    function testFuzz_aServiceThatIsFoundIsAffordable(uint256 price, uint256 reward) public pure {
-        price = bound(price, 0, Units.MAX / Units.UNIT) * Units.UNIT;
+    function testFuzz_aServiceThatIsFoundIsAffordable(uint256 price, uint256 reward, uint256 unit)
+        public
+        pure
+    {
+        unit = 10 ** bound(unit, 0, 9);
+        uint256 max = Units.max(unit);
+        price = bound(price, 0, max / unit) * unit;
         reward = bound(reward, 0, type(uint96).max);
-        bool found = Units.levelFor(price) <= Units.levelOf(reward);
+        uint64 level = Units.levelOf(reward, unit);
+        bool found = Units.levelFor(price, unit) <= level;
         if (found) assertLe(price, reward);
-        if (reward > price + price / 100 && price < Units.MAX / 2) assertTrue(found, "within a hundredth");
-        assertGe(Units.priceOf(Units.levelFor(price)), price);
-        assertEq(
-            Units.levelOf(Math.min(Units.priceOf(Units.levelOf(reward)), Units.MAX)), Units.levelOf(reward)
-        );
-        assertLt(Units.levelFor(price), 1 << 14, "few levels");
+        bool comparable = price > 1000 * unit && price < max / 2;
+        if (comparable && reward > price + price / 100) assertTrue(found, "within a hundredth");
+        assertGe(Units.priceOf(Units.levelFor(price, unit), unit), price);
+        assertEq(Units.levelOf(Math.min(Units.priceOf(level, unit), max), unit), level);
+        assertLt(Units.levelFor(price, unit), 1 << 14, "few levels");
     }
 
     // -- all of them --------------------------------------------------------------------------------------
@@ -247,8 +252,8 @@ contract PolicyTest is Fixture {
     }
 
     function _secondPrice() private view returns (uint256 second) {
-        second = Units.MAX;
-        uint256 cheapest = services.cheapestIdle(CLEANING, Units.MAX);
+        second = Units.max(1 gwei);
+        uint256 cheapest = services.cheapestIdle(CLEANING, Units.max(1 gwei));
         for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
             Service memory s = services.service(serviceId);
             if (s.place != 0 && serviceId != cheapest && s.price < second) second = s.price;

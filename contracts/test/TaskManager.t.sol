@@ -82,7 +82,7 @@ contract TaskManagerTest is Fixture {
         price = bound(price, 0, 2000 gwei) * 1 gwei;
         uint256 serviceId = offer(robot1, price);
         uint256 taskId = post(alice, reward);
-        if (Units.levelFor(price) > Units.levelOf(reward)) {
+        if (Units.levelFor(price, 1 gwei) > Units.levelOf(reward, 1 gwei)) {
             assertState(taskId, TaskState.Open);
             vm.prank(alice);
             tasks.cancelTask(taskId);

@@ -51,7 +51,7 @@ from rodeo.chain.errors import (
     WrongChain,
 )
 from rodeo.chain.logs import Log
-from rodeo.chain.types import Event, Policy, Role, from_wei, to_wei
+from rodeo.chain.types import Event, Policy, Role
 
 __all__ = [
     "NOBODY",
@@ -93,6 +93,4 @@ __all__ = [
     "Verdict",
     "Vote",
     "WrongChain",
-    "from_wei",
-    "to_wei",
 ]

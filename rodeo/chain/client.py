@@ -32,6 +32,7 @@ from rodeo.chain.governance import STATES, GovernanceCalls
 from rodeo.chain.logs import Log, decode_log, event_topics
 from rodeo.chain.types import Role, kind_to_bytes32, value
 from rodeo.config import ChainConfig
+from rodeo.currency import Currency
 
 NOBODY = "0x" + "00" * 20
 
@@ -93,6 +94,10 @@ class ChainClient:
     def committee(self) -> ChecksumAddress:
         """Judges in place of an oracle where several have to agree."""
         return self.deployment.address("OracleCommittee")
+
+    @property
+    def currency(self) -> Currency:
+        return self.deployment.currency
 
     @property
     def disputes(self) -> ChecksumAddress | None:
@@ -257,7 +262,7 @@ class ChainClient:
 
     def _view(self, contract: str, function: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
         bound = self._contracts[contract].functions[function]
-        with translated():
+        with translated(self.currency):
             raw = bound(*args).call(block_identifier=block)
         (output,) = bound.abi["outputs"]
         return value(output, raw)
@@ -266,7 +271,7 @@ class ChainClient:
 
     def logs(self, first_block: int, last_block: int) -> list[Log]:
         """Events of the contracts in the inclusive range of blocks, in chain order."""
-        with translated():
+        with translated(self.currency):
             found = self.w3.eth.get_logs(
                 {
                     "fromBlock": first_block,
@@ -291,7 +296,7 @@ class ChainClient:
 
     def simulate(self, call: Call, sender: str) -> bytes:
         """What `call` would return now. Raises ContractReverted when it would be refused."""
-        with translated():
+        with translated(self.currency):
             return bytes(
                 self.w3.eth.call({"from": to_checksum_address(sender), "to": call.to, "data": call.data})
             )
@@ -301,4 +306,6 @@ class ChainClient:
 
         Raises ContractReverted (also before sending), TransactionFailed or TransactionTimeout.
         """
-        return transactions.send(self.w3, account, to=call.to, data=call.data, timeout_s=timeout_s)
+        return transactions.send(
+            self.w3, account, to=call.to, data=call.data, timeout_s=timeout_s, currency=self.currency
+        )

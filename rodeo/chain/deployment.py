@@ -11,6 +11,7 @@ from web3 import Web3
 
 from rodeo.chain import artifacts
 from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed, translated
+from rodeo.currency import IEC, Currency
 from rodeo.files import replace_file
 from rodeo.origin import record_path
 
@@ -28,6 +29,10 @@ class Deployment(BaseModel):
     contracts: dict[str, str]
     """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version, those of
     `artifacts.governance` if it decides by votes, and `artifacts.DISPUTES` if verdicts can be challenged."""
+    decimals: int = IEC.decimals
+    """Of the payment token, which stands among the contracts as IECoin, as it says itself."""
+    is_token_foreign: bool = False
+    """The site file names the payment token: it is no IECoin, and was there before."""
     sent: dict[str, int] = {}
     """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
@@ -48,6 +53,11 @@ class Deployment(BaseModel):
 
     def address(self, contract: str) -> ChecksumAddress:
         return to_checksum_address(self.contracts[contract])
+
+    @property
+    def currency(self) -> Currency:
+        """What amounts on this chain are of."""
+        return Currency(self.decimals)
 
     @property
     def votes_by(self) -> str | None:
@@ -114,5 +124,7 @@ class Deployment(BaseModel):
                     "other contracts", expected=sorted(expected), recorded=sorted(self.contracts)
                 )
             for name in self.contracts:
+                if name == "IECoin" and self.is_token_foreign:
+                    continue
                 if not artifacts.load(name).matches(bytes(w3.eth.get_code(self.address(name)))):
                     raise DeploymentMismatch("other code", contract=name, address=self.contracts[name])

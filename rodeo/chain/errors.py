@@ -31,7 +31,8 @@ from eth_utils.abi import abi_to_signature, collapse_if_tuple, function_signatur
 from web3.exceptions import ContractLogicError, Web3Exception, Web3RPCError
 
 from rodeo.chain import artifacts
-from rodeo.chain.types import from_wei, to_json, values
+from rodeo.chain.types import to_json, values
+from rodeo.currency import IEC, Currency
 from rodeo.errors import RodeoError, snake_case
 
 
@@ -48,7 +49,7 @@ class RpcFailed(ChainError):
 
 
 _AMOUNTS = frozenset({"price", "amount", "bond", "penalty", "balance", "needed", "allowance"})
-"""Arguments of errors that are wei of IECoin, whichever error it is."""
+"""Arguments of errors that are wei of the payment token, whichever error it is."""
 _AMOUNTS_OF = {
     "InvalidPrice": {"unit", "max"},
     "InvalidAmount": {"max"},
@@ -64,10 +65,10 @@ class ContractReverted(ChainError):
     `rodeo.chain.types`, `details` the same for JSON, where amounts are decimal strings named `..._iec`.
     """
 
-    def __init__(self, name: str, args: dict[str, Any]) -> None:
+    def __init__(self, name: str, args: dict[str, Any], currency: Currency = IEC) -> None:
         amounts = _AMOUNTS | _AMOUNTS_OF.get(name, set())
         details = {
-            f"{key}_iec" if key in amounts else key: f"{from_wei(arg):f}" if key in amounts else to_json(arg)
+            f"{key}_iec" if key in amounts else key: currency.text(arg) if key in amounts else to_json(arg)
             for key, arg in args.items()
         }
         super().__init__(f"the contract refused: {name}", **details)
@@ -121,8 +122,9 @@ def _errors_by_selector() -> dict[bytes, dict[str, Any]]:
     return _BUILT_IN | by_selector
 
 
-def decode_revert(data: bytes) -> ContractReverted:
-    """The named error in revert data. `UnknownRevert(data)` for one that none of the contracts declares."""
+def decode_revert(data: bytes, currency: Currency = IEC) -> ContractReverted:
+    """The named error in revert data, whose amounts are of `currency`. `UnknownRevert(data)` for one that
+    none of the contracts declares."""
     error = _errors_by_selector().get(data[:4])
     if error is None:
         return ContractReverted("UnknownRevert", {"data": data})
@@ -130,16 +132,16 @@ def decode_revert(data: bytes) -> ContractReverted:
         raws = decode([collapse_if_tuple(parameter) for parameter in error["inputs"]], data[4:])
     except DecodingError:
         return ContractReverted("UnknownRevert", {"data": data})
-    return ContractReverted(error["name"], values(error["inputs"], raws))
+    return ContractReverted(error["name"], values(error["inputs"], raws), currency)
 
 
 @contextmanager
-def translated() -> Iterator[None]:
-    """Let what web3.py raises leave as ChainError."""
+def translated(currency: Currency = IEC) -> Iterator[None]:
+    """Let what web3.py raises leave as ChainError, with amounts of `currency`."""
     try:
         yield
     except ContractLogicError as error:
-        raise decode_revert(_revert_data(error)) from error
+        raise decode_revert(_revert_data(error), currency) from error
     except Web3RPCError as error:
         reply = error.rpc_response.get("error") if error.rpc_response else None
         details = reply if isinstance(reply, dict) else {"message": str(error)}

@@ -8,18 +8,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from rodeo.currency import IEC, Currency
+
 _DAY_S = 86_400
 _HALF_LIFE_DAYS = 90
 _DAILY = 18_305_219_661_902_323_056
 """What a day leaves of work: 2 ** (-1 / 90), times 2 ** 64."""
-_UNIT_WEI = 10**9
-_PRIOR = 100 * 10**18 // _UNIT_WEI
+_PRIOR_TOKENS = 100
 _MAX = 2**64 - 1
 
 
 @dataclass(frozen=True)
 class Work:
-    """Work of a provider for others, in 10^9 wei of its price, as of a day (from 1970-01-01 UTC)."""
+    """Work of a provider for others, in units of prices, as of a day (from 1970-01-01 UTC)."""
 
     done: int = 0
     """What was paid for accepted work."""
@@ -39,9 +40,9 @@ class Work:
             rest >>= 1
         return Work(done, failed, today)
 
-    def plus(self, value_wei: int, accepted: bool, time_s: float) -> Work:
+    def plus(self, value_wei: int, accepted: bool, time_s: float, currency: Currency = IEC) -> Work:
         """With work that was judged, or that never came, at `time_s`. Less than a unit changes nothing."""
-        value = value_wei // _UNIT_WEI
+        value = value_wei // currency.price_unit
         if value == 0:
             return self
         now = self.at(time_s)
@@ -49,10 +50,10 @@ class Work:
             return Work(min(now.done + value, _MAX), now.failed, now.day)
         return Work(now.done, min(now.failed + value, _MAX), now.day)
 
-    def reputation(self, time_s: float) -> int:
+    def reputation(self, time_s: float, currency: Currency = IEC) -> int:
         """In 64ths."""
-        now = self.at(time_s)
-        return (now.done + _PRIOR) * 64 // (now.done + now.failed + 2 * _PRIOR)
+        now, prior = self.at(time_s), _PRIOR_TOKENS * 10**currency.decimals // currency.price_unit
+        return (now.done + prior) * 64 // (now.done + now.failed + 2 * prior)
 
 
 def is_own(creator: str, provider: str, owners: Mapping[str, str], payout: str) -> bool:

@@ -11,6 +11,7 @@ from web3.exceptions import TimeExhausted
 from web3.types import TxParams, TxReceipt, Wei
 
 from rodeo.chain.errors import TransactionFailed, TransactionTimeout, translated
+from rodeo.currency import IEC, Currency
 
 GAS_MARGIN = 1.25
 """Gas offered over the estimate, which another transaction may outdate before this one is mined."""
@@ -20,12 +21,12 @@ POLL_S = 0.05
 NO_DATA = HexStr("0x")
 
 
-def priced(w3: Web3, message: TxParams) -> TxParams:
+def priced(w3: Web3, message: TxParams, currency: Currency = IEC) -> TxParams:
     """`message` with gas and EIP-1559 fees. Raises ContractReverted when it would be refused.
 
     The fee cap doubles the base fee, which can rise by 1/8 per block: enough for five full blocks (EIP-1559).
     """
-    with translated():
+    with translated(currency):
         # On top of the pending block: a deadline that has passed since the newest block has passed.
         gas = w3.eth.estimate_gas(message, "pending")
         base_fee = w3.eth.get_block("latest")["baseFeePerGas"]
@@ -46,6 +47,7 @@ def send(
     data: HexStr = NO_DATA,
     value: int = 0,
     timeout_s: float = 120.0,
+    currency: Currency = IEC,
 ) -> TxReceipt:
     """Send `data` to `to` (None creates a contract) from `account` and wait until mined.
 
@@ -57,9 +59,9 @@ def send(
     with translated():
         nonce = w3.eth.get_transaction_count(account.address, "pending")
         chain_id = w3.eth.chain_id
-    transaction = {**priced(w3, message), "nonce": nonce, "chainId": chain_id, "type": 2}
+    transaction = {**priced(w3, message, currency), "nonce": nonce, "chainId": chain_id, "type": 2}
     signed = account.sign_transaction(cast(dict[str, Any], transaction))
-    with translated():
+    with translated(currency):
         tx_hash = w3.eth.send_raw_transaction(signed.raw_transaction)
         try:
             receipt = w3.eth.wait_for_transaction_receipt(tx_hash, timeout_s, POLL_S)
@@ -68,13 +70,13 @@ def send(
                 "not mined in time", tx_hash=tx_hash.to_0x_hex(), waited_s=timeout_s
             ) from error
     if receipt["status"] != 1:
-        raise_reason(w3, message, receipt)
+        raise_reason(w3, message, receipt, currency)
     return receipt
 
 
-def raise_reason(w3: Web3, message: TxParams, receipt: TxReceipt) -> NoReturn:
+def raise_reason(w3: Web3, message: TxParams, receipt: TxReceipt, currency: Currency = IEC) -> NoReturn:
     """Say why the mined `message` failed: ContractReverted if it still does, else TransactionFailed."""
-    with translated():
+    with translated(currency):
         w3.eth.call(message, receipt["blockNumber"])
     raise TransactionFailed(
         "mined without success", tx_hash=receipt["transactionHash"].to_0x_hex(), gas_used=receipt["gasUsed"]

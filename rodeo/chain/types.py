@@ -1,4 +1,5 @@
-"""How the contracts' values look in Python. Amounts are wei: 10^-18 IEC. Times are block time in seconds.
+"""How the contracts' values look in Python. Amounts are wei: the payment token's smallest unit, which
+`rodeo.currency` converts. Times are block time in seconds.
 
 abi.py and events.py, which are generated, have the types; `value` turns what eth-abi decodes into them.
 """
@@ -7,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from decimal import Decimal, localcontext
 from enum import IntEnum, StrEnum
 from functools import cache, lru_cache
 from typing import Any
@@ -15,8 +15,6 @@ from typing import Any
 from eth_utils import keccak, to_checksum_address
 
 from rodeo.errors import snake_case
-
-WEI_PER_IEC = 10**18
 
 
 class ContractEnum(IntEnum):
@@ -64,25 +62,6 @@ class Policy(StrEnum):
     LOWEST_PRICE = "LowestPrice"
     HIGHEST_REPUTATION = "HighestReputation"
     SECOND_PRICE = "SecondPrice"
-
-
-def to_wei(amount_iec: Decimal) -> int:
-    """IEC -> wei. Raises ValueError for what is negative, no number or has more than 18 decimals."""
-    if not amount_iec.is_finite() or amount_iec < 0:
-        raise ValueError(f"not an amount: {amount_iec}")
-    # The default context has 28 digits, fewer than a large balance.
-    with localcontext(prec=100):
-        wei = amount_iec * WEI_PER_IEC
-        if wei != wei.to_integral_value():
-            raise ValueError(f"more than 18 decimals: {amount_iec}")
-        return int(wei)
-
-
-def from_wei(wei: int) -> Decimal:
-    """Wei -> IEC, without trailing zeros or an exponent when formatted with `f"{amount:f}"`."""
-    with localcontext(prec=100):
-        whole, rest = divmod(wei, WEI_PER_IEC)
-        return Decimal(whole) if rest == 0 else (Decimal(wei) / WEI_PER_IEC).normalize()
 
 
 def kind_to_bytes32(kind: str) -> bytes:

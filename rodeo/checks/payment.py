@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from decimal import Decimal
 from fractions import Fraction
 from typing import NamedTuple
 
-from rodeo.chain.types import from_wei, to_wei
 from rodeo.checks.case import Case
 from rodeo.kinds import kinds_of
 from rodeo.tariff import applying_between
@@ -25,7 +23,8 @@ class Step(NamedTuple):
 
 
 def by_rates_iec(case: Case, steps: Iterable[Step]) -> Decimal | None:
-    """What `steps` are paid, in whole wei, rounded down; None where the price is for the whole task.
+    """What `steps` are paid, rounded down to the token's smallest unit; None where the price is for the whole
+    task.
 
     A step costs the lowest rate of its time. Who provides says when a step ends: by long ones, or by one that
     it dates back, it must not gain.
@@ -37,5 +36,5 @@ def by_rates_iec(case: Case, steps: Iterable[Step]) -> Decimal | None:
     due = Fraction(0)
     for step in steps:
         lowest = min(rate.iec for rate in applying_between(rates, *sorted(step[:2])))
-        due += Fraction(step.quantity) * to_wei(lowest)
-    return min(price, from_wei(math.floor(due)))
+        due += Fraction(step.quantity) * Fraction(lowest)
+    return min(price, case.site.economy.currency.rounded_down(due))

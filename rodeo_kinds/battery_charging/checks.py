@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from rodeo.chain.types import from_wei, to_wei
 from rodeo.charging import SOC_SLACK, SOC_USED, ChargingParams
 from rodeo.checks import completeness, provenance, witnesses
 from rodeo.checks.case import Case, CaseError, Checks, ordered
@@ -226,9 +225,9 @@ def amount_iec(case: Case) -> Decimal | None:
     params = _params(case)
     if params.complete(charge.delivered_wh, charge.closing_soc):
         return None
-    # In whole wei, rounded down.
+    # In the token's smallest unit, rounded down.
     share = Fraction(charge.delivered_wh) / Fraction(params.energy_wh)
-    return from_wei(math.floor(to_wei(price) * share))
+    return case.site.economy.currency.rounded_down(Fraction(price) * share)
 
 
 def tariff(case: Case) -> Finding:

@@ -1,24 +1,22 @@
-"""Amounts as the DAO plane writes them: decimal strings of IEC."""
+"""Amounts as the DAO plane writes them: decimal strings of the payment token."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from rodeo.chain import Event, from_wei
+from rodeo.chain import Event
+from rodeo.currency import Currency
 
 _AMOUNTS = frozenset({"reward", "price", "paid", "refund", "value", "amount", "bond", "penalty"})
-"""Arguments of contract events that are wei of IECoin."""
+"""Arguments of contract events that are wei of the payment token."""
 
 
-def iec(wei: int) -> str:
-    """Wei as a decimal string of IEC, without exponent."""
-    return f"{from_wei(wei):f}"
-
-
-def event_args(event: Event) -> dict[str, Any]:
+def event_args(event: Event, currency: Currency) -> dict[str, Any]:
     """The event's arguments for JSON; amounts are named `..._iec`."""
     return {
-        (f"{name}_iec" if name in _AMOUNTS else name): (iec(value) if name in _AMOUNTS else _fitting(value))
+        (f"{name}_iec" if name in _AMOUNTS else name): (
+            currency.text(value) if name in _AMOUNTS else _fitting(value)
+        )
         for name, value in event.args().items()
     }
 

@@ -31,11 +31,10 @@ from rodeo.chain import (
     Terms,
     Verdict,
     Vote,
-    from_wei,
-    to_wei,
 )
 from rodeo.chain.governance import Proposed
 from rodeo.config import EconomyConfig
+from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
 from rodeo.kinds import EXECUTION_WINDOW_S, Kinds
@@ -44,6 +43,7 @@ from rodeo.messages import (
     AcceptTask,
     Admit,
     AllowKind,
+    AllowPayments,
     Broadcast,
     CancelTask,
     CastVote,
@@ -102,7 +102,6 @@ from rodeo.messages import (
     WrapTokens,
 )
 from rodeo.signed_requests import UNLIMITED
-from services.bridge.amounts import iec
 from services.bridge.errors import (
     AlreadyOffered,
     AssignmentChanged,
@@ -171,6 +170,10 @@ class Wallet:
     def key_address(self) -> str:
         """Who signs."""
         return self.names.keys[self.participant]
+
+    @property
+    def _currency(self) -> Currency:
+        return self.client.currency
 
     @property
     def calls(self) -> ParticipantCalls:
@@ -255,15 +258,15 @@ class Wallet:
         return Order(self.participant, name, Call(entry.to, "0x", name), command.request_id, content)  # type: ignore[arg-type]
 
     def _spends(self, command: Command) -> int:
-        """Wei of IECoin that leave the wallet by it."""
+        """Wei of the payment token that leave the wallet by it."""
         match command:
             case RegisterTask():
-                return to_wei(command.reward_iec)
+                return self._currency.to_units(command.reward_iec)
             case RaiseReward():
                 task = self.index.task(command.task_id)
-                return to_wei(command.reward_iec) - (0 if task is None else task["reward"])
+                return self._currency.to_units(command.reward_iec) - (0 if task is None else task["reward"])
             case Transfer() | Deposit() | Withdraw() | WrapTokens():
-                return to_wei(command.amount_iec)
+                return self._currency.to_units(command.amount_iec)
             case RegisterService():
                 return self._bond()
             case ChallengeVerdict():
@@ -334,7 +337,7 @@ class Wallet:
         deadline = int(self.index.position.block_time_s) + request.valid_s
         said, permit = self._said(command, deadline), None
         if isinstance(command, RegisterTask) and self._approval(
-            self.client.task_manager, to_wei(command.reward_iec)
+            self.client.task_manager, self._currency.to_units(command.reward_iec)
         ):
             permit = self._requests.permit(self.address, deadline)
         signed = SignedRequest(
@@ -373,6 +376,12 @@ class Wallet:
     def _relay(self, command: Relay) -> list[Call]:
         return self._requests.calls(command.signed)
 
+    def _allow_payments(self, _command: AllowPayments) -> list[Call]:
+        calls = self._escrow_approval(UNLIMITED // 2 + 1)
+        if not calls:
+            raise InvalidRequest("the contracts may take payments of any amount already")
+        return calls
+
     def _revoke_request(self, command: RevokeRequest) -> list[Call]:
         return [self.client.calls.revoke_request(command.nonce)]
 
@@ -395,7 +404,7 @@ class Wallet:
             raise InvalidRequest(
                 "parameters and description are too long", bytes=len(text), limit=MAX_TEXT_BYTES
             )
-        reward = to_wei(command.reward_iec)
+        reward = self._currency.to_units(command.reward_iec)
         if not command.allow_wait:
             self._require_affordable_service(command, reward)
         self._require_funds(self.address, reward)
@@ -439,7 +448,7 @@ class Wallet:
         task = self.index.task(command.task_id)
         if task is None:
             raise UnknownTask("no such task", task_id=command.task_id)
-        reward = to_wei(command.reward_iec)
+        reward = self._currency.to_units(command.reward_iec)
         if task["creator"] != self.address or task["state"] not in ("open", "cancelled"):
             raise CannotRaise(
                 "only the creator raises the reward of a task, and only while nobody has taken it",
@@ -451,8 +460,8 @@ class Wallet:
             raise CannotRaise(
                 "a reward can only be raised",
                 task_id=command.task_id,
-                reward_iec=iec(reward),
-                reward_now_iec=iec(task["reward"]),
+                reward_iec=self._currency.text(reward),
+                reward_now_iec=self._currency.text(task["reward"]),
             )
         is_open = task["state"] == "open"
         # What is in escrow comes back first.
@@ -501,7 +510,7 @@ class Wallet:
                 command.attempt,
                 _bytes32(command.proof_sha256),
                 Verdict[command.outcome.upper()],
-                to_wei(command.amount_iec or Decimal(0)),
+                self._currency.to_units(command.amount_iec or Decimal(0)),
                 _bytes32(command.report_sha256),
                 command.report_uri,
                 command.reason,
@@ -513,7 +522,7 @@ class Wallet:
         disputes = self.client.disputes
         held_back = disputes is not None and self.client.has_role(Role.ORACLE, disputes)
         calls = self.client.dispute_calls if held_back else self.client.calls
-        return [calls.post_votes(_vote(command.vote), command.report_uri, signatures)]
+        return [calls.post_votes(_vote(command.vote, self._currency), command.report_uri, signatures)]
 
     def _challenge_verdict(self, command: ChallengeVerdict) -> list[Call]:
         dispute, disputes = self._dispute(command.task_id), self.client.disputes
@@ -527,7 +536,7 @@ class Wallet:
 
     def _close_dispute(self, command: CloseDispute) -> list[Call]:
         dispute = self._dispute(command.task_id)
-        return [self.client.dispute_calls.close(_vote(dispute.vote), dispute.report_uri)]
+        return [self.client.dispute_calls.close(_vote(dispute.vote, self._currency), dispute.report_uri)]
 
     def _sign_vote(self, request: SignVote) -> Reply:
         """A vote of a judge of challenges, who relies on the report of the verdict that stands."""
@@ -541,7 +550,7 @@ class Wallet:
         if not accepted and amount is not None:
             raise InvalidRequest("only an accepted proof is paid an amount", outcome=request.outcome)
         if accepted and amount is None:
-            amount = from_wei(task["price"])
+            amount = self._currency.from_units(task["price"])
         vote = dispute.vote.model_copy(
             update={
                 "outcome": request.outcome,
@@ -550,7 +559,9 @@ class Wallet:
             }
         )
         deployment = self.client.deployment
-        signature = votes.sign(vote, account, deployment.chain_id, deployment.address("DisputeCommittee"))
+        signature = votes.sign(
+            vote, account, deployment.chain_id, deployment.address("DisputeCommittee"), self._currency
+        )
         signed = SignedVote(vote=vote, report_uri=dispute.report_uri, signature=signature)
         return signed.model_dump(mode="json")
 
@@ -578,9 +589,9 @@ class Wallet:
         self._require_kind(command.kind)
         self._require_able(command.kind)
         self._require_room_for(command)
-        price = to_wei(command.price_iec)
+        price = self._currency.to_units(command.price_iec)
         bond = self._bond()
-        max_bond = bond if command.max_bond_iec is None else to_wei(command.max_bond_iec)
+        max_bond = bond if command.max_bond_iec is None else self._currency.to_units(command.max_bond_iec)
         self._require_funds(self.address, bond)
         auto_accept = command.auto_accept
         if auto_accept is None:  # what nobody can check before it is assigned is free text
@@ -594,7 +605,7 @@ class Wallet:
             raise UnknownService("no such service", service_id=command.service_id)
         if command.state == "active":
             self._require_able(service["kind"])
-        price = service["price"] if command.price_iec is None else to_wei(command.price_iec)
+        price = service["price"] if command.price_iec is None else self._currency.to_units(command.price_iec)
         state = ServiceState[(command.state or service["state"]).upper()]
         woken = self._wake_up() if state is ServiceState.ACTIVE else []
         return [*woken, self.calls.update_service(command.service_id, price, state)]
@@ -614,20 +625,20 @@ class Wallet:
         return [self.client.calls.set_payout(provider, payout)]
 
     def _transfer(self, command: Transfer) -> list[Call]:
-        amount = to_wei(command.amount_iec)
+        amount = self._currency.to_units(command.amount_iec)
         to = self.names.address(command.to)
         self._require_funds(self.address, amount)
         return [self.calls.transfer(to, amount)]
 
     def _deposit(self, command: Deposit) -> list[Call]:
-        amount = to_wei(command.amount_iec)
+        amount = self._currency.to_units(command.amount_iec)
         # From the key's own account also for the organization, whose contract is where it goes.
         self._require_funds(self.key_address, amount)
         approval = self._approval(self.client.organization, amount)
         return [*approval, self.client.organization_calls.deposit(amount)]
 
     def _withdraw(self, command: Withdraw) -> list[Call]:
-        amount = to_wei(command.amount_iec)
+        amount = self._currency.to_units(command.amount_iec)
         to = self.names.address(command.to)
         self._require_funds(self.client.organization, amount)
         return [self.client.organization_calls.transfer(to, amount)]
@@ -685,7 +696,11 @@ class Wallet:
         return [self.client.organization_calls.set_policy(Policy[command.policy.upper()])]
 
     def _set_terms(self, command: SetTerms) -> list[Call]:
-        terms = Terms(to_wei(command.bond_iec), to_wei(command.penalty_iec), command.max_failures)
+        terms = Terms(
+            self._currency.to_units(command.bond_iec),
+            self._currency.to_units(command.penalty_iec),
+            command.max_failures,
+        )
         return [self.client.organization_calls.set_terms(terms)]
 
     def _set_members_only(self, command: SetMembersOnly) -> list[Call]:
@@ -693,7 +708,7 @@ class Wallet:
 
     def _set_budget(self, command: SetBudget) -> list[Call]:
         role = Role[command.role.upper()]
-        amount = to_wei(command.amount_iec)
+        amount = self._currency.to_units(command.amount_iec)
         return [self.client.organization_calls.set_budget(role, amount, command.period_s)]
 
     def _pause_tasks(self, command: PauseTasks) -> list[Call]:
@@ -809,14 +824,17 @@ class Wallet:
 
     def _wrap_tokens(self, command: WrapTokens) -> list[Call]:
         self._require_token_votes()
-        amount, wrapped = to_wei(command.amount_iec), self.client.deployment.address("WrappedVotes")
+        amount, wrapped = (
+            self._currency.to_units(command.amount_iec),
+            self.client.deployment.address("WrappedVotes"),
+        )
         self._require_funds(self.key_address, amount)
         wrap = self.client.governance_calls.tokens.deposit_for(self.key_address, amount)
         return [*self._approval(wrapped, amount), wrap]
 
     def _unwrap_tokens(self, command: UnwrapTokens) -> list[Call]:
         self._require_token_votes()
-        amount = to_wei(command.amount_iec)
+        amount = self._currency.to_units(command.amount_iec)
         return [self.client.governance_calls.tokens.withdraw_to(self.key_address, amount)]
 
     def _cast_vote(self, command: CastVote) -> list[Call]:
@@ -853,7 +871,7 @@ class Wallet:
 
     def _bond(self) -> int:
         """What a new service has to lock, wei."""
-        return to_wei(Decimal((self.index.setting("terms") or {}).get("bond_iec", 0)))
+        return self._currency.to_units(Decimal((self.index.setting("terms") or {}).get("bond_iec", 0)))
 
     def _require_kind(self, kind: str) -> None:
         if kind not in self.index.kinds() and not self.client.is_kind_allowed(kind):
@@ -901,7 +919,7 @@ class Wallet:
                 kind=kind,
                 service_id=service["id"],
                 state=service["state"],
-                price_iec=iec(service["price"]),
+                price_iec=self._currency.text(service["price"]),
             )
 
     def _require_affordable_service(self, command: RegisterTask, reward: int) -> None:
@@ -920,8 +938,8 @@ class Wallet:
             raise RewardBelowPrice(
                 f"{which} costs more than the reward",
                 kind=command.kind,
-                reward_iec=iec(reward),
-                lowest_price_iec=iec(min(prices)),
+                reward_iec=self._currency.text(reward),
+                lowest_price_iec=self._currency.text(min(prices)),
             )
 
     def _require_funds(self, account: str, needed: int) -> None:
@@ -934,8 +952,8 @@ class Wallet:
                 "the account's balance is too low for this",
                 account=account,
                 name=self.names.key_name(account),
-                balance_iec=iec(balance),
-                needed_iec=iec(needed),
+                balance_iec=self._currency.text(balance),
+                needed_iec=self._currency.text(needed),
             )
 
     def _escrow_approval(self, needed: int) -> list[Call]:
@@ -948,7 +966,9 @@ class Wallet:
             return []
         allowance = self.client.allowance(self.key_address, spender)
         if allowance < needed:
-            return [self.client.calls.approve(spender, UNLIMITED)]
+            # Some tokens refuse to change an allowance that is not used up.
+            reset = [self.client.calls.approve(spender, 0)] if allowance else []
+            return [*reset, self.client.calls.approve(spender, UNLIMITED)]
         if allowance > UNLIMITED // 2:  # never used up
             self._approved.add(spender)
         return []
@@ -1007,6 +1027,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "execute_proposal": (ExecuteProposal, Wallet._execute_proposal),
     "collect": (Collect, Wallet._collect),
     "relay": (Relay, Wallet._relay),
+    "allow_payments": (AllowPayments, Wallet._allow_payments),
     "revoke_request": (RevokeRequest, Wallet._revoke_request),
 }
 
@@ -1015,7 +1036,7 @@ KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast", "sign", "sign_vote"})
 """Names of all commands."""
 
 
-def _vote(said: messages.Vote) -> Vote:
+def _vote(said: messages.Vote, currency: Currency) -> Vote:
     """As the contracts take it."""
     return Vote(
         task_id=said.task_id,
@@ -1024,7 +1045,7 @@ def _vote(said: messages.Vote) -> Vote:
         report_hash=_bytes32(said.report_sha256),
         rules_hash=_bytes32(said.rules_sha256),
         verdict=Verdict[said.outcome.upper()],
-        amount=to_wei(said.amount_iec),
+        amount=currency.to_units(said.amount_iec),
         reason=said.reason,
     )
 

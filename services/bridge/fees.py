@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rodeo.chain import from_wei, to_wei
 from rodeo.config import WalletLimits
+from rodeo.currency import ETHER, Currency
 from services.bridge.errors import DailyLimitReached, FeeTooHigh
 
 GAS_MARGIN = 1.25
@@ -49,14 +49,15 @@ class Market:
 class Limits:
     """What a wallet may spend, as the site file says."""
 
-    def __init__(self, config: WalletLimits) -> None:
+    def __init__(self, config: WalletLimits, currency: Currency) -> None:
+        """`currency` is what the organization pays with."""
+        self._currency = currency
         self._max_fee_per_gas = (
             None if config.max_fee_per_gas_gwei is None else int(config.max_fee_per_gas_gwei * _GWEI)
         )
-        # 18 decimals as IECoin.
-        self._max_fee = None if config.max_fee_eth is None else to_wei(config.max_fee_eth)
-        self._daily_fee = None if config.daily_fee_eth is None else to_wei(config.daily_fee_eth)
-        self._daily_iec = None if config.daily_iec is None else to_wei(config.daily_iec)
+        self._max_fee = None if config.max_fee_eth is None else ETHER.to_units(config.max_fee_eth)
+        self._daily_fee = None if config.daily_fee_eth is None else ETHER.to_units(config.daily_fee_eth)
+        self._daily_iec = None if config.daily_iec is None else currency.to_units(config.daily_iec)
 
     @property
     def has_daily(self) -> bool:
@@ -80,19 +81,20 @@ class Limits:
         return Fees(cap, min(wanted.priority_fee, cap))
 
     def check_day(self, spent: tuple[int, int], spends: int, fee: int) -> None:
-        """Raises DailyLimitReached when `spends` wei of IECoin or `fee` wei more are too much for one day."""
+        """Raises DailyLimitReached when `spends` wei of the payment token, or `fee` wei more, are too much
+        for one day."""
         limits: Mapping[str, tuple[int | None, int, int]] = {
             "IEC": (self._daily_iec, spent[0], spends),
             "fees": (self._daily_fee, spent[1], fee),
         }
         for what, (limit, before, more) in limits.items():
             if limit is not None and more and before + more > limit:
-                unit = "iec" if what == "IEC" else "eth"
+                unit, counted = ("iec", self._currency) if what == "IEC" else ("eth", ETHER)
                 raise DailyLimitReached(
                     "the wallet has reached its daily spending limit",
                     what=what,
                     **{
-                        f"{name}_{unit}": f"{from_wei(wei):f}"
+                        f"{name}_{unit}": counted.text(wei)
                         for name, wei in (("limit", limit), ("spent", before), ("more", more))
                     },
                 )

@@ -32,6 +32,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import DBAPIError
 
 from rodeo.chain import Log
+from rodeo.currency import IEC, Currency
 from rodeo.messages import LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
@@ -86,7 +87,7 @@ class Said:
     tasks: int
     services: int
     balances: dict[str, int]
-    """Address -> wei of IECoin."""
+    """Address -> wei of the payment token."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,10 @@ class Index:
         genesis_hash: str,
         contracts: Mapping[str, str],
         schema_name: str = "",
+        currency: Currency = IEC,
     ) -> None:
+        """`currency` is what the contracts pay with."""
+        self._currency = currency
         self._identity = {
             "version": schema.version(),
             "chain_id": chain_id,
@@ -269,12 +273,12 @@ class Index:
         with self._engine.begin() as connection:
             last = connection.scalar(_NEWEST_SEQ) or 0
             rows = Rows(self._engine, connection)
-            projection = Projection(rows, self._identity["contracts"])  # type: ignore[arg-type]
+            projection = Projection(rows, self._identity["contracts"], self._currency)  # type: ignore[arg-type]
             projection.prepare(timed.log for timed in logs)
             for seq, timed in enumerate(logs, start=last + 1):
                 rows.block, rows.undoable = timed.log.block, timed.log.block > final
                 projection.apply(seq, timed.log, timed.time_s)
-                applied.append(_dao_event(seq, timed, self.genesis_hash))
+                applied.append(_dao_event(seq, timed, self.genesis_hash, self._currency))
             change = rows.write()
             if applied:
                 added = [_event_row(event) for event in applied]
@@ -648,7 +652,7 @@ def sqlite_url(path: Path) -> str:
     return f"sqlite:///{path}"
 
 
-def _dao_event(seq: int, timed: TimedLog, chain: str) -> DaoEvent:
+def _dao_event(seq: int, timed: TimedLog, chain: str, currency: Currency) -> DaoEvent:
     log = timed.log
     # Built from values of known types: to validate them again would take as long as all the rest.
     return DaoEvent.model_construct(
@@ -659,7 +663,7 @@ def _dao_event(seq: int, timed: TimedLog, chain: str) -> DaoEvent:
         tx_hash=log.tx_hash,
         time_s=float(timed.time_s),
         task_id=getattr(log.event, "task_id", None),
-        args=event_args(log.event),
+        args=event_args(log.event, currency),
         chain=chain,
     )
 

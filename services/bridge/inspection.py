@@ -36,6 +36,8 @@ class Inspector:
         self._index = index
         self._node = node
         self._coin = deployment.address("IECoin")
+        # What accounts had of another token before the contracts were there, the index does not know.
+        self._knows_balances = not deployment.is_token_foreign
         self._counts = {
             deployment.address("TaskManager"): "taskCount()",
             deployment.address("ServiceManager"): "serviceCount()",
@@ -68,7 +70,7 @@ class Inspector:
         block = said.position.block
         if block < self._first_block:
             return None
-        addresses = sorted(said.balances)
+        addresses = sorted(said.balances) if self._knows_balances else []
         first = self._asked % max(1, len(addresses))
         addresses = (addresses[first:] + addresses[:first])[:most]
         self._asked = first + len(addresses)

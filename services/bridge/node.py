@@ -17,6 +17,7 @@ from urllib3.exceptions import HTTPError
 
 from rodeo.chain import ChainError, ChainUnavailable, RpcFailed
 from rodeo.chain.errors import decode_revert, why_unanswered
+from rodeo.currency import IEC, Currency
 
 Call = tuple[str, list[Any]]
 """Method and parameters."""
@@ -31,8 +32,10 @@ _REVERTED = 3
 class Node:
     """The node at `url`. Thread-safe."""
 
-    def __init__(self, url: str, timeout_s: float = 10.0) -> None:
+    def __init__(self, url: str, timeout_s: float = 10.0, currency: Currency = IEC) -> None:
+        """Amounts in refusals are of `currency`."""
         self._url = url
+        self._currency = currency
         # Asking again is the caller's affair: it alone knows whether the answer still matters.
         self._pool = urllib3.PoolManager(maxsize=8, retries=False, timeout=timeout_s)
         self._ids = count(1)
@@ -69,13 +72,13 @@ class Node:
             raise ChainUnavailable("the node does not answer", reason=why_unanswered(error)) from error
         by_id = {one.get("id"): one for one in (answer if isinstance(answer, list) else [answer])}
         missing: dict[str, Any] = next(iter(by_id.values()), {})
-        return [_result(by_id.get(number, missing)) for number in ids]
+        return [_result(by_id.get(number, missing), self._currency) for number in ids]
 
     def close(self) -> None:
         self._pool.clear()
 
 
-def _result(reply: dict[str, Any]) -> Any:
+def _result(reply: dict[str, Any], currency: Currency) -> Any:
     if "result" in reply:
         return reply["result"]
     error = reply.get("error") or {"message": "no answer"}
@@ -85,6 +88,7 @@ def _result(reply: dict[str, Any]) -> Any:
     message = str(error.get("message"))
     if error.get("code") == _REVERTED or "revert" in message.lower():
         return decode_revert(
-            to_bytes(hexstr=data) if isinstance(data, str) and data.startswith("0x") else b""
+            to_bytes(hexstr=data) if isinstance(data, str) and data.startswith("0x") else b"",
+            currency,
         )
     return RpcFailed("the node refused", rpc_code=error.get("code"), reason=message)

@@ -52,7 +52,13 @@ def _copied(site: Site, deployment: Deployment) -> Iterator[Index]:
             raise IndexUnusable(
                 "another version wrote the index: start the site once, and it is made anew", path=str(path)
             )
-        index = Index(url, deployment.chain_id, deployment.genesis_hash, deployment.contracts)
+        index = Index(
+            url,
+            deployment.chain_id,
+            deployment.genesis_hash,
+            deployment.contracts,
+            currency=deployment.currency,
+        )
         try:
             if index.position == NOWHERE:
                 raise IndexUnusable(
@@ -74,7 +80,7 @@ def read(site: Site) -> tuple[list[Task], list[Transaction]]:
     with _copied(site, deployment) as index:
         return (
             [
-                Task.model_validate(task_json(row, names))
+                Task.model_validate(task_json(row, names, deployment.currency))
                 for row in _all(lambda page: index.tasks({}, page, newest_first=False)[0])
             ],
             [

@@ -208,6 +208,12 @@ class Bridge:
         w3 = connect(self._site.chain.url)
         require_chain(w3, self._site.chain)
         deployment = Deployment.load(self._site.data_dir, self._site.chain.id)
+        if deployment.currency != self._site.economy.currency:
+            raise DeploymentMismatch(
+                "the contracts pay with a token of other decimals than economy.token of the site file says",
+                decimals=deployment.decimals,
+                site_decimals=self._site.economy.currency.decimals,
+            )
         deployment.verify(w3)
         if self._attachment is None or not deployment.is_same(self._attachment.chain.deployment):
             if self._attachment is not None:
@@ -225,7 +231,7 @@ class Bridge:
         # Named after the genesis block: a chain that was made anew starts with an empty journal.
         chain = f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
         folder = self._process.data_dir / chain
-        node = Node(site.chain.url)
+        node = Node(site.chain.url, currency=deployment.currency)
         addresses = {name: account.address for name, account in self._accounts.items()}
         # The journal first: it may be refused again and again, and nothing else is open then.
         journal = open_journal(
@@ -239,6 +245,7 @@ class Bridge:
             deployment.genesis_hash,
             deployment.contracts,
             schema_name=f"{site.org}-{self._config.name}-{chain}" if self._config.database else "",
+            currency=deployment.currency,
         )
         held = Chain(deployment, node, index, journal)
         transactions = Transactions(held, self._config.stuck_s, on_sent=lambda: self._heads.wake())
@@ -247,7 +254,7 @@ class Bridge:
         kinds = kinds_of(site)
 
         def wallet(name: str) -> Wallet:
-            limits = Limits(self._config.limits.get(name, WalletLimits()))
+            limits = Limits(self._config.limits.get(name, WalletLimits()), deployment.currency)
             transactions.orders.add(name, names.keys[name], self._accounts.get(name), limits)
             own = ChainClient(site.chain.url, deployment)
             return Wallet(

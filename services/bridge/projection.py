@@ -13,9 +13,9 @@ from rodeo.bus import decode_json
 from rodeo.chain import Cause, Log, Vote, events
 from rodeo.chain.governance import SUPPORT
 from rodeo.chain.reputation import Work, is_own
+from rodeo.currency import Currency
 from rodeo.errors import MalformedJson
 from services.bridge import schema
-from services.bridge.amounts import iec
 from services.bridge.rows import Rows
 
 ZERO_ADDRESS = "0x" + "00" * 20
@@ -26,7 +26,7 @@ def proposal_key(proposal_id: int) -> str:
     return f"0x{proposal_id:064x}"
 
 
-def vote_json(vote: Vote) -> dict[str, Any]:
+def vote_json(vote: Vote, currency: Currency) -> dict[str, Any]:
     """`rodeo.messages.Vote`."""
     return {
         "task_id": vote.task_id,
@@ -35,7 +35,7 @@ def vote_json(vote: Vote) -> dict[str, Any]:
         "report_sha256": "0x" + vote.report_hash.hex(),
         "rules_sha256": "0x" + vote.rules_hash.hex(),
         "outcome": vote.verdict.name.lower(),
-        "amount_iec": iec(vote.amount),
+        "amount_iec": currency.text(vote.amount),
         "reason": vote.reason,
     }
 
@@ -46,6 +46,7 @@ class Projection:
 
     rows: Rows
     contracts: Mapping[str, str]
+    currency: Currency
     _reasons: dict[str, list[_Reason]] = field(default_factory=dict)
     _ends: set[tuple[int, int]] = field(default_factory=set)
     """(block, log index) of the last event of each thing that the contracts did."""
@@ -293,7 +294,7 @@ class Projection:
             case events.Ruled():
                 dispute = {
                     "instance": event.instance,
-                    "vote": vote_json(event.vote),
+                    "vote": vote_json(event.vote, self.currency),
                     "report_uri": event.report_uri,
                     "until": event.until,
                 }
@@ -302,7 +303,7 @@ class Projection:
                 dispute = rows.get(schema.tasks, event.task_id)["dispute"] | {
                     "until": event.until,
                     "challenger": event.challenger,
-                    "stake_iec": iec(event.stake),
+                    "stake_iec": self.currency.text(event.stake),
                     "because": event.reason,
                 }
                 self._change_task(event.task_id, dispute=dispute, dispute_until=event.until)
@@ -310,15 +311,19 @@ class Projection:
                 self._change_task(event.task_id, dispute=None, dispute_until=None)
             case events.TermsChanged():
                 terms = {
-                    "bond_iec": iec(event.bond),
-                    "penalty_iec": iec(event.penalty),
+                    "bond_iec": self.currency.text(event.bond),
+                    "penalty_iec": self.currency.text(event.penalty),
                     "max_failures": event.max_failures,
                 }
                 rows.put(schema.settings, name="terms", value=terms)
             case events.MembersOnlyChanged():
                 rows.put(schema.settings, name="members_only", value=event.members_only)
             case events.BudgetChanged():
-                budget = {"amount_iec": iec(event.amount), "period_s": event.period, "since_s": time_s}
+                budget = {
+                    "amount_iec": self.currency.text(event.amount),
+                    "period_s": event.period,
+                    "since_s": time_s,
+                }
                 rows.put(schema.settings, name=f"budget {event.role}", value=budget)
             case events.TasksPaused():
                 rows.put(schema.settings, name="paused_until_s", value=event.until)
@@ -439,7 +444,7 @@ class Projection:
             completed = counter == "completed"
             work = Work(provider["done"], provider["failed"], provider["day"])
             if not self._is_own(task["creator"], service["provider"]):
-                work = work.plus(value, completed, time_s)
+                work = work.plus(value, completed, time_s, self.currency)
             self._change_provider(
                 service["provider"],
                 failures=0 if completed else min(provider["failures"] + 1, 255),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +12,7 @@ from rodeo.bus import Request, validate
 from rodeo.chain import ChainClient, Role
 from rodeo.chain.governance import SUPPORT, described
 from rodeo.chain.reputation import Work
+from rodeo.currency import Currency
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
     Account,
@@ -24,7 +25,6 @@ from rodeo.queries import (
     TransactionFilters,
     TransferFilters,
 )
-from services.bridge.amounts import iec
 from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery, UnknownTask
 from services.bridge.index import Page
@@ -47,6 +47,8 @@ class Queries:
         self._index = chain.index
         self._names = names
         self._deployment = chain.deployment
+        self._currency = chain.deployment.currency
+        self._iec = self._currency.text
         self._client = client
         self._node = chain.node
         self._url = url
@@ -89,14 +91,14 @@ class Queries:
             text=filters.text,
             newest_first=filters.order == "newest",
         )
-        return {"tasks": [task_json(row, self._names) for row in rows], "total": total}
+        return {"tasks": [task_json(row, self._names, self._currency) for row in rows], "total": total}
 
     def _task(self, text: str) -> Json:
         # 18 digits fit into an Id.
         row = self._index.task(int(text)) if text.isdecimal() and len(text) <= 18 else None
         if row is None:
             raise UnknownTask("no such task", task_id=text)
-        return task_json(row, self._names)
+        return task_json(row, self._names, self._currency)
 
     def _services(self, request: Request) -> Json:
         filters = validate(ServiceFilters, request.parameters)
@@ -109,11 +111,11 @@ class Queries:
             "services": [
                 {
                     **{key: value for key, value in row.items() if key not in ("price", "bond", "penalty")},
-                    **{f"{key}_iec": iec(row[key]) for key in ("price", "bond", "penalty")},
+                    **{f"{key}_iec": self._iec(row[key]) for key in ("price", "bond", "penalty")},
                     "failures": providers[row["provider"]]["failures"],
                     "asleep_until": providers[row["provider"]]["asleep_until"],
                     "provider_name": self._names.name(row["provider"]),
-                    "reputation": _reputation(providers[row["provider"]], now_s),
+                    "reputation": _reputation(providers[row["provider"]], now_s, self._currency),
                 }
                 for row in rows
             ],
@@ -123,13 +125,14 @@ class Queries:
     # -- people and money ----------------------------------------------------------------------------------
 
     def _participants(self, _request: Request) -> Json:
-        balances, roles = self._index.balances(), self._index.roles()
+        roles = self._index.roles()
         payouts = self._index.payouts()
         created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
         members = roles.get(Role.MEMBER, [])
         named = self._names.addresses
         strangers = sorted((created.keys() | executed.keys()) - set(named.values()))
         people: list[tuple[str | None, str]] = [*named.items(), *((None, one) for one in strangers)]
+        balances = self._balances([address for _, address in people])
         return {
             "participants": [
                 {
@@ -137,7 +140,7 @@ class Queries:
                     "address": address,
                     "role": None if name is None else self._names.role(name),
                     "roles_on_chain": sorted(role for role, held in roles.items() if address in held),
-                    "balance_iec": iec(balances.get(address, 0)),
+                    "balance_iec": self._iec(balances.get(address, 0)),
                     "created": created.get(address, {}),
                     "executed": executed.get(address, {}),
                     "member": address in members,
@@ -148,19 +151,21 @@ class Queries:
         }
 
     def _wallets(self, _request: Request) -> Json:
-        balances, owed, payouts = self._index.balances(), self._index.owed(), self._index.payouts()
+        addresses = self._names.addresses
+        balances = self._balances([*addresses.values()])
+        owed, payouts = self._index.owed(), self._index.payouts()
         return {
             "wallets": [
                 {
                     "name": name,
                     "address": address,
-                    "balance_iec": iec(balances.get(address, 0)),
-                    "owed_iec": iec(owed.get(address, 0)),
+                    "balance_iec": self._iec(balances.get(address, 0)),
+                    "owed_iec": self._iec(owed.get(address, 0)),
                     **self._payout_json(payouts.get(address)),
                 }
-                for name, address in self._names.addresses.items()
+                for name, address in addresses.items()
             ],
-            "supply_iec": iec(sum(balances.values())),
+            "supply_iec": self._iec(self._supply()),
         }
 
     def _wallet(self, request: Request) -> Json:
@@ -168,10 +173,23 @@ class Queries:
         return {
             "name": self._names.name(address),
             "address": address,
-            "balance_iec": iec(self._index.balance(address)),
-            "in_escrow_iec": iec(self._index.in_escrow(address)),
+            "balance_iec": self._iec(self._balances([address])[address]),
+            "in_escrow_iec": self._iec(self._index.in_escrow(address)),
             **self._payout_json(self._index.payouts().get(address)),
         }
+
+    def _balances(self, addresses: Sequence[str]) -> dict[str, int]:
+        """What these accounts own, wei. Of a token that was there before the organization the events say only
+        how balances have changed since, so that the node is asked. Raises ChainUnavailable."""
+        if not self._deployment.is_token_foreign:
+            known = self._index.balances()
+            return {address: known.get(address, 0) for address in addresses}
+        return {address: self._client.balance(address) for address in addresses}
+
+    def _supply(self) -> int:
+        if self._deployment.is_token_foreign:
+            return self._client.total_supply()
+        return sum(self._index.balances().values())
 
     def _payout_json(self, payout: str | None) -> Json:
         return {"payout": payout, "payout_name": self._names.name(payout)}
@@ -192,13 +210,16 @@ class Queries:
             },
             "sender_name": self._names.name(row["sender"]),
             "to_name": self._names.name(row["to"]),
-            "amount_iec": iec(row["amount"]),
+            "amount_iec": self._iec(row["amount"]),
         }
         if account is not None:
             received = row["to"] == account
             transfer |= {
-                "change_iec": iec(row["amount"] * (received - (row["sender"] == account))),
-                "balance_iec": iec(row["to_balance"] if received else row["sender_balance"]),
+                "change_iec": self._iec(row["amount"] * (received - (row["sender"] == account))),
+                # See _balances.
+                "balance_iec": None
+                if self._deployment.is_token_foreign
+                else self._iec(row["to_balance"] if received else row["sender_balance"]),
             }
         return transfer
 
@@ -263,7 +284,7 @@ class Queries:
                         for key, value in one.items()
                         if not isinstance(value, list) and key != "paid"
                     },
-                    "paid_iec": iec(one["paid"]),
+                    "paid_iec": self._iec(one["paid"]),
                     "mean_execution_s": _mean(one["execution_s"]),
                     "mean_verification_s": _mean(one["verification_s"]),
                 }
@@ -291,7 +312,7 @@ class Queries:
         address = self._names.addresses[ORGANIZATION]
         return {
             "address": address,
-            "treasury_iec": iec(self._index.balance(address)),
+            "treasury_iec": self._iec(self._balances([address])[address]),
             "policy": self._names.policy(self._index.setting("policy") or self._client.policy()),
             "kinds": [{key: row[key] for key in _OF_KIND} for row in self._index.all_kinds()],
             "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
@@ -354,7 +375,7 @@ class Queries:
         }
 
     def _weight(self, votes: int) -> int | str:
-        return iec(votes) if self._deployment.votes_by == "tokens" else votes
+        return self._iec(votes) if self._deployment.votes_by == "tokens" else votes
 
     def _chain(self, _request: Request) -> Json:
         position = self._index.position
@@ -390,7 +411,7 @@ class Queries:
         }
 
 
-def task_json(row: Mapping[str, Any], names: Names) -> Json:
+def task_json(row: Mapping[str, Any], names: Names, currency: Currency) -> Json:
     """`rodeo.messages.Task`."""
     amounts = {"reward", "price", "paid", "refunded"}
     return {
@@ -399,7 +420,7 @@ def task_json(row: Mapping[str, Any], names: Names) -> Json:
             for key, value in row.items()
             if key not in {*amounts, "text", "ended", "dispute_until"}
         },
-        **{f"{key}_iec": None if row[key] is None else iec(row[key]) for key in sorted(amounts)},
+        **{f"{key}_iec": None if row[key] is None else currency.text(row[key]) for key in sorted(amounts)},
         "creator_name": names.name(row["creator"]),
         "requested_provider_name": names.name(row["requested_provider"]),
         "executor_name": names.name(row["executor"]),
@@ -440,8 +461,8 @@ _OF_KIND = (
 _OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
 
 
-def _reputation(provider: Mapping[str, Any], time_s: float) -> int:
-    return Work(provider["done"], provider["failed"], provider["day"]).reputation(time_s)
+def _reputation(provider: Mapping[str, Any], time_s: float, currency: Currency) -> int:
+    return Work(provider["done"], provider["failed"], provider["day"]).reputation(time_s, currency)
 
 
 def _mean(values: list[float]) -> float | None:

@@ -42,7 +42,8 @@ class Requests:
             nonce = client.permit_nonce(owner)
         except ContractReverted as error:
             raise NoPermit(
-                "the payment token takes no signed permits: approve the contracts first",
+                "the payment token takes no signed permits: send `allow_payments` once before, or "
+                "`rodeo task allow-payments`",
                 owner=owner,
                 spender=client.task_manager,
             ) from error

@@ -138,7 +138,8 @@ class Votes:
     def cast(self, task: Task, vote: Vote, report_uri: str) -> None:
         """Sign and publish this oracle's vote. Raises BusError, RemoteError."""
         committee = self._known or self._ask()
-        signature = votes.sign(vote, self._account, committee.chain_id, committee.address)
+        currency = self._site.economy.currency
+        signature = votes.sign(vote, self._account, committee.chain_id, committee.address, currency)
         signed = SignedVote(vote=vote, report_uri=report_uri, signature=signature)
         key = task.id, task.attempt
         with self._lock:
@@ -216,7 +217,13 @@ class Votes:
         committee = self._current()
         if committee is None:
             return False  # it is published again
-        by = votes.signer(signed.vote, signed.signature, committee.chain_id, committee.address)
+        by = votes.signer(
+            signed.vote,
+            signed.signature,
+            committee.chain_id,
+            committee.address,
+            self._site.economy.currency,
+        )
         if by is not None and by == committee.keys.get(name):
             return True
         log.warning(

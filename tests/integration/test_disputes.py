@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rodeo import votes, wallets
+from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from rodeo.messages import Vote
 from rodeo_cli import app
@@ -80,6 +81,7 @@ def rule(dao: Dao, task_id: int, outcome: str = "accepted") -> dict[str, Any]:
             wallets.load(dao.site, f"{name}-device"),
             chain["chain_id"],
             chain["contracts"]["OracleCommittee"],
+            IEC,
         )
         for name in ORACLES[:2]
     ]

@@ -14,8 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from rodeo import wallets
-from rodeo.chain import to_wei
 from rodeo.checks.report import Report
+from rodeo.currency import IEC
 from rodeo.dao import Participant
 from rodeo.evidence import Store, attest, open_proof
 from rodeo.evidence.copies import Copies
@@ -40,7 +40,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
         # Past the bridge, which lets nobody offer the same twice: two tasks can be its at the same time.
         client, account = organization.client(), wallets.load(running.site, "panther1")
         client.send(
-            account, client.calls.register_service("waste_disposal", to_wei(Decimal(100)), 0, True, "")
+            account, client.calls.register_service("waste_disposal", IEC.to_units(Decimal(100)), 0, True, "")
         )
         organization.wait_for(
             lambda: [event.name for event in organization.events].count("ServiceRegistered") == 2,

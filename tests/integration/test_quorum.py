@@ -11,6 +11,7 @@ from eth_account import Account
 from typer.testing import CliRunner
 
 from rodeo import topics, votes, wallets
+from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from rodeo.messages import SignedVote, Task, Vote
 from rodeo_cli import app
@@ -51,7 +52,7 @@ def lie(dao: Dao, task: Task, signed_by: str, name: str) -> None:
         reason="I was paid for saying this",
     )
     key = wallets.load(dao.site, f"{signed_by}-device")
-    signature = votes.sign(vote, key, chain["chain_id"], chain["contracts"]["OracleCommittee"])
+    signature = votes.sign(vote, key, chain["chain_id"], chain["contracts"]["OracleCommittee"], IEC)
     signed = SignedVote(vote=vote, report_uri="", signature=signature)
     dao.running.bus.put_json(topics.VOTE.name(org=dao.site.org, judge=name), signed)
 

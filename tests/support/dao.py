@@ -30,9 +30,11 @@ class Dao:
         self._changed = threading.Condition()
         self._source: DaoEvents | None = None
 
-    def start(self) -> None:
-        """Router, chain, contracts, bridge."""
+    def start(self, before_contracts: Callable[[], object] = lambda: None) -> None:
+        """Router, chain, contracts, bridge. `before_contracts` runs when the chain is there."""
         self.running.start("router", "chain", "bridge", ready=False)
+        self.running.wait_ready("chain")
+        before_contracts()
         self.running.deploy_contracts()
         self.running.wait_ready("chain", "bridge")
         self._source = DaoEvents(self.running.bus, self.site.org, self._on_event)

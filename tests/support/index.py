@@ -8,7 +8,8 @@ from decimal import Decimal
 from enum import Enum
 from typing import Any
 
-from rodeo.chain import NOBODY, ChainClient, Hire, Policy, Revocation, Role, from_wei
+from rodeo.chain import NOBODY, ChainClient, Hire, Policy, Revocation, Role
+from rodeo.currency import IEC
 from rodeo.messages import Task
 
 _PAGE = 500
@@ -44,7 +45,7 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         waits = indexed["state"] in ("submitted", "undecided")
         waiting = indexed["proof_sha256"] if waits else "0x" + "00" * 32
         found.check(f"{what}: proof", waiting, "0x" + kept.proof_hash.hex())
-        found.check(f"{what}: price", Decimal(indexed["price_iec"] or 0), from_wei(kept.price))
+        found.check(f"{what}: price", Decimal(indexed["price_iec"] or 0), IEC.from_units(kept.price))
         provider = services[indexed["service_id"]]["provider"] if indexed["service_id"] else None
         found.check(f"{what}: executor", indexed["executor"], provider)
     _compare_money_and_rules(found, state, client)
@@ -55,7 +56,7 @@ def _compare_money_and_rules(
     found: _Differences, state: Callable[..., dict[str, Any]], client: ChainClient
 ) -> None:
     wallets = state("wallets")
-    found.check("supply", Decimal(wallets["supply_iec"]), from_wei(client.total_supply()))
+    found.check("supply", Decimal(wallets["supply_iec"]), IEC.from_units(client.total_supply()))
     for entry in wallets["wallets"]:
         found.check_iec(f"{entry['name']}: balance", entry["balance_iec"], client.balance(entry["address"]))
         found.check_iec(
@@ -93,7 +94,7 @@ class _Differences(list[str]):
             self.append(f"{what}: {indexed!r} in the index, {kept!r} in the contracts")
 
     def check_iec(self, what: str, indexed: str, kept_wei: int) -> None:
-        self.check(what, indexed, f"{from_wei(kept_wei):f}")
+        self.check(what, indexed, f"{IEC.from_units(kept_wei):f}")
 
     def check_record(
         self, what: str, indexed: dict[str, Any], kept: Any, without: Collection[str] = ()

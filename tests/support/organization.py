@@ -20,8 +20,9 @@ from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
 from rodeo import wallets
-from rodeo.chain import NOBODY, Call, ChainClient, Deployment, Event, Log, TaskRequest, events, to_wei
+from rodeo.chain import NOBODY, Call, ChainClient, Deployment, Event, Log, TaskRequest, events
 from rodeo.config import Site
+from rodeo.currency import IEC
 from tests.support.site import write_site
 
 CHAIN_ID = 31_337
@@ -69,7 +70,15 @@ class Organization:
 
     def request(self, reward_iec: int = 100, kind: str = KIND) -> TaskRequest:
         return TaskRequest(
-            kind, to_wei(Decimal(reward_iec)), 3600, 3600, 3, bytes(32), 0, NOBODY, '{"item_id":"item1"}'
+            kind,
+            IEC.to_units(Decimal(reward_iec)),
+            3600,
+            3600,
+            3,
+            bytes(32),
+            0,
+            NOBODY,
+            '{"item_id":"item1"}',
         )
 
     def post(self, reward_iec: int = 100) -> list[Event]:

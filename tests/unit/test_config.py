@@ -242,6 +242,33 @@ def test_votes_that_nobody_could_cast_are_an_error(tmp_path: Path, table: str, f
     assert field in caught.value.details["fields"]
 
 
+TOKEN = 'economy.token = { address = "0xA0b86991c6218b36c1d19D4a2e9Eb0cE3606eB48", decimals = 6 }\n'
+
+
+@pytest.mark.parametrize(
+    ("line", "field"),
+    [
+        ("governance.terms.bond_iec = 0.0000001", "governance.terms.bond_iec"),
+        ("governance.budgets.operator.iec = 0.0000001", "governance.budgets.operator.iec"),
+        ("bridge.limits.panther1.daily_iec = 1.2345678", "bridge.limits.panther1.daily_iec"),
+        (
+            'demo.kind = "dusting"\n[[kinds]]\nname = "dusting"\nreview = "auditor"\nprice_iec = 1.2345678',
+            "kinds.0.price_iec",
+        ),
+        ("governance.terms.bond_iec = 0.000001", None),
+    ],
+)
+def test_amounts_finer_than_the_token_are_an_error(tmp_path: Path, line: str, field: str | None) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\n{TOKEN}{line}\n')
+    if field is None:
+        assert Site.load(path).economy.currency.decimals == 6
+        return
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert "more than 6 decimals" in caught.value.details["fields"][field]
+
+
 def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_says_more(
     tmp_path: Path,
 ) -> None:

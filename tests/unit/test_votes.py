@@ -6,6 +6,7 @@ import pytest
 from eth_account import Account
 
 from rodeo import votes
+from rodeo.currency import IEC, Currency
 from rodeo.messages import Vote
 
 JUDGE = Account.from_key("0x" + "11" * 32)
@@ -23,9 +24,9 @@ VOTE = Vote(
 
 
 def test_a_vote_is_the_judges_who_signed_it() -> None:
-    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE)
+    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE, IEC)
     assert len(signature) == 2 + 2 * 64
-    assert votes.signer(VOTE, signature, 31_337, COMMITTEE) == JUDGE.address
+    assert votes.signer(VOTE, signature, 31_337, COMMITTEE, IEC) == JUDGE.address
 
 
 @pytest.mark.parametrize(
@@ -43,17 +44,23 @@ def test_a_vote_is_the_judges_who_signed_it() -> None:
     ids=lambda change: next(iter(change)),
 )
 def test_of_a_changed_vote_it_is_not(change: dict[str, object]) -> None:
-    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE)
+    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE, IEC)
     changed = VOTE.model_copy(update=change)
-    assert votes.signer(changed, signature, 31_337, COMMITTEE) != JUDGE.address
+    assert votes.signer(changed, signature, 31_337, COMMITTEE, IEC) != JUDGE.address
 
 
 def test_for_another_chain_or_committee_it_is_not() -> None:
-    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE)
-    assert votes.signer(VOTE, signature, 1, COMMITTEE) != JUDGE.address
-    assert votes.signer(VOTE, signature, 31_337, "0x" + "00" * 20) != JUDGE.address
+    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE, IEC)
+    assert votes.signer(VOTE, signature, 1, COMMITTEE, IEC) != JUDGE.address
+    assert votes.signer(VOTE, signature, 31_337, "0x" + "00" * 20, IEC) != JUDGE.address
 
 
 def test_bytes_that_are_no_signature_are_nobodys() -> None:
-    assert votes.signer(VOTE, "0x" + "00" * 64, 31_337, COMMITTEE) is None
-    assert votes.signer(VOTE, "0x" + "ff" * 64, 31_337, COMMITTEE) is None
+    assert votes.signer(VOTE, "0x" + "00" * 64, 31_337, COMMITTEE, IEC) is None
+    assert votes.signer(VOTE, "0x" + "ff" * 64, 31_337, COMMITTEE, IEC) is None
+
+
+def test_of_an_amount_that_the_token_cannot_pay_it_is_nobodys() -> None:
+    finer = VOTE.model_copy(update={"amount_iec": Decimal("0.0000001")})
+    signature = votes.sign(finer, JUDGE, 31_337, COMMITTEE, IEC)
+    assert votes.signer(finer, signature, 31_337, COMMITTEE, Currency(6)) is None

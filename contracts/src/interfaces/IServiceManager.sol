@@ -122,7 +122,8 @@ interface IServiceManager {
     error InvalidServiceState(ServiceState state);
     /// @notice The organization asks for a higher bond than the provider agreed to.
     error BondTooHigh(uint256 bond, uint256 maxBond);
-    /// @notice A price is a multiple of `unit`, so that it can be compared in 57 bits, and at most `max`.
+    /// @notice A price is a multiple of `unit`, so that it can be compared in 57 bits, and at most `max`. The unit is a
+    /// billionth of a token, or the token's smallest if it has 9 decimals or fewer.
     error InvalidPrice(uint256 price, uint256 unit, uint256 max);
     error ServiceNotIdle(uint256 serviceId);
     /// @notice Retire one first. One that retired at work counts until its task ends.

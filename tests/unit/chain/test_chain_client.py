@@ -20,8 +20,6 @@ from rodeo.chain import (
     ServiceState,
     TaskRequest,
     TaskState,
-    from_wei,
-    to_wei,
 )
 from rodeo.chain.abi import Cause, Verdict
 from rodeo.chain.events import (
@@ -36,11 +34,12 @@ from rodeo.chain.events import (
     Transfer,
     VerdictPosted,
 )
+from rodeo.currency import IEC
 from tests.support.organization import KIND, PROOF, REPORT, Organization
 from tests.support.site import free_port
 
-PRICE = to_wei(Decimal("79.5"))
-REWARD = to_wei(Decimal(100))
+PRICE = IEC.to_units(Decimal("79.5"))
+REWARD = IEC.to_units(Decimal(100))
 
 
 @pytest.fixture
@@ -212,8 +211,8 @@ def test_an_error_from_a_contract_further_down_arrives_as_well(organization: Org
     error = _refusal(organization, robot, client.calls.register_task(request))
     assert error.code == "erc20_insufficient_balance"
     assert error.args_by_name == {"sender": robot, "balance": balance, "needed": balance + 1}
-    assert Decimal(error.details["balance_iec"]) == from_wei(balance)
-    assert Decimal(error.details["needed_iec"]) == from_wei(balance + 1)
+    assert Decimal(error.details["balance_iec"]) == IEC.from_units(balance)
+    assert Decimal(error.details["needed_iec"]) == IEC.from_units(balance + 1)
 
 
 def test_a_missing_role_is_named(organization: Organization) -> None:

@@ -6,8 +6,8 @@ from decimal import Decimal
 
 import pytest
 
-from rodeo.chain import from_wei, to_wei
 from rodeo.chain.types import bytes32_to_kind, kind_to_bytes32
+from rodeo.currency import IEC
 
 
 @pytest.mark.parametrize(
@@ -20,14 +20,14 @@ from rodeo.chain.types import bytes32_to_kind, kind_to_bytes32
     ],
 )
 def test_amounts_survive_both_ways(iec: str, wei: int) -> None:
-    assert to_wei(Decimal(iec)) == wei
-    assert f"{from_wei(wei):f}" == iec
+    assert IEC.to_units(Decimal(iec)) == wei
+    assert f"{IEC.from_units(wei):f}" == iec
 
 
 @pytest.mark.parametrize("iec", ["-1", "NaN", "Infinity", "0.0000000000000000001"])
 def test_what_is_no_amount_is_refused(iec: str) -> None:
     with pytest.raises(ValueError, match=iec if iec != "0.0000000000000000001" else "18 decimals"):
-        to_wei(Decimal(iec))
+        IEC.to_units(Decimal(iec))
 
 
 def test_a_kind_survives_both_ways() -> None:

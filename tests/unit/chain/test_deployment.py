@@ -25,11 +25,11 @@ from rodeo.chain import (
     Role,
     Terms,
     artifacts,
-    to_wei,
 )
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
 from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
+from rodeo.currency import IEC
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
@@ -43,7 +43,7 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
         for log in client.logs(0, client.w3.eth.block_number)
         if isinstance(log.event, Transfer) and int(log.event.sender, 16) == 0
     }
-    initial, supply = to_wei(site.economy.initial_iec), to_wei(site.economy.supply_iec)
+    initial, supply = IEC.to_units(site.economy.initial_iec), IEC.to_units(site.economy.supply_iec)
     assert minted == {
         client.organization: initial,
         organization.robot.address: initial,
@@ -77,9 +77,9 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         day_s = 24 * 3600
         for role, iec in ((Role.OPERATOR, 1000), (Role.TREASURER, 200)):
             budget = client.budget(role)
-            assert (budget.amount, budget.period) == (to_wei(Decimal(iec)), day_s)
+            assert (budget.amount, budget.period) == (IEC.to_units(Decimal(iec)), day_s)
         assert client.has_role(Role.GUARDIAN, "0x" + "a1" * 20)
-        assert client.terms() == Terms(to_wei(Decimal(20)), to_wei(Decimal(5)), 3)
+        assert client.terms() == Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(5)), 3)
         # What the administrator changes stays, however often the site is prepared.
         calls = client.organization_calls
         organization.send(organization.operator, calls.set_budget(Role.OPERATOR, 0, 0))
@@ -164,7 +164,7 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         assert disputes is not None and client.has_role(Role.ORACLE, disputes)
         assert not client.has_role(Role.ORACLE, client.committee)
         assert client.instances(kind) == [
-            Instance(deployment.address("OracleCommittee"), 600, 0, to_wei(Decimal(20))),
+            Instance(deployment.address("OracleCommittee"), 600, 0, IEC.to_units(Decimal(20))),
             Instance(deployment.address("DisputeCommittee"), 0, 900, 0),
         ]
         quorum = client.dispute_quorum(kind)

@@ -27,9 +27,9 @@ from rodeo.chain import (
     Terms,
     Verdict,
     events,
-    to_wei,
 )
 from rodeo.chain.reputation import Work
+from rodeo.currency import IEC
 from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
@@ -60,7 +60,7 @@ class Life:
         organization, calls = self.organization, self.organization.client.organization_calls
         votes = self.organization.client.calls
         for call in (
-            calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(4)), 4)),
+            calls.set_terms(Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(4)), 4)),
             calls.allow_kind("battery_charging", Review.AUDITOR, REPORT),
             calls.set_min_window(KIND, 60),
             calls.set_verdict_windows(KIND, 600, 7200),
@@ -68,7 +68,7 @@ class Life:
             calls.admit(organization.robot.address),
             calls.admit(organization.operator.address),
             calls.set_members_only(True),
-            calls.set_budget(Role.OPERATOR, to_wei(Decimal(100_000)), 7200),
+            calls.set_budget(Role.OPERATOR, IEC.to_units(Decimal(100_000)), 7200),
             calls.set_budget(Role.TREASURER, 7, 60),
             calls.grant_role(Role.GUARDIAN, organization.operator.address),
             calls.pause_tasks(600),
@@ -119,7 +119,7 @@ class Life:
         self.organization.send(self.organization.operator, client.organization_calls.register_task(request))
 
     def offer(self) -> None:
-        price = to_wei(Decimal(self.random.choice([20, 50, 80])))
+        price = IEC.to_units(Decimal(self.random.choice([20, 50, 80])))
         client = self.organization.client
         services = {one + 1: client.service(one + 1) for one in range(client.service_count())}
         idle = [one for one, known in services.items() if known.state is not ServiceState.RETIRED]
@@ -132,7 +132,7 @@ class Life:
         if not self._wake_up():
             return
         call = self.organization.client.calls.register_service(
-            KIND, price, to_wei(Decimal(20)), self.random.random() < 0.5, "cleans"
+            KIND, price, IEC.to_units(Decimal(20)), self.random.random() < 0.5, "cleans"
         )
         self.organization.send(self.organization.robot, call)
 

@@ -12,9 +12,10 @@ from eth_account.signers.local import LocalAccount
 from eth_utils import keccak
 
 from deploy import contracts
-from rodeo.chain import ContractReverted, Event, events, to_wei
+from rodeo.chain import ContractReverted, Event, events
 from rodeo.chain.governance import Proposed
 from rodeo.config import GovernanceConfig
+from rodeo.currency import IEC
 from services.bridge.commands import Wallet
 from services.bridge.errors import InsufficientFunds
 from services.bridge.names import Names
@@ -47,7 +48,7 @@ def test_who_wrapped_tokens_decides_and_who_only_has_them_does_not(tmp_path: Pat
         client, robot, founder = organization.client, organization.robot, organization.operator
         assert client.deployment.votes_by == "tokens"
         assert client.administrator() == client.deployment.address("OrganizationTimelock")
-        assert client.balance(founder.address) > client.balance(robot.address) == to_wei(Decimal(2000))
+        assert client.balance(founder.address) > client.balance(robot.address) == IEC.to_units(Decimal(2000))
 
         def command(account: LocalAccount, name: str, **fields: Any) -> list[Event]:
             participant = "panther1" if account is robot else "organization"
@@ -61,8 +62,10 @@ def test_who_wrapped_tokens_decides_and_who_only_has_them_does_not(tmp_path: Pat
             command(robot, "wrap_tokens", amount_iec="2001")
         command(robot, "wrap_tokens", amount_iec="1600")
         command(robot, "unwrap_tokens", amount_iec="100")
-        assert client.votes(robot.address) == to_wei(Decimal(1500)) and client.votes(founder.address) == 0
-        assert client.balance(robot.address) == to_wei(Decimal(500))
+        assert (
+            client.votes(robot.address) == IEC.to_units(Decimal(1500)) and client.votes(founder.address) == 0
+        )
+        assert client.balance(robot.address) == IEC.to_units(Decimal(500))
         with pytest.raises(ContractReverted) as lacking:
             command(robot, "unwrap_tokens", amount_iec="1501")
         assert lacking.value.name == "ERC20InsufficientBalance"
@@ -72,7 +75,7 @@ def test_who_wrapped_tokens_decides_and_who_only_has_them_does_not(tmp_path: Pat
         with pytest.raises(ContractReverted) as refused:
             command(founder, "propose", **open_to_members)
         assert refused.value.name == "GovernorInsufficientProposerVotes"
-        assert refused.value.args_by_name["threshold"] == to_wei(Decimal(1000))
+        assert refused.value.args_by_name["threshold"] == IEC.to_units(Decimal(1000))
         (proposed,) = command(robot, "propose", **open_to_members)
         assert isinstance(proposed, events.ProposalCreated)
         now_s += 10
@@ -84,7 +87,7 @@ def test_who_wrapped_tokens_decides_and_who_only_has_them_does_not(tmp_path: Pat
             (cast,) = organization.events(account, calls.cast_vote(proposed.proposal_id, support))
             assert isinstance(cast, events.VoteCast)
             weights.append(cast.weight)
-        assert weights == [0, to_wei(Decimal(1500))]
+        assert weights == [0, IEC.to_units(Decimal(1500))]
         now_s += PERIOD_S
         decided = Proposed(
             proposed.targets, proposed.values, proposed.calldatas, keccak(text=proposed.description)

@@ -17,8 +17,9 @@ import sqlalchemy
 
 from deploy.chain.errors import InternalError, TransactionRejected
 from rodeo import wallets
-from rodeo.chain import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout, from_wei
+from rodeo.chain import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
 from rodeo.config import WalletLimits
+from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from services.bridge import orders, outcomes, signer
 from services.bridge.chain import Chain
@@ -55,7 +56,7 @@ class Robot:
         self.oracle = wallets.address(chain.site, "oracle")
         self.folder = folder
         self.url = chain.site.chain.url
-        self.limits = Limits(WalletLimits())
+        self.limits = Limits(WalletLimits(), IEC)
         self.restart()
 
     def restart(self, **options: Any) -> None:
@@ -411,7 +412,7 @@ def test_what_is_mined_as_a_failure_says_which_contract_error_it_was(robot: Robo
     with pytest.raises(ContractReverted) as refused:
         robot.outcome(second)
     assert refused.value.code == "erc20_insufficient_balance"
-    assert refused.value.details["needed_iec"] == f"{from_wei(most):f}"
+    assert refused.value.details["needed_iec"] == f"{IEC.from_units(most):f}"
     with pytest.raises(RemoteError) as again:
         robot.pay(most, "second")
     assert again.value.code == "erc20_insufficient_balance"
@@ -442,12 +443,12 @@ def test_stopping_ends_the_wait_and_keeps_the_transaction(robot: Robot) -> None:
 
 
 def test_a_fee_above_the_wallets_limit_is_not_paid(robot: Robot) -> None:
-    robot.limits = Limits(WalletLimits(max_fee_per_gas_gwei=Decimal("0.000000001")))
+    robot.limits = Limits(WalletLimits(max_fee_per_gas_gwei=Decimal("0.000000001")), IEC)
     robot.restart()
     with pytest.raises(FeeTooHigh) as refused:
         robot.pay()
     assert refused.value.details["limit_wei_per_gas"] == "1"
-    robot.limits = Limits(WalletLimits(max_fee_eth=Decimal("0.000000001")))
+    robot.limits = Limits(WalletLimits(max_fee_eth=Decimal("0.000000001")), IEC)
     robot.restart()
     with pytest.raises(FeeTooHigh):
         robot.pay()
@@ -455,7 +456,7 @@ def test_a_fee_above_the_wallets_limit_is_not_paid(robot: Robot) -> None:
 
 
 def test_a_wallet_spends_no_more_than_it_may_in_a_day_of_block_time(robot: Robot) -> None:
-    robot.limits = Limits(WalletLimits(daily_iec=Decimal("0.000000000000000012")))
+    robot.limits = Limits(WalletLimits(daily_iec=Decimal("0.000000000000000012")), IEC)
     robot.restart()
     robot.step()
     robot.pay(5)

@@ -17,6 +17,7 @@ from rodeo import queries, topics, votes
 from rodeo.chain.errors import decode_revert
 from rodeo.clock import WallClock
 from rodeo.config import JudgeConfig, Site
+from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from rodeo.messages import PostVotes, SignedVote, Vote
 from rodeo_testing import answers
@@ -43,7 +44,7 @@ def vote(**changes: Any) -> Vote:
 
 def signed(name: str, said: Vote | None = None) -> SignedVote:
     said = said or vote()
-    signature = votes.sign(said, KEYS[name], CHAIN.chain_id, CHAIN.contracts.oracle_committee)
+    signature = votes.sign(said, KEYS[name], CHAIN.chain_id, CHAIN.contracts.oracle_committee, IEC)
     return SignedVote(vote=said, report_uri=f"{name}.json", signature=signature)
 
 
