@@ -84,7 +84,8 @@ test-python-long: $(VENV)/stamp
 experiment: $(VENV)/stamp  ## the published experiment, about ten minutes; out/experiment/paper/report.html
 	@$(BIN)/rodeo experiment paper
 
-bench: $(VENV)/stamp $(SOLVER)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
+# Of all areas only the planted bugs need the solver.
+bench: $(VENV)/stamp $(if $(filter mutants,$(or $(ONLY),mutants)),$(SOLVER)/stamp) node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)
 
 lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, imports, built contracts equal to their sources

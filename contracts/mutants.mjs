@@ -45,7 +45,9 @@ function broken() {
 /** What the solver finds: the names of the checks that do not hold. */
 function refuted() {
   const { status, stdout } = symbolic(copy, { encoding: "utf8", timeout: LIMIT_MS, maxBuffer: 1 << 28 });
-  const failed = [...stdout.matchAll(/\[(?:FAIL|TIMEOUT)\]\S* (\w+)\(/g)].map((match) => match[1]);
+  // Unless the solver ends, it has found nothing.
+  if (/\[TIMEOUT\]/.test(stdout)) throw new Error(`halmos did not come to an end:\n${stdout}`);
+  const failed = [...stdout.matchAll(/\[FAIL\]\S* (\w+)\(/g)].map((match) => match[1]);
   if (!/Symbolic test result: (?!0 passed; 0 failed)/.test(stdout)) throw new Error(`halmos did not run:\n${stdout}`);
   if ((status === 0) !== (failed.length === 0)) throw new Error(`halmos ended with ${status}:\n${stdout}`);
   return failed;

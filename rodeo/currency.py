@@ -52,9 +52,10 @@ class Currency:
                     f"more than {self.decimals} decimals", amount=str(amount), decimals=self.decimals
                 ) from error
 
-    def rounded_down(self, amount: Fraction) -> Decimal:
-        """What can be paid of it: a multiple of the smallest unit."""
-        return self.from_units(math.floor(amount * 10**self.decimals))
+    def payable(self, due: Fraction) -> Decimal:
+        """What is paid of it: rounded down to the smallest unit, but at least one where anything is due.
+        Work that is accepted is never paid nothing, which the contracts refuse."""
+        return self.from_units(max(math.floor(due * 10**self.decimals), due > 0))
 
     def from_units(self, units: int) -> Decimal:
         """Without trailing zeros, or an exponent when formatted with `f"{amount:f}"`."""

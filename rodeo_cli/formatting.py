@@ -18,7 +18,7 @@ from services.console.formatting import FIELD_ADVICE, number, phrase
 _SENTENCES = {
     "not_creator": "only the task's creator may do this",
     "not_executor": "only the task's executor may do this",
-    "not_provider": "only the service's provider may do this, or withdraw it: whoever is paid for its work",
+    "not_provider": "only the service's provider may change it; who is paid for its work may withdraw it",
     "not_payout": "only the address that is paid may say who is paid next",
     "no_payout": "somebody has to be paid",
     "not_device_owner": "only the device's owner may do this",

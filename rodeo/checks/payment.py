@@ -23,8 +23,7 @@ class Step(NamedTuple):
 
 
 def by_rates_iec(case: Case, steps: Iterable[Step]) -> Decimal | None:
-    """What `steps` are paid, rounded down to the token's smallest unit; None where the price is for the whole
-    task.
+    """What `steps` are paid, as far as the token can pay it; None where the price is for the whole task.
 
     A step costs the lowest rate of its time. Who provides says when a step ends: by long ones, or by one that
     it dates back, it must not gain.
@@ -37,4 +36,4 @@ def by_rates_iec(case: Case, steps: Iterable[Step]) -> Decimal | None:
     for step in steps:
         lowest = min(rate.iec for rate in applying_between(rates, *sorted(step[:2])))
         due += Fraction(step.quantity) * Fraction(lowest)
-    return min(price, case.site.economy.currency.rounded_down(due))
+    return min(price, case.site.economy.currency.payable(due))

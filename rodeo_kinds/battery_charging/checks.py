@@ -205,7 +205,7 @@ def delivered(case: Case) -> Finding:
         detail = f"energy that both signed, of {ordered_wh:.1f} Wh ordered: complete, the price is due"
         return Finding(passed=True, measured=wh, unit="Wh", source=source, detail=detail)
     return Finding(
-        passed=due_iec > 0,
+        passed=due_iec > 0 or price == 0,
         measured=wh,
         unit="Wh",
         source=source,
@@ -225,9 +225,8 @@ def amount_iec(case: Case) -> Decimal | None:
     params = _params(case)
     if params.complete(charge.delivered_wh, charge.closing_soc):
         return None
-    # In the token's smallest unit, rounded down.
     share = Fraction(charge.delivered_wh) / Fraction(params.energy_wh)
-    return case.site.economy.currency.rounded_down(Fraction(price) * share)
+    return case.site.economy.currency.payable(Fraction(price) * share)
 
 
 def tariff(case: Case) -> Finding:

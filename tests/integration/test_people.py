@@ -58,7 +58,7 @@ def test_an_offer_is_priced_paused_resumed_and_withdrawn_and_made_once(dao: Dao)
     rodeo(dao, "service", "resume", number)
     assert now() == ("active", "7.5")
     told = rodeo(dao, "service", "withdraw", number, "--as", "bob", status=1)
-    assert "only the service's provider may do this" in told and "caller: bob, provider: alice" in told
+    assert "only the service's provider may change it" in told and "caller: bob, provider: alice" in told
     told = rodeo(dao, "service", "pause", number, "--as", "bob", status=1)
     assert f"service {number} belongs to another participant than bob" in told
     assert now() == ("active", "7.5")

@@ -49,9 +49,11 @@ def test_many_digits_are_kept(amount: str, units: int) -> None:
     assert DOLLAR.to_units(Decimal(amount)) == units
 
 
-@pytest.mark.parametrize(("due", "paid"), [("1/3", "0.333333"), ("5/2", "2.5"), ("1/10000000", "0")])
-def test_a_payment_by_quantity_is_rounded_down(due: str, paid: str) -> None:
-    assert DOLLAR.rounded_down(Fraction(due)) == Decimal(paid)
+@pytest.mark.parametrize(
+    ("due", "paid"), [("1/3", "0.333333"), ("5/2", "2.5"), ("1/10000000", "0.000001"), ("0", "0")]
+)
+def test_a_payment_by_quantity_is_rounded_down_but_never_to_nothing(due: str, paid: str) -> None:
+    assert DOLLAR.payable(Fraction(due)) == Decimal(paid)
 
 
 @pytest.mark.parametrize(("decimals", "unit"), [(2, 1), (6, 1), (9, 1), (10, 10), (18, 10**9)])

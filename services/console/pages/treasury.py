@@ -130,7 +130,7 @@ class TreasuryPage:
         changes = [change(one) for one in charted]
         self._earned.set_text(iec(sum((one for one in changes if one > 0), Decimal(0))))
         self._spent.set_text(iec(-sum((one for one in changes if one < 0), Decimal(0))))
-        self._none.show("" if charted else "No money moved on this account yet.")
+        self._none.show(_why_empty(charted))
         self._rows.show(page.transfers, page.total, self._page)
         self._draw_chart(charted)
 
@@ -357,17 +357,27 @@ def _week_options(lines: list[Line]) -> Json:
     }  # fmt: skip
 
 
+def _why_empty(charted: list[queries.Transfer]) -> str:
+    """What stands in place of a balance over time; empty where there is one."""
+    if not charted:
+        return "No money moved on this account yet."
+    if all(one.balance_iec is None for one in charted):
+        return "The token is older than the organization: of earlier balances, only the changes are known."
+    return ""
+
+
 def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]) -> Json:
     """ECharts: balance as a step line with a mark for each transfer, electricity price on the right."""
-    steps = [[round(one.time_s * 1000), float(one.balance_iec or 0)] for one in transfers]
+    known = [
+        (one, [round(one.time_s * 1000), float(one.balance_iec)])
+        for one in transfers
+        if one.balance_iec is not None
+    ]
 
     def marks(received: bool) -> list[Json]:
         return [
-            {
-                "value": [round(one.time_s * 1000), float(one.balance_iec or 0)],
-                "name": f"{reason(one)}: {change(one):+,f} IEC",
-            }
-            for one in transfers
+            {"value": point, "name": f"{reason(one)}: {change(one):+,f} IEC"}
+            for one, point in known
             if (change(one) > 0) == received
         ]
 
@@ -388,7 +398,7 @@ def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]
             {"type": "value", "name": "EUR/kWh", "min": 0, "splitLine": {"show": False}, **axis},
         ],
         "series": [
-            {**line, "name": "Balance", "data": steps, "color": _TEAL},
+            {**line, "name": "Balance", "data": [point for _, point in known], "color": _TEAL},
             {**dots, "name": "Received", "data": marks(True), "color": _GREEN, "symbol": "triangle"},
             {**dots, "name": "Paid", "data": marks(False), "color": _RED, "symbol": "diamond"},
             {**line, "name": "Electricity", "yAxisIndex": 1, "color": _AMBER,

@@ -15,7 +15,7 @@ import pytest
 from rodeo.checks.acts import Act, ConsumedActs, Spent
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
-from rodeo.config import KindConfig, RateConfig, Site
+from rodeo.config import KindConfig, RateConfig, Site, TokenConfig
 from rodeo.evidence import open_proof
 from rodeo.evidence.recorder import RESUMED
 from rodeo.messages import DaoEvent
@@ -159,22 +159,39 @@ def test_a_seller_gains_nothing_by_a_step_that_ends_when_energy_is_dear(
     assert report.amount_iec == 300 * kwh(samples[0], samples[-1])
 
 
-def test_two_seconds_pay_two_seconds(charge: Take, judge: Judge) -> None:
-    """0.17 Wh, also if the robot's gauge was nearly full before."""
-    tiny = 0.1667
+def little(wh: float) -> Sides:
+    """Only so much was delivered, and both signed it."""
 
-    def little(model: type[Header], fields: Fields) -> Fields | None:
+    def change(model: type[Header], fields: Fields) -> Fields | None:
         if fields["reason"] not in ("opening", "close"):
             return None
         if model is MeterRecord:
-            delivered_wh = 0.0 if fields["reason"] == "opening" else tiny
+            delivered_wh = 0.0 if fields["reason"] == "opening" else wh
             page = 1 if fields["reason"] == "opening" else 2
             fields = fields | {"register_wh": fields["begin_wh"] + delivered_wh, "page": page}
         return fields
 
-    report = judged(judge, charge, replace(HONEST, fields=little))
+    return replace(HONEST, fields=change)
+
+
+def test_two_seconds_pay_two_seconds(charge: Take, judge: Judge) -> None:
+    """0.17 Wh, also if the robot's gauge was nearly full before."""
+    report = judged(judge, charge, little(0.1667))
     assert report.accepted, report.reason
     assert report.amount_iec == pytest.approx(Decimal("0.1667"), abs=Decimal("0.0001"))
+
+
+@pytest.mark.parametrize("rates", [(), ((6, 300),)], ids=["by share", "by rates"])
+def test_what_was_delivered_is_paid_even_if_the_token_is_coarse(
+    charge: Take, judge: Judge, site: Site, rates: tuple[tuple[int, int], ...]
+) -> None:
+    """A buyer that leaves at once, with less than a cent to pay, must not have the seller punished."""
+    token = TokenConfig(address="0x" + "a1" * 20, decimals=2)
+    economy = site.economy.model_copy(update={"token": token})
+    cents = (with_rates(site, *rates) if rates else site).model_copy(update={"economy": economy})
+    report = judged(judge, charge, little(0.004), at=cents)
+    assert report.accepted, report.reason
+    assert report.amount_iec == Decimal("0.01")
 
 
 def test_a_buyer_that_never_signs_the_close_pays_what_both_signed_last(charge: Take, judge: Judge) -> None:

@@ -51,3 +51,7 @@ def test_the_file_explains_each_transfer_and_no_name_in_it_is_a_formula() -> Non
     (line,) = csv.DictReader(transfers_csv([transfer]).splitlines())
     assert line["from"] == "'=HYPERLINK(1)" and line["to"] == "0xdef"
     assert (line["why"], line["change_iec"], line["task"]) == ("Reward of task 3 into escrow", "-5", "3")
+    assert line["balance_iec"] == "10"
+    unknown = transfer.model_copy(update={"balance_iec": None})
+    (line,) = csv.DictReader(transfers_csv([unknown]).splitlines())
+    assert line["balance_iec"] == "", "not known, and not nothing"
