@@ -4,7 +4,6 @@ pragma solidity ^0.8.28;
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
 import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
-import {Device} from "./interfaces/IDeviceRegistry.sol";
 import {IOracleCommittee, Judge, Quorum} from "./interfaces/IOracleCommittee.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
@@ -228,16 +227,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     function _parties(Task memory t) private view returns (Parties memory) {
         address executor = _services.providerOf(t.serviceId);
-        return Parties(t.creator, _ownerOf(t.creator), executor, _ownerOf(executor));
-    }
-
-    /// @dev Who owns `party` in the organization's registry; 0 where nobody registered it.
-    function _ownerOf(address party) private view returns (address) {
-        try organization.device(party) returns (Device memory device) {
-            return device.owner;
-        } catch {
-            return address(0);
-        }
+        return Parties(t.creator, _services.ownerOf(t.creator), executor, _services.ownerOf(executor));
     }
 
     function _isParty(Parties memory parties, address account) private pure returns (bool) {

@@ -12,6 +12,7 @@ import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {Budget, IOrganization, Kind, Review, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, TaskRequest} from "./interfaces/ITaskManager.sol";
+import {FirstComeFirstServed} from "./policies/FirstComeFirstServed.sol";
 
 contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdminRules {
     using SafeERC20 for IERC20;
@@ -34,6 +35,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @notice A shorter window would let nobody answer, a longer one keep the reward from both sides.
     uint32 public constant MIN_AUDIT_WINDOW = 1 minutes;
     uint32 public constant MAX_AUDIT_WINDOW = 30 days;
+    /// @notice Kinds that an organization accepts in its life: a task or service has their number in 8 bits.
+    uint8 public constant MAX_KINDS = 255;
     /// @notice Of one kind at a time. Who posts a task pays for looking through them.
     uint256 public constant MAX_RULES = 8;
     /// @notice Long enough to find out what is wrong, too short to starve anybody. Two pauses are as far apart.
@@ -51,10 +54,17 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bool public membersOnly;
     /// @inheritdoc IOrganization
     uint40 public pausedUntil;
+    /// @dev The policy is FirstComeFirstServed, which nobody has to call. In the policy's word.
+    bool private _firstCome;
     /// @inheritdoc IOrganization
     mapping(address provider => bool) public isSuspended;
     Terms private _terms;
+    uint8 private _kindCount;
     mapping(bytes32 kind => Kind) private _kinds;
+    /// @inheritdoc IOrganization
+    mapping(uint8 number => bytes32) public kindNumbered;
+    /// @dev Kind.review, where a verdict finds it in one word.
+    mapping(uint8 number => Review) private _reviews;
     /// @dev The newest last.
     mapping(bytes32 kind => bytes32[]) private _rules;
     /// @dev The last of them, or 0, so that most tasks find their rules in one word.
@@ -90,8 +100,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (review == Review.Oracle && rules == 0) revert KindWithoutRules(kind);
         // What a machine computes is no rule for people, nor the other way round.
         if (review != k.review) _retireAll(kind);
+        if (k.number == 0) {
+            if (_kindCount == MAX_KINDS) revert TooManyKinds(kind, MAX_KINDS);
+            k.number = ++_kindCount;
+            kindNumbered[k.number] = kind;
+        }
         k.allowed = true;
         k.review = review;
+        _reviews[k.number] = review;
         if (rules != 0) {
             bytes32[] storage current = _rules[kind];
             _remove(current, rules);
@@ -356,9 +372,19 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function mayJudge(address account, bytes32 kind) external view returns (bool) {
-        Review review = _kinds[kind].review;
+        return mayJudgeNumbered(account, _kinds[kind].number);
+    }
+
+    /// @inheritdoc IOrganization
+    function mayJudgeNumbered(address account, uint8 kindId) public view returns (bool) {
+        Review review = _reviews[kindId];
         if (review == Review.None) return false;
         return hasRole(review == Review.Oracle ? ORACLE_ROLE : AUDITOR_ROLE, account);
+    }
+
+    /// @inheritdoc IOrganization
+    function numberOf(bytes32 kind) external view returns (uint8) {
+        return _kinds[kind].number;
     }
 
     /// @inheritdoc IOrganization
@@ -373,7 +399,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy, bytes32, Silence) {
+    ) external view returns (IMatchingPolicy, bytes32, Silence, uint8) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
         Kind memory rules = _admit(kind, creator);
         if (executionWindow < rules.minWindow) revert WindowTooShort(kind, executionWindow, rules.minWindow);
@@ -382,14 +408,15 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (verdictWindow < min || verdictWindow > max) {
             revert InvalidVerdictWindow(kind, verdictWindow, min, max);
         }
-        return (policy, _rulesFor(kind, wantedRules), rules.silence);
+        IMatchingPolicy matching = _firstCome ? IMatchingPolicy(address(0)) : policy;
+        return (matching, _rulesFor(kind, wantedRules), rules.silence, rules.number);
     }
 
     /// @inheritdoc IOrganization
-    function admitService(bytes32 kind, address provider) external view returns (Terms memory) {
-        _admit(kind, provider);
+    function admitService(bytes32 kind, address provider) external view returns (Terms memory, uint8) {
+        Kind storage rules = _admit(kind, provider);
         _requireNotSuspended(provider);
-        return _terms;
+        return (_terms, rules.number);
     }
 
     /// @dev Who may not take part any more gets no more tasks, however the role was lost.
@@ -464,6 +491,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     function _setPolicy(IMatchingPolicy policy_) private {
         if (address(policy_).code.length == 0) revert InvalidPolicy(address(policy_));
         policy = policy_;
+        _firstCome = address(policy_).codehash == keccak256(type(FirstComeFirstServed).runtimeCode);
         emit PolicyChanged(policy_);
     }
 }

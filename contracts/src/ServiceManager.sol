@@ -5,13 +5,11 @@ import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
 import {Hire, ITaskManager} from "./interfaces/ITaskManager.sol";
-import {KindTable} from "./libraries/KindTable.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 
 contract ServiceManager is IServiceManager {
-    using KindTable for KindTable.Table;
     using WeightTree for WeightTree.Tree;
 
     /// @dev A Service in two words. Counters stop at their greatest value.
@@ -111,7 +109,6 @@ contract ServiceManager is IServiceManager {
     uint256 private immutable _prior;
 
     uint256 private _serviceCount;
-    KindTable.Table private _kinds;
     mapping(uint256 serviceId => Record) private _services;
     mapping(uint256 serviceId => Agreement) private _agreements;
     mapping(uint8 kindId => Idle) private _idle;
@@ -151,7 +148,7 @@ contract ServiceManager is IServiceManager {
         string calldata description
     ) external returns (uint256 serviceId) {
         _requireAwake(msg.sender);
-        Terms memory terms = organization.admitService(kind, msg.sender);
+        (Terms memory terms, uint8 kindId) = organization.admitService(kind, msg.sender);
         if (terms.bond > maxBond) revert BondTooHigh(terms.bond, maxBond);
         _requirePrice(price);
         Texts.requireText(description);
@@ -164,7 +161,7 @@ contract ServiceManager is IServiceManager {
         Record storage s = _services[serviceId];
         s.provider = msg.sender;
         s.price = uint88(price);
-        s.kindId = _kinds.idOf(kind);
+        s.kindId = kindId;
         s.state = ServiceState.Active;
         s.autoAccept = autoAccept;
         if (p.hired) s.hired = Hire.Provider;
@@ -174,7 +171,7 @@ contract ServiceManager is IServiceManager {
             _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures);
             emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
         }
-        tasks.onServiceFree(serviceId, kind, price, _named(serviceId, s));
+        tasks.onServiceFree(serviceId, msg.sender, kindId, price, _named(serviceId, s));
         if (terms.bond != 0) tasks.holdBond(msg.sender, terms.bond);
     }
 
@@ -199,7 +196,7 @@ contract ServiceManager is IServiceManager {
         s.state = state;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
-            tasks.onServiceFree(serviceId, _kinds.kinds[s.kindId], price, _named(serviceId, s));
+            tasks.onServiceFree(serviceId, provider, s.kindId, price, _named(serviceId, s));
         } else if (state == ServiceState.Retired && s.taskId == 0) {
             uint96 bond = _leave(serviceId, s);
             if (bond != 0) tasks.returnBond(payoutOf(provider), bond);
@@ -258,28 +255,32 @@ contract ServiceManager is IServiceManager {
     /// @inheritdoc IServiceManager
     function reserve(
         uint256 serviceId,
-        bytes32 kind,
+        uint8 kindId,
         uint256 maxPrice,
         uint256 wanted,
         uint256 taskId,
         Hire hired
     ) external onlyTaskManager returns (uint256 taker, address provider, uint256 price, bool accepted) {
-        Record storage s = _services[serviceId];
+        taker = serviceId == 0 ? _longestIdle(kindId, maxPrice) : serviceId;
+        if (taker == 0) return (0, address(0), 0, false);
+        Record storage s = _services[taker];
         if (hired == Hire.Provider && !(_isAvailable(s) && s.price <= maxPrice)) {
             uint256 other = _serviceOf(s.provider, s.kindId, maxPrice);
-            if (other != 0) (serviceId, s) = (other, _services[other]);
+            if (other != 0) (taker, s) = (other, _services[other]);
         }
-        bool ofKind = s.kindId == _kinds.ids[kind];
-        if (hired != Hire.None && s.state == ServiceState.None) revert UnknownService(serviceId);
-        if (hired != Hire.None && !ofKind) revert ServiceOfOtherKind(serviceId, kind);
+        bool ofKind = s.kindId == kindId;
+        if (hired != Hire.None && s.state == ServiceState.None) revert UnknownService(taker);
+        if (hired != Hire.None && !ofKind) {
+            revert ServiceOfOtherKind(taker, organization.kindNumbered(kindId));
+        }
         price = Math.max(s.price, wanted);
         if (!_isAvailable(s) || price > Math.min(maxPrice, Units.max(_unit)) || !ofKind) {
             if (hired > s.hired) _hire(s, hired);
-            return (serviceId, address(0), 0, false);
+            return (taker, address(0), 0, false);
         }
-        _leaveLine(serviceId, s);
+        _leaveLine(taker, s);
         s.taskId = uint40(taskId);
-        return (serviceId, s.provider, price, s.autoAccept);
+        return (taker, s.provider, price, s.autoAccept);
     }
 
     /// @inheritdoc IServiceManager
@@ -309,11 +310,10 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function enqueue(uint256 serviceId, uint64 level) external onlyTaskManager {
+    function enqueue(uint256 serviceId, uint64 level, uint40 place) external onlyTaskManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
         Idle storage idle = _idle[s.kindId];
-        uint40 place = uint40(++idle.lines.serial);
         s.place = place;
         uint64 reputation = _reputation(_providers[s.provider]);
         uint64 key = _key(level, reputation - reputation % STEP);
@@ -337,7 +337,7 @@ contract ServiceManager is IServiceManager {
         return Service({
             provider: s.provider,
             price: s.price,
-            kind: _kinds.kinds[s.kindId],
+            kind: organization.kindNumbered(s.kindId),
             taskId: s.taskId,
             place: s.place,
             state: s.state,
@@ -364,6 +364,11 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
+    function ownerOf(address device) external view returns (address) {
+        return _owners[device];
+    }
+
+    /// @inheritdoc IServiceManager
     function asleepUntil(address provider) external view returns (uint256) {
         return _providers[provider].asleepUntil;
     }
@@ -374,7 +379,7 @@ contract ServiceManager is IServiceManager {
         view
         returns (uint32 serviceId)
     {
-        serviceId = _serviceOf(provider, _kinds.ids[kind], maxPrice);
+        serviceId = _serviceOf(provider, organization.numberOf(kind), maxPrice);
         if (serviceId == 0) revert ProviderWithoutService(provider, kind);
     }
 
@@ -385,20 +390,19 @@ contract ServiceManager is IServiceManager {
 
     /// @inheritdoc IServiceManager
     function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
-        Idle storage idle = _idle[_kinds.ids[kind]];
-        return idle.line[idle.lines.greatestMajor(_lastKey(maxPrice))].first;
+        return _longestIdle(organization.numberOf(kind), maxPrice);
     }
 
     /// @inheritdoc IServiceManager
     function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
-        Idle storage idle = _idle[_kinds.ids[kind]];
+        Idle storage idle = _idle[organization.numberOf(kind)];
         uint64 key = idle.lines.lowest();
         return key > _lastKey(maxPrice) ? 0 : idle.line[key].first;
     }
 
     /// @inheritdoc IServiceManager
     function secondPrice(bytes32 kind) external view returns (uint256) {
-        Idle storage idle = _idle[_kinds.ids[kind]];
+        Idle storage idle = _idle[organization.numberOf(kind)];
         uint64 key = idle.lines.lowest();
         Line storage line = idle.line[key];
         if (line.first == line.last) key = idle.lines.secondLowest();
@@ -407,8 +411,13 @@ contract ServiceManager is IServiceManager {
 
     /// @inheritdoc IServiceManager
     function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
-        Idle storage idle = _idle[_kinds.ids[kind]];
+        Idle storage idle = _idle[organization.numberOf(kind)];
         return idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first;
+    }
+
+    function _longestIdle(uint8 kindId, uint256 maxPrice) private view returns (uint256) {
+        Idle storage idle = _idle[kindId];
+        return idle.line[idle.lines.greatestMajor(_lastKey(maxPrice))].first;
     }
 
     /// @dev The cheapest of the provider's services that is free, else any; 0 if it has none.

@@ -23,45 +23,31 @@ import {
     Vote
 } from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
-import {KindTable} from "./libraries/KindTable.sol";
 import {SignedVerdicts} from "./libraries/SignedVerdicts.sol";
+import {Conditions, Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 
 contract TaskManager is ITaskManager, ReentrancyGuardTransient {
-    using KindTable for KindTable.Table;
     using SafeCast for uint256;
     using SafeERC20 for IERC20;
+    using TaskRecords for mapping(uint32 => Conditions);
     using WeightTree for WeightTree.Tree;
 
-    /// @dev A Task in two words; the windows fit in 24 bits because MAX_WINDOW does, and the deadline until 2106.
-    struct Record {
-        address creator;
-        uint96 reward;
-        /// @dev Enough for Units.max.
-        uint88 price;
-        /// @dev While a task is open, the service that it names, or one of the provider that it names, or 0.
-        uint32 serviceId;
-        uint32 deadline;
-        uint24 executionWindow;
-        uint24 verdictWindow;
-        uint8 kindId;
-        uint8 attempt;
-        uint8 maxAttempts;
-        TaskState state;
-        /// @dev The executor agreed to the running attempt, so that its failure costs the executor something.
-        bool accepted;
-        /// @dev Who wins a proof that nobody judges, as the kind had it when the task was posted.
-        Silence silence;
-        /// @dev Only `serviceId`, or only its provider, may do the task, because its creator named it.
-        Hire hired;
-    }
-
-    /// @dev In one word, because a registration writes both.
+    /// @dev In one word, because a registration writes two of them, and a verdict the others.
     struct Totals {
         uint64 tasks;
-        uint192 held;
+        /// @dev How often a service began to wait. Each gets the next number, so that the lower was there earlier.
+        uint40 places;
+        uint128 held;
+    }
+
+    /// @dev Who does the tasks of a service, and the proof of the one that it does now. A service does one task at a
+    /// time, and its word is written over with the next: a quarter of the gas of a word per task.
+    struct Worker {
+        address executor;
+        bytes32 proof;
     }
 
     /// @dev An attempt that waits for the auditors. Its service is free, so the proof is kept here.
@@ -101,14 +87,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     SignedRequests public immutable signedRequests;
 
     Totals private _totals;
-    KindTable.Table private _kinds;
     mapping(uint256 taskId => Record) private _tasks;
+    mapping(uint32 key => Conditions) private _conditions;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
     /// weight is its reward. Each kind has a queue, and each service and provider one of the tasks that name it (see _queue).
     mapping(uint256 queue => WeightTree.Tree) private _open;
-    /// @dev The proof of what a service does now. A service does one task at a time, and its word is written over
-    /// with the next: a quarter of the gas of a word per task.
-    mapping(uint256 serviceId => bytes32) private _proofs;
+    mapping(uint256 serviceId => Worker) private _workers;
     mapping(uint256 taskId => Dispute) private _disputes;
     /// @inheritdoc ITaskManager
     mapping(address account => uint256) public pendingPayments;
@@ -156,21 +140,21 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function cancelTask(uint256 taskId) external nonReentrant {
         Record storage t = _get(taskId);
         address caller = _sender();
-        if (caller != t.creator) revert NotCreator(taskId, caller, t.creator);
+        if (caller != _of(t).creator()) revert NotCreator(taskId, caller, _of(t).creator());
         _requireState(taskId, t, TaskState.Open);
         _open[_queue(t)].remove(uint64(taskId));
-        t.state = TaskState.Cancelled;
+        t.enter(TaskState.Cancelled);
         uint256 refund = t.reward;
         emit TaskCancelled(taskId, refund);
-        _pay(t.creator, refund);
+        _pay(_of(t).creator(), refund);
     }
 
     /// @inheritdoc ITaskManager
     function acceptTask(uint256 taskId, uint8 attempt) external {
         Record storage t = _get(taskId);
         address executor = _requireExecutor(taskId, t, attempt);
-        if (t.accepted) revert AlreadyAccepted(taskId, attempt);
-        t.accepted = true;
+        if (t.accepted()) revert AlreadyAccepted(taskId, attempt);
+        t.accept();
         emit TaskAccepted(taskId, attempt, executor);
     }
 
@@ -178,9 +162,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function abandonTask(uint256 taskId, uint8 attempt) external nonReentrant {
         Record storage t = _get(taskId);
         _requireExecutor(taskId, t, attempt);
-        Cause late = t.accepted ? Cause.AbandonedLate : Cause.NotAccepted;
+        Cause late = t.accepted() ? Cause.AbandonedLate : Cause.NotAccepted;
         Cause cause = block.timestamp <= _graceEnd(t) ? Cause.Abandoned : late;
-        _failAttempt(taskId, t, _kinds.kinds[t.kindId], cause);
+        _failAttempt(taskId, t, cause);
     }
 
     /// @inheritdoc ITaskManager
@@ -190,7 +174,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     {
         Record storage t = _get(taskId);
         _submit(taskId, t, attempt, proofHash, uri);
-        _proofs[t.serviceId] = proofHash;
+        _workers[t.serviceId].proof = proofHash;
     }
 
     /// @inheritdoc ITaskManager
@@ -232,20 +216,19 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc ITaskManager
     function expireTask(uint256 taskId) external nonReentrant {
         Record storage t = _get(taskId);
-        bool submitted = t.state == TaskState.Submitted;
-        bool undecided = t.state == TaskState.Undecided;
+        bool submitted = t.state() == TaskState.Submitted;
+        bool undecided = t.state() == TaskState.Undecided;
         if (!submitted && !undecided) _requireState(taskId, t, TaskState.Assigned);
-        bool accepted = submitted || undecided || t.accepted;
+        bool accepted = submitted || undecided || t.accepted();
         uint256 end = accepted ? t.deadline : _graceEnd(t);
         if (block.timestamp <= end) revert DeadlineNotPassed(taskId, end, block.timestamp);
-        bytes32 kind = _kinds.kinds[t.kindId];
         if (undecided) {
             _endAudit(taskId, t);
-        } else if (submitted && t.silence == Silence.Executor) {
-            _settle(taskId, t, kind, t.price, Outcome.Unjudged);
+        } else if (submitted && _of(t).silence() == Silence.Executor) {
+            _settle(taskId, t, t.price(), Outcome.Unjudged);
         } else {
             Cause unproven = accepted ? Cause.ExecutionExpired : Cause.NotAccepted;
-            _failAttempt(taskId, t, kind, submitted ? Cause.VerdictExpired : unproven);
+            _failAttempt(taskId, t, submitted ? Cause.VerdictExpired : unproven);
         }
     }
 
@@ -266,7 +249,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record storage t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
         _open[_queue(t)].remove(uint64(taskId));
-        _match(taskId, t, _kinds.kinds[t.kindId], organization.policy());
+        _match(taskId, t, organization.policy());
     }
 
     /// @inheritdoc ITaskManager
@@ -274,19 +257,19 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 amount = pendingPayments[account];
         if (amount == 0) revert NothingOwed(account);
         pendingPayments[account] = 0;
-        _totals.held -= uint192(amount);
+        _totals.held -= uint128(amount);
         emit PaymentCollected(account, amount);
         token.safeTransfer(services.payoutOf(account), amount);
     }
 
     /// @inheritdoc ITaskManager
-    function onServiceFree(uint256 serviceId, bytes32 kind, uint256 price, uint160 named)
+    function onServiceFree(uint256 serviceId, address provider, uint8 kindId, uint256 price, uint160 named)
         external
         nonReentrant
         onlyServiceManager
     {
-        if (_proofs[serviceId] == 0) _proofs[serviceId] = NO_PROOF;
-        _place(serviceId, _kinds.ids[kind], kind, price, named);
+        if (_workers[serviceId].proof == 0) _workers[serviceId] = Worker(provider, NO_PROOF);
+        _place(serviceId, kindId, price, named);
     }
 
     /// @inheritdoc ITaskManager
@@ -310,24 +293,24 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc ITaskManager
     function task(uint256 taskId) external view returns (Task memory) {
         Record storage t = _get(taskId);
-        bool ofProvider = t.hired == Hire.Provider;
+        bool ofProvider = _of(t).hired() == Hire.Provider;
         return Task({
-            creator: t.creator,
+            creator: _of(t).creator(),
             reward: t.reward,
-            kind: _kinds.kinds[t.kindId],
-            price: t.price,
-            serviceId: ofProvider && (t.state == TaskState.Open || t.state == TaskState.Cancelled)
+            kind: _kindOf(t),
+            price: uint96(t.price()),
+            serviceId: ofProvider && (t.state() == TaskState.Open || t.state() == TaskState.Cancelled)
                 ? 0
                 : t.serviceId,
-            provider: ofProvider ? services.providerOf(t.serviceId) : address(0),
+            provider: ofProvider ? _workers[t.serviceId].executor : address(0),
             deadline: t.deadline,
-            executionWindow: t.executionWindow,
-            verdictWindow: t.verdictWindow,
-            attempt: t.attempt,
-            maxAttempts: t.maxAttempts,
-            state: t.state,
-            accepted: t.accepted,
-            hired: t.hired,
+            executionWindow: _of(t).executionWindow(),
+            verdictWindow: _of(t).verdictWindow(),
+            attempt: t.attempt(),
+            maxAttempts: _of(t).maxAttempts(),
+            state: t.state(),
+            accepted: t.accepted(),
+            hired: _of(t).hired(),
             proofHash: _proof(taskId, t)
         });
     }
@@ -344,11 +327,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId) {
-        return _open[_kinds.ids[kind]].first(Units.levelFor(price, _unit));
+        return _open[organization.numberOf(kind)].first(Units.levelFor(price, _unit));
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (uint256 taskId) {
-        (IMatchingPolicy policy, bytes32 rules, Silence silence) = organization.admitTask(
+        (IMatchingPolicy policy, bytes32 rules, Silence silence, uint8 kindId) = organization.admitTask(
             request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
         );
         _requireWindow(request.executionWindow);
@@ -358,14 +341,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Texts.requireParams(request.params);
         taskId = ++_totals.tasks;
         Record storage t = _tasks[taskId];
-        t.creator = creator;
-        t.reward = request.reward.toUint96();
-        t.kindId = _kinds.idOf(request.kind);
-        t.executionWindow = uint24(request.executionWindow);
-        t.verdictWindow = uint256(request.verdictWindow).toUint24();
-        t.maxAttempts = request.maxAttempts;
-        t.state = TaskState.Open;
-        t.silence = silence;
+        t.reward = request.reward.toUint88();
+        t.conditions = _conditions.keep(_wanted(creator, request, kindId, silence));
+        t.enter(TaskState.Open);
         emit TaskRegistered(
             taskId,
             creator,
@@ -378,32 +356,50 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             request.params
         );
         if (request.serviceId != 0) {
-            if (request.provider != address(0)) revert TwoNamed(request.serviceId, request.provider);
-            (t.serviceId, t.hired) = (request.serviceId, Hire.Service);
+            t.serviceId = request.serviceId;
             emit ServiceRequested(taskId, request.serviceId);
         } else if (request.provider != address(0)) {
-            t.hired = Hire.Provider;
             t.serviceId = services.serviceOf(request.provider, request.kind, request.reward);
             emit ProviderRequested(taskId, request.provider);
         }
-        _match(taskId, t, request.kind, policy);
+        _match(taskId, t, policy);
         _take(creator, request.reward);
     }
 
+    /// @dev What all tasks share that the creator posts like this one.
+    function _wanted(address creator, TaskRequest calldata request, uint8 kindId, Silence silence)
+        private
+        pure
+        returns (Conditions)
+    {
+        bool ofProvider = request.provider != address(0);
+        if (request.serviceId != 0 && ofProvider) revert TwoNamed(request.serviceId, request.provider);
+        return TaskRecords.pack(
+            creator,
+            request.executionWindow,
+            uint256(request.verdictWindow).toUint24(),
+            kindId,
+            request.maxAttempts,
+            silence,
+            request.serviceId != 0 ? Hire.Service : ofProvider ? Hire.Provider : Hire.None
+        );
+    }
+
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
-    function _match(uint256 taskId, Record storage t, bytes32 kind, IMatchingPolicy policy) private {
+    function _match(uint256 taskId, Record storage t, IMatchingPolicy policy) private {
         (uint256 serviceId, uint256 price, bool failed) = (t.serviceId, 0, false);
-        bool hired = t.hired != Hire.None;
-        if (!hired) (serviceId, price, failed) = _ask(policy, kind, t.reward);
-        if (serviceId != 0) {
-            if (_assign(taskId, t, kind, serviceId, price)) return;
-            failed = !hired;
+        bool hired = _of(t).hired() != Hire.None;
+        bool longestIdle = !hired && address(policy) == address(0);
+        if (!hired && !longestIdle) (serviceId, price, failed) = _ask(policy, _kindOf(t), t.reward);
+        if (serviceId != 0 || longestIdle) {
+            if (_assign(taskId, t, serviceId, price)) return;
+            failed = !hired && !longestIdle;
         }
         if (failed) emit PolicyFailed(taskId);
         _open[_queue(t)].put(uint64(taskId), _weight(t.reward));
     }
 
-    /// @dev What the policy says. Never reverts, so that a bad policy cannot keep money in escrow.
+    /// @dev What the policy says, in whole units. Never reverts, so that a bad policy cannot keep money in escrow.
     function _ask(IMatchingPolicy policy, bytes32 kind, uint256 reward)
         private
         view
@@ -419,11 +415,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             price := mload(32)
         }
         failed = !success;
+        price -= price % Units.UNIT;
     }
 
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
     /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
-    function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price, uint256 named) private {
+    function _place(uint256 serviceId, uint8 kindId, uint256 price, uint256 named) private {
         uint64 minimum = Units.levelFor(price, _unit);
         uint256 queue = kindId;
         uint64 taskId = _open[queue].first(minimum);
@@ -434,32 +431,27 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             named = named == serviceId ? 0 : serviceId;
         }
         if (taskId == 0) {
-            services.enqueue(serviceId, minimum);
+            services.enqueue(serviceId, minimum, ++_totals.places);
         } else {
             _open[queue].remove(taskId);
-            bool assigned = _assign(taskId, _tasks[taskId], kind, serviceId, 0);
+            bool assigned = _assign(taskId, _tasks[taskId], serviceId, 0);
             assert(assigned);
         }
     }
 
     /// @dev Whether the service takes the task; nothing happened if not. It is paid at least its own price.
-    function _assign(uint256 taskId, Record storage t, bytes32 kind, uint256 serviceId, uint256 price)
+    function _assign(uint256 taskId, Record storage t, uint256 serviceId, uint256 price)
         private
         returns (bool)
     {
         address executor;
         bool accepted;
         (serviceId, executor, price, accepted) =
-            services.reserve(serviceId, kind, t.reward, price, taskId, t.hired);
+            services.reserve(serviceId, _of(t).kindId(), t.reward, price, taskId, _of(t).hired());
         if (executor == address(0)) return false;
-        uint8 attempt = t.attempt + 1;
-        uint256 deadline = block.timestamp + t.executionWindow;
-        t.attempt = attempt;
-        t.price = uint88(price);
-        t.serviceId = uint32(serviceId);
-        t.deadline = deadline.toUint32();
-        t.state = TaskState.Assigned;
-        t.accepted = accepted;
+        uint256 deadline = block.timestamp + _of(t).executionWindow();
+        t.assign(serviceId, price, deadline.toUint32(), accepted);
+        uint8 attempt = t.attempt();
         // Time and sender, too: there are chains whose `prevrandao` is constant and whose block hashes say little.
         bytes32 nonce = keccak256(
             abi.encode(
@@ -484,8 +476,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         address executor = _requireExecutor(taskId, t, attempt);
         if (proofHash == 0) revert EmptyProof(taskId);
         Texts.requireText(uri);
-        t.state = TaskState.Submitted;
-        uint256 deadline = block.timestamp + t.verdictWindow;
+        t.enter(TaskState.Submitted);
+        uint256 deadline = block.timestamp + _of(t).verdictWindow();
         t.deadline = deadline.toUint32();
         emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
     }
@@ -512,107 +504,99 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 amount,
         bytes32 proofHash
     ) private {
-        bytes32 kind = _kinds.kinds[t.kindId];
-        if (t.state == TaskState.Undecided) {
+        if (t.state() == TaskState.Undecided) {
             // Its service was released when the attempt became undecided.
             if (verdict == Verdict.Accepted) _payAudited(taskId, t, amount);
-            else if (verdict == Verdict.Impossible) _payAudited(taskId, t, t.price / IMPOSSIBLE_SHARE);
-            else if (_endAttempt(taskId, t, kind, Cause.Rejected)) _pay(t.creator, t.reward);
+            else if (verdict == Verdict.Impossible) _payAudited(taskId, t, t.price() / IMPOSSIBLE_SHARE);
+            else if (_endAttempt(taskId, t, Cause.Rejected)) _pay(_of(t).creator(), t.reward);
         } else if (verdict == Verdict.Accepted) {
-            _settle(taskId, t, kind, amount, Outcome.Completed);
+            _settle(taskId, t, amount, Outcome.Completed);
         } else if (verdict == Verdict.Impossible) {
-            _settle(taskId, t, kind, t.price / IMPOSSIBLE_SHARE, Outcome.Unjudged);
+            _settle(taskId, t, t.price() / IMPOSSIBLE_SHARE, Outcome.Unjudged);
         } else if (verdict == Verdict.Rejected) {
-            _failAttempt(taskId, t, kind, Cause.Rejected);
+            _failAttempt(taskId, t, Cause.Rejected);
         } else {
-            _askAuditors(taskId, t, kind, judge, proofHash);
+            _askAuditors(taskId, t, judge, proofHash);
         }
     }
 
-    function _settle(uint256 taskId, Record storage t, bytes32 kind, uint256 amount, Outcome outcome)
-        private
-    {
+    function _settle(uint256 taskId, Record storage t, uint256 amount, Outcome outcome) private {
         uint256 refund = t.reward - amount;
-        t.state = TaskState.Settled;
+        t.enter(TaskState.Settled);
         t.deadline = 0;
         uint256 serviceId = t.serviceId;
-        if (outcome == Outcome.Completed && t.attempt != 1) {
-            services.countAbandoned(taskId, serviceId, t.creator);
+        if (outcome == Outcome.Completed && t.attempt() != 1) {
+            services.countAbandoned(taskId, serviceId, _of(t).creator());
         }
-        Release memory r = services.release(serviceId, outcome, amount, t.creator);
+        Release memory r = services.release(serviceId, outcome, amount, _of(t).creator());
         emit TaskSettled(taskId, r.payout, amount, refund);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
+        if (r.available) _place(serviceId, _of(t).kindId(), r.price, r.named);
         _pay(r.payout, amount + r.bond);
-        _pay(t.creator, refund);
+        _pay(_of(t).creator(), refund);
     }
 
     /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
-    function _askAuditors(uint256 taskId, Record storage t, bytes32 kind, address judge, bytes32 proofHash)
-        private
-    {
-        Kind memory rules = organization.kindOf(kind);
+    function _askAuditors(uint256 taskId, Record storage t, address judge, bytes32 proofHash) private {
+        Kind memory rules = _rulesOf(t);
         // Kept as it is now: nobody changes who wins while the window runs.
         _disputes[taskId] = Dispute(judge, rules.silence, proofHash);
         uint256 deadline = block.timestamp + rules.auditWindow;
-        t.state = TaskState.Undecided;
+        t.enter(TaskState.Undecided);
         t.deadline = deadline.toUint32();
-        emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
+        emit AuditRequested(taskId, t.attempt(), deadline, rules.silence);
         uint256 serviceId = t.serviceId;
-        Release memory r = services.release(serviceId, Outcome.Unjudged, 0, t.creator);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
+        Release memory r = services.release(serviceId, Outcome.Unjudged, 0, _of(t).creator());
+        if (r.available) _place(serviceId, _of(t).kindId(), r.price, r.named);
         _pay(r.payout, r.bond);
     }
 
     /// @dev The auditors were silent.
     function _endAudit(uint256 taskId, Record storage t) private {
         if (_disputes[taskId].silence == Silence.Executor) {
-            _payAudited(taskId, t, t.price);
+            _payAudited(taskId, t, t.price());
         } else {
-            t.state = TaskState.Failed;
+            t.enter(TaskState.Failed);
             t.deadline = 0;
-            emit TaskFailed(taskId, t.reward, t.attempt, Cause.AuditExpired);
-            _pay(t.creator, t.reward);
+            emit TaskFailed(taskId, t.reward, t.attempt(), Cause.AuditExpired);
+            _pay(_of(t).creator(), t.reward);
         }
     }
 
     function _payAudited(uint256 taskId, Record storage t, uint256 amount) private {
         uint256 refund = t.reward - amount;
-        address payout = services.payoutOf(services.providerOf(t.serviceId));
-        t.state = TaskState.Settled;
+        address payout = services.payoutOf(_workers[t.serviceId].executor);
+        t.enter(TaskState.Settled);
         t.deadline = 0;
         emit TaskSettled(taskId, payout, amount, refund);
         _pay(payout, amount);
-        _pay(t.creator, refund);
+        _pay(_of(t).creator(), refund);
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
-    function _failAttempt(uint256 taskId, Record storage t, bytes32 kind, Cause cause) private {
+    function _failAttempt(uint256 taskId, Record storage t, Cause cause) private {
         uint256 serviceId = t.serviceId;
-        uint256 price = t.price;
-        bool last = _endAttempt(taskId, t, kind, cause);
-        Release memory r = services.release(serviceId, _outcome(cause), price, t.creator);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
+        uint256 price = t.price();
+        bool last = _endAttempt(taskId, t, cause);
+        Release memory r = services.release(serviceId, _outcome(cause), price, _of(t).creator());
+        if (r.available) _place(serviceId, _of(t).kindId(), r.price, r.named);
         _pay(r.payout, r.bond);
         _pay(address(organization), r.penalty);
-        if (last) _pay(t.creator, t.reward);
+        if (last) _pay(_of(t).creator(), t.reward);
     }
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
-    function _endAttempt(uint256 taskId, Record storage t, bytes32 kind, Cause cause)
-        private
-        returns (bool last)
-    {
-        last = t.attempt == t.maxAttempts;
+    function _endAttempt(uint256 taskId, Record storage t, Cause cause) private returns (bool last) {
+        last = t.attempt() == _of(t).maxAttempts();
         t.deadline = 0;
         if (last) {
-            t.state = TaskState.Failed;
-            emit TaskFailed(taskId, t.reward, t.attempt, cause);
+            t.enter(TaskState.Failed);
+            emit TaskFailed(taskId, t.reward, t.attempt(), cause);
         } else {
-            t.state = TaskState.Open;
-            if (t.hired == Hire.None) t.serviceId = 0;
-            t.price = 0;
-            emit TaskRequeued(taskId, t.attempt, cause);
-            _match(taskId, t, kind, organization.policy());
+            t.enter(TaskState.Open);
+            if (_of(t).hired() == Hire.None) t.serviceId = 0;
+            t.units = 0;
+            emit TaskRequeued(taskId, t.attempt(), cause);
+            _match(taskId, t, organization.policy());
         }
     }
 
@@ -623,14 +607,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         token.safeTransferFrom(from, address(this), amount);
         uint256 received = token.balanceOf(address(this)) - before;
         if (received != amount) revert WrongAmountReceived(amount, received);
-        _totals.held += amount.toUint192();
+        _totals.held += amount.toUint128();
     }
 
     /// @dev A token that refuses `to` holds up neither the task nor the service: the amount waits for `withdrawPayments`.
     function _pay(address to, uint256 amount) private {
         if (amount == 0) return;
         if (_transfer(to, amount)) {
-            _totals.held -= uint192(amount);
+            _totals.held -= uint128(amount);
             return;
         }
         pendingPayments[to] += amount;
@@ -652,11 +636,25 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     function _get(uint256 taskId) private view returns (Record storage t) {
         t = _tasks[taskId];
-        if (t.state == TaskState.None) revert UnknownTask(taskId);
+        if (t.state() == TaskState.None) revert UnknownTask(taskId);
+    }
+
+    function _kindOf(Record storage t) private view returns (bytes32) {
+        return organization.kindNumbered(_of(t).kindId());
+    }
+
+    /// @dev The rules for work of this kind, as they are now.
+    function _rulesOf(Record storage t) private view returns (Kind memory) {
+        return organization.kindOf(_kindOf(t));
+    }
+
+    /// @dev What the creator wanted.
+    function _of(Record storage t) private view returns (Conditions) {
+        return _conditions[t.conditions];
     }
 
     function _requireState(uint256 taskId, Record storage t, TaskState expected) private view {
-        if (t.state != expected) revert WrongState(taskId, t.state, expected);
+        if (t.state() != expected) revert WrongState(taskId, t.state(), expected);
     }
 
     /// @dev The named attempt runs, is in `expected` and inside its window.
@@ -665,7 +663,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         view
     {
         _requireState(taskId, t, expected);
-        if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
+        if (attempt != t.attempt()) revert WrongAttempt(taskId, t.attempt(), attempt);
         if (block.timestamp > t.deadline) revert DeadlinePassed(taskId, t.deadline, block.timestamp);
     }
 
@@ -676,7 +674,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (address executor)
     {
         _requireAttempt(taskId, t, attempt, TaskState.Assigned);
-        executor = services.providerOf(t.serviceId);
+        executor = _workers[t.serviceId].executor;
         address caller = _sender();
         if (caller != executor) revert NotExecutor(taskId, caller, executor);
     }
@@ -693,7 +691,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev Until then the executor of an assigned task may abandon it at no cost.
     function _graceEnd(Record storage t) private view returns (uint256) {
-        uint256 window = t.executionWindow;
+        uint256 window = _of(t).executionWindow();
         return t.deadline - window + window / GRACE_SHARE;
     }
 
@@ -707,7 +705,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     ) private view {
         bool disputed = _requireRight(taskId, t, msg.sender, verdict);
         _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
-        if (msg.sender == services.providerOf(t.serviceId)) revert JudgeIsParty(taskId, msg.sender);
+        if (msg.sender == _workers[t.serviceId].executor) revert JudgeIsParty(taskId, msg.sender);
         bytes32 submitted = _proof(taskId, t);
         if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
         if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
@@ -719,12 +717,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         view
         returns (bool disputed)
     {
-        bytes32 kind = _kinds.kinds[t.kindId];
-        disputed = t.state == TaskState.Undecided;
-        bool mayJudge = disputed ? organization.mayAudit(judge) : organization.mayJudge(judge, kind);
-        if (!mayJudge) revert NotJudge(judge, kind);
-        if (judge == t.creator) revert JudgeIsParty(taskId, judge);
-        if (verdict == Verdict.Undecided && (disputed || organization.kindOf(kind).review != Review.Oracle)) {
+        disputed = t.state() == TaskState.Undecided;
+        bool mayJudge =
+            disputed ? organization.mayAudit(judge) : organization.mayJudgeNumbered(judge, _of(t).kindId());
+        if (!mayJudge) revert NotJudge(judge, _kindOf(t));
+        if (judge == _of(t).creator()) revert JudgeIsParty(taskId, judge);
+        if (verdict == Verdict.Undecided && (disputed || _rulesOf(t).review != Review.Oracle)) {
             revert AuditorMustDecide(taskId, judge);
         }
     }
@@ -753,7 +751,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         string calldata reason
     ) private view {
         if (verdict == Verdict.None) revert NoVerdict(taskId);
-        uint256 max = verdict == Verdict.Accepted ? t.price : 0;
+        uint256 max = verdict == Verdict.Accepted ? t.price() : 0;
         if (amount > max || (amount == 0 && max != 0)) revert InvalidAmount(taskId, amount, max);
         Texts.requireText(reportUri);
         Texts.requireText(reason);
@@ -761,15 +759,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The proof that waits for its verdict; 0 if none does.
     function _proof(uint256 taskId, Record storage t) private view returns (bytes32) {
-        if (t.state == TaskState.Submitted) return _proofs[t.serviceId];
-        return t.state == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
+        if (t.state() == TaskState.Submitted) return _workers[t.serviceId].proof;
+        return t.state() == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
     }
 
     /// @dev The queue of an open task.
     function _queue(Record storage t) private view returns (uint256) {
-        if (t.hired == Hire.None) return t.kindId;
-        bool any = t.hired == Hire.Provider;
-        return _queueOf(any ? uint160(services.providerOf(t.serviceId)) : t.serviceId, t.kindId);
+        if (_of(t).hired() == Hire.None) return _of(t).kindId();
+        bool any = _of(t).hired() == Hire.Provider;
+        return _queueOf(any ? uint160(_workers[t.serviceId].executor) : t.serviceId, _of(t).kindId());
     }
 
     /// @dev Where the tasks wait that name this service, or this provider. No provider's address is as small as a

@@ -507,6 +507,6 @@ contract AttackTest is Fixture {
         offer(robot1, 80 ether);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
         vm.prank(stranger);
-        services.reserve(1, CLEANING, 100 ether, 0, 7, Hire.None);
+        services.reserve(1, 1, 100 ether, 0, 7, Hire.None);
     }
 }

@@ -115,21 +115,21 @@ contract ServiceManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
         vm.startPrank(robot1);
         vm.expectRevert(refusal);
-        services.reserve(serviceId, CLEANING, 100 ether, 0, 1, Hire.None);
+        services.reserve(serviceId, 1, 100 ether, 0, 1, Hire.None);
         vm.expectRevert(refusal);
         services.release(serviceId, Outcome.Completed, 80 ether, alice);
         vm.expectRevert(refusal);
-        services.enqueue(serviceId, 1);
+        services.enqueue(serviceId, 1, 1);
     }
 
     function test_aServiceDoesOneTaskAtATime() public {
         uint256 serviceId = offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        (, address provider,,) = services.reserve(serviceId, CLEANING, 100 ether, 0, 2, Hire.None);
+        (, address provider,,) = services.reserve(serviceId, 1, 100 ether, 0, 2, Hire.None);
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));
-        services.enqueue(serviceId, 1);
+        services.enqueue(serviceId, 1, 1);
     }
 }

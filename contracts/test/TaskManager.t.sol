@@ -598,7 +598,7 @@ contract TaskManagerTest is Fixture {
     function test_onlyTheServiceManagerPlacesServices() public {
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotServiceManager.selector, stranger));
         vm.prank(stranger);
-        tasks.onServiceFree(1, CLEANING, 0, 0);
+        tasks.onServiceFree(1, address(1), 1, 0, 0);
     }
 
     function test_contractsThatDoNotNameEachOtherAreRefused() public {

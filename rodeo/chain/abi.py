@@ -115,6 +115,7 @@ class KindRules(Struct):
     silence: Silence
     min_verdict_window: int
     max_verdict_window: int
+    number: int
 
 
 @dataclass(frozen=True)

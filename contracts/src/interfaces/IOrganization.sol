@@ -45,6 +45,7 @@ struct Budget {
 /// said, and the attempt is void then
 /// @param minVerdictWindow the shortest verdict window that a task of this kind may have, s; 0 for the default
 /// @param maxVerdictWindow the longest, s; 0 for the default
+/// @param number of the kind, from 1; 0 before it is allowed for the first time
 struct Kind {
     bool allowed;
     Review review;
@@ -53,6 +54,7 @@ struct Kind {
     Silence silence;
     uint32 minVerdictWindow;
     uint32 maxVerdictWindow;
+    uint8 number;
 }
 
 /// @title The organization: who may do what, which work it accepts, how tasks meet services, and its treasury.
@@ -83,6 +85,8 @@ interface IOrganization is IDeviceRegistry {
     event TokensRescued(IERC20 indexed token, address indexed to, uint256 amount);
 
     error UnknownKind(bytes32 kind);
+    /// @notice An organization uses up to 255 kinds in its life.
+    error TooManyKinds(bytes32 kind, uint256 max);
     /// @notice Allowing a kind requires saying who judges it.
     error KindWithoutReview(bytes32 kind);
     /// @notice What oracles judge needs auditors' rules first, because an oracle may leave a proof undecided. See
@@ -276,6 +280,19 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Whether `account` may post verdicts on submitted proofs of `kind`.
     function mayJudge(address account, bytes32 kind) external view returns (bool);
 
+    /// @notice mayJudge for a kind that is given by its number.
+    /// @param account who would judge
+    /// @param kindId see numberOf
+    function mayJudgeNumbered(address account, uint8 kindId) external view returns (bool);
+
+    /// @notice Returns the number of a kind, from 1; 0 if it was never allowed.
+    /// @param kind what is to be done, ASCII
+    function numberOf(bytes32 kind) external view returns (uint8);
+
+    /// @notice Returns the kind with this number; 0 if there is none.
+    /// @param number see numberOf
+    function kindNumbered(uint8 number) external view returns (bytes32);
+
     /// @notice Whether `account` may decide what an oracle left undecided.
     function mayAudit(address account) external view returns (bool);
 
@@ -286,18 +303,23 @@ interface IOrganization is IDeviceRegistry {
     /// @param executionWindow seconds from assignment to proof
     /// @param verdictWindow seconds from proof to verdict
     /// @param wantedRules the rules that the creator names; 0 for the newest
-    /// @return matching what matches it
+    /// @return matching what matches it; 0 for the service that has waited longest, as FirstComeFirstServed chooses
     /// @return rules by which it is judged; 0 where people judge and no rules were named
     /// @return silence who wins a proof that nobody judges
+    /// @return kindId the number of the kind
     function admitTask(
         bytes32 kind,
         address creator,
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy matching, bytes32 rules, Silence silence);
+    ) external view returns (IMatchingPolicy matching, bytes32 rules, Silence silence, uint8 kindId);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
-    /// @return what it agrees to
-    function admitService(bytes32 kind, address provider) external view returns (Terms memory);
+    /// @return agreed what it agrees to
+    /// @return kindId the number of the kind
+    function admitService(bytes32 kind, address provider)
+        external
+        view
+        returns (Terms memory agreed, uint8 kindId);
 }

@@ -187,6 +187,10 @@ interface IServiceManager {
     /// @param account any account
     function payoutOf(address account) external view returns (address);
 
+    /// @notice Returns who owns a device, as the organization's registry says; 0 if nobody registered it.
+    /// @param device the device's key
+    function ownerOf(address device) external view returns (address);
+
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services
     function asleepUntil(address provider) external view returns (uint256);
@@ -250,20 +254,20 @@ interface IServiceManager {
 
     /// @notice Give a task to a service, if it is available, of this kind, and not too expensive. Only the task
     /// manager.
-    /// @param serviceId the service that the policy chose, or that the task names
-    /// @param kind what is done, ASCII
+    /// @param serviceId the service that the policy chose, or that the task names; 0 for the one that has waited longest
+    /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @param wanted what it is to be paid, if that is more than its own price
     /// @param taskId the task that it gets
     /// @param hired whether the task names the service, or its provider. It then waits for it, and `release` says so.
     /// Reverts with UnknownService or ServiceOfOtherKind if it would wait forever.
-    /// @return taker the service; where the task names a provider maybe another one of it
+    /// @return taker the service; where the task names a provider maybe another one of it; 0 if there is none
     /// @return provider who does the task; 0 if the service does not fit, and nothing happened
     /// @return price the price of this task
     /// @return accepted whether the service accepts each task
     function reserve(
         uint256 serviceId,
-        bytes32 kind,
+        uint8 kindId,
         uint256 maxPrice,
         uint256 wanted,
         uint256 taskId,
@@ -290,5 +294,6 @@ interface IServiceManager {
     /// @notice Let an available service wait behind the others of its kind. Only the task manager.
     /// @param serviceId its number
     /// @param level that of its price
-    function enqueue(uint256 serviceId, uint64 level) external;
+    /// @param place its place among the waiting services; a higher number than any before
+    function enqueue(uint256 serviceId, uint64 level, uint40 place) external;
 }

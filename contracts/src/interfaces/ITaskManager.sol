@@ -371,11 +371,13 @@ interface ITaskManager {
     /// @notice Give an available service the oldest open task that it can do, or let it wait. Only the service
     /// manager.
     /// @param serviceId the service
-    /// @param kind what it does, ASCII
+    /// @param provider whose service it is
+    /// @param kindId the number of what it does, see IOrganization.numberOf
     /// @param price what one task costs, in the token's smallest unit
     /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
     /// provider's address as a number; else 0
-    function onServiceFree(uint256 serviceId, bytes32 kind, uint256 price, uint160 named) external;
+    function onServiceFree(uint256 serviceId, address provider, uint8 kindId, uint256 price, uint160 named)
+        external;
 
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);

@@ -23,8 +23,8 @@ library WeightTree {
     struct Tree {
         uint64 root;
         uint64 rootWeight;
-        /// @dev The owner may number its elements in this word, which is written anyway. Never 0 again, see put.
-        uint64 serial;
+        /// @dev Keeps the word of an empty tree.
+        bool used;
         mapping(uint64 ref => Node) nodes;
     }
 
@@ -90,10 +90,9 @@ library WeightTree {
     function put(Tree storage tree, uint64 key, uint64 weight) internal {
         uint64 leaf = (key << 1) | 1;
         uint64 root = tree.root;
-        // The word of an empty tree stays.
-        if (tree.serial == 0) tree.serial = 1;
-        (tree.root, tree.rootWeight) =
+        (uint64 top, uint64 topWeight) =
             root == 0 ? (leaf, weight) : _put(tree, root, tree.rootWeight, leaf, weight);
+        (tree.root, tree.rootWeight, tree.used) = (top, topWeight, true);
     }
 
     /// @notice Remove an element. Reverts with KeyMissing.

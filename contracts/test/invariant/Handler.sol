@@ -1003,7 +1003,7 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.postVerdict(taskId, t.attempt, t.proofHash, Verdict.Accepted, t.price, 0, "", "") {
             violation = "a stranger judged";
         } catch {}
-        try _tasks.onServiceFree(1, CLEANING, 0, 0) {
+        try _tasks.onServiceFree(1, address(1), 1, 0, 0) {
             violation = "a stranger placed a service";
         } catch {}
         try _tasks.returnBond(who, 1) {
