@@ -226,8 +226,9 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     }
 
     function _parties(Task memory t) private view returns (Parties memory) {
-        address executor = _services.providerOf(t.serviceId);
-        return Parties(t.creator, _services.ownerOf(t.creator), executor, _services.ownerOf(executor));
+        (address executor, address executorsOwner, address creatorsOwner) =
+            _services.partiesOf(t.serviceId, t.creator);
+        return Parties(t.creator, creatorsOwner, executor, executorsOwner);
     }
 
     function _isParty(Parties memory parties, address account) private pure returns (bool) {

@@ -12,16 +12,16 @@ import {WeightTree} from "./libraries/WeightTree.sol";
 contract ServiceManager is IServiceManager {
     using WeightTree for WeightTree.Tree;
 
-    /// @dev A Service in two words. Counters stop at their greatest value.
+    /// @dev A Service in two words, of which tasks write the second one. Counters stop at their greatest value.
     struct Record {
         address provider;
-        /// @dev Enough for Units.max.
-        uint88 price;
+        /// @dev The price in `_unit`.
+        uint64 units;
         uint8 kindId;
-        uint40 taskId;
         ServiceState state;
-        bool hasTerms;
-        bool autoAccept;
+        /// @dev A task has named it, or its provider, and waited, so that its own queue, or both, have to be looked at.
+        Hire hired;
+        uint40 taskId;
         uint24 completed;
         uint16 rejected;
         uint16 expired;
@@ -31,8 +31,8 @@ contract ServiceManager is IServiceManager {
         uint40 place;
         /// @dev The key of the line in which it waits: its provider's reputation may change meanwhile.
         uint24 line;
-        /// @dev A task has named it, or its provider, and waited, so that its own queue, or both, have to be looked at.
-        Hire hired;
+        bool hasTerms;
+        bool autoAccept;
     }
 
     /// @dev What a service agreed to, and what came of it. Only where `hasTerms`.
@@ -55,6 +55,8 @@ contract ServiceManager is IServiceManager {
         uint152 work;
         /// @dev It is somebody's device (see _owners).
         bool owned;
+        /// @dev Somebody's device was its own.
+        bool owns;
         /// @dev A task has named it and waited for it: each of its services has to look at its queue.
         bool hired;
         /// @dev Another address is paid (see _payouts). Here, because this word is read before each payment.
@@ -72,7 +74,7 @@ contract ServiceManager is IServiceManager {
 
     /// @dev The idle services of a kind. The tree has one key per line, so that the usual case of few prices does
     /// not climb it: price, then the best reputation first. Its weights are the age of the line's first service
-    /// (major) and the line's reputation (minor).
+    /// (major) and the line's reputation (minor). The age of a line that is alone there says nothing: nobody asks for it.
     struct Idle {
         WeightTree.Tree lines;
         mapping(uint64 key => Line) line;
@@ -160,7 +162,7 @@ contract ServiceManager is IServiceManager {
         if (p.work == 0) p.work = _work(0, 0);
         Record storage s = _services[serviceId];
         s.provider = msg.sender;
-        s.price = uint88(price);
+        s.units = uint64(price / _unit);
         s.kindId = kindId;
         s.state = ServiceState.Active;
         s.autoAccept = autoAccept;
@@ -192,7 +194,7 @@ contract ServiceManager is IServiceManager {
         if (state == ServiceState.Active) _requireAwake(msg.sender);
         _requirePrice(price);
         _leaveLine(serviceId, s);
-        s.price = uint88(price);
+        s.units = uint64(price / _unit);
         s.state = state;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
@@ -239,6 +241,7 @@ contract ServiceManager is IServiceManager {
     function recordOwner(address device, address owner) external onlyOrganization {
         _owners[device] = owner;
         _providers[device].owned = true;
+        _providers[owner].owns = true;
     }
 
     /// @inheritdoc IServiceManager
@@ -264,7 +267,7 @@ contract ServiceManager is IServiceManager {
         taker = serviceId == 0 ? _longestIdle(kindId, maxPrice) : serviceId;
         if (taker == 0) return (0, address(0), 0, false);
         Record storage s = _services[taker];
-        if (hired == Hire.Provider && !(_isAvailable(s) && s.price <= maxPrice)) {
+        if (hired == Hire.Provider && !(_isAvailable(s) && _priceOf(s) <= maxPrice)) {
             uint256 other = _serviceOf(s.provider, s.kindId, maxPrice);
             if (other != 0) (taker, s) = (other, _services[other]);
         }
@@ -273,7 +276,7 @@ contract ServiceManager is IServiceManager {
         if (hired != Hire.None && !ofKind) {
             revert ServiceOfOtherKind(taker, organization.kindNumbered(kindId));
         }
-        price = Math.max(s.price, wanted);
+        price = Math.max(_priceOf(s), wanted);
         if (!_isAvailable(s) || price > Math.min(maxPrice, Units.max(_unit)) || !ofKind) {
             if (hired > s.hired) _hire(s, hired);
             return (taker, address(0), 0, false);
@@ -284,7 +287,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator)
+    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator, uint40 place)
         external
         onlyTaskManager
         returns (Release memory r)
@@ -296,13 +299,15 @@ contract ServiceManager is IServiceManager {
         (r.payout, r.penalty) = _count(serviceId, s, outcome, value, creator);
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
-        (r.available, r.price, r.named) = (_isAvailable(s), s.price, _named(serviceId, s));
+        if (s.state != ServiceState.Active) return r;
+        if (place != 0) _enqueue(serviceId, s, place);
+        else (r.available, r.price, r.named) = (true, _priceOf(s), _named(serviceId, s));
     }
 
     /// @inheritdoc IServiceManager
     function countAbandoned(uint256 taskId, uint256 serviceId, address creator) external onlyTaskManager {
         address able = _services[serviceId].provider;
-        if (_isOwn(able, _providers[able].owned, payoutOf(able), creator)) return;
+        if (_isOwn(able, _providers[able], payoutOf(able), creator)) return;
         for (uint256 by = _abandoned[taskId]; by != 0; by >>= 32) {
             address provider = _services[uint32(by)].provider;
             if (provider != able) _miss(provider, _providers[provider]);
@@ -310,24 +315,10 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function enqueue(uint256 serviceId, uint64 level, uint40 place) external onlyTaskManager {
+    function enqueue(uint256 serviceId, uint40 place) external onlyTaskManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
-        Idle storage idle = _idle[s.kindId];
-        s.place = place;
-        uint64 reputation = _reputation(_providers[s.provider]);
-        uint64 key = _key(level, reputation - reputation % STEP);
-        s.line = uint24(key);
-        Line storage line = idle.line[key];
-        (uint32 id, uint32 last) = (uint32(serviceId), line.last);
-        if (last == 0) {
-            (line.first, line.used) = (id, true);
-            idle.lines.put(key, _weight(s));
-        } else {
-            s.previous = last;
-            _services[last].next = id;
-        }
-        line.last = id;
+        _enqueue(serviceId, s, place);
     }
 
     /// @inheritdoc IServiceManager
@@ -336,7 +327,7 @@ contract ServiceManager is IServiceManager {
         Agreement storage a = _agreements[serviceId];
         return Service({
             provider: s.provider,
-            price: s.price,
+            price: _priceOf(s),
             kind: organization.kindNumbered(s.kindId),
             taskId: s.taskId,
             place: s.place,
@@ -364,8 +355,14 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function ownerOf(address device) external view returns (address) {
-        return _owners[device];
+    function partiesOf(uint256 serviceId, address creator)
+        external
+        view
+        returns (address provider, address providersOwner, address creatorsOwner)
+    {
+        provider = _get(serviceId).provider;
+        providersOwner = _providers[provider].owned ? _owners[provider] : address(0);
+        creatorsOwner = _owners[creator];
     }
 
     /// @inheritdoc IServiceManager
@@ -431,8 +428,8 @@ contract ServiceManager is IServiceManager {
         for (uint256 i = 0; i < MAX_SERVICES; ++i) {
             Record storage s = _services[live[i]];
             if (live[i] == 0 || s.kindId != kindId) continue;
-            bool better = _isAvailable(s) && s.price < lowest;
-            if (better) lowest = s.price;
+            bool better = _isAvailable(s) && _priceOf(s) < lowest;
+            if (better) lowest = _priceOf(s);
             if (better || serviceId == 0) serviceId = live[i];
         }
     }
@@ -458,6 +455,25 @@ contract ServiceManager is IServiceManager {
         return hired == Hire.Service ? uint160(serviceId) : uint160(s.provider);
     }
 
+    /// @dev Behind the other services of its kind, price and reputation.
+    function _enqueue(uint256 serviceId, Record storage s, uint40 place) private {
+        Idle storage idle = _idle[s.kindId];
+        uint64 reputation = _reputation(_providers[s.provider]);
+        uint64 key = _key(Units.levelFor(_priceOf(s), _unit), reputation - reputation % STEP);
+        Line storage line = idle.line[key];
+        (uint32 id, uint32 last) = (uint32(serviceId), line.last);
+        (s.place, s.line, s.previous) = (place, uint24(key), last);
+        if (last == 0) {
+            (line.first, line.used) = (id, true);
+            uint64 alone = idle.lines.alone();
+            if (alone != 0) idle.lines.put(alone, _weight(_services[idle.line[alone].first]));
+            idle.lines.put(key, _weight(s));
+        } else {
+            _services[last].next = id;
+        }
+        line.last = id;
+    }
+
     /// @dev Out of its line, wherever it stands, if it waits.
     function _leaveLine(uint256 serviceId, Record storage s) private {
         if (s.place == 0) return;
@@ -475,7 +491,7 @@ contract ServiceManager is IServiceManager {
             idle.lines.remove(key);
         } else {
             line.first = next;
-            idle.lines.put(key, _weight(_services[next]));
+            if (idle.lines.alone() == 0) idle.lines.put(key, _weight(_services[next]));
         }
         s.next = 0;
     }
@@ -487,12 +503,10 @@ contract ServiceManager is IServiceManager {
     {
         address provider = s.provider;
         Provider storage p = _providers[provider];
-        // At once: the word is written below.
-        (bool owned, bool paidElsewhere) = (p.owned, p.paidElsewhere);
-        payout = paidElsewhere ? _payouts[provider] : provider;
+        payout = p.paidElsewhere ? _payouts[provider] : provider;
         if (outcome == Outcome.Unjudged) return (payout, 0);
         if (outcome != Outcome.Abandoned && outcome != Outcome.Missed) {
-            bool own = _isOwn(provider, owned, payout, creator);
+            bool own = _isOwn(provider, p, payout, creator);
             _rate(p, outcome == Outcome.Completed, value, own);
             if (outcome == Outcome.Completed) {
                 if (!own && p.missed | p.failures | p.naps != 0) _forgive(provider, p);
@@ -528,14 +542,16 @@ contract ServiceManager is IServiceManager {
 
     /// @dev Whether the creator of a task is its provider, or one owns the other, or somebody owns both, or what the
     /// provider earns goes back to whoever pays.
-    function _isOwn(address provider, bool owned, address payout, address creator)
+    function _isOwn(address provider, Provider storage p, address payout, address creator)
         private
         view
         returns (bool)
     {
+        // Whoever has nothing to do with devices has nothing to do with the creator's owner either.
+        if (!p.owned && !p.owns && payout == provider) return creator == provider;
         address payer = _owners[creator];
         if (payer == address(0)) payer = creator;
-        return payer == (owned ? _owners[provider] : provider) || payer == payout;
+        return payer == (p.owned ? _owners[provider] : provider) || payer == payout;
     }
 
     /// @dev A proof was accepted, of work for others.
@@ -644,6 +660,10 @@ contract ServiceManager is IServiceManager {
     /// @dev Cheap before dear, then reputable before not; never 0.
     function _key(uint64 level, uint64 reputation) private pure returns (uint64) {
         return WeightTree.weigh(level + 1, WeightTree.MAX_MINOR - reputation);
+    }
+
+    function _priceOf(Record storage s) private view returns (uint96) {
+        return uint96(s.units * _unit);
     }
 
     function _priceOf(uint64 key) private view returns (uint256) {

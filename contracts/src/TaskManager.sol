@@ -24,7 +24,7 @@ import {
 } from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
 import {SignedVerdicts} from "./libraries/SignedVerdicts.sol";
-import {Conditions, Record, TaskRecords} from "./libraries/TaskRecords.sol";
+import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
@@ -32,12 +32,14 @@ import {WeightTree} from "./libraries/WeightTree.sol";
 contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     using SafeCast for uint256;
     using SafeERC20 for IERC20;
-    using TaskRecords for mapping(uint32 => Conditions);
+    using TaskRecords for TaskRecords.Store;
     using WeightTree for WeightTree.Tree;
 
     /// @dev In one word, because a registration writes two of them, and a verdict the others.
     struct Totals {
-        uint64 tasks;
+        uint40 tasks;
+        /// @dev Open tasks of all queues, so that nobody looks into a queue while there are none.
+        uint40 waiting;
         /// @dev How often a service began to wait. Each gets the next number, so that the lower was there earlier.
         uint40 places;
         uint128 held;
@@ -87,8 +89,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     SignedRequests public immutable signedRequests;
 
     Totals private _totals;
-    mapping(uint256 taskId => Record) private _tasks;
-    mapping(uint32 key => Conditions) private _conditions;
+    TaskRecords.Store private _tasks;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
     /// weight is its reward. Each kind has a queue, and each service and provider one of the tasks that name it (see _queue).
     mapping(uint256 queue => WeightTree.Tree) private _open;
@@ -138,31 +139,32 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function cancelTask(uint256 taskId) external nonReentrant {
-        Record storage t = _get(taskId);
+        Record memory t = _get(taskId);
         address caller = _sender();
-        if (caller != _of(t).creator()) revert NotCreator(taskId, caller, _of(t).creator());
+        if (caller != t.creator) revert NotCreator(taskId, caller, t.creator);
         _requireState(taskId, t, TaskState.Open);
-        _open[_queue(t)].remove(uint64(taskId));
-        t.enter(TaskState.Cancelled);
-        uint256 refund = t.reward;
-        emit TaskCancelled(taskId, refund);
-        _pay(_of(t).creator(), refund);
+        _leaveQueue(_queue(t), taskId);
+        t.state = TaskState.Cancelled;
+        _tasks.save(taskId, t, _unit);
+        emit TaskCancelled(taskId, t.reward);
+        _pay(t.creator, t.reward);
     }
 
     /// @inheritdoc ITaskManager
     function acceptTask(uint256 taskId, uint8 attempt) external {
-        Record storage t = _get(taskId);
+        Record memory t = _get(taskId);
         address executor = _requireExecutor(taskId, t, attempt);
-        if (t.accepted()) revert AlreadyAccepted(taskId, attempt);
-        t.accept();
+        if (t.accepted) revert AlreadyAccepted(taskId, attempt);
+        t.accepted = true;
+        _tasks.save(taskId, t, _unit);
         emit TaskAccepted(taskId, attempt, executor);
     }
 
     /// @inheritdoc ITaskManager
     function abandonTask(uint256 taskId, uint8 attempt) external nonReentrant {
-        Record storage t = _get(taskId);
+        Record memory t = _get(taskId);
         _requireExecutor(taskId, t, attempt);
-        Cause late = t.accepted() ? Cause.AbandonedLate : Cause.NotAccepted;
+        Cause late = t.accepted ? Cause.AbandonedLate : Cause.NotAccepted;
         Cause cause = block.timestamp <= _graceEnd(t) ? Cause.Abandoned : late;
         _failAttempt(taskId, t, cause);
     }
@@ -172,7 +174,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         external
         nonReentrant
     {
-        Record storage t = _get(taskId);
+        Record memory t = _get(taskId);
         _submit(taskId, t, attempt, proofHash, uri);
         _workers[t.serviceId].proof = proofHash;
     }
@@ -183,7 +185,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         nonReentrant
     {
         uint256 taskId = vote.taskId;
-        Record storage t = _get(taskId);
+        Record memory t = _get(taskId);
         // The proof is not kept: nobody looks for it after this call.
         _submit(taskId, t, vote.attempt, vote.proofHash, proofUri);
         _requireRight(taskId, t, by.judge, vote.verdict);
@@ -206,7 +208,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         string calldata reportUri,
         string calldata reason
     ) external nonReentrant {
-        Record storage t = _get(taskId);
+        Record memory t = _get(taskId);
         _requireJudge(taskId, t, attempt, proofHash, verdict);
         _requireContent(taskId, t, verdict, amount, reportUri, reason);
         emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
@@ -215,17 +217,17 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function expireTask(uint256 taskId) external nonReentrant {
-        Record storage t = _get(taskId);
-        bool submitted = t.state() == TaskState.Submitted;
-        bool undecided = t.state() == TaskState.Undecided;
+        Record memory t = _get(taskId);
+        bool submitted = t.state == TaskState.Submitted;
+        bool undecided = t.state == TaskState.Undecided;
         if (!submitted && !undecided) _requireState(taskId, t, TaskState.Assigned);
-        bool accepted = submitted || undecided || t.accepted();
+        bool accepted = submitted || undecided || t.accepted;
         uint256 end = accepted ? t.deadline : _graceEnd(t);
         if (block.timestamp <= end) revert DeadlineNotPassed(taskId, end, block.timestamp);
         if (undecided) {
             _endAudit(taskId, t);
-        } else if (submitted && _of(t).silence() == Silence.Executor) {
-            _settle(taskId, t, t.price(), Outcome.Unjudged);
+        } else if (submitted && t.silence == Silence.Executor) {
+            _settle(taskId, t, t.price, Outcome.Unjudged);
         } else {
             Cause unproven = accepted ? Cause.ExecutionExpired : Cause.NotAccepted;
             _failAttempt(taskId, t, submitted ? Cause.VerdictExpired : unproven);
@@ -246,9 +248,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function matchTask(uint256 taskId) external nonReentrant {
-        Record storage t = _get(taskId);
+        Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
-        _open[_queue(t)].remove(uint64(taskId));
+        _leaveQueue(_queue(t), taskId);
         _match(taskId, t, organization.policy());
     }
 
@@ -292,25 +294,25 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function task(uint256 taskId) external view returns (Task memory) {
-        Record storage t = _get(taskId);
-        bool ofProvider = _of(t).hired() == Hire.Provider;
+        Record memory t = _get(taskId);
+        bool ofProvider = t.hired == Hire.Provider;
         return Task({
-            creator: _of(t).creator(),
-            reward: t.reward,
+            creator: t.creator,
+            reward: uint96(t.reward),
             kind: _kindOf(t),
-            price: uint96(t.price()),
-            serviceId: ofProvider && (t.state() == TaskState.Open || t.state() == TaskState.Cancelled)
+            price: uint96(t.price),
+            serviceId: ofProvider && (t.state == TaskState.Open || t.state == TaskState.Cancelled)
                 ? 0
-                : t.serviceId,
+                : uint32(t.serviceId),
             provider: ofProvider ? _workers[t.serviceId].executor : address(0),
-            deadline: t.deadline,
-            executionWindow: _of(t).executionWindow(),
-            verdictWindow: _of(t).verdictWindow(),
-            attempt: t.attempt(),
-            maxAttempts: _of(t).maxAttempts(),
-            state: t.state(),
-            accepted: t.accepted(),
-            hired: _of(t).hired(),
+            deadline: uint40(t.deadline),
+            executionWindow: t.executionWindow,
+            verdictWindow: t.verdictWindow,
+            attempt: t.attempt,
+            maxAttempts: t.maxAttempts,
+            state: t.state,
+            accepted: t.accepted,
+            hired: t.hired,
             proofHash: _proof(taskId, t)
         });
     }
@@ -340,10 +342,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
         Texts.requireParams(request.params);
         taskId = ++_totals.tasks;
-        Record storage t = _tasks[taskId];
-        t.reward = request.reward.toUint88();
-        t.conditions = _conditions.keep(_wanted(creator, request, kindId, silence));
-        t.enter(TaskState.Open);
+        Record memory t;
+        (t.creator, t.reward, t.kindId, t.silence) = (creator, request.reward.toUint88(), kindId, silence);
+        t.executionWindow = request.executionWindow;
+        t.verdictWindow = uint256(request.verdictWindow).toUint24();
+        (t.maxAttempts, t.state) = (request.maxAttempts, TaskState.Open);
         emit TaskRegistered(
             taskId,
             creator,
@@ -356,39 +359,23 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             request.params
         );
         if (request.serviceId != 0) {
-            t.serviceId = request.serviceId;
+            if (request.provider != address(0)) revert TwoNamed(request.serviceId, request.provider);
+            (t.serviceId, t.hired) = (request.serviceId, Hire.Service);
             emit ServiceRequested(taskId, request.serviceId);
         } else if (request.provider != address(0)) {
+            t.hired = Hire.Provider;
             t.serviceId = services.serviceOf(request.provider, request.kind, request.reward);
             emit ProviderRequested(taskId, request.provider);
         }
+        _tasks.keepConditions(t);
         _match(taskId, t, policy);
         _take(creator, request.reward);
     }
 
-    /// @dev What all tasks share that the creator posts like this one.
-    function _wanted(address creator, TaskRequest calldata request, uint8 kindId, Silence silence)
-        private
-        pure
-        returns (Conditions)
-    {
-        bool ofProvider = request.provider != address(0);
-        if (request.serviceId != 0 && ofProvider) revert TwoNamed(request.serviceId, request.provider);
-        return TaskRecords.pack(
-            creator,
-            request.executionWindow,
-            uint256(request.verdictWindow).toUint24(),
-            kindId,
-            request.maxAttempts,
-            silence,
-            request.serviceId != 0 ? Hire.Service : ofProvider ? Hire.Provider : Hire.None
-        );
-    }
-
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
-    function _match(uint256 taskId, Record storage t, IMatchingPolicy policy) private {
+    function _match(uint256 taskId, Record memory t, IMatchingPolicy policy) private {
         (uint256 serviceId, uint256 price, bool failed) = (t.serviceId, 0, false);
-        bool hired = _of(t).hired() != Hire.None;
+        bool hired = t.hired != Hire.None;
         bool longestIdle = !hired && address(policy) == address(0);
         if (!hired && !longestIdle) (serviceId, price, failed) = _ask(policy, _kindOf(t), t.reward);
         if (serviceId != 0 || longestIdle) {
@@ -396,7 +383,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             failed = !hired && !longestIdle;
         }
         if (failed) emit PolicyFailed(taskId);
+        _tasks.save(taskId, t, _unit);
         _open[_queue(t)].put(uint64(taskId), _weight(t.reward));
+        ++_totals.waiting;
     }
 
     /// @dev What the policy says, in whole units. Never reverts, so that a bad policy cannot keep money in escrow.
@@ -415,43 +404,69 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             price := mload(32)
         }
         failed = !success;
-        price -= price % Units.UNIT;
+        price -= price % _unit;
     }
 
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
     /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
     function _place(uint256 serviceId, uint8 kindId, uint256 price, uint256 named) private {
-        uint64 minimum = Units.levelFor(price, _unit);
-        uint256 queue = kindId;
-        uint64 taskId = _open[queue].first(minimum);
-        while (named != 0) {
-            uint256 own = _queueOf(named, kindId);
-            uint64 first = _open[own].first(minimum);
-            if (first != 0 && (taskId == 0 || first < taskId)) (taskId, queue) = (first, own);
-            named = named == serviceId ? 0 : serviceId;
-        }
+        (uint256 queue, uint64 taskId) = _oldest(serviceId, kindId, price, named);
         if (taskId == 0) {
-            services.enqueue(serviceId, minimum, ++_totals.places);
+            services.enqueue(serviceId, ++_totals.places);
         } else {
-            _open[queue].remove(taskId);
-            bool assigned = _assign(taskId, _tasks[taskId], serviceId, 0);
+            _leaveQueue(queue, taskId);
+            bool assigned = _assign(taskId, _tasks.load(taskId, _unit), serviceId, 0);
             assert(assigned);
         }
     }
 
+    /// @dev The oldest task that waits for the service or for any of its kind, and in which queue; 0 if none does.
+    function _oldest(uint256 serviceId, uint8 kindId, uint256 price, uint256 named)
+        private
+        view
+        returns (uint256 queue, uint64 taskId)
+    {
+        if (_totals.waiting == 0) return (0, 0);
+        uint64 minimum = Units.levelFor(price, _unit);
+        queue = kindId;
+        taskId = _open[queue].first(minimum);
+        while (named != 0) {
+            uint256 own = _queueOf(named, kindId);
+            uint64 first = _open[own].first(minimum);
+            if (first != 0 && (taskId == 0 || first < taskId)) (queue, taskId) = (own, first);
+            named = named == serviceId ? 0 : serviceId;
+        }
+    }
+
+    function _leaveQueue(uint256 queue, uint256 taskId) private {
+        _open[queue].remove(uint64(taskId));
+        --_totals.waiting;
+    }
+
+    /// @dev The service's attempt is over. While no task waits, it is in line again after this call.
+    function _release(Record memory t, uint256 serviceId, Outcome outcome, uint256 value)
+        private
+        returns (Release memory)
+    {
+        uint40 place = _totals.waiting == 0 ? ++_totals.places : 0;
+        return services.release(serviceId, outcome, value, t.creator, place);
+    }
+
     /// @dev Whether the service takes the task; nothing happened if not. It is paid at least its own price.
-    function _assign(uint256 taskId, Record storage t, uint256 serviceId, uint256 price)
+    function _assign(uint256 taskId, Record memory t, uint256 serviceId, uint256 price)
         private
         returns (bool)
     {
         address executor;
         bool accepted;
         (serviceId, executor, price, accepted) =
-            services.reserve(serviceId, _of(t).kindId(), t.reward, price, taskId, _of(t).hired());
+            services.reserve(serviceId, t.kindId, t.reward, price, taskId, t.hired);
         if (executor == address(0)) return false;
-        uint256 deadline = block.timestamp + _of(t).executionWindow();
-        t.assign(serviceId, price, deadline.toUint32(), accepted);
-        uint8 attempt = t.attempt();
+        uint256 deadline = block.timestamp + t.executionWindow;
+        uint8 attempt = t.attempt + 1;
+        (t.serviceId, t.price, t.deadline) = (serviceId, price, deadline.toUint32());
+        (t.attempt, t.state, t.accepted) = (attempt, TaskState.Assigned, accepted);
+        _tasks.save(taskId, t, _unit);
         // Time and sender, too: there are chains whose `prevrandao` is constant and whose block hashes say little.
         bytes32 nonce = keccak256(
             abi.encode(
@@ -470,15 +485,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The caller's proof of the running attempt waits for its verdict now.
-    function _submit(uint256 taskId, Record storage t, uint8 attempt, bytes32 proofHash, string calldata uri)
+    function _submit(uint256 taskId, Record memory t, uint8 attempt, bytes32 proofHash, string calldata uri)
         private
     {
         address executor = _requireExecutor(taskId, t, attempt);
         if (proofHash == 0) revert EmptyProof(taskId);
         Texts.requireText(uri);
-        t.enter(TaskState.Submitted);
-        uint256 deadline = block.timestamp + _of(t).verdictWindow();
-        t.deadline = deadline.toUint32();
+        uint256 deadline = block.timestamp + t.verdictWindow;
+        (t.state, t.deadline) = (TaskState.Submitted, deadline.toUint32());
+        _tasks.save(taskId, t, _unit);
         emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
     }
 
@@ -498,21 +513,21 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev What a verdict does; whether it may was checked.
     function _decide(
         uint256 taskId,
-        Record storage t,
+        Record memory t,
         address judge,
         Verdict verdict,
         uint256 amount,
         bytes32 proofHash
     ) private {
-        if (t.state() == TaskState.Undecided) {
+        if (t.state == TaskState.Undecided) {
             // Its service was released when the attempt became undecided.
             if (verdict == Verdict.Accepted) _payAudited(taskId, t, amount);
-            else if (verdict == Verdict.Impossible) _payAudited(taskId, t, t.price() / IMPOSSIBLE_SHARE);
-            else if (_endAttempt(taskId, t, Cause.Rejected)) _pay(_of(t).creator(), t.reward);
+            else if (verdict == Verdict.Impossible) _payAudited(taskId, t, t.price / IMPOSSIBLE_SHARE);
+            else if (_endAttempt(taskId, t, Cause.Rejected)) _pay(t.creator, t.reward);
         } else if (verdict == Verdict.Accepted) {
             _settle(taskId, t, amount, Outcome.Completed);
         } else if (verdict == Verdict.Impossible) {
-            _settle(taskId, t, t.price() / IMPOSSIBLE_SHARE, Outcome.Unjudged);
+            _settle(taskId, t, t.price / IMPOSSIBLE_SHARE, Outcome.Unjudged);
         } else if (verdict == Verdict.Rejected) {
             _failAttempt(taskId, t, Cause.Rejected);
         } else {
@@ -520,82 +535,80 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
     }
 
-    function _settle(uint256 taskId, Record storage t, uint256 amount, Outcome outcome) private {
+    function _settle(uint256 taskId, Record memory t, uint256 amount, Outcome outcome) private {
+        _end(taskId, t, TaskState.Settled);
         uint256 refund = t.reward - amount;
-        t.enter(TaskState.Settled);
-        t.deadline = 0;
-        uint256 serviceId = t.serviceId;
-        if (outcome == Outcome.Completed && t.attempt() != 1) {
-            services.countAbandoned(taskId, serviceId, _of(t).creator());
+        if (outcome == Outcome.Completed && t.attempt != 1) {
+            services.countAbandoned(taskId, t.serviceId, t.creator);
         }
-        Release memory r = services.release(serviceId, outcome, amount, _of(t).creator());
+        Release memory r = _release(t, t.serviceId, outcome, amount);
         emit TaskSettled(taskId, r.payout, amount, refund);
-        if (r.available) _place(serviceId, _of(t).kindId(), r.price, r.named);
+        if (r.available) _place(t.serviceId, t.kindId, r.price, r.named);
         _pay(r.payout, amount + r.bond);
-        _pay(_of(t).creator(), refund);
+        _pay(t.creator, refund);
+    }
+
+    function _end(uint256 taskId, Record memory t, TaskState state) private {
+        (t.state, t.deadline) = (state, 0);
+        _tasks.save(taskId, t, _unit);
     }
 
     /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
-    function _askAuditors(uint256 taskId, Record storage t, address judge, bytes32 proofHash) private {
+    function _askAuditors(uint256 taskId, Record memory t, address judge, bytes32 proofHash) private {
         Kind memory rules = _rulesOf(t);
         // Kept as it is now: nobody changes who wins while the window runs.
         _disputes[taskId] = Dispute(judge, rules.silence, proofHash);
         uint256 deadline = block.timestamp + rules.auditWindow;
-        t.enter(TaskState.Undecided);
-        t.deadline = deadline.toUint32();
-        emit AuditRequested(taskId, t.attempt(), deadline, rules.silence);
-        uint256 serviceId = t.serviceId;
-        Release memory r = services.release(serviceId, Outcome.Unjudged, 0, _of(t).creator());
-        if (r.available) _place(serviceId, _of(t).kindId(), r.price, r.named);
+        (t.state, t.deadline) = (TaskState.Undecided, deadline.toUint32());
+        _tasks.save(taskId, t, _unit);
+        emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
+        Release memory r = _release(t, t.serviceId, Outcome.Unjudged, 0);
+        if (r.available) _place(t.serviceId, t.kindId, r.price, r.named);
         _pay(r.payout, r.bond);
     }
 
     /// @dev The auditors were silent.
-    function _endAudit(uint256 taskId, Record storage t) private {
+    function _endAudit(uint256 taskId, Record memory t) private {
         if (_disputes[taskId].silence == Silence.Executor) {
-            _payAudited(taskId, t, t.price());
+            _payAudited(taskId, t, t.price);
         } else {
-            t.enter(TaskState.Failed);
-            t.deadline = 0;
-            emit TaskFailed(taskId, t.reward, t.attempt(), Cause.AuditExpired);
-            _pay(_of(t).creator(), t.reward);
+            _end(taskId, t, TaskState.Failed);
+            emit TaskFailed(taskId, t.reward, t.attempt, Cause.AuditExpired);
+            _pay(t.creator, t.reward);
         }
     }
 
-    function _payAudited(uint256 taskId, Record storage t, uint256 amount) private {
+    function _payAudited(uint256 taskId, Record memory t, uint256 amount) private {
         uint256 refund = t.reward - amount;
         address payout = services.payoutOf(_workers[t.serviceId].executor);
-        t.enter(TaskState.Settled);
-        t.deadline = 0;
+        _end(taskId, t, TaskState.Settled);
         emit TaskSettled(taskId, payout, amount, refund);
         _pay(payout, amount);
-        _pay(_of(t).creator(), refund);
+        _pay(t.creator, refund);
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
-    function _failAttempt(uint256 taskId, Record storage t, Cause cause) private {
+    function _failAttempt(uint256 taskId, Record memory t, Cause cause) private {
         uint256 serviceId = t.serviceId;
-        uint256 price = t.price();
+        uint256 price = t.price;
         bool last = _endAttempt(taskId, t, cause);
-        Release memory r = services.release(serviceId, _outcome(cause), price, _of(t).creator());
-        if (r.available) _place(serviceId, _of(t).kindId(), r.price, r.named);
+        Release memory r = _release(t, serviceId, _outcome(cause), price);
+        if (r.available) _place(serviceId, t.kindId, r.price, r.named);
         _pay(r.payout, r.bond);
         _pay(address(organization), r.penalty);
-        if (last) _pay(_of(t).creator(), t.reward);
+        if (last) _pay(t.creator, t.reward);
     }
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
-    function _endAttempt(uint256 taskId, Record storage t, Cause cause) private returns (bool last) {
-        last = t.attempt() == _of(t).maxAttempts();
-        t.deadline = 0;
+    function _endAttempt(uint256 taskId, Record memory t, Cause cause) private returns (bool last) {
+        last = t.attempt == t.maxAttempts;
         if (last) {
-            t.enter(TaskState.Failed);
-            emit TaskFailed(taskId, t.reward, t.attempt(), cause);
+            _end(taskId, t, TaskState.Failed);
+            emit TaskFailed(taskId, t.reward, t.attempt, cause);
         } else {
-            t.enter(TaskState.Open);
-            if (_of(t).hired() == Hire.None) t.serviceId = 0;
-            t.units = 0;
-            emit TaskRequeued(taskId, t.attempt(), cause);
+            (t.state, t.deadline, t.price) = (TaskState.Open, 0, 0);
+            if (t.hired == Hire.None) t.serviceId = 0;
+            emit TaskRequeued(taskId, t.attempt, cause);
             _match(taskId, t, organization.policy());
         }
     }
@@ -634,41 +647,36 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
     }
 
-    function _get(uint256 taskId) private view returns (Record storage t) {
-        t = _tasks[taskId];
-        if (t.state() == TaskState.None) revert UnknownTask(taskId);
+    function _get(uint256 taskId) private view returns (Record memory t) {
+        t = _tasks.load(taskId, _unit);
+        if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
 
-    function _kindOf(Record storage t) private view returns (bytes32) {
-        return organization.kindNumbered(_of(t).kindId());
+    function _kindOf(Record memory t) private view returns (bytes32) {
+        return organization.kindNumbered(t.kindId);
     }
 
     /// @dev The rules for work of this kind, as they are now.
-    function _rulesOf(Record storage t) private view returns (Kind memory) {
+    function _rulesOf(Record memory t) private view returns (Kind memory) {
         return organization.kindOf(_kindOf(t));
     }
 
-    /// @dev What the creator wanted.
-    function _of(Record storage t) private view returns (Conditions) {
-        return _conditions[t.conditions];
-    }
-
-    function _requireState(uint256 taskId, Record storage t, TaskState expected) private view {
-        if (t.state() != expected) revert WrongState(taskId, t.state(), expected);
+    function _requireState(uint256 taskId, Record memory t, TaskState expected) private view {
+        if (t.state != expected) revert WrongState(taskId, t.state, expected);
     }
 
     /// @dev The named attempt runs, is in `expected` and inside its window.
-    function _requireAttempt(uint256 taskId, Record storage t, uint8 attempt, TaskState expected)
+    function _requireAttempt(uint256 taskId, Record memory t, uint8 attempt, TaskState expected)
         private
         view
     {
         _requireState(taskId, t, expected);
-        if (attempt != t.attempt()) revert WrongAttempt(taskId, t.attempt(), attempt);
+        if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
         if (block.timestamp > t.deadline) revert DeadlinePassed(taskId, t.deadline, block.timestamp);
     }
 
     /// @dev The caller is the executor of the named attempt, which is under way.
-    function _requireExecutor(uint256 taskId, Record storage t, uint8 attempt)
+    function _requireExecutor(uint256 taskId, Record memory t, uint8 attempt)
         private
         view
         returns (address executor)
@@ -690,38 +698,35 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev Until then the executor of an assigned task may abandon it at no cost.
-    function _graceEnd(Record storage t) private view returns (uint256) {
-        uint256 window = _of(t).executionWindow();
+    function _graceEnd(Record memory t) private view returns (uint256) {
+        uint256 window = t.executionWindow;
         return t.deadline - window + window / GRACE_SHARE;
     }
 
     /// @dev The caller may give this verdict on this proof of the running attempt now.
-    function _requireJudge(
-        uint256 taskId,
-        Record storage t,
-        uint8 attempt,
-        bytes32 proofHash,
-        Verdict verdict
-    ) private view {
+    function _requireJudge(uint256 taskId, Record memory t, uint8 attempt, bytes32 proofHash, Verdict verdict)
+        private
+        view
+    {
         bool disputed = _requireRight(taskId, t, msg.sender, verdict);
         _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
-        if (msg.sender == _workers[t.serviceId].executor) revert JudgeIsParty(taskId, msg.sender);
+        if (msg.sender == services.providerOf(t.serviceId)) revert JudgeIsParty(taskId, msg.sender);
         bytes32 submitted = _proof(taskId, t);
         if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
         if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
     }
 
     /// @dev Whether the attempt waits for the auditors, of whom the judge is one then.
-    function _requireRight(uint256 taskId, Record storage t, address judge, Verdict verdict)
+    function _requireRight(uint256 taskId, Record memory t, address judge, Verdict verdict)
         private
         view
         returns (bool disputed)
     {
-        disputed = t.state() == TaskState.Undecided;
+        disputed = t.state == TaskState.Undecided;
         bool mayJudge =
-            disputed ? organization.mayAudit(judge) : organization.mayJudgeNumbered(judge, _of(t).kindId());
+            disputed ? organization.mayAudit(judge) : organization.mayJudgeNumbered(judge, t.kindId);
         if (!mayJudge) revert NotJudge(judge, _kindOf(t));
-        if (judge == _of(t).creator()) revert JudgeIsParty(taskId, judge);
+        if (judge == t.creator) revert JudgeIsParty(taskId, judge);
         if (verdict == Verdict.Undecided && (disputed || _rulesOf(t).review != Review.Oracle)) {
             revert AuditorMustDecide(taskId, judge);
         }
@@ -744,30 +749,30 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev The verdict says something, with an amount that it may carry.
     function _requireContent(
         uint256 taskId,
-        Record storage t,
+        Record memory t,
         Verdict verdict,
         uint256 amount,
         string calldata reportUri,
         string calldata reason
     ) private view {
         if (verdict == Verdict.None) revert NoVerdict(taskId);
-        uint256 max = verdict == Verdict.Accepted ? t.price() : 0;
+        uint256 max = verdict == Verdict.Accepted ? t.price : 0;
         if (amount > max || (amount == 0 && max != 0)) revert InvalidAmount(taskId, amount, max);
         Texts.requireText(reportUri);
         Texts.requireText(reason);
     }
 
     /// @dev The proof that waits for its verdict; 0 if none does.
-    function _proof(uint256 taskId, Record storage t) private view returns (bytes32) {
-        if (t.state() == TaskState.Submitted) return _workers[t.serviceId].proof;
-        return t.state() == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
+    function _proof(uint256 taskId, Record memory t) private view returns (bytes32) {
+        if (t.state == TaskState.Submitted) return _workers[t.serviceId].proof;
+        return t.state == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
     }
 
     /// @dev The queue of an open task.
-    function _queue(Record storage t) private view returns (uint256) {
-        if (_of(t).hired() == Hire.None) return _of(t).kindId();
-        bool any = _of(t).hired() == Hire.Provider;
-        return _queueOf(any ? uint160(_workers[t.serviceId].executor) : t.serviceId, _of(t).kindId());
+    function _queue(Record memory t) private view returns (uint256) {
+        if (t.hired == Hire.None) return t.kindId;
+        bool any = t.hired == Hire.Provider;
+        return _queueOf(any ? uint160(_workers[t.serviceId].executor) : t.serviceId, t.kindId);
     }
 
     /// @dev Where the tasks wait that name this service, or this provider. No provider's address is as small as a

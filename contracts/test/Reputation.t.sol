@@ -172,7 +172,7 @@ contract ReputationTest is Fixture {
         uint256 serviceId = offer(robot1, 80 ether);
         vm.startPrank(address(tasks));
         for (uint256 i = 0; i < 3; ++i) {
-            services.release(serviceId, Outcome.Completed, type(uint256).max / 2, alice);
+            services.release(serviceId, Outcome.Completed, type(uint256).max / 2, alice, 0);
         }
         vm.stopPrank();
         assertEq(_of(serviceId), 63);

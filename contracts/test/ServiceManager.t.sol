@@ -117,9 +117,9 @@ contract ServiceManagerTest is Fixture {
         vm.expectRevert(refusal);
         services.reserve(serviceId, 1, 100 ether, 0, 1, Hire.None);
         vm.expectRevert(refusal);
-        services.release(serviceId, Outcome.Completed, 80 ether, alice);
+        services.release(serviceId, Outcome.Completed, 80 ether, alice, 0);
         vm.expectRevert(refusal);
-        services.enqueue(serviceId, 1, 1);
+        services.enqueue(serviceId, 1);
     }
 
     function test_aServiceDoesOneTaskAtATime() public {
@@ -130,6 +130,6 @@ contract ServiceManagerTest is Fixture {
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));
-        services.enqueue(serviceId, 1, 1);
+        services.enqueue(serviceId, 1);
     }
 }

@@ -5,52 +5,57 @@ import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {IOrganization, Review} from "../src/interfaces/IOrganization.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {Hire, Silence, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
-import {Conditions, TaskRecords} from "../src/libraries/TaskRecords.sol";
+import {Record, TaskRecords} from "../src/libraries/TaskRecords.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Tasks in one word, and kinds as small numbers.
 contract TaskRecordsTest is Fixture {
-    using TaskRecords for mapping(uint32 => Conditions);
+    using TaskRecords for TaskRecords.Store;
 
-    mapping(uint32 key => Conditions) private _conditions;
+    uint256 private constant UNIT = 1 gwei;
 
-    function testFuzz_conditionsAreWhatTheyWere(
+    TaskRecords.Store private _store;
+
+    function testFuzz_aTaskIsReadAsItWasWritten(
         address creator,
-        uint24 executionWindow,
-        uint24 verdictWindow,
-        uint8 kindId,
-        uint8 maxAttempts,
-        bool named
-    ) public pure {
-        Conditions c = TaskRecords.pack(
-            creator,
-            executionWindow,
-            verdictWindow,
-            kindId,
-            maxAttempts,
-            Silence.Creator,
-            named ? Hire.Service : Hire.Provider
-        );
-        assertEq(c.creator(), creator);
-        assertEq(c.executionWindow(), executionWindow);
-        assertEq(c.verdictWindow(), verdictWindow);
-        assertEq(c.kindId(), kindId);
-        assertEq(c.maxAttempts(), maxAttempts);
-        assertEq(uint8(c.silence()), uint8(Silence.Creator));
-        assertEq(uint8(c.hired()), uint8(named ? Hire.Service : Hire.Provider));
+        uint88 reward,
+        uint64 units,
+        uint32[3] calldata numbers,
+        uint8[5] calldata bytes_,
+        bool accepted
+    ) public {
+        vm.assume(creator != address(0));
+        Record memory t;
+        (t.creator, t.reward, t.price) = (creator, reward, uint256(units) * UNIT);
+        (t.serviceId, t.deadline, t.executionWindow) = (numbers[0], numbers[1], numbers[2] >> 8);
+        (t.verdictWindow, t.kindId, t.maxAttempts) = (uint24(numbers[1]), bytes_[0], bytes_[1]);
+        (t.attempt, t.state, t.accepted) = (bytes_[2] & 15, TaskState(1 + bytes_[3] % 7), accepted);
+        (t.silence, t.hired) = (Silence(bytes_[4] % 3), Hire(bytes_[3] % 3));
+        _store.keepConditions(t);
+        _store.save(7, t, UNIT);
+        assertEq(keccak256(abi.encode(_store.load(7, UNIT))), keccak256(abi.encode(t)));
+        assertEq(uint8(_store.load(8, UNIT).state), uint8(TaskState.None));
     }
 
     function test_whoFindsAPlaceTakenTakesTheNext() public {
-        Conditions one = TaskRecords.pack(alice, 1, 2, 3, 4, Silence.None, Hire.None);
-        Conditions other = TaskRecords.pack(bob, 1, 2, 3, 4, Silence.None, Hire.None);
-        uint32 key = _conditions.keep(one);
-        assertEq(_conditions.keep(one), key, "shared");
-        _conditions[key] = other;
-        assertEq(_conditions.keep(one), key + 1, "the next");
-        assertEq(_conditions.keep(one), key + 1, "shared");
-        assertEq(Conditions.unwrap(_conditions[key]), Conditions.unwrap(other), "untouched");
+        Record memory one;
+        (one.creator, one.executionWindow) = (alice, 1);
+        _store.keepConditions(one);
+        uint32 key = one.conditions;
+        _store.keepConditions(one);
+        assertEq(one.conditions, key, "shared");
+        Record memory other;
+        other.creator = bob;
+        _store.keepConditions(other);
+        uint256 others = _store.conditions[other.conditions];
+        _store.conditions[key] = others;
+        _store.keepConditions(one);
+        assertEq(one.conditions, key + 1, "the next");
+        _store.keepConditions(one);
+        assertEq(one.conditions, key + 1, "shared");
+        assertEq(_store.conditions[key], others, "untouched");
     }
 
     function test_tasksOfDifferentConditionsAreApart() public {

@@ -289,17 +289,17 @@ contract TermsTest is Fixture {
         // The second word of the service: completed, rejected and expired at the brink.
         bytes32 slot = bytes32(uint256(keccak256(abi.encode(serviceId, uint256(1)))) + 1);
         uint256 word = uint256(vm.load(address(services), slot));
-        vm.store(address(services), slot, bytes32(word | (((1 << 56) - 1) << 64)));
+        vm.store(address(services), slot, bytes32(word | (((1 << 56) - 1) << 40)));
         assertEq(services.service(serviceId).completed, type(uint24).max);
         vm.startPrank(address(tasks));
-        services.release(serviceId, Outcome.Completed, 0, alice);
-        services.release(serviceId, Outcome.Rejected, 0, alice);
-        services.release(serviceId, Outcome.Expired, 0, alice);
+        services.release(serviceId, Outcome.Completed, 0, alice, 0);
+        services.release(serviceId, Outcome.Rejected, 0, alice, 0);
+        services.release(serviceId, Outcome.Expired, 0, alice, 0);
         assertEq(services.service(serviceId).completed, type(uint24).max);
         assertEq(services.service(serviceId).rejected, type(uint16).max);
         assertEq(services.service(serviceId).expired, type(uint16).max);
         for (uint256 i = 0; i < 300; ++i) {
-            services.release(serviceId, Outcome.Rejected, 0, alice);
+            services.release(serviceId, Outcome.Rejected, 0, alice, 0);
         }
         assertEq(services.service(serviceId).failures, type(uint8).max);
     }

@@ -57,7 +57,7 @@ struct Service {
 }
 
 /// @param payout who is paid: the provider's payout address
-/// @param available whether the provider wants another task
+/// @param available whether the provider wants another task, and the service waits in no line yet
 /// @param price what that one costs
 /// @param penalty taken from the bond for the attempt that ended
 /// @param bond to be returned, because the service retired while it was at work
@@ -187,9 +187,16 @@ interface IServiceManager {
     /// @param account any account
     function payoutOf(address account) external view returns (address);
 
-    /// @notice Returns who owns a device, as the organization's registry says; 0 if nobody registered it.
-    /// @param device the device's key
-    function ownerOf(address device) external view returns (address);
+    /// @notice Returns who would profit from a verdict on a task.
+    /// @param serviceId the service that does it
+    /// @param creator who posted it
+    /// @return provider whose service it is
+    /// @return providersOwner who owns the provider, as the organization's device registry says; 0 if nobody registered it
+    /// @return creatorsOwner who owns the creator
+    function partiesOf(uint256 serviceId, address creator)
+        external
+        view
+        returns (address provider, address providersOwner, address creatorsOwner);
 
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services
@@ -280,7 +287,8 @@ interface IServiceManager {
     /// @param value what the service was paid, or would have been, in the token's smallest unit: so much the outcome
     /// counts for the reputation of its provider
     /// @param creator who posted the task. It does not count for its own provider, nor for one of the same owner
-    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator)
+    /// @param place its place in line, if it is available and no task waits; 0 if one may wait
+    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator, uint40 place)
         external
         returns (Release memory);
 
@@ -293,7 +301,6 @@ interface IServiceManager {
 
     /// @notice Let an available service wait behind the others of its kind. Only the task manager.
     /// @param serviceId its number
-    /// @param level that of its price
     /// @param place its place among the waiting services; a higher number than any before
-    function enqueue(uint256 serviceId, uint64 level, uint40 place) external;
+    function enqueue(uint256 serviceId, uint40 place) external;
 }

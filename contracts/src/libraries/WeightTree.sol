@@ -22,6 +22,7 @@ library WeightTree {
 
     struct Tree {
         uint64 root;
+        /// @dev Of a key that is alone. Others' weights are in the nodes above them.
         uint64 rootWeight;
         /// @dev Keeps the word of an empty tree.
         bool used;
@@ -51,6 +52,11 @@ library WeightTree {
         return ref >> 1;
     }
 
+    /// @notice The only key; 0 if there is none or several.
+    function alone(Tree storage tree) internal view returns (uint64) {
+        return _isLeaf(tree.root) ? tree.root >> 1 : 0;
+    }
+
     /// @notice The lowest key but one; 0 if there are fewer than two.
     function secondLowest(Tree storage tree) internal view returns (uint64) {
         (uint64 ref, uint64 next) = (tree.root, 0);
@@ -68,10 +74,11 @@ library WeightTree {
     function first(Tree storage tree, uint64 minMajor) internal view returns (uint64) {
         uint64 ref = tree.root;
         uint64 minWeight = weigh(minMajor, 0);
-        if (ref == 0 || tree.rootWeight < minWeight) return 0;
-        while (!_isLeaf(ref)) {
+        if (_isLeaf(ref) && tree.rootWeight < minWeight) return 0;
+        while (ref != 0 && !_isLeaf(ref)) {
             Node storage node = tree.nodes[ref];
-            ref = node.leftWeight >= minWeight ? node.left : node.right;
+            if (node.leftWeight >= minWeight) ref = node.left;
+            else ref = node.rightWeight >= minWeight ? node.right : 0;
         }
         return ref >> 1;
     }
@@ -91,19 +98,31 @@ library WeightTree {
         uint64 leaf = (key << 1) | 1;
         uint64 root = tree.root;
         (uint64 top, uint64 topWeight) =
-            root == 0 ? (leaf, weight) : _put(tree, root, tree.rootWeight, leaf, weight);
-        (tree.root, tree.rootWeight, tree.used) = (top, topWeight, true);
+            root == 0 ? (leaf, weight) : _put(tree, root, _rootWeight(tree), leaf, weight);
+        _setRoot(tree, top, topWeight);
     }
 
     /// @notice Remove an element. Reverts with KeyMissing.
     function remove(Tree storage tree, uint64 key) internal {
         if (tree.root == 0) revert KeyMissing(key);
-        (tree.root, tree.rootWeight) = _remove(tree, tree.root, (key << 1) | 1);
+        (uint64 top, uint64 topWeight) = _remove(tree, tree.root, (key << 1) | 1);
+        _setRoot(tree, top, topWeight);
+    }
+
+    function _setRoot(Tree storage tree, uint64 root, uint64 weight) private {
+        if (root == tree.root && !_isLeaf(root)) return;
+        (tree.root, tree.rootWeight, tree.used) = (root, weight, true);
+    }
+
+    function _rootWeight(Tree storage tree) private view returns (uint64) {
+        if (_isLeaf(tree.root)) return tree.rootWeight;
+        Node storage node = tree.nodes[tree.root];
+        return _max(node.leftWeight, node.rightWeight);
     }
 
     /// @dev Walk down the border of the range and collect the subtrees inside it; then walk down the best one.
     function _greatest(Tree storage tree, uint64 maxKey, uint64 part) private view returns (uint64) {
-        (uint64 ref, uint64 weight) = (tree.root, tree.rootWeight);
+        (uint64 ref, uint64 weight) = (tree.root, _rootWeight(tree));
         if (ref == 0) return 0;
         uint64 bound = (maxKey << 1) | 1;
         (uint64 best, uint64 greatest) = (0, 0);

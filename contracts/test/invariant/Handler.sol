@@ -1012,7 +1012,7 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.withdrawPayments(t.creator) {
             violation = "a stranger collected";
         } catch {}
-        try _services.release(1, Outcome.Completed, 1 ether, who) {
+        try _services.release(1, Outcome.Completed, 1 ether, who, 0) {
             violation = "a stranger released a service";
         } catch {}
         try _services.updateService(1, 0, ServiceState.Retired) {
