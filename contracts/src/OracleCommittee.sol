@@ -7,12 +7,16 @@ import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {IOracleCommittee, Judge, Quorum} from "./interfaces/IOracleCommittee.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
-import {ITaskManager, Task, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
+import {ITaskManager, Verdict, Vote} from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
 
 contract OracleCommittee is IOracleCommittee, EIP712 {
-    /// @dev Of a task, whose judges none of them may be: creator and executor, and who owns them in the registry.
-    struct Parties {
+    /// @dev A task whose proof waits for its verdict. None of its parties may be a judge of it: creator and executor, and
+    /// who owns them in the registry.
+    struct Waiting {
+        uint256 taskId;
+        uint8 kindId;
+        uint40 submitted;
         address creator;
         address creatorsOwner;
         address executor;
@@ -41,7 +45,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     address[] private _keys;
     mapping(address key => Judge) private _judges;
-    mapping(bytes32 kind => Quorum) private _quorums;
+    mapping(uint8 kindId => Quorum) private _quorums;
 
     modifier onlyAdministrator() {
         if (!_isAdministrator(msg.sender)) revert NotAdministrator(msg.sender);
@@ -76,7 +80,9 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (uint256(votes) * 2 <= panel || votes > panel || panel > count || !seated) {
             revert InvalidQuorum(kind, votes, panel, count);
         }
-        _quorums[kind] = Quorum(votes, panel, rotation, count, judges);
+        uint8 kindId = organization.numberOf(kind);
+        if (kindId == 0) revert IOrganization.UnknownKind(kind);
+        _quorums[kindId] = Quorum(votes, panel, rotation, count, judges);
         emit QuorumChanged(kind, votes, panel, rotation, judges);
     }
 
@@ -123,7 +129,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     /// @inheritdoc IOracleCommittee
     function quorumOf(bytes32 kind) external view returns (Quorum memory) {
-        return _quorums[kind];
+        return _quorums[organization.numberOf(kind)];
     }
 
     /// @inheritdoc IOracleCommittee
@@ -146,11 +152,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     }
 
     function _countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures) private {
-        Task memory t = tasks.task(vote.taskId);
-        if (t.state != TaskState.Submitted) {
-            revert ITaskManager.WrongState(vote.taskId, t.state, TaskState.Submitted);
-        }
-        uint64 voters = _voters(vote, t, digest, signatures);
+        uint64 voters = _voters(vote, _waiting(vote.taskId), digest, signatures);
         emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
     }
 
@@ -168,17 +170,16 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     }
 
     /// @dev One bit for each seat that signed the vote, all of which may judge the task, and enough of them.
-    function _voters(Vote calldata vote, Task memory t, bytes32 digest, bytes calldata signatures)
+    function _voters(Vote calldata vote, Waiting memory t, bytes32 digest, bytes calldata signatures)
         private
         view
         returns (uint64 voters)
     {
-        Quorum memory quorum = _quorums[t.kind];
-        if (quorum.votes == 0) revert KindWithoutQuorum(t.kind);
+        Quorum memory quorum = _quorums[t.kindId];
+        if (quorum.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(t.kindId));
         if (signatures.length % SIGNATURE_BYTES != 0) revert InvalidSignatures(signatures.length);
         uint256 votes = signatures.length / SIGNATURE_BYTES;
         if (votes < quorum.votes) revert TooFewVotes(vote.taskId, votes, quorum.votes);
-        Parties memory parties = _parties(t);
         for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
             // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the
             // key is 0, which is no judge's.
@@ -186,54 +187,52 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
             (address key,,) = ECDSA.tryRecover(
                 digest, bytes32(signatures[i:i + 32]), bytes32(signatures[i + 32:i + SIGNATURE_BYTES])
             );
-            uint64 bit = _requireJudge(vote, t, quorum, parties, key);
+            uint64 bit = _requireJudge(vote, t, quorum, key);
             if (voters & bit != 0) revert VotedTwice(vote.taskId, key);
             voters |= bit;
         }
     }
 
     /// @dev The bit of the judge with `key`, who may vote on the task now.
-    function _requireJudge(
-        Vote calldata vote,
-        Task memory t,
-        Quorum memory quorum,
-        Parties memory parties,
-        address key
-    ) private view returns (uint64 bit) {
+    function _requireJudge(Vote calldata vote, Waiting memory t, Quorum memory quorum, address key)
+        private
+        view
+        returns (uint64 bit)
+    {
         Judge memory sitting = _judges[key];
         bit = uint64(1 << sitting.seat);
-        if (sitting.owner == address(0) || quorum.judges & bit == 0) revert NotAJudge(key, t.kind);
-        if (_isParty(parties, key) || _isParty(parties, sitting.owner)) {
+        if (sitting.owner == address(0) || quorum.judges & bit == 0) {
+            revert NotAJudge(key, organization.kindNumbered(t.kindId));
+        }
+        if (_isParty(t, key) || _isParty(t, sitting.owner)) {
             revert ITaskManager.JudgeIsParty(vote.taskId, key);
         }
         if (vote.verdict == Verdict.Undecided && organization.mayAudit(key)) {
             revert JudgeIsAuditor(vote.taskId, key);
         }
-        if (quorum.panel < quorum.count) _requireInPanel(vote.taskId, t, quorum, bit, key);
+        if (quorum.panel < quorum.count) _requireInPanel(t, quorum, bit, key);
     }
 
     /// @dev The line begins with another judge each day, and the panel grows while judges are absent.
-    function _requireInPanel(uint256 taskId, Task memory t, Quorum memory quorum, uint64 bit, address key)
-        private
-        view
-    {
-        uint256 submitted = t.deadline - t.verdictWindow;
+    function _requireInPanel(Waiting memory t, Quorum memory quorum, uint64 bit, address key) private view {
+        uint256 submitted = t.submitted;
         uint256 panel = quorum.panel;
         if (quorum.rotation != 0) panel += (block.timestamp - submitted) / quorum.rotation;
         uint256 first = (submitted / TURN) % quorum.count;
         uint256 place = (_count(quorum.judges & (bit - 1)) + quorum.count - first) % quorum.count;
-        if (place >= panel) revert NotInPanel(taskId, key, place, panel);
+        if (place >= panel) revert NotInPanel(t.taskId, key, place, panel);
     }
 
-    function _parties(Task memory t) private view returns (Parties memory) {
-        (address executor, address executorsOwner, address creatorsOwner) =
-            _services.partiesOf(t.serviceId, t.creator);
-        return Parties(t.creator, creatorsOwner, executor, executorsOwner);
+    function _waiting(uint256 taskId) private view returns (Waiting memory t) {
+        uint32 serviceId;
+        t.taskId = taskId;
+        (t.creator, t.kindId, serviceId, t.submitted) = tasks.toJudge(taskId);
+        (t.executor, t.executorsOwner, t.creatorsOwner) = _services.partiesOf(serviceId, t.creator);
     }
 
-    function _isParty(Parties memory parties, address account) private pure returns (bool) {
-        return account == parties.creator || account == parties.creatorsOwner || account == parties.executor
-            || account == parties.executorsOwner;
+    function _isParty(Waiting memory t, address account) private pure returns (bool) {
+        return account == t.creator || account == t.creatorsOwner || account == t.executor
+            || account == t.executorsOwner;
     }
 
     function _isAdministrator(address account) private view returns (bool) {

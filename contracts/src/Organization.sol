@@ -35,7 +35,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @notice A shorter window would let nobody answer, a longer one keep the reward from both sides.
     uint32 public constant MIN_AUDIT_WINDOW = 1 minutes;
     uint32 public constant MAX_AUDIT_WINDOW = 30 days;
-    /// @notice Kinds that an organization accepts in its life: a task or service has their number in 8 bits.
+    /// @notice Kinds that an organization has rules for in its life: a task or service has their number in 8 bits.
     uint8 public constant MAX_KINDS = 255;
     /// @notice Of one kind at a time. Who posts a task pays for looking through them.
     uint256 public constant MAX_RULES = 8;
@@ -94,17 +94,12 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function allowKind(bytes32 kind, Review review, bytes32 rules) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        Kind storage k = _kinds[kind];
+        Kind storage k = _numbered(kind);
         if (review == Review.None) revert KindWithoutReview(kind);
         if (review == Review.Oracle && k.silence == Silence.None) revert KindWithoutAudit(kind);
         if (review == Review.Oracle && rules == 0) revert KindWithoutRules(kind);
         // What a machine computes is no rule for people, nor the other way round.
         if (review != k.review) _retireAll(kind);
-        if (k.number == 0) {
-            if (_kindCount == MAX_KINDS) revert TooManyKinds(kind, MAX_KINDS);
-            k.number = ++_kindCount;
-            kindNumbered[k.number] = kind;
-        }
         k.allowed = true;
         k.review = review;
         _reviews[k.number] = review;
@@ -142,7 +137,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (auditWindow < MIN_AUDIT_WINDOW || auditWindow > MAX_AUDIT_WINDOW || silence == Silence.None) {
             revert InvalidAudit(auditWindow, silence, MIN_AUDIT_WINDOW, MAX_AUDIT_WINDOW);
         }
-        Kind storage rules = _kinds[kind];
+        Kind storage rules = _numbered(kind);
         (rules.auditWindow, rules.silence) = (auditWindow, silence);
         emit AuditChanged(kind, auditWindow, silence);
     }
@@ -150,7 +145,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IOrganization
     function setMinWindow(bytes32 kind, uint32 minWindow) external onlyRole(DEFAULT_ADMIN_ROLE) {
         if (minWindow > MAX_MIN_WINDOW) revert MinWindowTooLong(minWindow, MAX_MIN_WINDOW);
-        _kinds[kind].minWindow = minWindow;
+        _numbered(kind).minWindow = minWindow;
         emit MinWindowChanged(kind, minWindow);
     }
 
@@ -159,7 +154,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (min < MIN_VERDICT_WINDOW || max > MAX_VERDICT_WINDOW || min > max) {
             revert InvalidVerdictWindows(min, max, MIN_VERDICT_WINDOW, MAX_VERDICT_WINDOW);
         }
-        Kind storage rules = _kinds[kind];
+        Kind storage rules = _numbered(kind);
         (rules.minVerdictWindow, rules.maxVerdictWindow) = (min, max);
         emit VerdictWindowsChanged(kind, min, max);
     }
@@ -423,6 +418,15 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     function _revokeRole(bytes32 role, address account) internal override returns (bool revoked) {
         revoked = super._revokeRole(role, account);
         if (revoked && role == MEMBER_ROLE && membersOnly) services.suspendServicesOf(account);
+    }
+
+    /// @dev Its rules. A kind has a number from its first rule on.
+    function _numbered(bytes32 kind) private returns (Kind storage rules) {
+        rules = _kinds[kind];
+        if (rules.number != 0) return rules;
+        if (_kindCount == MAX_KINDS) revert TooManyKinds(kind, MAX_KINDS);
+        rules.number = ++_kindCount;
+        kindNumbered[rules.number] = kind;
     }
 
     /// @dev The organization itself needs no membership.

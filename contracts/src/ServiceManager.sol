@@ -74,7 +74,8 @@ contract ServiceManager is IServiceManager {
 
     /// @dev The idle services of a kind. The tree has one key per line, so that the usual case of few prices does
     /// not climb it: price, then the best reputation first. Its weights are the age of the line's first service
-    /// (major) and the line's reputation (minor). The age of a line that is alone there says nothing: nobody asks for it.
+    /// (major) and the line's reputation (minor). The oldest line may have the age of an
+    /// earlier first service.
     struct Idle {
         WeightTree.Tree lines;
         mapping(uint64 key => Line) line;
@@ -465,8 +466,6 @@ contract ServiceManager is IServiceManager {
         (s.place, s.line, s.previous) = (place, uint24(key), last);
         if (last == 0) {
             (line.first, line.used) = (id, true);
-            uint64 alone = idle.lines.alone();
-            if (alone != 0) idle.lines.put(alone, _weight(_services[idle.line[alone].first]));
             idle.lines.put(key, _weight(s));
         } else {
             _services[last].next = id;
@@ -491,7 +490,11 @@ contract ServiceManager is IServiceManager {
             idle.lines.remove(key);
         } else {
             line.first = next;
-            if (idle.lines.alone() == 0) idle.lines.put(key, _weight(_services[next]));
+            // The oldest line keeps its earlier age while it stays the oldest of all.
+            if (!idle.lines.isAlone()) {
+                uint64 weight = _weight(_services[next]);
+                if (!idle.lines.leads(key, weight)) idle.lines.put(key, weight);
+            }
         }
         s.next = 0;
     }

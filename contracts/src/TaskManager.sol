@@ -318,6 +318,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
+    function toJudge(uint256 taskId) external view returns (address, uint8, uint32, uint40) {
+        Record memory t = _get(taskId);
+        _requireState(taskId, t, TaskState.Submitted);
+        return (t.creator, t.kindId, uint32(t.serviceId), uint40(t.deadline - t.verdictWindow));
+    }
+
+    /// @inheritdoc ITaskManager
     function taskCount() external view returns (uint256) {
         return _totals.tasks;
     }

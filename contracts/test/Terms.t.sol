@@ -286,7 +286,7 @@ contract TermsTest is Fixture {
     function test_countersStopAtTheirGreatestValue() public {
         setTerms(0, 0, 255);
         uint256 serviceId = offer(robot1, 80 ether);
-        // The second word of the service: completed, rejected and expired at the brink.
+        // The word that tasks change: completed, rejected and expired at the brink.
         bytes32 slot = bytes32(uint256(keccak256(abi.encode(serviceId, uint256(1)))) + 1);
         uint256 word = uint256(vm.load(address(services), slot));
         vm.store(address(services), slot, bytes32(word | (((1 << 56) - 1) << 40)));

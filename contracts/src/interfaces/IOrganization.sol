@@ -45,7 +45,7 @@ struct Budget {
 /// said, and the attempt is void then
 /// @param minVerdictWindow the shortest verdict window that a task of this kind may have, s; 0 for the default
 /// @param maxVerdictWindow the longest, s; 0 for the default
-/// @param number of the kind, from 1; 0 before it is allowed for the first time
+/// @param number of the kind, from 1; 0 before it has its first rule
 struct Kind {
     bool allowed;
     Review review;
@@ -85,7 +85,7 @@ interface IOrganization is IDeviceRegistry {
     event TokensRescued(IERC20 indexed token, address indexed to, uint256 amount);
 
     error UnknownKind(bytes32 kind);
-    /// @notice An organization uses up to 255 kinds in its life.
+    /// @notice An organization has rules for up to 255 kinds in its life.
     error TooManyKinds(bytes32 kind, uint256 max);
     /// @notice Allowing a kind requires saying who judges it.
     error KindWithoutReview(bytes32 kind);
@@ -285,7 +285,7 @@ interface IOrganization is IDeviceRegistry {
     /// @param kindId see numberOf
     function mayJudgeNumbered(address account, uint8 kindId) external view returns (bool);
 
-    /// @notice Returns the number of a kind, from 1; 0 if it was never allowed.
+    /// @notice Returns the number of a kind, from 1; 0 if it never had a rule.
     /// @param kind what is to be done, ASCII
     function numberOf(bytes32 kind) external view returns (uint8);
 

@@ -346,6 +346,18 @@ interface ITaskManager {
     /// @param taskId an open task
     function matchTask(uint256 taskId) external;
 
+    /// @notice What a committee has to know of a task before it judges. Reverts with WrongState unless a proof waits for
+    /// its verdict.
+    /// @param taskId the task
+    /// @return creator who posted it
+    /// @return kindId the number of its kind, see IOrganization.numberOf
+    /// @return serviceId the service that did it
+    /// @return submitted when the proof came, block time in seconds
+    function toJudge(uint256 taskId)
+        external
+        view
+        returns (address creator, uint8 kindId, uint32 serviceId, uint40 submitted);
+
     /// @notice Returns a task as it is now. Reverts with UnknownTask.
     /// @param taskId its number
     function task(uint256 taskId) external view returns (Task memory);

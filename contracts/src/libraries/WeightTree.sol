@@ -52,9 +52,23 @@ library WeightTree {
         return ref >> 1;
     }
 
-    /// @notice The only key; 0 if there is none or several.
-    function alone(Tree storage tree) internal view returns (uint64) {
-        return _isLeaf(tree.root) ? tree.root >> 1 : 0;
+    /// @notice Whether there is one key only.
+    function isAlone(Tree storage tree) internal view returns (bool) {
+        return _isLeaf(tree.root);
+    }
+
+    /// @notice Whether no other key has a greater major part than this weight, which the key is to have.
+    function leads(Tree storage tree, uint64 key, uint64 weight) internal view returns (bool) {
+        uint64 leaf = (key << 1) | 1;
+        uint64 ref = tree.root;
+        while (!_isLeaf(ref)) {
+            Node storage node = tree.nodes[ref];
+            (uint64 next, uint64 rival) =
+                leaf < ref ? (node.left, node.rightWeight) : (node.right, node.leftWeight);
+            if (majorOf(rival) > majorOf(weight)) return false;
+            ref = next;
+        }
+        return true;
     }
 
     /// @notice The lowest key but one; 0 if there are fewer than two.
