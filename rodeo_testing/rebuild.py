@@ -232,7 +232,7 @@ class Rebuilt:
                     self.rules[event.kind].append(event.rules)
             case events.RulesRetired():
                 self._forget_rules(event.kind, event.rules)
-            case events.KindDisallowed():
+            case events.KindDisallowed() if event.kind in self.kinds:
                 self._kind(event.kind, allowed=False)
             case events.AuditChanged():
                 self._kind(event.kind, audit_window=event.audit_window, silence=event.silence)
@@ -308,7 +308,8 @@ class Rebuilt:
                 self.services[service_id] = replace(service, failures=failures)
 
     def _kind(self, kind: str, **changes: object) -> None:
-        rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE, 0, 0))
+        number = len(self.kinds) + 1
+        rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE, 0, 0, number))
         self.kinds[kind] = replace(rules, **changes)  # type: ignore[arg-type]
 
     def _forget_rules(self, kind: str, rules: bytes) -> None:

@@ -301,8 +301,9 @@ contract ServiceManager is IServiceManager {
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
         if (s.state != ServiceState.Active) return r;
+        r.available = true;
         if (place != 0) _enqueue(serviceId, s, place);
-        else (r.available, r.price, r.named) = (true, _priceOf(s), _named(serviceId, s));
+        else (r.price, r.named) = (_priceOf(s), _named(serviceId, s));
     }
 
     /// @inheritdoc IServiceManager

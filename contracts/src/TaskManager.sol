@@ -453,10 +453,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev The service's attempt is over. While no task waits, it is in line again after this call.
     function _release(Record memory t, uint256 serviceId, Outcome outcome, uint256 value)
         private
-        returns (Release memory)
+        returns (Release memory r)
     {
-        uint40 place = _totals.waiting == 0 ? ++_totals.places : 0;
-        return services.release(serviceId, outcome, value, t.creator, place);
+        uint40 place = _totals.waiting == 0 ? _totals.places + 1 : 0;
+        r = services.release(serviceId, outcome, value, t.creator, place);
+        if (place == 0 || !r.available) return r;
+        (_totals.places, r.available) = (place, false);
     }
 
     /// @dev Whether the service takes the task; nothing happened if not. It is paid at least its own price.

@@ -459,7 +459,10 @@ class Projection:
         return is_own(creator, provider, owners, self._payout_of(provider))
 
     def _place_free(self) -> None:
-        """As ServiceManager.offer: behind the others of its kind, where it takes tasks and there was none."""
+        """As ServiceManager.enqueue: behind the others of its kind, where it takes tasks and there was none.
+
+        The contracts number the places of all kinds together; within a kind the order is the same.
+        """
         service_id, self._free = self._free, None
         if service_id is None:
             return

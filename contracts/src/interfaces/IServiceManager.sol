@@ -57,7 +57,7 @@ struct Service {
 }
 
 /// @param payout who is paid: the provider's payout address
-/// @param available whether the provider wants another task, and the service waits in no line yet
+/// @param available whether the provider wants another task; it waits in its line for it if it was given a place there
 /// @param price what that one costs
 /// @param penalty taken from the bond for the attempt that ended
 /// @param bond to be returned, because the service retired while it was at work
