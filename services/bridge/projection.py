@@ -425,7 +425,6 @@ class Projection:
             "panel": 0,
             "rotation_s": 0,
             "seats": [],
-            "places": 0,
         }
         return self.rows.find(schema.kinds, kind) or unknown
 
@@ -459,17 +458,18 @@ class Projection:
         return is_own(creator, provider, owners, self._payout_of(provider))
 
     def _place_free(self) -> None:
-        """As ServiceManager.enqueue: behind the others of its kind, where it takes tasks and there was none.
+        """As ServiceManager.enqueue: behind the others, where it takes tasks and there was none.
 
-        The contracts number the places of all kinds together; within a kind the order is the same.
+        The places of all kinds are numbered together.
         """
         service_id, self._free = self._free, None
         if service_id is None:
             return
         service = self.rows.get(schema.services, service_id)
         if service["state"] == "active" and service["task_id"] is None:
-            place = self._kind(service["kind"])["places"] + 1
-            self._change_kind(service["kind"], places=place)
+            row = self.rows.find(schema.settings, "places")
+            place = 1 if row is None else row["value"] + 1
+            self.rows.put(schema.settings, name="places", value=place)
             self.rows.change(schema.services, service_id, place=place)
 
     # -- tokens --------------------------------------------------------------------------------------------

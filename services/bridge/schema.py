@@ -229,7 +229,6 @@ kinds = Table(
     Column("panel", Integer, nullable=False, doc="how many judges may vote at once"),
     Column("rotation_s", BigInteger, nullable=False, doc="after which one more judge may vote; 0 for never"),
     Column("seats", JSON, nullable=False, doc="of its judges"),
-    Column("places", BigInteger, nullable=False, doc="given to idle services until now"),
 )
 
 judges = Table(

@@ -615,7 +615,7 @@ def test_an_index_that_nobody_touched_is_what_was_written(chain: Chain, tmp_path
         "update tasks set params = '{}'",
         "update services set price = '5'",
         "update roles set held = 0",
-        "update settings set value = '\"0x00\"'",
+        "update settings set value = '\"0x00\"' where name = 'policy'",
         "update events set args = '{}' where seq = 2",
         "update transfers set amount = '1' where seq = 3",
         "delete from tasks",
