@@ -74,8 +74,7 @@ contract ServiceManager is IServiceManager {
 
     /// @dev The idle services of a kind. The tree has one key per line, so that the usual case of few prices does
     /// not climb it: price, then the best reputation first. Its weights are the age of the line's first service
-    /// (major) and the line's reputation (minor). The oldest line may have the age of an
-    /// earlier first service.
+    /// (major) and the line's reputation (minor). The oldest line may have the age of an earlier first service.
     struct Idle {
         WeightTree.Tree lines;
         mapping(uint64 key => Line) line;

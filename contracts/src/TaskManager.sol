@@ -374,7 +374,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             t.serviceId = services.serviceOf(request.provider, request.kind, request.reward);
             emit ProviderRequested(taskId, request.provider);
         }
-        _tasks.keepConditions(t);
+        _tasks.keepConditions(taskId, t);
         _match(taskId, t, policy);
         _take(creator, request.reward);
     }

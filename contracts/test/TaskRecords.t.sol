@@ -33,29 +33,35 @@ contract TaskRecordsTest is Fixture {
         (t.verdictWindow, t.kindId, t.maxAttempts) = (uint24(numbers[1]), bytes_[0], bytes_[1]);
         (t.attempt, t.state, t.accepted) = (bytes_[2] & 15, TaskState(1 + bytes_[3] % 7), accepted);
         (t.silence, t.hired) = (Silence(bytes_[4] % 3), Hire(bytes_[3] % 3));
-        _store.keepConditions(t);
+        _store.keepConditions(7, t);
         _store.save(7, t, UNIT);
         assertEq(keccak256(abi.encode(_store.load(7, UNIT))), keccak256(abi.encode(t)));
         assertEq(uint8(_store.load(8, UNIT).state), uint8(TaskState.None));
     }
 
-    function test_whoFindsAPlaceTakenTakesTheNext() public {
+    function test_tasksShareTheConditionsOfTheFirstThatHadThem() public {
         Record memory one;
         (one.creator, one.executionWindow) = (alice, 1);
-        _store.keepConditions(one);
-        uint32 key = one.conditions;
-        _store.keepConditions(one);
-        assertEq(one.conditions, key, "shared");
+        _store.keepConditions(3, one);
+        assertEq(one.conditions, 3);
         Record memory other;
-        other.creator = bob;
-        _store.keepConditions(other);
-        uint256 others = _store.conditions[other.conditions];
-        _store.conditions[key] = others;
-        _store.keepConditions(one);
-        assertEq(one.conditions, key + 1, "the next");
-        _store.keepConditions(one);
-        assertEq(one.conditions, key + 1, "shared");
-        assertEq(_store.conditions[key], others, "untouched");
+        (other.creator, other.executionWindow) = (bob, 1);
+        _store.keepConditions(4, other);
+        assertEq(other.conditions, 4);
+        _store.keepConditions(5, one);
+        assertEq(one.conditions, 3);
+        assertEq(_store.conditions[5], 0);
+    }
+
+    /// @dev However many tasks with other conditions strangers post first.
+    function test_strangersTasksDoNotMakeConditionsDearer() public {
+        uint256 alone = _costOfKeeping(1, alice);
+        for (uint160 i = 1; i <= 200; ++i) {
+            Record memory t;
+            t.creator = address(i);
+            _store.keepConditions(1 + i, t);
+        }
+        assertEq(_costOfKeeping(300, bob), alone);
     }
 
     function test_tasksOfDifferentConditionsAreApart() public {
@@ -112,6 +118,14 @@ contract TaskRecordsTest is Fixture {
         assertEq(organization.numberOf(CLEANING), 1, "kept");
         vm.expectRevert(abi.encodeWithSelector(IOrganization.TooManyKinds.selector, bytes32("one more"), 255));
         organization.allowKind("one more", Review.Auditor, 0);
+    }
+
+    function _costOfKeeping(uint256 taskId, address creator) private returns (uint256 gas) {
+        Record memory t;
+        t.creator = creator;
+        gas = gasleft();
+        _store.keepConditions(taskId, t);
+        gas -= gasleft();
     }
 
     function _matching() private view returns (IMatchingPolicy matching) {

@@ -11,7 +11,7 @@ import {Hire, Silence, TaskState} from "../interfaces/ITaskManager.sol";
 /// @param deadline has 32 bits in storage: until 2106
 /// @param accepted the executor agreed to the running attempt, so that its failure costs the executor something
 /// @param attempt the running (or last) one, 1 for the first
-/// @param conditions where the creator's conditions are kept: the members below
+/// @param conditions the first task that had the creator's conditions, which are the members below
 /// @param executionWindow has 24 bits in storage, and so has `verdictWindow`
 /// @param silence who wins a proof that nobody judges, as the kind had it when the task was posted
 /// @param hired only `serviceId`, or only its provider, may do the task, because its creator named it
@@ -37,7 +37,10 @@ struct Record {
 library TaskRecords {
     struct Store {
         mapping(uint256 taskId => uint256) tasks;
-        mapping(uint32 key => uint256) conditions;
+        mapping(uint32 taskId => uint256) conditions;
+        /// @dev The first task that had these conditions, where they are kept. A hash of them as their place would be
+        /// cheaper once, but strangers could fill the places behind it, and each task would pay for looking there.
+        mapping(uint256 conditions => uint32 taskId) firsts;
     }
 
     /// @notice Returns a task; one in the state None if there is none.
@@ -70,22 +73,15 @@ library TaskRecords {
         store.tasks[taskId] = t.reward << 168 | (t.price / unit) << 104 | place | progress;
     }
 
-    /// @notice Keep the conditions of a new task, unless they are there, and note where.
-    /// @dev Who wants a place that others' conditions have takes the next. To make somebody's new conditions cost one
-    /// more word to look up takes a hash of 32 given bits and a task of one's own; old ones keep their place.
-    function keepConditions(Store storage store, Record memory t) internal {
+    /// @notice Keep the conditions of a new task, unless an earlier one had them, and note which did.
+    function keepConditions(Store storage store, uint256 taskId, Record memory t) internal {
         uint256 windows = uint256(t.executionWindow) << 72 | uint256(t.verdictWindow) << 48;
         uint256 rest = uint256(t.kindId) << 40 | uint256(t.maxAttempts) << 32 | uint256(t.silence) << 24;
         uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired);
-        uint32 key = uint32(uint256(keccak256(abi.encode(wanted))));
-        while (true) {
-            uint256 kept = store.conditions[key];
-            if (kept == 0) store.conditions[key] = wanted;
-            if (kept == 0 || kept == wanted) break;
-            unchecked {
-                ++key;
-            }
-        }
-        t.conditions = key;
+        t.conditions = store.firsts[wanted];
+        if (t.conditions != 0) return;
+        assert(taskId <= type(uint32).max);
+        t.conditions = uint32(taskId);
+        (store.firsts[wanted], store.conditions[t.conditions]) = (t.conditions, wanted);
     }
 }
