@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from rodeo.chain import Deployment
+from rodeo.chain import ChainUnavailable, Deployment
 from services.bridge.index import Index
 from services.bridge.journal import Journal
-from services.bridge.node import Node
+from services.bridge.node import Call, Node
 
 
 @dataclass(frozen=True)
@@ -18,6 +20,21 @@ class Chain:
     node: Node
     index: Index
     journal: Journal
+
+    def ask(self, *calls: Call) -> list[Any]:
+        """What the node answers, as `Node.batch` gives it, for whoever sends next what the journal holds.
+
+        A chain may have been begun anew behind the same URL, under the same number and with contracts at the
+        same addresses: what was signed for the old one would be mined there. Raises ChainUnavailable where
+        the node is not on this chain any more.
+        """
+        *answers, genesis = self.node.batch([*calls, ("eth_getBlockByNumber", ["0x0", False])])
+        found = genesis.get("hash") if isinstance(genesis, dict) else None
+        if found != self.deployment.genesis_hash:
+            raise ChainUnavailable(
+                "the node is on another chain", genesis_hash=found, expected=self.deployment.genesis_hash
+            )
+        return answers
 
     def close(self) -> None:
         self.journal.close()

@@ -46,6 +46,7 @@ class Outcomes:
         stuck_s: float,
         on_sent: Callable[[], None],
     ) -> None:
+        self._chain = chain
         self._node = chain.node
         self._contracts = {address.lower() for address in chain.deployment.event_sources}
         self._index = chain.index
@@ -117,6 +118,7 @@ class Outcomes:
             nonce = None if task is None else task["nonce"]
             # An index that is being read anew may tell of an earlier attempt.
             other = task is not None and nonce is not None and task["attempt"] >= entry.attempt
+            self._chain.ask()  # whether it is this chain still
             if nonce == entry.assignment or (late and not job.undone and not other):
                 job.held_until_s = None
                 self.send([job])
@@ -140,7 +142,8 @@ class Outcomes:
     # -- sending -------------------------------------------------------------------------------------------
 
     def send(self, jobs: Sequence[Job]) -> None:
-        """Hand them to the node. An error does not prove that the node did not take it."""
+        """Hand them to the node, which was just asked whether it is on their chain. An error does not prove
+        that the node did not take it."""
         now_s = time.monotonic()
         for job in jobs:
             job.sent_s = job.sent_s or now_s
@@ -253,8 +256,8 @@ class Outcomes:
         """They are not mined. Perhaps the node forgot them, or asks for more, or their nonces are gone."""
         wallets = {job.order.wallet for job in jobs}
         at = hex(max(self._index.position.block, 0))
-        counts = self._node.batch(
-            [("eth_getTransactionCount", [self._orders.wallets[name].address, at]) for name in wallets]
+        counts = self._chain.ask(
+            *(("eth_getTransactionCount", [self._orders.wallets[name].address, at]) for name in wallets)
         )
         used = {
             name: 0 if isinstance(count, ChainError) else int(count, 16)

@@ -29,6 +29,7 @@ class Signer:
     """Signs for the wallets of `orders`, all in one thread but for `cost` and `unsigned`."""
 
     def __init__(self, chain: Chain, orders: Orders) -> None:
+        self._chain = chain
         self._node = chain.node
         self._chain_id = chain.deployment.chain_id
         self._index = chain.index
@@ -71,12 +72,12 @@ class Signer:
             wallet for wallet in wallets.values() if wallet.next_nonce is None or not wallet.in_flight
         ]
         market = self._current_market()
-        answers = self._node.batch(
-            [("eth_getTransactionCount", [wallet.address, "pending"]) for wallet in unsynced]
-            + [
+        answers = self._chain.ask(
+            *(("eth_getTransactionCount", [wallet.address, "pending"]) for wallet in unsynced),
+            *(
                 ("eth_estimateGas", [_message(wallets[job.order.wallet], job.order.call), "pending"])
                 for job in jobs
-            ]
+            ),
         )
         for wallet, nonce in zip(unsynced, answers, strict=False):
             if isinstance(nonce, ChainError):

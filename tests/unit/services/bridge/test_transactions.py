@@ -541,6 +541,60 @@ def test_a_proof_that_was_undone_is_taken_back_where_its_task_is_assigned_anew(
     assert robot.journal.find("panther1", "proof") is None
 
 
+def begun_anew(method: str, params: Sequence[Any], answer: Answer) -> Any:
+    """Behind the same URL there is another chain, with the same number."""
+    found = answer(method, params)
+    if method == "eth_getBlockByNumber" and params[0] == "0x0":
+        return {**found, "hash": "0x" + "77" * 32}
+    return found
+
+
+def test_what_was_sent_on_a_chain_is_not_sent_on_the_one_that_takes_its_place(robot: Robot) -> None:
+    """It would be mined there, and the journal of that chain would lack it."""
+    before = robot.paid()
+    robot.chain.node.fault = lose
+    robot.transactions.orders.submit(robot.order(request_id="r"))
+    robot.transactions.step()
+    robot.chain.node.fault = begun_anew
+    sent = robot.chain.node.calls.count(SEND)
+    pause = threading.Event()
+    refused = 0
+    while refused < 3:
+        pause.wait(outcomes.REBROADCAST_S)
+        try:
+            robot.transactions.step()
+        except ChainUnavailable as error:
+            assert error.details["expected"] == robot.chain.deployment.genesis_hash
+            refused += 1
+    assert robot.chain.node.calls.count(SEND) == sent and robot.paid() == before
+    robot.chain.node.fault = None
+    robot.until(lambda: robot.waiting() == 0)
+    assert robot.paid() == before + 5
+
+
+def test_nothing_is_signed_for_a_chain_that_takes_the_place_of_ours(robot: Robot) -> None:
+    robot.chain.node.fault = begun_anew
+    future = robot.transactions.orders.submit(robot.order(request_id="r"))
+    robot.transactions.step()
+    with pytest.raises(ChainUnavailable, match="another chain"):
+        future.result(0)
+    assert robot.waiting() == 0 and SEND not in robot.chain.node.calls[-5:]
+
+
+def test_what_a_reorganization_undid_is_not_sent_on_the_chain_that_takes_the_place_of_ours(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot.index, "task", lambda _id: {"nonce": OURS, "attempt": 1})
+    undo(robot, robot.outcome(robot.transactions.orders.submit(proof(robot))))
+    robot.chain.node.fault = begun_anew
+    sent = robot.chain.node.calls.count(SEND)
+    with pytest.raises(ChainUnavailable, match="another chain"):
+        robot.transactions.step()
+    assert robot.chain.node.calls.count(SEND) == sent
+    robot.chain.node.fault = None
+    robot.until(lambda: robot.waiting() == 0)
+
+
 def test_what_was_signed_elsewhere_for_a_nonce_that_is_gone_is_told_to_be_dropped(robot: Robot) -> None:
     """A wallet that lives elsewhere cannot be signed for anew."""
     account = robot.account
