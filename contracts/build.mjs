@@ -23,6 +23,7 @@ const CONTRACTS = [
   "WrappedVotes",
   "OrganizationTimelock",
   "OrganizationGovernor",
+  "OrganizationRegistry",
 ];
 
 const root = dirname(dirname(fileURLToPath(import.meta.url)));

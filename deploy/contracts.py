@@ -19,16 +19,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from eth_account.signers.local import LocalAccount
-from eth_typing import ChecksumAddress
-from eth_utils import to_checksum_address
+from eth_utils import to_bytes, to_checksum_address
 from web3 import Web3
-from web3.exceptions import BadFunctionCallOutput, ContractLogicError
-from web3.types import Nonce, TxReceipt, Wei
-from web3.utils import get_create_address
+from web3.types import Wei
 
+from deploy.founding import OtherToken, create_contracts
 from rodeo import possession, wallets
 from rodeo.chain import (
     Call,
@@ -39,11 +36,9 @@ from rodeo.chain import (
     DeploymentMismatch,
     Instance,
     NotDeployed,
-    Policy,
     Review,
     Role,
     Silence,
-    artifacts,
     transactions,
 )
 from rodeo.chain.client import connect, require_chain
@@ -60,16 +55,14 @@ _NODE_S = {"external": 15.0, "anvil": 60.0, "eth-tester": 60.0}
 _RETRY_S = 0.1
 _GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
+_MOST_TOGETHER = 60
+"""Calls in one transaction: a device's registration, the most expensive of them, takes 120,000 gas."""
 _LONGEST_VERDICT_S = 7 * 24 * 3600
 """The contracts' default for the longest verdict window."""
 
 
 class OtherGovernance(RodeoError):
     """Who decides is another on chain than in the site file, and neither is changed by this step."""
-
-
-class OtherToken(RodeoError):
-    """The site file names another payment token, or other decimals, than the chain has."""
 
 
 class WithoutDisputes(RodeoError):
@@ -96,24 +89,53 @@ class _Sender:
         self._administrator = administrator
         self._by_vote = client.deployment.decides_by_vote
         self.is_founding = self._by_vote and client.decision_delay_s() == 0
+        self._waiting: list[Call] = []
+        """Of the administrator to the organization."""
         self.sent: Counter[str] = Counter()
         """Address -> transactions."""
 
     def send(self, account: LocalAccount, call: Call) -> None:
-        if not self._by_vote or account.address != self._administrator:
+        """At once, but for what the administrator sends to the organization: that waits for what follows."""
+        if account.address != self._administrator:
             self._send(account, call)
-        elif self.is_founding:
-            self._found(account, [call])
-        else:
+        elif self._by_vote and not self.is_founding:
             self._say(f"{call.name} of the site file is not on chain: it takes a vote of the members")
             return
+        elif call.to == self._client.organization:
+            if len(self._waiting) == _MOST_TOGETHER:
+                self.flush(account)
+            self._waiting.append(call)
+            return
+        else:
+            # It may be about what was sent before.
+            self.flush(account)
+            self._administer(account, [call])
         self._say(f"{call.name} sent by {self._names[account.address]}")
+
+    def flush(self, administrator: LocalAccount) -> None:
+        """Send what waits, in one transaction."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            self._administer(administrator, waiting)
+            told = Counter(call.name for call in waiting)
+            calls = ", ".join(name if times == 1 else f"{times} {name}" for name, times in told.items())
+            self._say(f"{calls} sent by {self._names[administrator.address]}")
 
     def end_founding(self, founder: LocalAccount, delay_s: int) -> None:
         """From now on the members decide, and nobody else."""
+        self.flush(founder)
         self._found(founder, self._client.governance_calls.end_founding(founder.address, delay_s))
         self.is_founding = False
         self._say(f"from now on the members decide by vote, with a delay of {delay_s} s")
+
+    def _administer(self, administrator: LocalAccount, calls: Sequence[Call]) -> None:
+        if self._by_vote:
+            self._found(administrator, calls)
+        elif len(calls) == 1:
+            self._send(administrator, calls[0])
+        else:
+            data = [to_bytes(hexstr=call.data) for call in calls]
+            self._send(administrator, self._client.organization_calls.multicall(data))
 
     def _found(self, founder: LocalAccount, calls: Sequence[Call]) -> None:
         for call in self._client.governance_calls.found(calls, os.urandom(32)):
@@ -162,6 +184,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     sender = _Sender(client, administrator.address, names, say)
     for account, call in _missing_rules(site, client, administrator, deployment.rules):
         sender.send(account, call)
+    sender.flush(administrator)
     if sender.is_founding:
         for call in _missing_members(site, client):
             sender.send(administrator, call)
@@ -276,31 +299,10 @@ def _require_token(site: Site, deployment: Deployment) -> None:
         )
 
 
-def existing_token(site: Site, w3: Web3) -> ChecksumAddress | None:
-    """The token that the site file names; None for IECoin. Raises OtherToken unless it is there and as the
-    file says."""
-    token = site.economy.token
-    if token is None:
-        return None
-    address = to_checksum_address(token.address)
-    with translated():
-        if not w3.eth.get_code(address):
-            raise OtherToken("there is no contract at economy.token.address", address=address)
-        contract = w3.eth.contract(address=address, abi=artifacts.load("IECoin").abi)
-        try:
-            decimals = contract.functions.decimals().call()
-        except (BadFunctionCallOutput, ContractLogicError) as error:
-            raise OtherToken(
-                "the contract at economy.token.address does not say how many decimals it has", address=address
-            ) from error
-    if decimals != token.decimals:
-        raise OtherToken(
-            "the token has other decimals than economy.token.decimals",
-            address=address,
-            wanted_decimals=token.decimals,
-            found_decimals=decimals,
-        )
-    return address
+def _deploy(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Deployment:
+    deployment = create_contracts(site, w3, founder, say)
+    deployment.save(_unfinished(site))
+    return deployment
 
 
 def _unfinished(site: Site) -> Path:
@@ -325,80 +327,6 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
     return None
 
 
-def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deployment:
-    """All contracts. They name each other, so their addresses are computed before they exist."""
-    with translated():
-        nonce = w3.eth.get_transaction_count(deployer.address)
-        genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
-        chain_id = w3.eth.chain_id
-    by_vote = site.governance.kind == "vote"
-    governance, currency = site.governance, site.economy.currency
-    all_names = (
-        *artifacts.CONTRACTS,
-        *(artifacts.governance(governance.votes) if by_vote else ()),
-        *(artifacts.DISPUTES if site.disputes is not None else ()),
-    )
-    token = existing_token(site, w3)
-    others = {"SignedRequests"} if token is None else {"SignedRequests", "IECoin"}
-    names = [name for name in all_names if name not in others]
-    addresses = {
-        name: get_create_address(deployer.address, Nonce(nonce + offset)) for offset, name in enumerate(names)
-    }
-    # TaskManager makes it in its constructor, and a contract's first nonce is 1.
-    addresses["SignedRequests"] = get_create_address(addresses["TaskManager"], Nonce(1))
-    if token is not None:
-        addresses["IECoin"] = token
-    coin, organization = addresses["IECoin"], addresses["Organization"]
-    services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
-    terms = site.governance.terms
-    arguments: dict[str, tuple[Any, ...]] = {
-        "IECoin": _first_holders(site, organization, deployer.address) if token is None else (),
-        "Organization": (
-            coin,
-            services,
-            tasks,
-            addresses[Policy.FIRST_COME],
-            # From the beginning: a handover takes a later block, and a chain at rest has none.
-            addresses["OrganizationTimelock"] if by_vote else deployer.address,
-            site.governance.delay_s,
-            (currency.to_units(terms.bond_iec), currency.to_units(terms.penalty_iec), terms.max_failures),
-        ),
-        "ServiceManager": (organization, tasks),
-        "TaskManager": (organization, services),
-        "OracleCommittee": (organization,),
-        "DisputeCommittee": (organization,),
-        "Disputes": (organization,),
-    }
-    if by_vote:
-        timelock, governor = addresses["OrganizationTimelock"], addresses["OrganizationGovernor"]
-        by_tokens = governance.votes == "tokens"
-        arguments |= {
-            "MemberVotes": (organization,),
-            "WrappedVotes": (coin,),
-            "OrganizationTimelock": (0, [governor, deployer.address]),
-            "OrganizationGovernor": (
-                addresses[artifacts.VOTES[governance.votes]],
-                timelock,
-                governance.voting_period_s,
-                currency.to_units(governance.proposal_iec) if by_tokens else 1,
-                governance.quorum_percent,
-            ),
-        }
-    receipts = [_create(w3, deployer, name, arguments.get(name, ()), say) for name in names]
-    deployment = Deployment(
-        chain_id=chain_id,
-        genesis_hash=genesis_hash,
-        block=min(receipt["blockNumber"] for receipt in receipts),
-        contracts=addresses,
-        decimals=currency.decimals,
-        is_token_foreign=token is not None,
-    )
-    # Fails if another transaction of the deployer came in between and moved the addresses.
-    deployment.verify(w3)
-    deployment.save(_unfinished(site))
-    return deployment
-
-
 def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> dict[str, int]:
     """What the wallets sent without the bridge: all of it while there is no record that a bridge could go by,
     then what this step has sent `now`."""
@@ -411,23 +339,6 @@ def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> di
             else:
                 found[address] = w3.eth.get_transaction_count(address)
     return found
-
-
-def _create(w3: Web3, deployer: LocalAccount, name: str, args: tuple[Any, ...], say: Say) -> TxReceipt:
-    artifact = artifacts.load(name)
-    constructor = w3.eth.contract(abi=artifact.abi, bytecode=artifact.bytecode).constructor(*args)
-    receipt = transactions.send(w3, deployer, data=constructor.data_in_transaction)
-    say(f"{name} at {receipt['contractAddress']}")
-    return receipt
-
-
-def _first_holders(site: Site, organization: str, administrator: str) -> tuple[list[str], list[int]]:
-    currency = site.economy.currency
-    initial = currency.to_units(site.economy.initial_iec)
-    shares = {organization: initial}
-    shares |= {wallets.address(site, robot.name): initial for robot in site.robots}
-    shares[administrator] = currency.to_units(site.economy.supply_iec) - sum(shares.values())
-    return list(shares), list(shares.values())
 
 
 def _missing_rules(

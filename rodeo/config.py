@@ -129,6 +129,9 @@ class ChainConfig(_Table):
     max_block_age_s: float | None = Field(default=None, gt=0)
     """Age of the newest indexed block, s, above which the bridge is not ready, for chains that mine on wall
     time. None for chains that mine a block only for a transaction."""
+    registry: Annotated[str, AfterValidator(typed_address)] | None = None
+    """Where organizations are founded on a chain without the deterministic deployment proxy: `rodeo site
+    prepare` says it when it puts a registry there. Elsewhere its address follows from its code."""
 
 
 class FromHour(_Table):

@@ -6,8 +6,12 @@ from collections import Counter
 from typing import Annotated, get_args
 
 import typer
+from eth_utils import to_checksum_address
 
 from rodeo import queries
+from rodeo.chain import Deployment, NotDeployed
+from rodeo.chain.client import connect, require_chain
+from rodeo.chain.registry import Registry, known_address
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
@@ -83,6 +87,59 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
         ),
     ]
     print_facts(state, as_json, told)
+
+
+@organization.command("list")
+@reports_errors
+def list_(
+    site: SiteOption = DEFAULT_SITE,
+    newest: Annotated[int, typer.Option(min=1, help="How many to list, the newest.")] = 50,
+    as_json: JsonOption = False,
+) -> None:
+    """List the organizations of this release on the site's chain, by its node.
+
+    Anybody may found one, under any name: whom to trust follows from the founder's address.
+    """
+    loaded = Site.load(site)
+    w3 = connect(loaded.chain.url)
+    require_chain(w3, loaded.chain)
+    try:
+        own: Deployment | None = Deployment.load(loaded.data_dir, loaded.chain.id)
+    except NotDeployed:
+        own = None
+    address = (own and own.registry) or loaded.chain.registry or known_address()
+    registry = Registry(w3, to_checksum_address(address))
+    found = registry.organizations(newest) if registry.is_there else []
+    entries = [
+        {
+            "name": one.name,
+            "number": one.number,
+            "founder": one.founder,
+            "address": one.address,
+            "founded_in_block": one.founded_in,
+            "own": own is not None and own.contracts["Organization"] == one.address,
+        }
+        for one in found
+    ]
+    rows = [
+        Row(
+            (
+                f"{one.name} ({one.number})" if one.number else one.name,
+                one.address,
+                one.founder,
+                str(one.founded_in),
+                "yes" if entry["own"] else "",
+            )
+        )
+        for one, entry in zip(found, entries, strict=True)
+    ]
+    columns = ("name", "address", "founder", "block", "this site's")
+    more = registry.count - len(found) if found else 0
+    after = f"and {more} older ones: list more with --newest" if more else ""
+    after = after or ("" if found else f"no organization was founded at the registry {registry.address}")
+    print_listing(
+        {"registry": registry.address, "organizations": entries}, as_json, columns, rows, (1, 2), after
+    )
 
 
 _DECIDES = {

@@ -6,6 +6,7 @@ import {
 } from "@openzeppelin/contracts/access/extensions/AccessControlDefaultAdminRules.sol";
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
+import {Multicall} from "@openzeppelin/contracts/utils/Multicall.sol";
 import {DeviceRegistry} from "./DeviceRegistry.sol";
 import {IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
@@ -14,7 +15,7 @@ import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, TaskRequest} from "./interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "./policies/FirstComeFirstServed.sol";
 
-contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdminRules {
+contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdminRules, Multicall {
     using SafeERC20 for IERC20;
 
     bytes32 public constant OPERATOR_ROLE = keccak256("OPERATOR_ROLE");

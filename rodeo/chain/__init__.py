@@ -4,6 +4,7 @@
     client.py       ChainClient: views, events and transactions of one deployment on one node
     calls.py        what to send to do something: Calls, and OrganizationCalls in the organization's name
     governance.py   decisions by vote: proposals, and what their calls would do
+    registry.py     where organizations are founded, at addresses known beforehand, and listed
     logs.py         events as the chain logs them
     abi.py          the contracts' enums, structs and calls, generated
     events.py       one record type per contract event, generated

@@ -303,6 +303,9 @@ class OrganizationCalls(ContractCalls):
     def grant_role(self, role: Role, account: str) -> Call:
         return self._call("Organization", "grantRole", role, account)
 
+    def multicall(self, data: list[bytes]) -> Call:
+        return self._call("Organization", "multicall", data)
+
     def pause_tasks(self, duration: int) -> Call:
         return self._call("Organization", "pauseTasks", duration)
 

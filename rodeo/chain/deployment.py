@@ -36,6 +36,8 @@ class Deployment(BaseModel):
     sent: dict[str, int] = {}
     """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
+    registry: str | None = None
+    """Where the organization was founded (`rodeo.chain.registry`); None if that was before there was one."""
     rules: tuple[str, ...] = ()
     """Hashes of rules of installed kinds that the deployment step has found or made current. One that is not
     current any more was retired, and stays so."""

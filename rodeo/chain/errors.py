@@ -116,7 +116,10 @@ _LONGEST_REASON = 120
 @cache
 def _errors_by_selector() -> dict[bytes, dict[str, Any]]:
     declared = (
-        entry for name in artifacts.TOLD for entry in artifacts.load(name).abi if entry["type"] == "error"
+        entry
+        for name in (*artifacts.TOLD, artifacts.REGISTRY)
+        for entry in artifacts.load(name).abi
+        if entry["type"] == "error"
     )
     by_selector = {function_signature_to_4byte_selector(abi_to_signature(e)): e for e in declared}  # type: ignore[arg-type]
     return _BUILT_IN | by_selector

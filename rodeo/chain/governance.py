@@ -24,6 +24,10 @@ STATES = ("pending", "active", "canceled", "defeated", "succeeded", "queued", "e
 _FOUNDERS = (keccak(text="PROPOSER_ROLE"), keccak(text="CANCELLER_ROLE"))
 """Roles of the timelock that whoever sets the organization up has until it ends."""
 
+_MOST_NESTED = 4
+"""Calls in calls that are taken apart; what is deeper is shown as bytes. Nobody needs more, and a proposal
+may hold thousands."""
+
 
 @dataclass(frozen=True)
 class Proposed:
@@ -91,8 +95,8 @@ class GovernanceCalls:
         return [self._timelock.update_delay(delay_s), *given_up]
 
 
-def described(deployment: Deployment, target: str, calldata: bytes) -> Described:
-    """What a call would do, whatever the proposal's text says about it."""
+def described(deployment: Deployment, target: str, calldata: bytes, depth: int = 0) -> Described:
+    """What a call would do, whatever the proposal's text says about it. `depth`: in so many others."""
     contract = next((name for name, address in deployment.contracts.items() if address == target), None)
     for name, (selector, types, inputs) in (functions(contract) if contract else {}).items():
         if calldata[:4] == selector:
@@ -100,6 +104,11 @@ def described(deployment: Deployment, target: str, calldata: bytes) -> Described
                 args = values(inputs, decode(types, calldata[4:]))
             except (DecodingError, ValueError, OverflowError):
                 break  # anybody may propose anything
+            if name == "multicall" and depth < _MOST_NESTED:
+                # What is in it is what is decided.
+                each = [described(deployment, target, one, depth + 1) for one in args["data"]]
+                calls = [{"function": call.function, "args": call.args} for call in each]
+                return Described(contract or target, name, {"calls": calls})
             return Described(contract or target, name, {key: _shown(one) for key, one in args.items()})
     return Described(contract or target, "", {"data": "0x" + calldata.hex()})
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from decimal import Decimal
+from typing import Any
 
 from rodeo.durations import span
 from rodeo.errors import RodeoError
@@ -183,12 +184,13 @@ def party(name: str | None, address: str | None) -> str:
 
 def calls_in_words(calls: Iterable[ProposedCall]) -> str:
     """What a proposal would call, by contract, function and arguments."""
-    return "; ".join(
-        f"{call.contract}.{call.function or '?'}("
-        + ", ".join(f"{name} {value}" for name, value in call.args.items())
-        + ")"
-        for call in calls
-    )
+    return "; ".join(f"{call.contract}.{_call_in_words(call.function, call.args)}" for call in calls)
+
+
+def _call_in_words(function: str, args: Mapping[str, Any]) -> str:
+    if function == "multicall" and "calls" in args:
+        return "; ".join(_call_in_words(one["function"], one["args"]) for one in args["calls"])
+    return f"{function or '?'}({', '.join(f'{name} {value}' for name, value in args.items())})"
 
 
 def quorum_in_words(kind: KindRules) -> str:

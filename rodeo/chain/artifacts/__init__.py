@@ -43,6 +43,9 @@ def governance(votes: str) -> tuple[str, ...]:
 TOLD = (*CONTRACTS, "Disputes", *GOVERNANCE)
 """Contracts whose events and errors are read."""
 
+REGISTRY = "OrganizationRegistry"
+"""Creates all of the above but SignedRequests, which TaskManager creates."""
+
 
 @dataclass(frozen=True)
 class Artifact:
@@ -74,7 +77,7 @@ def enums() -> dict[str, list[str]]:
 
 @cache
 def load(name: str) -> Artifact:
-    """The artifact of contract `name`, one of CONTRACTS, DISPUTES or GOVERNANCE."""
+    """The artifact of contract `name`, one of CONTRACTS, DISPUTES or GOVERNANCE, or REGISTRY."""
     text = (resources.files(__name__) / f"{_BUILT_FROM.get(name, name)}.json").read_text()
     built = json.loads(text)
     return Artifact(

@@ -147,4 +147,4 @@ def _sample(parameter: str, annotation: str) -> Any:
         return Revocation.SUPERSEDED
     if parameter in SAMPLES:
         return SAMPLES[parameter]
-    return {"int": 1, "str": ADDRESS, "bool": True}[annotation]
+    return {"int": 1, "str": ADDRESS, "bool": True, "list[bytes]": [b"\x01"]}[annotation]

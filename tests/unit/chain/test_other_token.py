@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 from web3 import Web3
 
-from deploy import contracts
+from deploy import contracts, founding
 from rodeo.chain import ContractReverted, Role, Terms
 from rodeo.chain.client import connect
 from rodeo.config import BudgetConfig, GovernanceConfig, Site, TermsConfig, TokenConfig
@@ -61,7 +61,7 @@ def test_an_organization_pays_with_the_token_of_the_site_file(chain: Site, w3: W
     deployment.verify(w3)
     for wanted in (chain, paying_with(chain, address, 8), paying_with(chain, create(w3, init_code(6)), 6)):
         block = w3.eth.block_number
-        with pytest.raises(contracts.OtherToken) as refused:
+        with pytest.raises(founding.OtherToken) as refused:
             contracts.run(wanted, threading.Event())
         assert (refused.value.details["found"], refused.value.details["found_decimals"]) == (address, 6)
         assert w3.eth.block_number == block
@@ -70,21 +70,21 @@ def test_an_organization_pays_with_the_token_of_the_site_file(chain: Site, w3: W
 def test_what_is_no_such_token_is_refused_before_anything_is_sent(chain: Site, w3: Web3) -> None:
     token, nobody = create(w3, init_code(6)), "0x" + "a1" * 20
     block = w3.eth.block_number
-    with pytest.raises(contracts.OtherToken) as refused:
-        contracts.existing_token(paying_with(chain, token, 8), w3)
+    with pytest.raises(founding.OtherToken) as refused:
+        founding.existing_token(paying_with(chain, token, 8), w3)
     assert refused.value.details == {"address": token, "wanted_decimals": 8, "found_decimals": 6}
-    with pytest.raises(contracts.OtherToken, match="no contract"):
-        contracts.existing_token(paying_with(chain, nobody, 6), w3)
-    assert contracts.existing_token(paying_with(chain, token, 6), w3) == token
-    assert contracts.existing_token(chain, w3) is None
+    with pytest.raises(founding.OtherToken, match="no contract"):
+        founding.existing_token(paying_with(chain, nobody, 6), w3)
+    assert founding.existing_token(paying_with(chain, token, 6), w3) == token
+    assert founding.existing_token(chain, w3) is None
     assert w3.eth.block_number == block
 
 
 @pytest.mark.parametrize("code", [NO_DECIMALS, ALL_REVERTS])
 def test_a_contract_that_does_not_say_its_decimals_is_no_token(chain: Site, w3: Web3, code: bytes) -> None:
     address = create(w3, code)
-    with pytest.raises(contracts.OtherToken, match="does not say") as refused:
-        contracts.existing_token(paying_with(chain, address, 6), w3)
+    with pytest.raises(founding.OtherToken, match="does not say") as refused:
+        founding.existing_token(paying_with(chain, address, 6), w3)
     assert refused.value.details == {"address": address}
 
 

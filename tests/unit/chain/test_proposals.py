@@ -54,6 +54,34 @@ def test_calls_are_shown_by_name_and_what_is_no_call_as_it_is() -> None:
     assert (stranger.contract, stranger.function, stranger.args) == (MEMBER, "", {"data": "0x0102"})
 
 
+def test_calls_within_a_call_are_shown_too() -> None:
+    """A proposal that sets terms in a multicall would else be a heap of bytes for those who vote."""
+    calls = OrganizationCalls(DEPLOYMENT)
+    terms, hidden = calls.set_terms(Terms(50, 20, 2)), calls.set_members_only(True)
+    inner = calls.multicall([bytes.fromhex(hidden.data[2:]), b"\x01"])
+    outer = calls.multicall([bytes.fromhex(one.data[2:]) for one in (terms, inner)])
+    shown = described(DEPLOYMENT, outer.to, bytes.fromhex(outer.data[2:]))
+    first, second = shown.args["calls"]
+    assert (shown.function, first["function"]) == ("multicall", "setTerms")
+    assert first["args"]["terms"]["bond"] == 50
+    assert second["args"]["calls"] == [
+        {"function": "setMembersOnly", "args": {"members_only": True}},
+        {"function": "", "args": {"data": "0x01"}},
+    ]
+
+
+def test_calls_that_are_nested_without_end_are_shown_as_bytes() -> None:
+    calls = OrganizationCalls(DEPLOYMENT)
+    call = calls.set_members_only(True)
+    for _ in range(600):
+        call = calls.multicall([bytes.fromhex(call.data[2:])])
+    args = described(DEPLOYMENT, call.to, bytes.fromhex(call.data[2:])).args
+    for _ in range(4):
+        ((nested),) = args["calls"]
+        args = nested["args"]
+    assert nested["function"] == "multicall" and args["data"][0].startswith("0x")
+
+
 @pytest.mark.parametrize("arguments", [b"", b"\xff" * 32, b"\0" * 31 + b"\x07" + b"\xff" * 300])
 @pytest.mark.parametrize(
     "function", ["setAudit(bytes32,uint32,uint8)", "registerService(bytes32,uint96,uint96,string)"]

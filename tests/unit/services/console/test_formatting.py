@@ -6,7 +6,8 @@ from decimal import Decimal
 
 import pytest
 
-from services.console.formatting import exact, iec, process
+from rodeo.queries import ProposedCall
+from services.console.formatting import calls_in_words, exact, iec, process
 
 
 @pytest.mark.parametrize(
@@ -33,3 +34,16 @@ def test_what_somebody_agrees_to_has_every_digit() -> None:
 )
 def test_a_process_of_several_is_named_as_the_site_file_names_it(name: str, read: str) -> None:
     assert process(name) == read
+
+
+def test_calls_in_a_call_read_like_calls() -> None:
+    inner = {"function": "setMembersOnly", "args": {"members_only": True}}
+    nested = {"function": "multicall", "args": {"calls": [inner]}}
+    proposed = ProposedCall(
+        contract="Organization",
+        function="multicall",
+        args={"calls": [inner, {"function": "", "args": {}}, nested]},
+    )
+    assert calls_in_words([proposed]) == (
+        "Organization.setMembersOnly(members_only True); ?(); setMembersOnly(members_only True)"
+    )

@@ -1,0 +1,242 @@
+"""Creates an organization's contracts through the registry of this release, at addresses known beforehand.
+
+Any order of events leaves something to go on from: what is there with the same code and arguments is kept,
+and a transaction may be sent again. With the same founder, name and release the addresses are the same on
+every chain that has the deterministic deployment proxy.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count
+from typing import Any
+
+from eth_account.signers.local import LocalAccount
+from eth_typing import ChecksumAddress, HexStr
+from eth_utils import to_checksum_address
+from web3 import Web3
+from web3.exceptions import BadFunctionCallOutput, ContractLogicError
+from web3.types import Nonce, Wei
+from web3.utils import get_create_address
+
+from rodeo import wallets
+from rodeo.chain import Deployment, Policy, artifacts, registry, transactions
+from rodeo.chain.errors import translated
+from rodeo.chain.registry import Part, Registry
+from rodeo.config import Site
+from rodeo.errors import ConfigError, RodeoError
+
+log = logging.getLogger(__name__)
+
+MAX_CODE_BYTES = 56_000
+"""Of the creation code in one transaction: its gas stays below 2^24, more than which no transaction may have
+(EIP-7825), with a quarter to spare, and its size below the 128 KiB that geth takes."""
+
+Say = Callable[[str], object]
+
+
+class OtherToken(RodeoError):
+    """The site file names another payment token, or other decimals, than the chain has."""
+
+
+def create_contracts(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Deployment:
+    """All contracts of the site's organization; those that are there already are kept.
+
+    Raises ChainError, OtherToken, WalletError, and ConfigError where chain.registry is no registry of this
+    release.
+    """
+    token = existing_token(site, w3)
+    found = ensure_registry(site, w3, founder, say)
+    with translated():
+        genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
+        chain_id = w3.eth.chain_id
+    for number in count():
+        addresses = found.addresses(founder.address, site.org, number, _names(site))
+        if token is not None:
+            addresses["IECoin"] = token
+        # TaskManager makes it in its constructor, and a contract's first nonce is 1.
+        addresses["SignedRequests"] = get_create_address(addresses["TaskManager"], Nonce(1))
+        parts = list(_parts(site, founder.address, addresses))
+        there = {part.name: found.init_code_hash(addresses[part.name]) for part in parts}
+        # One founded with another site file keeps its place.
+        if all(there[part.name] in (None, part.init_code_hash) for part in parts):
+            break
+    missing = [part for part in parts if there[part.name] is None]
+    if len(missing) < len(parts):
+        say(f"{len(parts) - len(missing)} of {len(parts)} contracts are on the chain already")
+    for batch in _batches(missing):
+        call = found.create(site.org, number, batch)
+        transactions.send(w3, founder, to=call.to, data=call.data)
+        for part in batch:
+            say(f"{part.name} at {addresses[part.name]}")
+    deployment = Deployment(
+        chain_id=chain_id,
+        genesis_hash=genesis_hash,
+        block=found.founded_in(founder.address, site.org, number),
+        contracts=addresses,
+        decimals=site.economy.currency.decimals,
+        is_token_foreign=token is not None,
+        registry=found.address,
+    )
+    deployment.verify(w3)
+    return deployment
+
+
+def ensure_registry(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Registry:
+    """The registry of this release on the site's chain, created if it is not there.
+
+    Raises ConfigError where chain.registry names something else.
+    """
+    named = site.chain.registry
+    if named is not None:
+        found = Registry(w3, to_checksum_address(named))
+        if not found.is_there:
+            raise ConfigError(
+                "chain.registry is no registry of this release: take it out of the site file, and `rodeo "
+                "site prepare` puts one on the chain",
+                registry=named,
+                chain_id=site.chain.id,
+            )
+        return found
+    has_proxy = _has_code(w3, registry.PROXY)
+    if not has_proxy and site.chain.backend != "external":
+        _create_proxy(w3)
+        has_proxy = True
+    if has_proxy:
+        found = Registry(w3, registry.known_address())
+        if not found.is_there:
+            transactions.send(w3, founder, to=registry.PROXY, data=registry.creation_data())
+            say(f"{artifacts.REGISTRY} at {found.address}")
+        return found
+    code = HexStr("0x" + registry.creation_code().hex())
+    receipt = transactions.send(w3, founder, data=code)
+    address = receipt["contractAddress"]
+    assert address is not None
+    say(
+        f"{artifacts.REGISTRY} at {address}: the chain has no deterministic deployment proxy, so other "
+        f'organizations on it have to say `chain.registry = "{address}"`'
+    )
+    return Registry(w3, address)
+
+
+def _has_code(w3: Web3, address: ChecksumAddress) -> bool:
+    with translated():
+        return bool(w3.eth.get_code(address))
+
+
+def _create_proxy(w3: Web3) -> None:
+    """On a local chain, whose node has an account with money."""
+    with translated():
+        rich = w3.eth.accounts[0]
+        value = Wei(registry.PROXY_COST_WEI)
+        for sent in (
+            w3.eth.send_transaction({"from": rich, "to": registry.PROXY_SENDER, "value": value}),
+            w3.eth.send_raw_transaction(registry.PROXY_TRANSACTION),
+        ):
+            w3.eth.wait_for_transaction_receipt(sent, poll_latency=transactions.POLL_S)
+
+
+def _batches(parts: Sequence[Part]) -> Iterator[list[Part]]:
+    """As many together as one transaction may have, in their order."""
+    batch: list[Part] = []
+    for part in parts:
+        if batch and sum(len(one.code) for one in (*batch, part)) > MAX_CODE_BYTES:
+            yield batch
+            batch = []
+        batch.append(part)
+    if batch:
+        yield batch
+
+
+def _names(site: Site) -> list[str]:
+    """What the registry creates of the site's organization, in an order in which it can."""
+    wanted = {
+        *artifacts.CONTRACTS,
+        *(artifacts.governance(site.governance.votes) if site.governance.kind == "vote" else ()),
+        *(artifacts.DISPUTES if site.disputes is not None else ()),
+    }
+    if site.economy.token is not None:
+        wanted.discard("IECoin")
+    return [name for name in registry.PARTS if name in wanted]
+
+
+def _parts(site: Site, founder: str, addresses: dict[str, ChecksumAddress]) -> Iterator[Part]:
+    """They name each other, at `addresses`."""
+    governance, currency = site.governance, site.economy.currency
+    by_vote = governance.kind == "vote"
+    coin, organization = addresses["IECoin"], addresses["Organization"]
+    services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
+    terms = governance.terms
+    arguments: dict[str, tuple[Any, ...]] = {
+        "Organization": (
+            coin,
+            services,
+            tasks,
+            addresses[Policy.FIRST_COME],
+            # From the beginning: a handover takes a later block, and a chain at rest has none.
+            addresses["OrganizationTimelock"] if by_vote else founder,
+            governance.delay_s,
+            (currency.to_units(terms.bond_iec), currency.to_units(terms.penalty_iec), terms.max_failures),
+        ),
+        "ServiceManager": (organization, tasks),
+        "TaskManager": (organization, services),
+        "OracleCommittee": (organization,),
+        "DisputeCommittee": (organization,),
+        "Disputes": (organization,),
+    }
+    if site.economy.token is None:
+        arguments["IECoin"] = _first_holders(site, organization, founder)
+    if by_vote:
+        timelock, governor = addresses["OrganizationTimelock"], addresses["OrganizationGovernor"]
+        by_tokens = governance.votes == "tokens"
+        arguments |= {
+            "MemberVotes": (organization,),
+            "WrappedVotes": (coin,),
+            "OrganizationTimelock": (0, [governor, founder]),
+            "OrganizationGovernor": (
+                addresses[artifacts.VOTES[governance.votes]],
+                timelock,
+                governance.voting_period_s,
+                currency.to_units(governance.proposal_iec) if by_tokens else 1,
+                governance.quorum_percent,
+            ),
+        }
+    for name in _names(site):
+        yield registry.part(name, *arguments.get(name, ()))
+
+
+def _first_holders(site: Site, organization: str, administrator: str) -> tuple[list[str], list[int]]:
+    currency = site.economy.currency
+    initial = currency.to_units(site.economy.initial_iec)
+    shares = {organization: initial}
+    shares |= {wallets.address(site, robot.name): initial for robot in site.robots}
+    shares[administrator] = currency.to_units(site.economy.supply_iec) - sum(shares.values())
+    return list(shares), list(shares.values())
+
+
+def existing_token(site: Site, w3: Web3) -> ChecksumAddress | None:
+    """The token that the site file names; None for IECoin. Raises OtherToken unless it is there and as the
+    file says."""
+    token = site.economy.token
+    if token is None:
+        return None
+    address = to_checksum_address(token.address)
+    with translated():
+        if not w3.eth.get_code(address):
+            raise OtherToken("there is no contract at economy.token.address", address=address)
+        contract = w3.eth.contract(address=address, abi=artifacts.load("IECoin").abi)
+        try:
+            decimals = contract.functions.decimals().call()
+        except (BadFunctionCallOutput, ContractLogicError) as error:
+            raise OtherToken(
+                "the contract at economy.token.address does not say how many decimals it has", address=address
+            ) from error
+    if decimals != token.decimals:
+        raise OtherToken(
+            "the token has other decimals than economy.token.decimals",
+            address=address,
+            wanted_decimals=token.decimals,
+            found_decimals=decimals,
+        )
+    return address

@@ -1,0 +1,237 @@
+"""An organization's contracts are created at addresses known beforehand, in few transactions, and found."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from web3 import Web3
+
+from deploy import contracts, founding
+from rodeo import wallets
+from rodeo.chain import ChainUnavailable, ContractReverted, Deployment, artifacts, registry, transactions
+from rodeo.chain.client import connect
+from rodeo.chain.registry import Registry
+from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, Site
+from rodeo.errors import ConfigError
+from tests.support.organization import CHAIN_ID, Organization, running_chain
+
+
+def told(site: Site) -> list[str]:
+    said: list[str] = []
+    contracts.run(site, threading.Event(), said.append)
+    return said
+
+
+def sent(site: Site, w3: Web3, name: str = "organization") -> int:
+    return int(w3.eth.get_transaction_count(Web3.to_checksum_address(wallets.address(site, name))))
+
+
+def record(site: Site) -> Deployment:
+    return Deployment.load(site.data_dir, CHAIN_ID)
+
+
+def another(site: Site, folder: Path, **changes: Any) -> Site:
+    """A site of its own on the same chain, with keys and records of its own."""
+    return site.model_copy(update={"org": "other", "data_dir": folder, **changes})
+
+
+def as_elsewhere(site: Site, **changes: Any) -> Site:
+    """The chain is not this site's own."""
+    return site.model_copy(update={"chain": site.chain.model_copy(update={"backend": "external", **changes})})
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    with running_chain("eth-tester", tmp_path) as found:
+        yield found
+
+
+def test_an_organization_takes_four_transactions_of_its_founder_and_the_next_one_three(
+    site: Site, tmp_path: Path
+) -> None:
+    w3 = connect(site.chain.url)
+    told(site)
+    # The registry, two with contracts, one with all that the organization is told.
+    assert sent(site, w3) == 4
+    second = another(site, tmp_path / "second")
+    told(second)
+    assert sent(second, w3) == 3
+    deployed = record(site), record(second)
+    assert deployed[0].registry == deployed[1].registry == registry.known_address()
+    assert not {*deployed[0].contracts.values()} & {*deployed[1].contracts.values()}
+    listed = Registry(w3, registry.known_address()).organizations()
+    assert [(one.name, one.founder, one.address, one.founded_in) for one in listed] == [
+        (one.org, wallets.address(one, "organization"), made.address("Organization"), made.block)
+        for one, made in zip((site, second), deployed, strict=True)
+    ]
+
+
+def test_with_votes_and_disputes_no_transaction_has_more_gas_than_one_may_have(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """EIP-7825."""
+    gas: list[int] = []
+    send = transactions.send
+
+    def note(*args: Any, **options: Any) -> Any:
+        receipt = send(*args, **options)
+        gas.append(receipt["gasUsed"])
+        return receipt
+
+    monkeypatch.setattr(transactions, "send", note)
+    full = site.model_copy(
+        update={
+            "governance": GovernanceConfig(kind="vote", delay_s=60, members=["panther1"]),
+            "oracles": [JudgeConfig(name=name) for name in ("anna", "bert", "carl")],
+            "disputes": DisputesConfig(judges=["organization"], votes=1),
+        }
+    )
+    wallets.ensure_wallets(full)
+    w3 = connect(full.chain.url)
+    contracts._fund(w3, [wallets.address(full, name) for name in wallets.wallet_names(full)])
+    founding.create_contracts(full, w3, wallets.load(full, "organization"), lambda _text: None)
+    assert len(gas) == 4 and max(gas) * transactions.GAS_MARGIN < 2**24
+
+
+@pytest.mark.parametrize("before", range(1, 4))
+def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
+    site: Site, monkeypatch: pytest.MonkeyPatch, before: int
+) -> None:
+    """`before`: the transaction that does not get to the chain."""
+    wallets.ensure_wallets(site)
+    w3, count, send = connect(site.chain.url), 0, transactions.send
+
+    def fail_once(*args: Any, **options: Any) -> Any:
+        nonlocal count
+        count += 1
+        if count == before:
+            raise ChainUnavailable("gone")
+        return send(*args, **options)
+
+    monkeypatch.setattr(transactions, "send", fail_once)
+    with pytest.raises(ChainUnavailable):
+        told(site)
+    there = sent(site, w3)
+    assert there == before - 1
+    told(site)
+    assert sent(site, w3) == 4
+    assert len(Registry(w3, registry.known_address()).organizations()) == 1
+
+
+def test_an_organization_whose_record_is_lost_is_found_again(site: Site) -> None:
+    told(site)
+    before, w3 = record(site), connect(site.chain.url)
+    transactions_before = sent(site, w3)
+    Deployment.path(site.data_dir, CHAIN_ID).unlink()
+    said = told(site)
+    assert record(site).is_same(before)
+    assert sent(site, w3) == transactions_before
+    assert any("on the chain already" in text for text in said)
+
+
+def test_a_record_of_another_chain_is_replaced_by_that_of_what_is_there(site: Site) -> None:
+    told(site)
+    before = record(site)
+    Deployment.model_validate(before.model_dump() | {"genesis_hash": "0x" + "11" * 32}).save(site.data_dir)
+    told(site)
+    assert record(site).is_same(before)
+
+
+def test_another_site_file_of_the_same_founder_founds_another_organization(site: Site) -> None:
+    told(site)
+    before, supply = record(site), Organization(site).client.total_supply()
+    Deployment.path(site.data_dir, CHAIN_ID).unlink()
+    economy = site.economy.model_copy(update={"supply_iec": site.economy.supply_iec + 1})
+    changed = site.model_copy(update={"economy": economy})
+    told(changed)
+    after = record(changed)
+    assert after.contracts["TaskManager"] != before.contracts["TaskManager"]
+    listed = Registry(connect(site.chain.url), registry.known_address()).organizations()
+    assert [one.number for one in listed] == [0, 1]
+    assert Organization(changed).client.total_supply() == supply + 10**18
+
+
+def test_addresses_are_the_same_on_every_chain(site: Site, tmp_path: Path) -> None:
+    told(site)
+    (tmp_path / "anvil").mkdir()
+    with running_chain("anvil", tmp_path / "anvil") as elsewhere:
+        same_keys = elsewhere.model_copy(update={"data_dir": tmp_path / "there"})
+        (site.data_dir / "keys").rename(tmp_path / "keys")
+        same_keys.data_dir.mkdir()
+        (tmp_path / "keys").rename(same_keys.data_dir / "keys")
+        told(same_keys)
+        assert record(same_keys).contracts == record(site).contracts
+
+
+def test_without_the_proxy_a_registry_is_put_on_the_chain_and_others_name_it(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    w3, first = connect(site.chain.url), as_elsewhere(site)
+    second = as_elsewhere(another(site, tmp_path / "second"))
+    wallets.make_missing(first, scrypt_n=2)
+    wallets.make_missing(second, scrypt_n=2)
+    for one in (first, second):
+        for name in wallets.wallet_names(one):
+            account = Web3.to_checksum_address(wallets.address(one, name))
+            w3.eth.send_transaction({"from": w3.eth.accounts[0], "to": account, "value": 10**19})
+    said = told(first)
+    found = record(first).registry
+    assert found is not None and found != registry.known_address()
+    assert any(f'`chain.registry = "{found}"`' in text for text in said)
+    with pytest.raises(ConfigError, match="no registry of this release"):
+        told(as_elsewhere(second, registry=record(first).address("TaskManager")))
+    told(as_elsewhere(second, registry=found))
+    assert [one.name for one in Registry(w3, Web3.to_checksum_address(found)).organizations()] == [
+        first.org,
+        second.org,
+    ]
+
+
+def test_a_registry_of_other_code_is_not_taken_for_this_one(site: Site) -> None:
+    """It would create other contracts under our names."""
+    wallets.ensure_wallets(site)
+    w3 = connect(site.chain.url)
+    contracts._fund(w3, [wallets.address(site, "organization")])
+    founder = wallets.load(site, "organization")
+    forged = bytearray(registry.creation_code())
+    forged[-1] ^= 1  # the last hash
+    made = transactions.send(w3, founder, data=Web3.to_hex(bytes(forged)))
+    address = made["contractAddress"]
+    assert address is not None and not Registry(w3, address).is_there
+    named = site.model_copy(update={"chain": site.chain.model_copy(update={"registry": address})})
+    with pytest.raises(ConfigError):
+        told(named)
+
+
+def test_what_the_registry_refuses_is_told(site: Site) -> None:
+    told(site)
+    w3, founder = connect(site.chain.url), wallets.load(site, "organization")
+    found = Registry(w3, registry.known_address())
+    (other,) = [registry.part("IECoin", [founder.address], [1])]
+    call = found.create(site.org, 0, [other])
+    with pytest.raises(ContractReverted) as refused:
+        transactions.send(w3, founder, to=call.to, data=call.data)
+    assert refused.value.name == "OtherArguments"
+
+
+def test_names_are_shown_as_they_are_or_in_hex(site: Site) -> None:
+    told(site)
+    w3, founder = connect(site.chain.url), wallets.load(site, "organization")
+    found = Registry(w3, registry.known_address())
+    long = "a" * 33
+    for name in (long, "\x1b[2J"):
+        call = found.create(name, 0, [])
+        transactions.send(w3, founder, to=call.to, data=call.data)
+    shown = [one.name for one in found.organizations()]
+    assert shown[0] == site.org
+    assert all(name.startswith("0x") and len(name) == 66 for name in shown[1:])
+
+
+def test_the_registry_creates_everything_that_a_contract_does_not_create_itself() -> None:
+    built = {*artifacts.CONTRACTS, *artifacts.DISPUTES, *artifacts.GOVERNANCE}
+    assert {*registry.PARTS} == built - {"SignedRequests"}
