@@ -87,6 +87,7 @@ contract Disputes is IDisputes {
         Instance[] storage all = c.count == 0 ? _begin(vote.taskId, t, c) : _go(vote, c, t.kind);
         uint8 number = c.count;
         IOracleCommittee committee = all[number].committee;
+        // slither-disable-next-line unused-return
         committee.countVotes(vote, committee.digestOf(vote), signatures);
         if (number + 1 == all.length || vote.verdict == Verdict.Undecided || t.verdictWindow < _longest(all))
         {
@@ -214,6 +215,7 @@ contract Disputes is IDisputes {
         uint256 count = c.count;
         address[] memory challengers = new address[](count);
         bool[] memory right = new bool[](count);
+        // slither-disable-next-line uninitialized-local
         address winner;
         for (uint256 i = 0; i < count; ++i) {
             Ruling storage ruling = c.rulings[i];

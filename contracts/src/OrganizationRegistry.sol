@@ -95,7 +95,7 @@ contract OrganizationRegistry is IOrganizationRegistry {
         if (before != 0) revert OtherArguments(part.name, created);
         // Known before its constructor runs, which may call foreign code.
         initCodeHashOf[created] = initCodeHash;
-        new Cradle{salt: _salt(id, part.name)}().create(initCode);
+        assert(new Cradle{salt: _salt(id, part.name)}().create(initCode) == created);
         emit ContractCreated(created, part.name, initCodeHash);
     }
 

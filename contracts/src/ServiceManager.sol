@@ -460,6 +460,7 @@ contract ServiceManager is IServiceManager {
     function _enqueue(uint256 serviceId, Record storage s, uint40 place) private {
         Idle storage idle = _idle[s.kindId];
         uint64 reputation = _reputation(_providers[s.provider]);
+        // slither-disable-next-line weak-prng
         uint64 key = _key(Units.levelFor(_priceOf(s), _unit), reputation - reputation % STEP);
         Line storage line = idle.line[key];
         (uint32 id, uint32 last) = (uint32(serviceId), line.last);
@@ -649,6 +650,7 @@ contract ServiceManager is IServiceManager {
         if (elapsed == 0) return (done, failed);
         (done, failed) = (done >> (elapsed / HALF_LIFE), failed >> (elapsed / HALF_LIFE));
         uint256 factor = DAILY;
+        // slither-disable-next-line weak-prng
         for (elapsed %= HALF_LIFE; elapsed != 0; elapsed >>= 1) {
             if (elapsed & 1 == 1) (done, failed) = (done * factor >> 64, failed * factor >> 64);
             factor = factor * factor >> 64;

@@ -113,6 +113,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         organization = organization_;
         services = services_;
         token = organization_.token();
+        // slither-disable-next-line unused-return
         (_unit,) = Units.unitOf(token);
         signedRequests = new SignedRequests();
     }
@@ -349,6 +350,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
         Texts.requireParams(request.params);
         taskId = ++_totals.tasks;
+        // slither-disable-next-line uninitialized-local
         Record memory t;
         (t.creator, t.reward, t.kindId, t.silence) = (creator, request.reward.toUint88(), kindId, silence);
         t.executionWindow = request.executionWindow;

@@ -57,6 +57,7 @@ library SignedVerdicts {
         returns (bool)
     {
         if (signature.length != SIGNATURE_BYTES) return false;
+        // slither-disable-next-line unused-return
         (address signer, ECDSA.RecoverError failure,) =
             ECDSA.tryRecover(digest, bytes32(signature[:32]), bytes32(signature[32:]));
         return failure == ECDSA.RecoverError.NoError && signer == account;
