@@ -284,6 +284,9 @@ class BridgeConfig(_Table):
     """Name of the process, of its data folder and of its status."""
     wallets: list[str] | None = None
     """Participants whose wallets this bridge manages; all by default."""
+    shared_wallets: list[str] = []
+    """Participants whose wallets also send transactions without this site's bridges, for example for another
+    organization on the same chain. A bridge does not check that its journal holds all they have sent."""
     public: bool = True
     """Publish events and answer `state` queries. Only one of several bridges does so."""
     database: str | None = None
@@ -869,6 +872,9 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     known = ["organization", *oracle_names(site), *others]
     told: list[tuple[Place, str]] = [
         (("bridge", "wallets", number), name) for number, name in enumerate(site.bridge.wallets or ())
+    ]
+    told += [
+        (("bridge", "shared_wallets", number), name) for number, name in enumerate(site.bridge.shared_wallets)
     ]
     told += [(("bridge", "limits", name), name) for name in site.bridge.limits]
     if site.governance.guardian is not None:

@@ -2,13 +2,14 @@
 
 One that was deleted, emptied or put back from an older copy forgets which requests were carried out: asked
 again, they would be carried out twice. The chain counts each wallet's transactions; the deployment record
-says how many of them no bridge has sent.
+says how many of them no bridge has sent. A wallet that also works for another organization sends transactions
+that neither of the two knows of: what a shared wallet has sent is not counted.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 
 from rodeo.chain import ChainError, ChainUnavailable
@@ -36,12 +37,18 @@ def _order(folder: Path) -> Path:
 
 
 def open_journal(
-    path: Path, folder: Path, node: Node, addresses: Mapping[str, str], sent: Mapping[str, int]
+    path: Path,
+    folder: Path,
+    node: Node,
+    addresses: Mapping[str, str],
+    sent: Mapping[str, int],
+    shared: Collection[str] = (),
 ) -> Journal:
     """The journal at `path` of the bridge whose data is in `folder`, whole or given up by order.
 
     `addresses`: name -> address of each wallet that it is to answer for. `sent`: address -> transactions that
-    no bridge has sent (`Deployment.sent`). Raises JournalDamaged, JournalIncomplete and ChainUnavailable.
+    no bridge has sent (`Deployment.sent`). `shared`: names of wallets that others send with as well; what
+    they have sent is not counted. Raises JournalDamaged, JournalIncomplete and ChainUnavailable.
     """
     ordered = _order(folder).exists()
     try:
@@ -54,7 +61,7 @@ def open_journal(
             path.with_name(path.name + suffix).unlink(missing_ok=True)
         journal = Journal(path)
     try:
-        _require_whole(journal, path, node, addresses, sent, ordered)
+        _require_whole(journal, path, node, addresses, sent, shared, ordered)
     except BaseException:
         journal.close()
         raise
@@ -68,6 +75,7 @@ def _require_whole(
     node: Node,
     addresses: Mapping[str, str],
     sent: Mapping[str, int],
+    shared: Collection[str],
     ordered: bool,
 ) -> None:
     counts = _counts(node, addresses)
@@ -75,6 +83,8 @@ def _require_whole(
     if missing:
         _take_over(journal, path, missing)
         missing = _missing(journal, counts, addresses, sent)
+    if elsewhere := {name: missing.pop(name) for name in shared if name in missing}:
+        log.info("shared wallets have sent transactions that the journal lacks: %s", elsewhere)
     if missing and not ordered:
         raise JournalIncomplete(
             f"the journal lacks {sum(missing.values())} transactions that its wallets have sent. Either it "
@@ -82,7 +92,8 @@ def _require_whole(
             "deleted, emptied or replaced by an older copy, or somebody used the wallets without this "
             "bridge. "
             "Restore the newest copy. Or wait until no transaction of the wallets is pending, and continue "
-            "with `rodeo up --new-journal`; the bridge then treats old request_ids as new",
+            "with `rodeo up --new-journal`; the bridge then treats old request_ids as new. If a wallet also "
+            "works for another organization, list it in bridge.shared_wallets",
             path=str(path),
             missing=missing,
         )

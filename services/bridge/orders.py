@@ -70,7 +70,10 @@ class Job:
     waiters: list[tuple[Future[Reply], float]] = field(default_factory=list)
     """Who waits, and until when."""
     entry: Entry | None = None
-    attempt: int = 1
+    attempts: int = 1
+    """Times that it was made because the node refused its fee."""
+    nonces: int = 1
+    """Times that it was made because another transaction used its nonce."""
     sent_s: float = 0.0
     """When it was sent for the first time with this fee."""
     last_sent_s: float = 0.0
@@ -107,7 +110,6 @@ class WalletQueue:
     queue: deque[Job] = field(default_factory=deque)
     in_flight: dict[int, Job] = field(default_factory=dict)
     """By the id in the journal."""
-    next_nonce: int | None = None
 
     @property
     def after(self) -> int:
@@ -205,7 +207,6 @@ class Orders:
         with self.lock:
             for job in reversed(jobs):
                 wallet = self.wallet_of(job)
-                wallet.next_nonce = None  # what was counted up for them is free again
                 on_its_way = job.entry is not None and job.entry.id in wallet.in_flight
                 if not job.ended and not on_its_way:
                     wallet.queue.appendleft(job)
@@ -226,7 +227,6 @@ class Orders:
         )
         with self.lock:
             wallet = self.wallets[entry.wallet]
-            wallet.next_nonce = None
             if entry.id not in wallet.in_flight:
                 job = Job(order, entry=entry, undone=undone)
                 if entry.assignment is not None:
@@ -238,8 +238,6 @@ class Orders:
         """It is to be signed again, with another nonce and fee, before all that waits."""
         self.release(job)
         wallet = self.wallet_of(job)
-        wallet.next_nonce = None
-        job.attempt += 1
         job.sent_s = 0.0
         with self.lock:
             self._remember(job)
@@ -255,7 +253,6 @@ class Orders:
         """It can never be mined, and whoever waits is told."""
         self._journal.forget(job.signed)
         self.release(job)
-        self.wallet_of(job).next_nonce = None
         self.end(job, error)
 
     def end(self, job: Job, result: Reply | RodeoError) -> None:

@@ -26,7 +26,12 @@ FIRST_LOOK_S = 0.25
 """Wall time after which one is looked for that no event told of: one that failed has none."""
 
 _ATTEMPTS = 3
-"""Times that a transaction is made: its nonce may go to one from elsewhere, or the chain ask for more."""
+"""Times that a transaction is made whose fee the node refuses."""
+
+_NONCES = 20
+"""Times that a transaction is made whose nonce goes to another of its wallet. Two bridges that send with one
+wallet take nonces from each other, and each time one of them gets on. Without a limit a node that denies its
+receipts would have it made, and mined, for ever."""
 
 _TOO_CHEAP = ("base fee", "underpriced")
 """What refusals of a fee say, of geth and of those that word theirs alike."""
@@ -168,18 +173,19 @@ class Outcomes:
             return
         known = self._node.batch([("eth_getTransactionByHash", [tx_hash]) for tx_hash in entry.hashes])
         is_last = entry.nonce == self._orders.wallet_of(job).after - 1
-        if any(isinstance(one, dict) for one in known) or not is_last or entry.replaced:
+        if any(one is not None for one in known) or not is_last or entry.replaced:
+            return
+        signs_here = self._orders.wallet_of(job).account is not None
+        if "replacement" in reason and signs_here:
+            # Another transaction of the wallet has its nonce in the node's pool. This one may have been taken
+            # before that one: made anew before either is mined, it could be mined twice.
             return
         self._signer.forget_market()
-        if not (any(word in reason for word in _TOO_CHEAP) and self._start_again(job)):
+        if any(word in reason for word in _TOO_CHEAP) and signs_here and job.attempts < _ATTEMPTS:
+            job.attempts += 1
+            self._orders.start_again(job)
+        else:
             self._orders.forget(job, error)
-
-    def _start_again(self, job: Job) -> bool:
-        """Have it signed again, with another nonce and fee; False where that is no use."""
-        if self._orders.wallet_of(job).account is None or job.attempt == _ATTEMPTS:
-            return False
-        self._orders.start_again(job)
-        return True
 
     # -- outcomes ------------------------------------------------------------------------------------------
 
@@ -267,9 +273,10 @@ class Outcomes:
         for job in jobs:
             entry, wallet = job.signed, self._orders.wallet_of(job)
             if entry.nonce < used[wallet.name]:
-                # Asked again: it may have been mined since the receipts were asked for.
+                # Asked again: it may have been mined since the receipts were asked for. An error does not
+                # tell that it was not.
                 asked = [("eth_getTransactionReceipt", [tx_hash]) for tx_hash in entry.hashes]
-                if not any(isinstance(receipt, dict) for receipt in self._node.batch(asked)):
+                if all(receipt is None for receipt in self._node.batch(asked)):
                     self._nonce_went_elsewhere(job)
                 continue
             oldest = entry.nonce == min(one.signed.nonce for one in wallet.in_flight.values())
@@ -287,7 +294,10 @@ class Outcomes:
             entry.command,
             extra=job.log_fields(),
         )
-        if not self._start_again(job):
+        if self._orders.wallet_of(job).account is not None and job.nonces < _NONCES:
+            job.nonces += 1
+            self._orders.start_again(job)
+        else:
             lost = TransactionDropped("another transaction used its nonce", tx_hash=entry.tx_hash)
             self._orders.forget(job, lost)
 

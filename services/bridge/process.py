@@ -235,7 +235,12 @@ class Bridge:
         addresses = {name: account.address for name, account in self._accounts.items()}
         # The journal first: it may be refused again and again, and nothing else is open then.
         journal = open_journal(
-            folder / "journal.sqlite", self._process.data_dir, node, addresses, deployment.sent
+            folder / "journal.sqlite",
+            self._process.data_dir,
+            node,
+            addresses,
+            deployment.sent,
+            self._config.shared_wallets,
         )
         if freed := journal.free_requests(deployment.contracts.values()):
             log.warning("ignoring %d earlier requests: they were for other contracts", freed)

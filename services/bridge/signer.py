@@ -68,26 +68,25 @@ class Signer:
     def sign(self, jobs: Sequence[Job]) -> list[Job]:
         """Those that the contracts and the limits let through, signed and in the journal."""
         wallets = {job.order.wallet: self._orders.wallet_of(job) for job in jobs}
-        unsynced = [
-            wallet for wallet in wallets.values() if wallet.next_nonce is None or not wallet.in_flight
-        ]
         market = self._current_market()
         answers = self._chain.ask(
-            *(("eth_getTransactionCount", [wallet.address, "pending"]) for wallet in unsynced),
             *(
                 ("eth_estimateGas", [_message(wallets[job.order.wallet], job.order.call), "pending"])
                 for job in jobs
             ),
+            # Each time, and last: another bridge may send with the same wallet.
+            *(("eth_getTransactionCount", [wallet.address, "pending"]) for wallet in wallets.values()),
         )
-        for wallet, nonce in zip(unsynced, answers, strict=False):
+        next_nonces: dict[str, int] = {}
+        for wallet, nonce in zip(wallets.values(), answers[len(jobs) :], strict=True):
             if isinstance(nonce, ChainError):
                 raise ChainUnavailable("the node does not report the nonce", reason=str(nonce))
-            wallet.next_nonce = max(int(nonce, 16), wallet.after)
+            next_nonces[wallet.name] = max(int(nonce, 16), wallet.after)
         made_s = float(self._index.position.block_time_s)
         accepted: list[Job] = []
         rows: list[dict[str, Any]] = []
         reserved: dict[str, tuple[int, int]] = {}
-        for job, estimate in zip(jobs, answers[len(unsynced) :], strict=True):
+        for job, estimate in zip(jobs, answers[: len(jobs)], strict=True):
             order, wallet = job.order, wallets[job.order.wallet]
             try:
                 if isinstance(estimate, ChainError):
@@ -100,8 +99,8 @@ class Signer:
                     self._journal.forget(job.entry)
                 self._orders.end(job, error)
                 continue
-            nonce = wallet.next_nonce or 0
-            wallet.next_nonce = nonce + 1
+            nonce = next_nonces[wallet.name]
+            next_nonces[wallet.name] = nonce + 1
             replaces = {} if job.entry is None else {"replaces": job.entry.id}
             rows.append(self._signed(wallet, order, nonce, gas, fees) | {"made_s": made_s} | replaces)
             accepted.append(job)

@@ -155,6 +155,11 @@ WRONG = [
         'bridge.limits.pantehr1: nobody on this site is called pantehr1; is "panther1" meant?',
     ),
     (
+        '[bridge]\nshared_wallets = ["organization", "pantehr1"]\n',
+        4,
+        'bridge.shared_wallets.1: nobody on this site is called pantehr1; is "panther1" meant?',
+    ),
+    (
         'participants = [{ name = "alice" }, { name = "alice" }]\n',
         3,
         'participants.1.name: two participants have the keystore "alice"',

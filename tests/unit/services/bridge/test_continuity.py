@@ -24,6 +24,7 @@ class Bridge:
         self.site: Site = chain.site.model_copy(update={"data_dir": folder})
         self.account: LocalAccount = wallets.load(chain.site, "panther1")
         self.addresses = {"panther1": self.account.address}
+        self.shared: list[str] = []
         self.client = chain.client()
         self.node = Node(chain.site.chain.url)
         # As a deployment says that ended now: other tests share the chain.
@@ -36,7 +37,7 @@ class Bridge:
         return self.client.w3.eth.get_transaction_count(self.account.address)
 
     def open(self) -> Journal:
-        return open_journal(self.path, self.folder, self.node, self.addresses, self.sent)
+        return open_journal(self.path, self.folder, self.node, self.addresses, self.sent, self.shared)
 
     def send(self, journal: Journal | None) -> None:
         """One transaction, through the journal or without it."""
@@ -149,6 +150,37 @@ def test_a_wallet_that_joins_with_a_past_is_taken_as_it_is(bridge: Bridge) -> No
     bridge.open().close()
 
 
+def test_what_a_shared_wallet_sends_for_others_while_no_bridge_runs_is_not_missed(bridge: Bridge) -> None:
+    bridge.shared = ["panther1"]
+    journal = bridge.open()
+    bridge.send(journal)
+    journal.close()
+    for _ in range(2):
+        bridge.send(None)
+        bridge.open().close()
+    # What it had sent until the bridge was opened last is known, whatever the site file says from then on.
+    bridge.shared = []
+    bridge.open().close()
+    bridge.send(None)
+    with pytest.raises(JournalIncomplete, match=r"bridge\.shared_wallets"):
+        bridge.open()
+
+
+def test_a_lost_journal_is_noticed_by_the_wallets_that_are_not_shared(
+    bridge: Bridge, chain: DeployedChain
+) -> None:
+    deployer = wallets.address(chain.site, "organization")
+    bridge.addresses["organization"], bridge.sent[deployer] = deployer, 0
+    bridge.shared = ["organization"]
+    journal = bridge.open()
+    bridge.send(journal)
+    journal.close()
+    delete(bridge.path)
+    with pytest.raises(JournalIncomplete) as refused:
+        bridge.open()
+    assert refused.value.details["missing"] == {"panther1": 1}
+
+
 def test_a_damaged_journal_that_is_given_up_is_kept(bridge: Bridge) -> None:
     bridge.open().close()
     bridge.path.write_bytes(b"no database at all" * 1000)
@@ -159,7 +191,11 @@ def test_a_damaged_journal_that_is_given_up_is_kept(bridge: Bridge) -> None:
     assert bridge.path.with_name("journal.sqlite.given-up-1").read_bytes().startswith(b"no database")
 
 
-def test_a_wallet_that_another_bridge_of_the_site_served_brings_its_requests_along(bridge: Bridge) -> None:
+@pytest.mark.parametrize("shared", [[], ["panther1"]])
+def test_a_wallet_that_another_bridge_of_the_site_served_brings_its_requests_along(
+    bridge: Bridge, shared: list[str]
+) -> None:
+    bridge.shared = shared
     journal = bridge.open()
     bridge.send(journal)
     (asked,) = journal.unfinished()

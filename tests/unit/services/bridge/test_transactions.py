@@ -131,6 +131,30 @@ def lose(method: str, params: Sequence[Any], answer: Answer) -> Any:
     return "0x" + "00" * 32 if method == SEND else answer(method, params)
 
 
+def nothing_instead_of(raw: str, robot: Robot) -> str:
+    """A transaction of the same wallet with the same nonce that does nothing: raw, 0x hex."""
+    ours = decoded(bytes.fromhex(raw.removeprefix("0x")))
+    kept = ("type", "chainId", "nonce", "gas", "maxFeePerGas", "maxPriorityFeePerGas", "value")
+    theirs = {name: ours[name] for name in kept} | {"to": robot.account.address, "data": "0x"}
+    return robot.account.sign_transaction(theirs).raw_transaction.to_0x_hex()
+
+
+class Rival:
+    """Somebody else with the robot's key. Their transaction comes to the node before each of the first
+    `times` of ours that it sees."""
+
+    def __init__(self, robot: Robot, times: int) -> None:
+        self._robot = robot
+        self._times = times
+        self._seen: set[str] = set()
+
+    def __call__(self, method: str, params: Sequence[Any], answer: Answer) -> Any:
+        if method == SEND and params[0] not in self._seen and len(self._seen) < self._times:
+            self._seen.add(params[0])
+            answer(method, [nothing_instead_of(params[0], self._robot)])
+        return answer(method, params)
+
+
 def test_a_mined_transaction_is_told_with_its_block_once_it_is_indexed(robot: Robot) -> None:
     before = robot.paid()
     reply = robot.pay()
@@ -270,6 +294,74 @@ def test_a_nonce_that_went_elsewhere_makes_the_transaction_anew(robot: Robot, tm
     assert done is not None and done.state == "mined"
 
 
+def test_a_transaction_that_loses_its_nonce_again_and_again_is_made_until_it_gets_one(robot: Robot) -> None:
+    before = robot.paid()
+    robot.chain.node.fault = Rival(robot, times=6)
+    future = robot.transactions.orders.submit(robot.order(request_id="mine"))
+    robot.outcome(future)
+    assert robot.paid() == before + 5
+    assert robot.journal.count("dropped") == 6 and robot.waiting() == 0
+
+
+def test_a_transaction_is_given_up_where_every_nonce_goes_elsewhere(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outcomes, "_NONCES", 4)
+    before = robot.paid()
+    robot.chain.node.fault = Rival(robot, times=1_000)
+    with pytest.raises(TransactionDropped):
+        robot.pay(request_id="mine")
+    assert robot.journal.count("dropped") == 4 and robot.waiting() == 0
+    robot.chain.node.fault = None
+    robot.pay(request_id="mine")
+    assert robot.paid() == before + 5
+
+
+@pytest.mark.parametrize("mined", ["ours", "theirs"])
+def test_what_another_transaction_takes_the_place_of_is_made_anew_once_that_one_is_mined(
+    robot: Robot, mined: str
+) -> None:
+    """A node took it, and passed it on, before it took the other one: either may be mined."""
+    before = robot.paid()
+    robot.chain.node.fault = lose
+    future = robot.transactions.orders.submit(robot.order(request_id="mine"))
+    robot.transactions.step()
+    (entry,) = robot.journal.unfinished()
+
+    def keep_the_other(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        if method == SEND:
+            raise TransactionRejected("replacement transaction underpriced")
+        return answer(method, params)
+
+    robot.chain.node.fault = keep_the_other
+    sent = robot.chain.node.calls.count(SEND)
+    robot.until(lambda: robot.chain.node.calls.count(SEND) >= sent + 5)
+    assert robot.journal.unfinished() == [entry]
+    raw = "0x" + entry.raw.hex()
+    robot.chain.node.chain(SEND, raw if mined == "ours" else nothing_instead_of(raw, robot))
+    robot.chain.node.fault = None
+    reply = robot.outcome(future)
+    assert (reply["tx_hash"] == entry.tx_hash) == (mined == "ours")
+    assert robot.paid() == before + 5
+
+
+def test_a_node_that_does_not_tell_receipts_for_now_has_nothing_made_anew(robot: Robot) -> None:
+    before = robot.paid()
+
+    def be_indexing(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        if method == "eth_getTransactionReceipt":
+            raise InternalError("transaction indexing is in progress")
+        return answer(method, params)
+
+    robot.chain.node.fault = be_indexing
+    future = robot.transactions.orders.submit(robot.order(request_id="mine"))
+    robot.until(lambda: robot.chain.node.calls.count("eth_getTransactionReceipt") >= 10)
+    assert robot.paid() == before + 5 and robot.journal.count("dropped") == 0
+    robot.chain.node.fault = None
+    robot.outcome(future)
+    assert robot.paid() == before + 5 and robot.chain.node.calls.count(SEND) == 1
+
+
 def test_what_was_journaled_but_not_sent_is_sent_after_a_crash(robot: Robot) -> None:
     before = robot.paid()
     robot.chain.node.fault = lose
@@ -283,6 +375,21 @@ def test_what_was_journaled_but_not_sent_is_sent_after_a_crash(robot: Robot) -> 
     entry = robot.journal.find("panther1", "r")
     assert entry is not None and entry.state == "mined"
     assert robot.pay(request_id="r")["tx_hash"] == entry.tx_hash
+
+
+def test_what_lost_its_nonce_while_no_bridge_ran_is_made_anew_after_the_start(robot: Robot) -> None:
+    before = robot.paid()
+    robot.chain.node.fault = lose
+    robot.transactions.orders.submit(robot.order(request_id="r"))
+    robot.transactions.step()
+    (entry,) = robot.journal.unfinished()
+    robot.chain.node.fault = None
+    robot.chain.node.chain(SEND, nothing_instead_of("0x" + entry.raw.hex(), robot))
+    robot.restart()
+    robot.until(lambda: robot.waiting() == 0)
+    assert robot.paid() == before + 5
+    done = robot.journal.find("panther1", "r")
+    assert done is not None and (done.state, done.nonce) == ("mined", entry.nonce + 1)
 
 
 def test_what_was_sent_but_not_noted_is_not_sent_twice_after_a_crash(robot: Robot) -> None:
