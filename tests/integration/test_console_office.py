@@ -30,6 +30,10 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from rodeo import possession, queries, wallets
+from rodeo.chain import ChainClient, Deployment
+from rodeo.chain.events import ServiceRegistered
+from rodeo.config import LOCAL_CHAIN_ID
+from rodeo.currency import IEC
 from rodeo.errors import BusError
 from services.console.rest import make_api
 from services.console.roles import Role
@@ -193,6 +197,37 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     tab_to(page, page.locator("tbody a").first)
     press("Enter")
     expect(state).to_have_text("cancelled")
+    page.close()
+
+
+def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) -> None:
+    # The bridge lets a robot offer one service of a kind; the contracts know of no robots.
+    client = ChainClient(desk.dao.site.chain.url, Deployment.load(desk.dao.site.data_dir, LOCAL_CHAIN_ID))
+    robot, price = wallets.load(desk.dao.site, "panther1"), IEC.to_units(Decimal(90))
+    call = client.calls.register_service("waste_disposal", price, 2**95, True, "")
+    (second,) = [
+        log.event.service_id
+        for log in client.logs_of(client.send(robot, call))
+        if isinstance(log.event, ServiceRegistered)
+    ]
+    page = desk.page("ada")
+    open_page(page, "/tasks/new")
+    expect(page.get_by_label("East, x (m)")).not_to_have_value("")
+    page.get_by_label("Reward (IEC)").fill("0.25")
+    page.get_by_role("combobox", name="Service").click()
+    page.get_by_role("option", name="any of panther1 (2 services)").click()
+    expect(page.get_by_text("The cheapest service of this provider costs 90 IEC")).to_be_visible()
+    page.get_by_role("checkbox", name="Queue it if every service costs more").click()
+    expect(page.get_by_text("The cheapest service")).to_have_count(0)
+    page.get_by_role("button", name="Review and post").click()
+    expect(page.get_by_role("dialog")).to_contain_text("any of panther1 (2 services)")
+    page.get_by_role("button", name="Pay 0.25 IEC into escrow").click()
+    there(page, re.compile("^Task "))
+    provider = page.get_by_text("Only provider").locator("xpath=following-sibling::*[1]")
+    expect(provider).to_have_text("panther1")
+    expect(page.locator(".page-head .badge")).to_have_text("open")
+    desk.cancel(int(page.url.rsplit("/", 1)[1]))
+    desk.dao.command("panther1", "update_service", service_id=second, state="retired")
     page.close()
 
 
