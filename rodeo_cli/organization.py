@@ -6,12 +6,8 @@ from collections import Counter
 from typing import Annotated, get_args
 
 import typer
-from eth_utils import to_checksum_address
 
 from rodeo import queries
-from rodeo.chain import Deployment, NotDeployed
-from rodeo.chain.client import connect, require_chain
-from rodeo.chain.registry import Registry, known_address
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
@@ -100,6 +96,13 @@ def list_(
 
     Anybody may found one, under any name: whom to trust follows from the founder's address.
     """
+    # Imported here: what speaks to a node takes a second to load.
+    from eth_utils import to_checksum_address
+
+    from rodeo.chain import Deployment, NotDeployed
+    from rodeo.chain.client import connect, require_chain
+    from rodeo.chain.registry import Registry, known_address
+
     loaded = Site.load(site)
     w3 = connect(loaded.chain.url)
     require_chain(w3, loaded.chain)
@@ -135,7 +138,7 @@ def list_(
     ]
     columns = ("name", "address", "founder", "block", "this site's")
     more = registry.count - len(found) if found else 0
-    after = f"and {more} older ones: list more with --newest" if more else ""
+    after = f"and {count(more, 'older one')}: list more with --newest" if more else ""
     after = after or ("" if found else f"no organization was founded at the registry {registry.address}")
     print_listing(
         {"registry": registry.address, "organizations": entries}, as_json, columns, rows, (1, 2), after
