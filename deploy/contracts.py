@@ -165,7 +165,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
-        deployment = _deploy(site, w3, administrator, say)
+        deployment = keep_unfinished(site, create_contracts(site, w3, administrator, say))
     wanted = site.governance.votes if site.governance.kind == "vote" else None
     if deployment.votes_by != wanted:
         raise OtherGovernance(
@@ -180,6 +180,18 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
             "the contracts on this chain were deployed without [disputes]: take that table out, or deploy "
             "for a new organization"
         )
+    if Deployment.path(left_folder(site), deployment.chain_id).exists():
+        say("the organization is being left: it is told nothing until `rodeo organization migrate` ends")
+        return
+    set_up(site, w3, deployment, administrator, say)
+
+
+def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAccount, say: Say) -> Deployment:
+    """Tell the organization what the site file says and it does not know, and record it.
+
+    Raises ChainError, KindError and WalletError.
+    """
+    names = {address: name for name in wallets.wallet_names(site) if (address := _told(site, name))}
     client = ChainClient(site.chain.url, deployment)
     sender = _Sender(client, administrator.address, names, say)
     for account, call in _missing_rules(site, client, administrator, deployment.rules):
@@ -199,6 +211,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     path = deployment.save(site.data_dir)
     Deployment.path(_unfinished(site), deployment.chain_id).unlink(missing_ok=True)
     say(f"contracts on chain {deployment.chain_id} since block {deployment.block}: {path}")
+    return deployment
 
 
 def wait_for_node(site: Site, w3: Web3, stop: threading.Event, say: Say) -> bool:
@@ -288,6 +301,8 @@ def _require_token(site: Site, deployment: Deployment) -> None:
     token = site.economy.token
     wanted = None if token is None else token.address, site.economy.currency.decimals
     found = deployment.address("IECoin") if deployment.is_token_foreign else None, deployment.decimals
+    if token is None and deployment.follows is not None:
+        found = None, deployment.decimals  # it goes on with the token of the organization before
     if wanted != found:
         raise OtherToken(
             "the contracts on this chain pay with another token than economy.token of the site file: correct "
@@ -299,10 +314,15 @@ def _require_token(site: Site, deployment: Deployment) -> None:
         )
 
 
-def _deploy(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Deployment:
-    deployment = create_contracts(site, w3, founder, say)
+def keep_unfinished(site: Site, deployment: Deployment) -> Deployment:
+    """Record it for this step alone, until the organization is set up."""
     deployment.save(_unfinished(site))
     return deployment
+
+
+def left_folder(site: Site) -> Path:
+    """Where the record of the organization is that is being left for another one (`deploy.migration`)."""
+    return site.data_dir / "deployments" / "left"
 
 
 def _unfinished(site: Site) -> Path:

@@ -40,24 +40,27 @@ class OtherToken(RodeoError):
     """The site file names another payment token, or other decimals, than the chain has."""
 
 
-def create_contracts(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Deployment:
+def create_contracts(
+    site: Site, w3: Web3, founder: LocalAccount, say: Say, former: Deployment | None = None
+) -> Deployment:
     """All contracts of the site's organization; those that are there already are kept.
 
-    Raises ChainError, OtherToken, WalletError, and ConfigError where chain.registry is no registry of this
-    release.
+    `former` is the one that it takes the place of; then it pays with that one's token. Raises ChainError,
+    OtherToken, WalletError, and ConfigError where chain.registry is no registry of this release.
     """
-    token = existing_token(site, w3)
+    token = existing_token(site, w3) if former is None else former.address("IECoin")
     found = ensure_registry(site, w3, founder, say)
     with translated():
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
         chain_id = w3.eth.chain_id
-    for number in count():
-        addresses = found.addresses(founder.address, site.org, number, _names(site))
+    names = _names(site, own_token=token is None)
+    for number in count(_number_after(former, found, founder.address, site.org)):
+        addresses = found.addresses(founder.address, site.org, number, names)
         if token is not None:
             addresses["IECoin"] = token
         # TaskManager makes it in its constructor, and a contract's first nonce is 1.
         addresses["SignedRequests"] = get_create_address(addresses["TaskManager"], Nonce(1))
-        parts = list(_parts(site, founder.address, addresses))
+        parts = list(_parts(site, founder.address, names, addresses))
         there = {part.name: found.init_code_hash(addresses[part.name]) for part in parts}
         # One founded with another site file keeps its place.
         if all(there[part.name] in (None, part.init_code_hash) for part in parts):
@@ -78,9 +81,23 @@ def create_contracts(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> D
         decimals=site.economy.currency.decimals,
         is_token_foreign=token is not None,
         registry=found.address,
+        follows=None if former is None else former.contracts["Organization"],
     )
     deployment.verify(w3)
     return deployment
+
+
+def _number_after(former: Deployment | None, found: Registry, founder: str, name: str) -> int:
+    """The first number that an organization may have; one that was there before `former` is none to go to."""
+    if former is None:
+        return 0
+    for number in count():
+        address = found.addresses(founder, name, number, ["Organization"])["Organization"]
+        if address == former.contracts["Organization"]:
+            return number + 1
+        if not found.founded_in(founder, name, number):
+            return 0  # it was founded elsewhere, or before there was a registry
+    raise AssertionError("unreachable")
 
 
 def ensure_registry(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Registry:
@@ -149,19 +166,21 @@ def _batches(parts: Sequence[Part]) -> Iterator[list[Part]]:
         yield batch
 
 
-def _names(site: Site) -> list[str]:
+def _names(site: Site, own_token: bool) -> list[str]:
     """What the registry creates of the site's organization, in an order in which it can."""
     wanted = {
         *artifacts.CONTRACTS,
         *(artifacts.governance(site.governance.votes) if site.governance.kind == "vote" else ()),
         *(artifacts.DISPUTES if site.disputes is not None else ()),
     }
-    if site.economy.token is not None:
+    if not own_token:
         wanted.discard("IECoin")
     return [name for name in registry.PARTS if name in wanted]
 
 
-def _parts(site: Site, founder: str, addresses: dict[str, ChecksumAddress]) -> Iterator[Part]:
+def _parts(
+    site: Site, founder: str, names: Sequence[str], addresses: dict[str, ChecksumAddress]
+) -> Iterator[Part]:
     """They name each other, at `addresses`."""
     governance, currency = site.governance, site.economy.currency
     by_vote = governance.kind == "vote"
@@ -185,7 +204,7 @@ def _parts(site: Site, founder: str, addresses: dict[str, ChecksumAddress]) -> I
         "DisputeCommittee": (organization,),
         "Disputes": (organization,),
     }
-    if site.economy.token is None:
+    if "IECoin" in names:
         arguments["IECoin"] = _first_holders(site, organization, founder)
     if by_vote:
         timelock, governor = addresses["OrganizationTimelock"], addresses["OrganizationGovernor"]
@@ -202,7 +221,7 @@ def _parts(site: Site, founder: str, addresses: dict[str, ChecksumAddress]) -> I
                 governance.quorum_percent,
             ),
         }
-    for name in _names(site):
+    for name in names:
         yield registry.part(name, *arguments.get(name, ()))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from typing import Annotated, get_args
 
@@ -143,6 +144,25 @@ def list_(
     print_listing(
         {"registry": registry.address, "organizations": entries}, as_json, columns, rows, (1, 2), after
     )
+
+
+@organization.command("migrate")
+@reports_errors
+def migrate(
+    site: SiteOption = DEFAULT_SITE,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Move the organization to new contracts: of another release, or with what only new ones can have.
+
+    Stops new tasks at once. While tasks run on it says so; run it again when they have ended. Then it founds
+    the new organization, and moves members, roles, reputation and the treasury. Run it as often as needed.
+    """
+    # Imported here: what speaks to a node takes a second to load.
+    from deploy.prepare import migrate as migrate_site
+
+    if not yes:
+        typer.confirm("The organization accepts no new tasks from now on, for good. Go on?", abort=True)
+    migrate_site(site, say, threading.Event())
 
 
 _DECIDES = {

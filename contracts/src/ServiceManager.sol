@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
@@ -99,6 +100,8 @@ contract ServiceManager is IServiceManager {
 
     /// @dev A newcomer counts as if it had done work for so many tokens well, and as much badly.
     uint256 private constant PRIOR = 100;
+    /// @dev In what part of a token organizations tell each other of work: they may pay with tokens of other decimals.
+    uint256 private constant BILLION = 1e9;
     uint64 private constant STEP = uint64((1 << WeightTree.MINOR_BITS) / GRADES);
     /// @dev What a day leaves of work: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
     uint256 private constant DAILY = 18305219661902323056;
@@ -242,6 +245,28 @@ contract ServiceManager is IServiceManager {
         _owners[device] = owner;
         _providers[device].owned = true;
         _providers[owner].owns = true;
+    }
+
+    /// @inheritdoc IServiceManager
+    function adoptWork(IServiceManager from, address[] calldata providers) external {
+        if (!IAccessControl(address(organization)).hasRole(0x00, msg.sender)) {
+            revert NotAdministrator(msg.sender);
+        }
+        uint256 posted = tasks.taskCount();
+        if (posted != 0) revert TasksWerePosted(posted);
+        for (uint256 i = 0; i < providers.length; ++i) {
+            (uint256 done, uint256 failed) = from.workOf(providers[i]);
+            done = Math.min(done * _prior / (PRIOR * BILLION), type(uint64).max);
+            failed = Math.min(failed * _prior / (PRIOR * BILLION), type(uint64).max);
+            _providers[providers[i]].work = _work(done, failed);
+            emit WorkAdopted(providers[i], address(from), done * _unit, failed * _unit);
+        }
+    }
+
+    /// @inheritdoc IServiceManager
+    function workOf(address provider) external view returns (uint256 done, uint256 failed) {
+        (done, failed) = _record(_providers[provider]);
+        (done, failed) = (done * BILLION * PRIOR / _prior, failed * BILLION * PRIOR / _prior);
     }
 
     /// @inheritdoc IServiceManager

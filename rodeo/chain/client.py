@@ -129,6 +129,14 @@ class ChainClient:
         """Who is paid what the contracts owe an account."""
         return str(self._view("ServiceManager", "payoutOf", to_checksum_address(account)))
 
+    def work(self, provider: str) -> tuple[int, int]:
+        """What others paid a provider for accepted work, and would have paid for work that failed, in
+        billionths of a token; what lies 90 days back counts half."""
+        with translated(self.currency):
+            functions = self._contracts["ServiceManager"].functions
+            done, failed = functions.workOf(to_checksum_address(provider)).call()
+        return done, failed
+
     def service_count(self) -> int:
         return self._view("ServiceManager", "serviceCount")
 

@@ -38,6 +38,8 @@ class Deployment(BaseModel):
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
     registry: str | None = None
     """Where the organization was founded (`rodeo.chain.registry`); None if that was before there was one."""
+    follows: str | None = None
+    """The organization that it took the place of (`deploy.migration`), and whose token it goes on with."""
     rules: tuple[str, ...] = ()
     """Hashes of rules of installed kinds that the deployment step has found or made current. One that is not
     current any more was retired, and stays so."""

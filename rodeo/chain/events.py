@@ -244,6 +244,14 @@ class TermsAgreed(Event):
 
 
 @dataclass(frozen=True)
+class WorkAdopted(Event):
+    provider: str
+    sender: str
+    done: int
+    failed: int
+
+
+@dataclass(frozen=True)
 class AuditRequested(Event):
     task_id: int
     attempt: int

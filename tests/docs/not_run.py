@@ -65,6 +65,7 @@ NOT_RUN: dict[str, str] = {
     "rodeo organization seat 0x... --owner panther1": _JUDGES,
     "rodeo organization unseat carl": _JUDGES,
     "rodeo organization quorum waste_disposal 2 --judge anna --judge bert --judge dora": _JUDGES,
+    "rodeo organization migrate": "moves the organization: tests/integration/test_migration.py does it",
     "ros2 topic hz /fleet/arthur/joint_states": _ROS,
 }
 """Command -> reason."""

@@ -105,6 +105,12 @@ interface IServiceManager {
     /// @notice The service is paused now, and its failures are forgiven.
     event ServiceReinstated(uint256 indexed serviceId);
 
+    /// @notice The provider is known for its work in another organization, in the token's smallest unit.
+    event WorkAdopted(address indexed provider, address indexed from, uint256 done, uint256 failed);
+
+    error NotAdministrator(address account);
+    /// @notice Work of other organizations counts only from the beginning.
+    error TasksWerePosted(uint256 count);
     error UnknownService(uint256 serviceId);
     /// @notice A task names a service that does other work.
     error ServiceOfOtherKind(uint256 serviceId, bytes32 kind);
@@ -254,6 +260,18 @@ interface IServiceManager {
     /// @param device the device's key
     /// @param owner the participant that owns the device
     function recordOwner(address device, address owner) external;
+
+    /// @notice Know providers for their work in another organization, such as the one that this one follows. Only the
+    /// administrator, and only before the first task: nobody has posted one to providers that were known for less.
+    /// What is known of them here is forgotten.
+    /// @param from the other organization's service manager
+    /// @param providers who worked there
+    function adoptWork(IServiceManager from, address[] calldata providers) external;
+
+    /// @notice What others paid a provider for accepted work, and would have paid for work that failed, in billionths of
+    /// a token, whatever its decimals: what is HALF_LIFE days old counts half.
+    /// @param provider who did the work
+    function workOf(address provider) external view returns (uint256 done, uint256 failed);
 
     /// @notice End a suspension, and forgive the provider its failures. Only the organization.
     /// @param serviceId its number

@@ -1,0 +1,251 @@
+"""Moves a site's organization to new contracts: `rodeo organization migrate`.
+
+Contracts cannot be changed, so an organization moves on by founding another one that follows it. Nothing is
+taken out of the old contracts but what they would pay out anyway: no new tasks, the windows of the running
+ones end, bonds go back to their providers. Members, roles, rules that were set on chain, what providers are
+known for, and the treasury move. The old contracts stay on chain as they were.
+
+Each step may be done already: then nothing is done. So it goes on where it was interrupted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from eth_account.signers.local import LocalAccount
+from eth_utils import to_bytes
+from web3 import Web3
+
+from deploy import contracts
+from deploy.founding import create_contracts
+from rodeo import wallets
+from rodeo.chain import (
+    Call,
+    ChainClient,
+    Deployment,
+    Event,
+    NotDeployed,
+    Policy,
+    Role,
+    ServiceState,
+    TaskState,
+)
+from rodeo.chain import events as chain_events
+from rodeo.chain.errors import translated
+from rodeo.config import Site
+from rodeo.errors import RodeoError
+from rodeo.instance import lock_holder
+
+Say = Callable[[str], object]
+
+_PAGE_BLOCKS = 2_000
+"""Of events that a node is asked for at once."""
+_MOST_TOGETHER = 100
+"""Providers in one transaction: each costs some 30,000 gas."""
+_LIVE = (TaskState.OPEN, TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
+
+
+class TasksRunOn(RodeoError):
+    """Tasks of the organization have not ended; they are judged and paid where they were posted."""
+
+
+class SiteIsUp(RodeoError):
+    """The bridge works with the old contracts."""
+
+
+class JustMoved(RodeoError):
+    """There is nothing to move."""
+
+
+class MembersDecide(RodeoError):
+    """Nobody moves an organization whose members decide."""
+
+
+def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
+    """Do what can be done now, and say it. The new organization's record.
+
+    Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, MembersDecide,
+    JustMoved, NotDeployed, ChainError, WalletError and KindError.
+    """
+    former = _former(site, w3)
+    client, administrator = ChainClient(site.chain.url, former), wallets.load(site, "organization")
+    happened = list(_events(client))
+    _stop(client, administrator, happened, say)
+    _require_no_tasks(client)
+    if lock_holder(site.data_dir / site.bridge.name) is not None:
+        raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
+    _retire(site, client, administrator, say)
+    follower = create_contracts(site, w3, administrator, lambda text: say(f"contracts: {text}"), former)
+    contracts.keep_unfinished(site, follower)
+    new = ChainClient(site.chain.url, follower)
+    _move_rules(client, new, administrator, happened, say)
+    _move_work(client, new, administrator, happened, say)
+    _move_treasury(client, new, administrator, say)
+    done = contracts.set_up(site, w3, follower, administrator, lambda text: say(f"contracts: {text}"))
+    _under_way(site, former.chain_id).rename(_kept(site, former))
+    say(f"the organization is at {new.organization} now; the record of the old one is {_kept(site, former)}")
+    return done
+
+
+def _under_way(site: Site, chain_id: int) -> Path:
+    """The old organization's record, until it is left."""
+    return Deployment.path(contracts.left_folder(site), chain_id)
+
+
+def _kept(site: Site, former: Deployment) -> Path:
+    folder = site.data_dir / "deployments"
+    return folder / f"{former.chain_id}-{former.contracts['Organization']}.json"
+
+
+def _former(site: Site, w3: Web3) -> Deployment:
+    """The organization to leave: the one that was being left, else the recorded one."""
+    with translated():
+        chain_id, genesis_hash = w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex()
+    left = contracts.left_folder(site)
+    try:
+        former = Deployment.load(left, chain_id)
+    except NotDeployed:
+        # Its code may be that of another release.
+        former = Deployment.load(site.data_dir, chain_id)
+        if former.genesis_hash == genesis_hash:
+            _require_movable(site, former)
+            former.save(left)
+    if former.genesis_hash != genesis_hash:
+        raise NotDeployed("the recorded contracts are on another chain", chain_id=chain_id)
+    return former
+
+
+def _require_movable(site: Site, former: Deployment) -> None:
+    """Raises MembersDecide and JustMoved: whoever runs the command once too often does not want to move
+    again."""
+    if former.decides_by_vote or site.governance.kind == "vote":
+        raise MembersDecide(
+            "the members decide about the organization: propose what its contracts are to be told, and "
+            "found another one under another name"
+        )
+    if former.follows is not None and not ChainClient(site.chain.url, former).task_count():
+        raise JustMoved(
+            "the organization has moved already, and has had no task since", organization=former.follows
+        )
+
+
+def _events(client: ChainClient) -> Iterator[Event]:
+    with translated():
+        head = client.w3.eth.block_number
+    for first in range(client.deployment.block, head + 1, _PAGE_BLOCKS):
+        for log in client.logs(first, min(first + _PAGE_BLOCKS - 1, head)):
+            yield log.event
+
+
+def _send(client: ChainClient, administrator: LocalAccount, calls: list[Call]) -> None:
+    """To the organization, in one transaction."""
+    if calls:
+        data = [to_bytes(hexstr=call.data) for call in calls]
+        client.send(administrator, client.organization_calls.multicall(data))
+
+
+def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say) -> None:
+    kinds = {one.kind for one in happened if isinstance(one, chain_events.KindAllowed)}
+    allowed = sorted(kind for kind in kinds if client.is_kind_allowed(kind))
+    _send(client, administrator, [client.organization_calls.disallow_kind(kind) for kind in allowed])
+    for kind in allowed:
+        say(f"no more tasks of {kind}")
+
+
+def _require_no_tasks(client: ChainClient) -> None:
+    tasks = ((number, client.task(number)) for number in range(1, client.task_count() + 1))
+    live = {number: task for number, task in tasks if task.state in _LIVE}
+    if live:
+        raise TasksRunOn(
+            f"{len(live)} tasks have not ended. They go on as before; those that wait can be cancelled. Run "
+            "this command again later",
+            tasks=sorted(live),
+            last_deadline_s=max(task.deadline for task in live.values()),
+        )
+
+
+def _retire(site: Site, client: ChainClient, administrator: LocalAccount, say: Say) -> None:
+    """The services of those whose keys are here. Others get their bonds when they retire theirs."""
+    elsewhere = wallets.wallets_elsewhere(site)
+    here = {wallets.address(site, name): name for name in wallets.wallet_names(site) if name not in elsewhere}
+    others = 0
+    for number in range(1, client.service_count() + 1):
+        service = client.service(number)
+        if service.state is ServiceState.RETIRED:
+            continue
+        retire = number, service.price, ServiceState.RETIRED
+        if service.provider == client.organization:
+            client.send(administrator, client.organization_calls.update_service(*retire))
+        elif service.provider in here:
+            account = wallets.load(site, here[service.provider])
+            client.send(account, client.calls.update_service(*retire))
+        else:
+            others += 1
+            continue
+        say(f"service {number} is retired")
+    if others:
+        say(f"{others} services belong to others: retiring them gives their bonds back, now and later")
+
+
+def _move_rules(
+    client: ChainClient, new: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say
+) -> None:
+    """What was told the old organization on chain; what the site file says, the new one is told as any is."""
+    calls, old = new.organization_calls, client.deployment
+    ours = set(old.contracts.values())
+    granted = {(one.role, one.account) for one in happened if isinstance(one, chain_events.RoleGranted)}
+    wanted: list[Call] = []
+    for role, account in sorted(granted):
+        if role not in list(Role):
+            continue  # that nothing asks for
+        name = Role(role)
+        held = name is not Role.ADMINISTRATOR and account not in ours and client.has_role(name, account)
+        if held and not new.has_role(name, account):
+            admits = name is Role.MEMBER
+            wanted.append(calls.admit(account) if admits else calls.grant_role(name, account))
+            say(f"{account} is {role} in the new organization")
+    if new.terms() != client.terms():
+        wanted.append(calls.set_terms(client.terms()))
+    if client.members_only() and not new.members_only():
+        wanted.append(calls.set_members_only(True))
+    for role_ in (Role.OPERATOR, Role.TREASURER):
+        budget, there = client.budget(role_), new.budget(role_)
+        if budget.since and (budget.amount, budget.period) != (there.amount, there.period):
+            wanted.append(calls.set_budget(role_, budget.amount, budget.period))
+    policies = {old.contracts[name]: new.deployment.address(name) for name in Policy if name in old.contracts}
+    policy = policies.get(client.policy(), client.policy())
+    if policy != new.policy():
+        wanted.append(calls.set_policy(policy))
+    _send(new, administrator, wanted)
+
+
+def _move_work(
+    client: ChainClient, new: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say
+) -> None:
+    if new.task_count():
+        return  # it was done, or the new organization has begun without it
+    providers = sorted(
+        {one.provider for one in happened if isinstance(one, chain_events.ServiceRegistered)}
+        | {one.provider for one in happened if isinstance(one, chain_events.WorkAdopted)}
+    )
+    known = [one for one in providers if any(client.work(one)) and client.work(one) != new.work(one)]
+    services = client.deployment.address("ServiceManager")
+    for first in range(0, len(known), _MOST_TOGETHER):
+        some = known[first : first + _MOST_TOGETHER]
+        new.send(administrator, new.calls.adopt_work(services, some))
+        for provider in some:
+            say(f"{provider} is known for its work")
+
+
+def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAccount, say: Say) -> None:
+    """Straight to the new organization, so that nobody holds it in between."""
+    amount = client.balance(client.organization)
+    if not amount:
+        return
+    calls = client.organization_calls
+    told = [calls.set_budget(Role.TREASURER, 0, 0), calls.withdraw(new.organization, amount)]
+    if not client.has_role(Role.TREASURER, administrator.address):
+        told.insert(0, calls.grant_role(Role.TREASURER, administrator.address))
+    _send(client, administrator, told)
+    say(f"{client.currency.from_units(amount):f} IEC are in the treasury of the new organization")

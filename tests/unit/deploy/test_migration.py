@@ -1,0 +1,246 @@
+"""An organization moves to new contracts, and nobody loses anything by it."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from eth_account import Account
+from eth_account.signers.local import LocalAccount
+
+from deploy import contracts
+from deploy.migration import JustMoved, MembersDecide, SiteIsUp, TasksRunOn, migrate
+from rodeo.chain import (
+    ChainClient,
+    ChainUnavailable,
+    ContractReverted,
+    Deployment,
+    Policy,
+    Role,
+    ServiceState,
+    TaskState,
+    Terms,
+    Verdict,
+    transactions,
+)
+from rodeo.chain.client import connect
+from rodeo.config import GovernanceConfig, Site
+from rodeo.currency import IEC
+from rodeo.instance import lock_instance
+from rodeo.kinds import kinds_of
+from tests.support.organization import CHAIN_ID, KIND, PROOF, REPORT, Organization, running_chain
+
+
+class Lab(Organization):
+    """A laboratory that has worked: it has members, a robot at work, and rules that were changed on chain."""
+
+    def __init__(self, site: Site) -> None:
+        super().__init__(site)
+        self.said: list[str] = []
+
+    def worked(self) -> None:
+        self.deploy()
+        calls = self.client.organization_calls
+        self.stranger: LocalAccount = Account.create()
+        self.client.w3.eth.send_transaction(
+            {
+                "from": self.client.w3.eth.accounts[0],
+                "to": self.stranger.address,
+                "value": 10**18,  # type: ignore[typeddict-item]
+            }
+        )
+        for call in (
+            calls.set_terms(Terms(IEC.to_units(Decimal(50)), IEC.to_units(Decimal(20)), 2)),
+            calls.set_members_only(True),
+            calls.admit(self.robot.address),
+            calls.admit(self.stranger.address),
+            calls.set_policy(Policy.SECOND_PRICE),
+            calls.grant_role(Role.AUDITOR, self.stranger.address),
+            calls.set_budget(Role.OPERATOR, IEC.to_units(Decimal(500)), 3600),
+        ):
+            self.send(self.operator, call)
+        offer = self.client.calls.register_service(KIND, IEC.to_units(Decimal(80)), 2**95, True, "")
+        self.send(self.robot, offer)
+        self.post()
+
+    def judge(self) -> None:
+        """Task 1 is proven and accepted."""
+        task = self.client.task(1)
+        self.send(self.robot, self.client.calls.submit_proof(1, task.attempt, PROOF, "file:///proof"))
+        verdict = self.client.calls.post_verdict(
+            1, task.attempt, PROOF, Verdict.ACCEPTED, task.price, REPORT, "file:///report", "right"
+        )
+        self.send(self.oracle, verdict)
+
+    def migrate(self) -> Deployment:
+        return migrate(self.site, connect(self.site.chain.url), self.said.append)
+
+    def record(self) -> Deployment:
+        return Deployment.load(self.site.data_dir, CHAIN_ID)
+
+    def new(self) -> ChainClient:
+        return ChainClient(self.site.chain.url, self.record())
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    with running_chain("eth-tester", tmp_path) as site:
+        lab = Lab(site)
+        lab.worked()
+        yield lab
+
+
+def test_while_a_task_runs_on_nothing_moves_and_no_other_is_posted(lab: Lab) -> None:
+    before, balance = lab.record(), lab.client.balance(lab.client.organization)
+    with pytest.raises(TasksRunOn) as waiting:
+        lab.migrate()
+    assert waiting.value.details["tasks"] == [1]
+    assert waiting.value.details["last_deadline_s"] == lab.client.task(1).deadline
+    assert lab.record() == before and lab.client.balance(lab.client.organization) == balance
+    with pytest.raises(ContractReverted) as refused:
+        lab.post()
+    assert refused.value.name == "UnknownKind"
+    # Starting the site meanwhile does not allow the kinds again.
+    lab.deploy()
+    assert not lab.client.is_kind_allowed(KIND)
+    lab.judge()
+    assert lab.client.task(1).state is TaskState.SETTLED
+
+
+def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
+    old = lab.client
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    lab.judge()
+    treasury, robot = old.balance(old.organization), old.balance(lab.robot.address)
+    bond = IEC.to_units(Decimal(50))
+    lab.migrate()
+    new = lab.new()
+    assert new.organization != old.organization
+    assert new.deployment.follows == old.organization
+    # The money is where it was, and still worth something.
+    assert new.deployment.address("IECoin") == old.deployment.address("IECoin")
+    assert (old.balance(old.organization), new.balance(new.organization)) == (0, treasury)
+    assert new.balance(lab.robot.address) == robot + bond
+    assert old.balance(old.task_manager) == 0
+    # Rules of the site file, and those of the chain.
+    assert all(new.is_kind_allowed(kind) for kind in kinds_of(lab.site))
+    assert new.terms() == old.terms() and new.members_only()
+    assert new.policy() == new.deployment.address(Policy.SECOND_PRICE)
+    assert new.budget(Role.OPERATOR).amount == IEC.to_units(Decimal(500))
+    assert new.is_member(lab.robot.address) and new.is_member(lab.stranger.address)
+    assert new.has_role(Role.AUDITOR, lab.stranger.address)
+    assert new.has_role(Role.ORACLE, lab.oracle.address)
+    assert not new.has_role(Role.ORACLE, old.task_manager)
+    # What the robot is known for.
+    assert new.work(lab.robot.address) == old.work(lab.robot.address) == (100 * 10**9, 0)
+    # The old contracts stay readable, and their record is kept.
+    assert old.task(1).state is TaskState.SETTLED
+    assert old.service(1).state is ServiceState.RETIRED
+    kept = lab.site.data_dir / "deployments" / f"{CHAIN_ID}-{old.organization}.json"
+    assert Deployment.model_validate_json(kept.read_text()).is_same(old.deployment)
+    # And it works: the robot offers again and is matched.
+    new.send(lab.robot, new.calls.register_service(KIND, IEC.to_units(Decimal(80)), 2**95, True, ""))
+    new.send(lab.operator, new.organization_calls.register_task(lab.request()))
+    assert new.task(1).state is TaskState.ASSIGNED
+    # Preparing the site again changes nothing, and its token is not taken for another one.
+    block = new.w3.eth.block_number
+    lab.deploy()
+    assert new.w3.eth.block_number == block and lab.record().is_same(new.deployment)
+
+
+def test_an_interrupted_migration_goes_on_and_nothing_happens_twice(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old = lab.client
+    lab.judge()
+    treasury, send = old.balance(old.organization), transactions.send
+    failures = 0
+    for _ in range(60):
+        count = 0
+
+        def fail_once(*args: Any, **options: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count == 2:
+                raise ChainUnavailable("gone")
+            return send(*args, **options)
+
+        monkeypatch.setattr(transactions, "send", fail_once)
+        try:
+            lab.migrate()
+        except ChainUnavailable:
+            failures += 1
+            continue
+        break
+    else:
+        raise AssertionError("it does not come to an end")
+    assert failures > 5
+    new = lab.new()
+    assert (old.balance(old.organization), new.balance(new.organization)) == (0, treasury)
+    assert new.work(lab.robot.address) == old.work(lab.robot.address)
+    assert new.is_member(lab.stranger.address)
+    assert not (lab.site.data_dir / "deployments" / "left" / f"{CHAIN_ID}.json").exists()
+
+
+def test_run_once_too_often_it_does_not_move_again_and_later_it_does(lab: Lab) -> None:
+    lab.judge()
+    first = lab.migrate()
+    with pytest.raises(JustMoved):
+        lab.migrate()
+    assert lab.new().is_kind_allowed(KIND)
+    new = lab.new()
+    new.send(lab.robot, new.calls.register_service(KIND, IEC.to_units(Decimal(80)), 2**95, True, ""))
+    new.send(lab.operator, new.organization_calls.register_task(lab.request()))
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    task = new.task(1)
+    new.send(lab.robot, new.calls.submit_proof(1, task.attempt, PROOF, "file:///proof"))
+    verdict = new.calls.post_verdict(1, 1, PROOF, Verdict.ACCEPTED, task.price, REPORT, "r", "right")
+    new.send(lab.oracle, verdict)
+    second = lab.migrate()
+    assert second.follows == first.contracts["Organization"]
+    assert len({*first.contracts.values()} & {*second.contracts.values()}) == 1  # the token
+    assert lab.new().work(lab.robot.address)[0] == 200 * 10**9
+
+
+def test_services_of_others_stay_and_their_bonds_can_be_had_later(lab: Lab) -> None:
+    old = lab.client
+    lab.judge()
+    bond = IEC.to_units(Decimal(50))
+    lab.send(lab.operator, old.organization_calls.withdraw(lab.stranger.address, bond))
+    old.send(lab.stranger, old.calls.approve(old.task_manager, bond))
+    old.send(lab.stranger, old.calls.register_service(KIND, 0, 2**95, True, ""))
+    lab.migrate()
+    assert any("1 services belong to others" in text for text in lab.said)
+    assert old.service(2).state is ServiceState.ACTIVE
+    old.send(lab.stranger, old.calls.update_service(2, 0, ServiceState.RETIRED))
+    assert old.balance(lab.stranger.address) == bond
+
+
+def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
+    lab.judge()
+    folder = lab.site.data_dir / lab.site.bridge.name
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = lock_instance(folder)
+    with pytest.raises(SiteIsUp):
+        lab.migrate()
+    os.close(lock)
+    assert lab.record().follows is None
+    lab.migrate()
+
+
+def test_where_members_decide_nobody_moves_the_organization(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as local:
+        governance = GovernanceConfig(kind="vote", delay_s=60, members=["panther1"])
+        site = local.model_copy(update={"governance": governance})
+        contracts.run(site, threading.Event())
+        with pytest.raises(MembersDecide):
+            migrate(site, connect(site.chain.url), lambda _text: None)
+        assert all(Organization(site).client.is_kind_allowed(kind) for kind in kinds_of(site))
+        assert not Deployment.path(contracts.left_folder(site), CHAIN_ID).exists()
