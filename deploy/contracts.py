@@ -320,6 +320,14 @@ def keep_unfinished(site: Site, deployment: Deployment) -> Deployment:
     return deployment
 
 
+def unfinished(site: Site, chain_id: int) -> Deployment | None:
+    """What `keep_unfinished` has recorded and nothing has finished."""
+    try:
+        return Deployment.load(_unfinished(site), chain_id)
+    except NotDeployed:
+        return None
+
+
 def left_folder(site: Site) -> Path:
     """Where the record of the organization is that is being left for another one (`deploy.migration`)."""
     return site.data_dir / "deployments" / "left"

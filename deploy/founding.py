@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
@@ -26,6 +27,7 @@ from rodeo.chain.errors import translated
 from rodeo.chain.registry import Part, Registry
 from rodeo.config import Site
 from rodeo.errors import ConfigError, RodeoError
+from rodeo.files import replace_file
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +50,7 @@ def create_contracts(
     `former` is the one that it takes the place of; then it pays with that one's token. Raises ChainError,
     OtherToken, WalletError, and ConfigError where chain.registry is no registry of this release.
     """
-    token = existing_token(site, w3) if former is None else former.address("IECoin")
+    token = existing_token(site, w3) if former is None else token_of(former, site)
     found = ensure_registry(site, w3, founder, say)
     with translated():
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
@@ -87,6 +89,21 @@ def create_contracts(
     return deployment
 
 
+def token_of(former: Deployment, site: Site) -> ChecksumAddress:
+    """What an organization goes on with. Raises OtherToken where the site file wants something else."""
+    token, named = former.address("IECoin"), site.economy.token
+    wanted = token if named is None else to_checksum_address(named.address)
+    if (wanted, site.economy.currency.decimals) != (token, former.decimals):
+        raise OtherToken(
+            "an organization that follows another one goes on with its token: correct economy.token",
+            wanted=wanted,
+            wanted_decimals=site.economy.currency.decimals,
+            found=token,
+            found_decimals=former.decimals,
+        )
+    return token
+
+
 def _number_after(former: Deployment | None, found: Registry, founder: str, name: str) -> int:
     """The first number that an organization may have; one that was there before `former` is none to go to."""
     if former is None:
@@ -105,17 +122,18 @@ def ensure_registry(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Re
 
     Raises ConfigError where chain.registry names something else.
     """
-    named = site.chain.registry
+    named = site.chain.registry or _remembered(site)
     if named is not None:
         found = Registry(w3, to_checksum_address(named))
-        if not found.is_there:
+        if found.is_there:
+            return found
+        if site.chain.registry is not None:
             raise ConfigError(
                 "chain.registry is no registry of this release: take it out of the site file, and `rodeo "
                 "site prepare` puts one on the chain",
                 registry=named,
                 chain_id=site.chain.id,
             )
-        return found
     has_proxy = _has_code(w3, registry.PROXY)
     if not has_proxy and site.chain.backend != "external":
         _create_proxy(w3)
@@ -130,11 +148,26 @@ def ensure_registry(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Re
     receipt = transactions.send(w3, founder, data=code)
     address = receipt["contractAddress"]
     assert address is not None
+    replace_file(_memory(site), address)
     say(
         f"{artifacts.REGISTRY} at {address}: the chain has no deterministic deployment proxy, so other "
         f'organizations on it have to say `chain.registry = "{address}"`'
     )
     return Registry(w3, address)
+
+
+def _memory(site: Site) -> Path:
+    """Where the address of a registry is kept that this site has put at any address."""
+    folder = site.data_dir / "deployments"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder / f"{site.chain.id}.registry"
+
+
+def _remembered(site: Site) -> str | None:
+    try:
+        return _memory(site).read_text().strip()
+    except FileNotFoundError:
+        return None
 
 
 def _has_code(w3: Web3, address: ChecksumAddress) -> bool:

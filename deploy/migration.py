@@ -18,7 +18,7 @@ from eth_utils import to_bytes
 from web3 import Web3
 
 from deploy import contracts
-from deploy.founding import create_contracts
+from deploy.founding import create_contracts, token_of
 from rodeo import wallets
 from rodeo.chain import (
     Call,
@@ -54,6 +54,14 @@ class SiteIsUp(RodeoError):
     """The bridge works with the old contracts."""
 
 
+class NotAdministrator(RodeoError):
+    """Only the administrator moves an organization."""
+
+
+class Founded(RodeoError):
+    """The organization that follows is there: from now on there is no way back."""
+
+
 class JustMoved(RodeoError):
     """There is nothing to move."""
 
@@ -66,10 +74,11 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     """Do what can be done now, and say it. The new organization's record.
 
     Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, MembersDecide,
-    JustMoved, NotDeployed, ChainError, WalletError and KindError.
+    NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError, WalletError and KindError.
     """
-    former = _former(site, w3)
-    client, administrator = ChainClient(site.chain.url, former), wallets.load(site, "organization")
+    administrator = wallets.load(site, "organization")
+    former = _former(site, w3, administrator)
+    client = ChainClient(site.chain.url, former)
     happened = list(_events(client))
     _stop(client, administrator, happened, say)
     _require_no_tasks(client)
@@ -88,6 +97,19 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     return done
 
 
+def cancel(site: Site, say: Say) -> None:
+    """Stay, as long as no other organization was founded.
+
+    Raises Founded, and NotDeployed where nothing moves.
+    """
+    chain_id = site.chain.id
+    left = Deployment.load(contracts.left_folder(site), chain_id)
+    if contracts.unfinished(site, chain_id) is not None:
+        raise Founded("the new organization was founded: finish with `rodeo organization migrate`")
+    _under_way(site, left.chain_id).unlink()
+    say("the organization stays: `rodeo site prepare` lets tasks be posted again")
+
+
 def _under_way(site: Site, chain_id: int) -> Path:
     """The old organization's record, until it is left."""
     return Deployment.path(contracts.left_folder(site), chain_id)
@@ -98,7 +120,7 @@ def _kept(site: Site, former: Deployment) -> Path:
     return folder / f"{former.chain_id}-{former.contracts['Organization']}.json"
 
 
-def _former(site: Site, w3: Web3) -> Deployment:
+def _former(site: Site, w3: Web3, administrator: LocalAccount) -> Deployment:
     """The organization to leave: the one that was being left, else the recorded one."""
     with translated():
         chain_id, genesis_hash = w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex()
@@ -109,22 +131,30 @@ def _former(site: Site, w3: Web3) -> Deployment:
         # Its code may be that of another release.
         former = Deployment.load(site.data_dir, chain_id)
         if former.genesis_hash == genesis_hash:
-            _require_movable(site, former)
+            _require_movable(site, former, administrator)
             former.save(left)
     if former.genesis_hash != genesis_hash:
         raise NotDeployed("the recorded contracts are on another chain", chain_id=chain_id)
     return former
 
 
-def _require_movable(site: Site, former: Deployment) -> None:
-    """Raises MembersDecide and JustMoved: whoever runs the command once too often does not want to move
-    again."""
+def _require_movable(site: Site, former: Deployment, administrator: LocalAccount) -> None:
+    """Raises MembersDecide, NotAdministrator, OtherToken, and JustMoved: whoever runs the command once too
+    often does not want to move again."""
     if former.decides_by_vote or site.governance.kind == "vote":
         raise MembersDecide(
             "the members decide about the organization: propose what its contracts are to be told, and "
             "found another one under another name"
         )
-    if former.follows is not None and not ChainClient(site.chain.url, former).task_count():
+    token_of(former, site)
+    client = ChainClient(site.chain.url, former)
+    if not client.has_role(Role.ADMINISTRATOR, administrator.address):
+        raise NotAdministrator(
+            "the organization's wallet of this site is not its administrator",
+            wallet=administrator.address,
+            administrator=client.administrator(),
+        )
+    if former.follows is not None and not client.task_count():
         raise JustMoved(
             "the organization has moved already, and has had no task since", organization=former.follows
         )

@@ -151,6 +151,9 @@ def list_(
 def migrate(
     site: SiteOption = DEFAULT_SITE,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    cancel: Annotated[
+        bool, typer.Option("--cancel", help="Stay; possible until the new organization is founded.")
+    ] = False,
 ) -> None:
     """Move the organization to new contracts: of another release, or with what only new ones can have.
 
@@ -158,10 +161,14 @@ def migrate(
     the new organization, and moves members, roles, reputation and the treasury. Run it as often as needed.
     """
     # Imported here: what speaks to a node takes a second to load.
+    from deploy import migration
     from deploy.prepare import migrate as migrate_site
 
+    if cancel:
+        migration.cancel(Site.load(site), say)
+        return
     if not yes:
-        typer.confirm("The organization accepts no new tasks from now on, for good. Go on?", abort=True)
+        typer.confirm("The organization accepts no new tasks from now on. Go on?", abort=True)
     migrate_site(site, say, threading.Event())
 
 

@@ -14,12 +14,24 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
 from deploy import contracts
-from deploy.migration import JustMoved, MembersDecide, SiteIsUp, TasksRunOn, migrate
+from deploy.founding import OtherToken
+from deploy.migration import (
+    Founded,
+    JustMoved,
+    MembersDecide,
+    NotAdministrator,
+    SiteIsUp,
+    TasksRunOn,
+    cancel,
+    migrate,
+)
+from rodeo import wallets
 from rodeo.chain import (
     ChainClient,
     ChainUnavailable,
     ContractReverted,
     Deployment,
+    NotDeployed,
     Policy,
     Role,
     ServiceState,
@@ -29,7 +41,8 @@ from rodeo.chain import (
     transactions,
 )
 from rodeo.chain.client import connect
-from rodeo.config import GovernanceConfig, Site
+from rodeo.chain.registry import PROXY
+from rodeo.config import GovernanceConfig, Site, TokenConfig
 from rodeo.currency import IEC
 from rodeo.instance import lock_instance
 from rodeo.kinds import kinds_of
@@ -221,6 +234,56 @@ def test_services_of_others_stay_and_their_bonds_can_be_had_later(lab: Lab) -> N
     assert old.service(2).state is ServiceState.ACTIVE
     old.send(lab.stranger, old.calls.update_service(2, 0, ServiceState.RETIRED))
     assert old.balance(lab.stranger.address) == bond
+
+
+def test_an_organization_goes_on_with_the_token_that_it_has(lab: Lab) -> None:
+    lab.judge()
+    other = TokenConfig(address=lab.client.deployment.address("Organization"), decimals=18)
+    economy = lab.site.economy.model_copy(update={"token": other})
+    with pytest.raises(OtherToken) as refused:
+        migrate(lab.site.model_copy(update={"economy": economy}), lab.client.w3, lab.said.append)
+    assert refused.value.details["found"] == lab.client.deployment.address("IECoin")
+    lab.migrate()
+
+
+def test_until_another_one_is_founded_the_organization_may_stay(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(NotDeployed):
+        cancel(lab.site, lab.said.append)
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    cancel(lab.site, lab.said.append)
+    lab.deploy()
+    assert lab.client.is_kind_allowed(KIND)
+    lab.judge()
+    send = transactions.send
+
+    def fail_to_tell(w3: Any, account: Any, **options: Any) -> Any:
+        if options.get("to") not in (None, PROXY, lab.record().registry, lab.client.organization):
+            raise ChainUnavailable("gone")
+        return send(w3, account, **options)
+
+    services = wallets.load(lab.site, "panther1")
+    lab.send(services, lab.client.calls.update_service(1, 0, ServiceState.RETIRED))
+    with monkeypatch.context() as broken, pytest.raises(ChainUnavailable):
+        broken.setattr(transactions, "send", fail_to_tell)
+        lab.migrate()
+    with pytest.raises(Founded):
+        cancel(lab.site, lab.said.append)
+    lab.migrate()
+
+
+def test_only_the_administrator_moves_an_organization(lab: Lab, tmp_path: Path) -> None:
+    other = lab.site.model_copy(update={"data_dir": tmp_path / "other"})
+    wallets.ensure_wallets(other)
+    lab.record().save(other.data_dir)
+    with pytest.raises(NotAdministrator) as refused:
+        migrate(other, lab.client.w3, lab.said.append)
+    assert refused.value.details["administrator"] == lab.operator.address
+    assert lab.client.is_kind_allowed(KIND)
+    with pytest.raises(NotDeployed):
+        cancel(other, lab.said.append)
 
 
 def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
