@@ -24,6 +24,7 @@ from rodeo.chain import (
     Call,
     ChainClient,
     Deployment,
+    DeploymentMismatch,
     Event,
     NotDeployed,
     Policy,
@@ -131,14 +132,14 @@ def _former(site: Site, w3: Web3, administrator: LocalAccount) -> Deployment:
         # Its code may be that of another release.
         former = Deployment.load(site.data_dir, chain_id)
         if former.genesis_hash == genesis_hash:
-            _require_movable(site, former, administrator)
+            _require_movable(site, w3, former, administrator)
             former.save(left)
     if former.genesis_hash != genesis_hash:
         raise NotDeployed("the recorded contracts are on another chain", chain_id=chain_id)
     return former
 
 
-def _require_movable(site: Site, former: Deployment, administrator: LocalAccount) -> None:
+def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: LocalAccount) -> None:
     """Raises MembersDecide, NotAdministrator, OtherToken, and JustMoved: whoever runs the command once too
     often does not want to move again."""
     if former.decides_by_vote or site.governance.kind == "vote":
@@ -154,10 +155,18 @@ def _require_movable(site: Site, former: Deployment, administrator: LocalAccount
             wallet=administrator.address,
             administrator=client.administrator(),
         )
-    if former.follows is not None and not client.task_count():
+    if former.follows is not None and not client.task_count() and _is_of_this_release(former, w3):
         raise JustMoved(
             "the organization has moved already, and has had no task since", organization=former.follows
         )
+
+
+def _is_of_this_release(former: Deployment, w3: Web3) -> bool:
+    try:
+        former.verify(w3)
+    except DeploymentMismatch:
+        return False
+    return True
 
 
 def _events(client: ChainClient) -> Iterator[Event]:
