@@ -64,6 +64,7 @@ def one_day(folder: Path, *options: str) -> dict[str, Any]:
 
 
 @pytest.mark.timeout(900)
+@pytest.mark.long
 def test_a_day_ends_with_everything_paid_and_reported(tmp_path: Path) -> None:
     results = one_day(tmp_path / "day")
     out = tmp_path / "day" / "out"

@@ -16,6 +16,8 @@ from rodeo import wallets
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 ORDERS = 10
 SHARED = 'bridge.shared_wallets = ["panther1"]\n'
 WALL_TIME = "clock.speed = 1\nclock.idle_speed = 1\n"

@@ -133,6 +133,7 @@ def test_an_organization_whose_record_is_lost_is_found_again(site: Site) -> None
     assert any("on the chain already" in text for text in said)
 
 
+@pytest.mark.long
 def test_a_record_of_another_chain_is_replaced_by_that_of_what_is_there(site: Site) -> None:
     told(site)
     before = record(site)
@@ -141,6 +142,7 @@ def test_a_record_of_another_chain_is_replaced_by_that_of_what_is_there(site: Si
     assert record(site).is_same(before)
 
 
+@pytest.mark.long
 def test_another_site_file_of_the_same_founder_founds_another_organization(site: Site) -> None:
     told(site)
     before, supply = record(site), Organization(site).client.total_supply()
@@ -155,6 +157,7 @@ def test_another_site_file_of_the_same_founder_founds_another_organization(site:
     assert Organization(changed).client.total_supply() == supply + 10**18
 
 
+@pytest.mark.long
 def test_addresses_are_the_same_on_every_chain(site: Site, tmp_path: Path) -> None:
     told(site)
     (tmp_path / "anvil").mkdir()
@@ -220,6 +223,7 @@ def test_a_registry_of_other_code_is_not_taken_for_this_one(site: Site) -> None:
         told(named)
 
 
+@pytest.mark.long
 def test_what_the_registry_refuses_is_told(site: Site) -> None:
     told(site)
     w3, founder = connect(site.chain.url), wallets.load(site, "organization")
@@ -231,6 +235,7 @@ def test_what_the_registry_refuses_is_told(site: Site) -> None:
     assert refused.value.name == "OtherArguments"
 
 
+@pytest.mark.long
 def test_names_are_shown_as_they_are_or_in_hex(site: Site) -> None:
     told(site)
     w3, founder = connect(site.chain.url), wallets.load(site, "organization")

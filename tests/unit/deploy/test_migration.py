@@ -167,6 +167,7 @@ def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
     assert new.w3.eth.block_number == block and lab.record().is_same(new.deployment)
 
 
+@pytest.mark.long
 def test_an_interrupted_migration_goes_on_and_nothing_happens_twice(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,6 +202,7 @@ def test_an_interrupted_migration_goes_on_and_nothing_happens_twice(
     assert not (lab.site.data_dir / "deployments" / "left" / f"{CHAIN_ID}.json").exists()
 
 
+@pytest.mark.long
 def test_run_once_too_often_it_does_not_move_again_and_later_it_does(lab: Lab) -> None:
     lab.judge()
     first = lab.migrate()
@@ -222,6 +224,7 @@ def test_run_once_too_often_it_does_not_move_again_and_later_it_does(lab: Lab) -
     assert lab.new().work(lab.robot.address)[0] == 200 * 10**9
 
 
+@pytest.mark.long
 def test_services_of_others_stay_and_their_bonds_can_be_had_later(lab: Lab) -> None:
     old = lab.client
     lab.judge()
@@ -236,6 +239,7 @@ def test_services_of_others_stay_and_their_bonds_can_be_had_later(lab: Lab) -> N
     assert old.balance(lab.stranger.address) == bond
 
 
+@pytest.mark.long
 def test_an_organization_goes_on_with_the_token_that_it_has(lab: Lab) -> None:
     lab.judge()
     other = TokenConfig(address=lab.client.deployment.address("Organization"), decimals=18)
@@ -246,6 +250,7 @@ def test_an_organization_goes_on_with_the_token_that_it_has(lab: Lab) -> None:
     lab.migrate()
 
 
+@pytest.mark.long
 def test_until_another_one_is_founded_the_organization_may_stay(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -286,6 +291,7 @@ def test_only_the_administrator_moves_an_organization(lab: Lab, tmp_path: Path) 
         cancel(other, lab.said.append)
 
 
+@pytest.mark.long
 def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
     lab.judge()
     folder = lab.site.data_dir / lab.site.bridge.name
@@ -298,6 +304,7 @@ def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
     lab.migrate()
 
 
+@pytest.mark.long
 def test_where_members_decide_nobody_moves_the_organization(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as local:
         governance = GovernanceConfig(kind="vote", delay_s=60, members=["panther1"])
