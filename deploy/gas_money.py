@@ -14,7 +14,7 @@ from rodeo.chain.errors import translated
 from rodeo.config import Site
 
 _DEPLOYMENT_GAS = 30_000_000
-"""Contracts and rules, with a third to spare: with one robot they took 22.6 million on anvil."""
+"""Contracts and rules, with a third to spare: with one robot they took 22.9 million on anvil."""
 _WORKING_GAS = 5_000_000
 """A few dozen transactions of one wallet."""
 _WEI = Decimal(10**18)
