@@ -147,4 +147,6 @@ def _sample(parameter: str, annotation: str) -> Any:
         return Revocation.SUPERSEDED
     if parameter in SAMPLES:
         return SAMPLES[parameter]
-    return {"int": 1, "str": ADDRESS, "bool": True, "list[bytes]": [b"\x01"]}[annotation]
+    samples: dict[str, Any] = {"int": 1, "str": ADDRESS, "bool": True}
+    samples |= {"list[bytes]": [b"\x01"], "list[str]": [ADDRESS]}
+    return samples[annotation]
