@@ -244,6 +244,11 @@ def _move_rules(
             admits = name is Role.MEMBER
             wanted.append(calls.admit(account) if admits else calls.grant_role(name, account))
             say(f"{account} is {role} in the new organization")
+    suspended = {one.provider for one in happened if isinstance(one, chain_events.ProviderSuspended)}
+    for provider in sorted(suspended):
+        if client.is_suspended(provider) and not new.is_suspended(provider):
+            wanted.append(calls.suspend_provider(provider))
+            say(f"{provider} stays suspended")
     if new.terms() != client.terms():
         wanted.append(calls.set_terms(client.terms()))
     if client.members_only() and not new.members_only():
@@ -282,8 +287,12 @@ def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAc
     amount = client.balance(client.organization)
     if not amount:
         return
-    calls = client.organization_calls
-    told = [calls.set_budget(Role.TREASURER, 0, 0), calls.withdraw(new.organization, amount)]
+    calls, budget = client.organization_calls, client.budget(Role.TREASURER)
+    told = [calls.withdraw(new.organization, amount)]
+    if budget.period:
+        # As it was afterwards: a step that is done again would read it.
+        limit = calls.set_budget(Role.TREASURER, budget.amount, budget.period)
+        told = [calls.set_budget(Role.TREASURER, 0, 0), *told, limit]
     if not client.has_role(Role.TREASURER, administrator.address):
         told.insert(0, calls.grant_role(Role.TREASURER, administrator.address))
     _send(client, administrator, told)

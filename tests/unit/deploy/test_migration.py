@@ -48,6 +48,8 @@ from rodeo.instance import lock_instance
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, KIND, PROOF, REPORT, Organization, running_chain
 
+BANNED = "0x" + "Ba" * 20
+
 
 class Lab(Organization):
     """A laboratory that has worked: it has members, a robot at work, and rules that were changed on chain."""
@@ -75,6 +77,9 @@ class Lab(Organization):
             calls.set_policy(Policy.SECOND_PRICE),
             calls.grant_role(Role.AUDITOR, self.stranger.address),
             calls.set_budget(Role.OPERATOR, IEC.to_units(Decimal(500)), 3600),
+            # Less than there is in the treasury.
+            calls.set_budget(Role.TREASURER, IEC.to_units(Decimal(10)), 7200),
+            calls.suspend_provider(BANNED),
         ):
             self.send(self.operator, call)
         offer = self.client.calls.register_service(KIND, IEC.to_units(Decimal(80)), 2**95, True, "")
@@ -146,6 +151,7 @@ def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
     assert new.terms() == old.terms() and new.members_only()
     assert new.policy() == new.deployment.address(Policy.SECOND_PRICE)
     assert new.budget(Role.OPERATOR).amount == IEC.to_units(Decimal(500))
+    assert new.is_suspended(BANNED) and not new.is_suspended(lab.robot.address)
     assert new.is_member(lab.robot.address) and new.is_member(lab.stranger.address)
     assert new.has_role(Role.AUDITOR, lab.stranger.address)
     assert new.has_role(Role.ORACLE, lab.oracle.address)
@@ -199,6 +205,8 @@ def test_an_interrupted_migration_goes_on_and_nothing_happens_twice(
     assert (old.balance(old.organization), new.balance(new.organization)) == (0, treasury)
     assert new.work(lab.robot.address) == old.work(lab.robot.address)
     assert new.is_member(lab.stranger.address)
+    for budget in (old.budget(Role.TREASURER), new.budget(Role.TREASURER)):
+        assert (budget.amount, budget.period) == (IEC.to_units(Decimal(10)), 7200)
     assert not (lab.site.data_dir / "deployments" / "left" / f"{CHAIN_ID}.json").exists()
 
 
@@ -229,7 +237,7 @@ def test_services_of_others_stay_and_their_bonds_can_be_had_later(lab: Lab) -> N
     old = lab.client
     lab.judge()
     bond = IEC.to_units(Decimal(50))
-    lab.send(lab.operator, old.organization_calls.withdraw(lab.stranger.address, bond))
+    lab.send(lab.robot, old.calls.transfer(lab.stranger.address, bond))
     old.send(lab.stranger, old.calls.approve(old.task_manager, bond))
     old.send(lab.stranger, old.calls.register_service(KIND, 0, 2**95, True, ""))
     lab.migrate()
