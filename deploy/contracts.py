@@ -162,6 +162,9 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     if local:
         _fund(w3, list(names))
     administrator = wallets.load(site, "organization")
+    if being_left(site, w3) is not None:
+        say("the organization is being left: it is told nothing until `rodeo organization migrate` ends")
+        return
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
@@ -180,9 +183,6 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
             "the contracts on this chain were deployed without [disputes]: take that table out, or deploy "
             "for a new organization"
         )
-    if Deployment.path(left_folder(site), deployment.chain_id).exists():
-        say("the organization is being left: it is told nothing until `rodeo organization migrate` ends")
-        return
     set_up(site, w3, deployment, administrator, say)
 
 
@@ -331,6 +331,17 @@ def unfinished(site: Site, chain_id: int) -> Deployment | None:
 def left_folder(site: Site) -> Path:
     """Where the record of the organization is that is being left for another one (`deploy.migration`)."""
     return site.data_dir / "deployments" / "left"
+
+
+def being_left(site: Site, w3: Web3) -> Deployment | None:
+    """The organization that is being left, if it is on the node's chain."""
+    with translated():
+        chain_id, genesis_hash = w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex()
+    try:
+        left = Deployment.load(left_folder(site), chain_id)
+    except NotDeployed:
+        return None
+    return left if left.genesis_hash == genesis_hash else None
 
 
 def _unfinished(site: Site) -> Path:

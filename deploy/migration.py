@@ -44,7 +44,7 @@ _PAGE_BLOCKS = 2_000
 """Of events that a node is asked for at once."""
 _MOST_TOGETHER = 100
 """Providers in one transaction: each costs some 30,000 gas."""
-_LIVE = (TaskState.OPEN, TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
+_RUNNING = (TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
 
 
 class TasksRunOn(RodeoError):
@@ -82,10 +82,11 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     client = ChainClient(site.chain.url, former)
     happened = list(_events(client))
     _stop(client, administrator, happened, say)
-    _require_no_tasks(client)
+    _require_none_runs(client)
     if lock_holder(site.data_dir / site.bridge.name) is not None:
         raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
     _retire(site, client, administrator, say)
+    _cancel(client, administrator, say)
     follower = create_contracts(site, w3, administrator, lambda text: say(f"contracts: {text}"), former)
     contracts.keep_unfinished(site, follower)
     new = ChainClient(site.chain.url, follower)
@@ -123,19 +124,16 @@ def _kept(site: Site, former: Deployment) -> Path:
 
 def _former(site: Site, w3: Web3, administrator: LocalAccount) -> Deployment:
     """The organization to leave: the one that was being left, else the recorded one."""
+    if (left := contracts.being_left(site, w3)) is not None:
+        return left
     with translated():
         chain_id, genesis_hash = w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex()
-    left = contracts.left_folder(site)
-    try:
-        former = Deployment.load(left, chain_id)
-    except NotDeployed:
-        # Its code may be that of another release.
-        former = Deployment.load(site.data_dir, chain_id)
-        if former.genesis_hash == genesis_hash:
-            _require_movable(site, w3, former, administrator)
-            former.save(left)
+    # Its code may be that of another release.
+    former = Deployment.load(site.data_dir, chain_id)
     if former.genesis_hash != genesis_hash:
         raise NotDeployed("the recorded contracts are on another chain", chain_id=chain_id)
+    _require_movable(site, w3, former, administrator)
+    former.save(contracts.left_folder(site))
     return former
 
 
@@ -192,16 +190,32 @@ def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event
         say(f"no more tasks of {kind}")
 
 
-def _require_no_tasks(client: ChainClient) -> None:
+def _require_none_runs(client: ChainClient) -> None:
+    """Those that wait for a service do not count: anybody may post one that nobody ever does."""
     tasks = ((number, client.task(number)) for number in range(1, client.task_count() + 1))
-    live = {number: task for number, task in tasks if task.state in _LIVE}
-    if live:
+    running = {number: task for number, task in tasks if task.state in _RUNNING}
+    if running:
         raise TasksRunOn(
-            f"{len(live)} tasks have not ended. They go on as before; those that wait can be cancelled. Run "
-            "this command again later",
-            tasks=sorted(live),
-            last_deadline_s=max(task.deadline for task in live.values()),
+            f"{len(running)} tasks have not ended and go on as before: run this command again later",
+            tasks=sorted(running),
+            last_deadline_s=max(task.deadline for task in running.values()),
         )
+
+
+def _cancel(client: ChainClient, administrator: LocalAccount, say: Say) -> None:
+    """The organization's own tasks that still wait. Others get their rewards back when they cancel theirs."""
+    others = 0
+    for number in range(1, client.task_count() + 1):
+        task = client.task(number)
+        if task.state is not TaskState.OPEN:
+            continue
+        if task.creator == client.organization:
+            client.send(administrator, client.organization_calls.cancel_task(number))
+            say(f"task {number}, for which nobody was found, is cancelled")
+        else:
+            others += 1
+    if others:
+        say(f"{others} waiting tasks belong to others: cancelling them gives their rewards back at any time")
 
 
 def _retire(site: Site, client: ChainClient, administrator: LocalAccount, say: Say) -> None:

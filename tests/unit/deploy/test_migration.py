@@ -130,6 +130,22 @@ def test_while_a_task_runs_on_nothing_moves_and_no_other_is_posted(lab: Lab) -> 
     assert lab.client.task(1).state is TaskState.SETTLED
 
 
+def test_tasks_that_nobody_does_hold_up_nobody_and_cost_nobody_anything(lab: Lab) -> None:
+    """Else whoever posts one would keep the organization where it is."""
+    old, amount = lab.client, IEC.to_units(Decimal(1))
+    lab.judge()
+    lab.send(lab.robot, old.calls.transfer(lab.stranger.address, amount))
+    old.send(lab.stranger, old.calls.approve(old.task_manager, amount))
+    old.send(lab.stranger, old.calls.register_task(lab.request(1)))
+    lab.post(1)
+    treasury = old.balance(old.organization)
+    lab.migrate()
+    assert old.task(2).state is TaskState.OPEN and old.task(3).state is TaskState.CANCELLED
+    assert lab.new().balance(lab.new().organization) == treasury + amount
+    old.send(lab.stranger, old.calls.cancel_task(2))
+    assert old.balance(lab.stranger.address) == amount and old.balance(old.task_manager) == 0
+
+
 def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
     old = lab.client
     with pytest.raises(TasksRunOn):
