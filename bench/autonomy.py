@@ -146,7 +146,7 @@ def _items(
 def _can_be_cleaned(site: Site, floor: Floor, items: list[ItemConfig]) -> bool:
     """Whether there is a way to each item and from there to the bin while all of them lie about."""
     places = [(item.pose.x_m, item.pose.y_m) for item in items]
-    lab, start, end = Map.of(site, places), site.robots[0].pose, BinLayout(site.bins[0]).parking
+    lab, start, end = Map.of(site).with_items(places), site.robots[0].pose, BinLayout(site.bins[0]).parking
 
     def way(here: Pose2, there: Pose2) -> bool:
         try:

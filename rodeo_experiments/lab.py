@@ -134,14 +134,15 @@ def is_reachable(site: Site, floor: Floor, place: Point, lying: Collection[Point
 def keep_clear(site: Site, homes: Collection[Pose2]) -> bool:
     """Whether a robot finds a way from each of these places to every bin and dock while others rest at the
     other ones."""
+    floor = Map.of(site)
     ends = [*(BinLayout(one).parking for one in site.bins), *map(dock_parking, site.docks)]
-    return all(_way(Map.of(site, _outlines(homes, home)), home, end) for home in homes for end in ends)
+    return all(_way(floor.with_items(_outlines(homes, home)), home, end) for home in homes for end in ends)
 
 
 def _is_reachable_from(
     site: Site, floor: Floor, start: Pose2, place: Point, lying: Collection[Point]
 ) -> bool:
-    lab = Map.of(site, [place, *lying])
+    lab = Map.of(site).with_items([place, *lying])
     ends = [BinLayout(one).parking for one in site.bins]
     try:
         stands = floor.grasp_poses(place, lying, start)

@@ -139,11 +139,11 @@ class Actions:
     def _look(self) -> tuple[Pose2, Map]:
         simulation, robot = self._simulation, self._robot
         seen = [(float(x), float(y)) for x, y in robot.unmapped(simulation.map, simulation.time_ns)]
-        return robot.body.pose, Map.of(simulation.site, [*simulation.items_on_floor(), *seen])
+        return robot.body.pose, simulation.map.with_items([*simulation.items_on_floor(), *seen])
 
     def _possible(self, here: Pose2, goal: Pose2) -> bool:
         try:
-            plan(Map.of(self._simulation.site), here, goal)
+            plan(self._simulation.map, here, goal)
         except PlanningFailed:
             return False
         return True

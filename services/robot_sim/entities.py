@@ -103,8 +103,9 @@ class Entities:
             self._told[name].append(state)
         self.settle(model, data)
 
-    def advance(self, model: mujoco.MjModel, data: mujoco.MjData, time_ns: int) -> None:
-        """Show what is told to move where it was a moment ago."""
+    def advance(self, model: mujoco.MjModel, data: mujoco.MjData, time_ns: int) -> bool:
+        """Show what is told to move where it was a moment ago. Whether there is something."""
+        moving = bool(self._told)
         shown_ns = time_ns - _DELAY_NS
         for name, told in list(self._told.items()):
             while len(told) > 1 and told[1].time_ns <= shown_ns:
@@ -112,6 +113,7 @@ class Entities:
             self._put(model, data, name, between(told[0], told[min(1, len(told) - 1)], shown_ns))
             if shown_ns - told[-1].time_ns > _SILENT_NS:
                 del self._told[name]
+        return moving
 
     def _put(self, model: mujoco.MjModel, data: mujoco.MjData, name: str, state: EntityState) -> None:
         if name in self._items:

@@ -7,7 +7,7 @@ checked with its true rectangle.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -32,6 +32,8 @@ STRAIGHT_IN_M = 0.45
 LONGEST_STRAIGHT_M = 2.0
 ITEM_RADIUS_M = 0.05
 """How far a piece of trash may reach from its centre, for driving around it."""
+_AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(1, -1, 2)
+"""(1, 25, 2) cells around one that an item in it may reach."""
 _ROUNDED_M = -CELL_M
 """Margin for who stands beside something: on the map that is larger by up to its radius and half a cell."""
 
@@ -91,8 +93,8 @@ class Map:
         self.distance_m = distance_transform_edt(~padded)[1:-1, 1:-1] * CELL_M
 
     @classmethod
-    def of(cls, site: LabSite, items: Iterable[Point2] = ()) -> "Map":
-        """The site's fixed things plus items on the floor at the given positions."""
+    def of(cls, site: LabSite) -> "Map":
+        """The site's fixed things."""
         columns, rows = (round(size / CELL_M) for size in site.lab.size_m)
         x, y = np.meshgrid((np.arange(columns) + 0.5) * CELL_M, (np.arange(rows) + 0.5) * CELL_M)
         occupied = np.zeros((rows, columns), dtype=bool)
@@ -108,9 +110,18 @@ class Map:
             middle = ahead(dock.pose, -0.085)
             box = Pose2(x_m=middle[0], y_m=middle[1], yaw_rad=dock.pose.yaw_rad)
             occupied |= _rectangle(x, y, box, 0.085, 0.25)
-        for item in items:
-            occupied |= np.hypot(x - item[0], y - item[1]) <= ITEM_RADIUS_M
         return cls(occupied)
+
+    def with_items(self, items: Sequence[Point2]) -> "Map":
+        """The same floor with an item at each of these places."""
+        places = np.reshape(items, (-1, 1, 2))
+        # Columns first, as x comes first; only cells that an item can reach are looked at.
+        cells = np.floor(places / CELL_M).astype(int) + _AROUND
+        near = np.hypot(*np.moveaxis((cells + 0.5) * CELL_M - places, 2, 0)) <= ITEM_RADIUS_M
+        columns, rows = cells[near & (cells >= 0).all(axis=2) & (cells < self.occupied.T.shape).all(axis=2)].T
+        occupied = self.occupied.copy()
+        occupied[rows, columns] = True
+        return Map(occupied)
 
     def without(self, robot: Pose2) -> "Map":
         """The same floor with nothing where this robot stands: what is seen there touches it from outside."""

@@ -246,7 +246,8 @@ class Simulation:
             if look:
                 robot.watch(self.map, self.time_ns)
             robot.step(now_s)
-        self.entities.advance(self.model, self.data, self.time_ns + PERIOD_NS)
+        if self.entities.advance(self.model, self.data, self.time_ns + PERIOD_NS):
+            self.steps.look_again()
         self.steps.advance()
         self.time_ns += PERIOD_NS
         for robot in self.robots.values():
@@ -341,6 +342,7 @@ class Simulation:
     def place(self, entity: str, state: EntityState) -> None:
         """Put an item, an obstacle or a robot that is not simulated somewhere. Raises UnknownEntity."""
         self.entities.place(self.model, self.data, entity, state, self.time_ns)
+        self.steps.look_again()
         for robot in self.robots.values():
             robot.look_again()
 
@@ -372,6 +374,7 @@ class Simulation:
         mujoco.mj_setState(self.model, self.data, row[:size].copy(), _MJ_STATE)
         self.entities.settle(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
+        self.steps.look_again()
         switches, rest = np.split(row[size:], [2 * len(self.supplies)])
         for supply, (enabled, finished) in zip(self.supplies.values(), switches.reshape(-1, 2), strict=True):
             supply.enabled, supply.finished = bool(enabled), bool(finished)

@@ -20,13 +20,11 @@ from rodeo.lab.world import (
     WHEEL_JOINTS,
 )
 
-WIDE_S = 0.009
-"""Two of them and one of TIMESTEP_S make a control period: what is measured at its end, which MuJoCo takes
-before a step, is as old as ever. The tyres' contacts, with a time constant of 50 ms, bear it."""
-HOLDING_S = 0.003
-"""Six of them and one of TIMESTEP_S, while something rests in a closed gripper. MuJoCo gives a contact a time
-constant of at least two steps: in wider ones the pads, which have 6 ms, would be softer, and give way anew in
-each period."""
+WIDE_S = CONTROL_PERIOD_S / 2
+"""The tyres' contacts, with a time constant of 50 ms, bear it."""
+HOLDING_S = CONTROL_PERIOD_S / 7
+"""While something rests in a closed gripper. MuJoCo gives a contact a time constant of at least two steps: in
+wider ones the pads, which have 6 ms, would be softer than in those of TIMESTEP_S, and give way."""
 BASE_NEAR_M = 0.7
 """Between a moving base's centre and an item, over the floor: the base's corners are 0.59 m from it."""
 HAND_NEAR_M = 0.25
@@ -87,6 +85,8 @@ class Steps:
         bases = [model.body(f"{robot}/base_link").id for robot in robots]
         self._near = np.array([*self._items, *bases], int)
         self._hands = np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int)
+        self._looked_s: float | None = None
+        """For steps of which width the world was looked at as it is now."""
 
     @property
     def rests(self) -> bool:
@@ -95,7 +95,7 @@ class Steps:
 
     @property
     def width_s(self) -> float:
-        """Of all steps of the next control period but its last."""
+        """Of all steps of the next control period."""
         if self._gripping():
             return TIMESTEP_S
         speed, still, held = np.abs(self._velocity), self._still, []
@@ -119,8 +119,7 @@ class Steps:
     def _within_reach(self) -> list[tuple[int, int, float]]:
         """(item, robot, distance in m over the floor) of what a hand may reach.
 
-        Places are from before the last step: by a few millimetres of a moving base. They are few, so that
-        plain numbers are faster than arrays.
+        They are few, so that plain numbers are faster than arrays.
         """
         places_m = self._bodies_m[self._near].tolist()
         count = len(self._items)
@@ -138,13 +137,20 @@ class Steps:
         return min(map(abs, self._position[self._fingers[robot]].tolist())) < HOLDS_BELOW_M
 
     def advance(self) -> None:
-        """One control period."""
+        """One control period, up to a look at where everything is then and what it touches: all that is
+        measured is of the period's end. The next one's first step need not look again."""
         model, data, width_s = self._model, self._data, self.width_s
-        count = round((CONTROL_PERIOD_S - TIMESTEP_S) / width_s)
-        if width_s == TIMESTEP_S:
-            mujoco.mj_step(model, data, nstep=count + 1)
-            return
-        model.opt.timestep = width_s
-        mujoco.mj_step(model, data, nstep=count)
-        model.opt.timestep = TIMESTEP_S
-        mujoco.mj_step(model, data)
+        if width_s != self._looked_s:
+            self._look(width_s)
+        mujoco.mj_step2(model, data)
+        mujoco.mj_step(model, data, nstep=round(CONTROL_PERIOD_S / width_s) - 1)
+        mujoco.mj_step1(model, data)
+
+    def look_again(self) -> None:
+        """Something was put somewhere."""
+        self._looked_s = None
+
+    def _look(self, width_s: float) -> None:
+        """How stiff a contact is depends on how wide the step is."""
+        self._model.opt.timestep = self._looked_s = width_s
+        mujoco.mj_step1(self._model, self._data)

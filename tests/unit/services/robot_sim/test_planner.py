@@ -67,7 +67,7 @@ def test_the_dock_can_be_reached_and_left(site: Site, lab: Map) -> None:
 def test_items_on_the_floor_are_driven_around(site: Site) -> None:
     start, goal = Pose2(x_m=1.4, y_m=1.3), Pose2(x_m=4.6, y_m=1.3)
     free = plan(Map.of(site), start, goal)
-    with_item = plan(Map.of(site, [(3.0, 1.2)]), start, goal)
+    with_item = plan(Map.of(site).with_items([(3.0, 1.2)]), start, goal)
     assert with_item.length_m > free.length_m + 0.05
 
 
@@ -88,7 +88,7 @@ def test_a_goal_inside_furniture_is_refused(site: Site, lab: Map) -> None:
 def test_a_goal_behind_a_barrier_is_refused(site: Site) -> None:
     barrier = [(3.9, y / 10) for y in range(0, 51, 2)]
     with pytest.raises(NoValidPath) as caught:
-        plan(Map.of(site, barrier), START, Pose2(x_m=5.5, y_m=3.0))
+        plan(Map.of(site).with_items(barrier), START, Pose2(x_m=5.5, y_m=3.0))
     assert caught.value.error_code == 208
 
 
@@ -100,7 +100,7 @@ def test_a_robot_beside_something_drives_away_from_it_unless_it_stands_in_it(
     side_m = HALF_WIDTH_M + beside_m
     # Another robot's flank, as the lidar sees it.
     flank = [ahead(start, along_m / 100, side_m) for along_m in range(-40, 45, 5)]
-    lab = Map.of(site, flank)
+    lab = Map.of(site).with_items(flank)
     assert not lab.fits(start, margin_m=0.0)
     if beside_m < 0:
         with pytest.raises(NoValidPath, match="boxed in"):
@@ -117,7 +117,7 @@ def test_a_robot_that_is_touched_at_a_corner_drives_away_along_its_heading(site:
     sides = [(corner[0] - k / 20, corner[1]) for k in range(9)] + [
         (corner[0], corner[1] - k / 20) for k in range(9)
     ]
-    lab = Map.of(site, sides)
+    lab = Map.of(site).with_items(sides)
     assert not lab.fits(start, margin_m=-CELL_M)
     route = plan(lab, start, goal)
     assert lab.can_turn(route.depart.x_m, route.depart.y_m)

@@ -12,6 +12,7 @@ from rodeo.lab.body import Twist2
 from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.lab.world import CONTROL_PERIOD_S, TIMESTEP_S
 from services.robot_sim.arm import Grip, Motion, Waypoint
+from services.robot_sim.entities import EntityState
 from services.robot_sim.simulation import SimRobot, Simulation
 from services.robot_sim.steps import BASE_NEAR_M, HAND_NEAR_M, HOLDING_S, WIDE_S, Steps
 from tests.support.site import LAB
@@ -87,7 +88,25 @@ def test_a_control_period_lasts_as_long_by_wide_steps(simulation: Simulation) ->
     before_s = simulation.data.time
     simulation.step()
     assert simulation.data.time - before_s == pytest.approx(CONTROL_PERIOD_S)
-    assert simulation.model.opt.timestep == TIMESTEP_S
+
+
+def test_all_that_is_measured_is_of_the_end_of_the_period(simulation: Simulation) -> None:
+    now = mujoco.MjData(simulation.model)
+    for period in range(100):
+        the_robot(simulation).command(Twist2(0.3, 0.5 if period < 60 else -0.5), simulation.moved_s)
+        simulation.step()
+        now.qpos[:], now.qvel[:] = simulation.data.qpos, simulation.data.qvel
+        mujoco.mj_step1(simulation.model, now)
+        assert np.abs(simulation.data.xpos - now.xpos).max() < 1e-12
+        assert simulation.data.sensordata == pytest.approx(now.sensordata, abs=1e-12)
+
+
+def test_what_is_put_somewhere_is_there_in_the_next_step(simulation: Simulation) -> None:
+    above_m = simulation.item_pose(HELD)[0] + np.array([0.0, 0.0, 1.0])
+    simulation.place(HELD, EntityState(above_m, np.array([1.0, 0.0, 0.0, 0.0])))
+    simulation.step()
+    # Free fall, without what the floor pushed a moment ago.
+    assert simulation.data.joint(HELD).qvel[2] == pytest.approx(-9.81 * CONTROL_PERIOD_S, rel=1e-3)
 
 
 def test_a_base_near_an_item_is_stepped_narrowly_before_it_touches_it(simulation: Simulation) -> None:

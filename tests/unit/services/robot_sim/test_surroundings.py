@@ -59,7 +59,7 @@ def test_a_drive_stops_before_an_obstacle_and_another_route_leads_around_it(
     assert math.dist((robot.body.pose.x_m, robot.body.pose.y_m), (2.9, 0.75)) > 0.6
 
     seen = [(float(x), float(y)) for x, y in robot.unmapped(simulation.map, simulation.time_ns)]
-    around = Drive(plan(Map.of(simulation.site, seen), robot.body.pose, goal), lambda: False)
+    around = Drive(plan(Map.of(simulation.site).with_items(seen), robot.body.pose, goal), lambda: False)
     robot.base.follow(around)
     for _ in range(50 * 60):
         simulation.step()
