@@ -180,9 +180,9 @@ def _context(site_kinds: tuple[str, ...]) -> ForkServerContext:
     context = multiprocessing.get_context("forkserver")
     # The fork server passes over what it cannot import: few kinds have a `preload`.
     loaded = [name for checks in site_kinds for name in (checks, f"{checks}.preload")]
-    context.set_forkserver_preload(
-        ["services.oracle.worker", "rodeo.checks.verify", *loaded, "services.oracle.preload"]
-    )
+    # The oracle's own is there for each child, which runs the oracle's main module again.
+    own = ["services.oracle.worker", "services.oracle.process", "rodeo.checks.verify"]
+    context.set_forkserver_preload([*own, *loaded, "services.oracle.preload"])
     return context
 
 
