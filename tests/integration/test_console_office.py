@@ -215,11 +215,9 @@ def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) 
     open_page(page, "/services")
     expect(row(page, "Services on offer", "90 IEC")).to_be_visible()
     open_page(page, "/tasks/new")
-    expect(page.get_by_label("East, x (m)")).not_to_have_value("")
+    page.get_by_label("Reward (IEC)").fill("0.25")
     page.get_by_role("combobox", name="Service").click()
     page.get_by_role("option", name=re.compile(r"any of panther1 \(\d services\)")).click()
-    # Last, as what is typed in a page's first moment can be lost.
-    page.get_by_label("Reward (IEC)").fill("0.25")
     expect(page.get_by_text("The cheapest service of this provider costs 90 IEC")).to_be_visible()
     page.get_by_role("checkbox", name="Queue it if every service costs more").click()
     expect(page.get_by_text("The cheapest service")).to_have_count(0)
@@ -232,6 +230,18 @@ def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) 
     expect(page.locator(".page-head .badge")).to_have_text("open")
     desk.cancel(int(page.url.rsplit("/", 1)[1]))
     desk.dao.command("panther1", "update_service", service_id=second, state="retired")
+    page.close()
+
+
+def test_what_is_typed_before_a_page_listens_stays(desk: Office) -> None:
+    page = desk.page("ada")
+    for _ in range(3):
+        page.goto("/tasks/new", wait_until="commit")
+        page.get_by_label("Reward (IEC)").fill("0.25")
+        there(page, "Post a task")
+        # The server has heard of it, and has said all that it had to say.
+        expect(page.get_by_text("The cheapest service of this kind costs")).to_be_visible()
+        expect(page.get_by_label("Reward (IEC)")).to_have_value("0.25")
     page.close()
 
 

@@ -210,7 +210,11 @@ class PostForm:
                         for place in (params.field("map-x"), params.field("map-y")):
                             if place is not None:
                                 place.on_value_change(self._typed)
-                    self.reward = ui.input("Reward (IEC)", on_change=self._changed)
+                    # Proposed at once: an input that is given its text later says so once the page listens,
+                    # over what was typed until then.
+                    self.reward = ui.input(
+                        "Reward (IEC)", value=self._usual_reward(), on_change=self._changed
+                    )
                     self.window = ui.number("Time to do it (min)", min=1, max=10080, on_change=self._changed)
                     self.attempts = ui.number("Attempts", min=1, max=20, precision=0, on_change=self._changed)
                     self.attempts.value = site.economy.max_attempts
@@ -271,13 +275,17 @@ class PostForm:
         """The fields of the kind that is chosen."""
         return self._parameters.get(self.kind.value, self._others)
 
+    def _usual_reward(self) -> str:
+        """What the kind usually costs; empty where that is not known."""
+        chosen = self._console.kinds.get(self.kind.value)
+        return str(chosen.price_iec) if chosen is not None and chosen.price_iec else ""
+
     def _kind_chosen(self) -> None:
         """Propose what the kind usually costs and takes."""
         chosen = self._console.kinds.get(self.kind.value)
         if chosen is not None:
             self.window.value = chosen.execution_window_s / 60
-            if chosen.price_iec:
-                self.reward.value = str(chosen.price_iec)
+            self.reward.value = self._usual_reward() or self.reward.value
         self._offer_rules()
         self._offer_services()
         self._item_chosen()
