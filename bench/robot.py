@@ -60,6 +60,8 @@ PHYSICS_S = 20.0
 """Simulated."""
 PICTURES = 20
 MOTIONS = 30
+STANDS = 25
+"""Messages of odometry after which a base that shows no speed stands: one that stops rocks before."""
 _READY_S = 60.0
 
 
@@ -143,15 +145,17 @@ def _running() -> Iterator[tuple[Site, Bus, SimClock]]:
 def _latency(site: Site, bus: Bus, clock: SimClock) -> dict[str, float]:
     node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
     moving, standing = threading.Event(), threading.Event()
-    moved_s = 0.0
+    moved_s, stood = 0.0, 0
 
     def on_odometry(message: Any, _info: MessageInfo) -> None:
-        nonlocal moved_s
+        nonlocal moved_s, stood
         twist = message.twist.twist
-        if twist.linear.x == 0.0 and twist.angular.z == 0.0:
+        still = twist.linear.x == 0.0 and twist.angular.z == 0.0
+        stood = stood + 1 if still else 0
+        if stood == STANDS:
             moving.clear()
             standing.set()
-        elif not moving.is_set():
+        elif not still and standing.is_set():
             moved_s = time.perf_counter()
             standing.clear()
             moving.set()

@@ -13,6 +13,7 @@ from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.lab.world import CONTROL_PERIOD_S, TIMESTEP_S
 from services.robot_sim.arm import Grip, Motion, Waypoint
 from services.robot_sim.entities import EntityState
+from services.robot_sim.navigation import STANDING_M_S
 from services.robot_sim.simulation import SimRobot, Simulation
 from services.robot_sim.steps import BASE_NEAR_M, HAND_NEAR_M, HOLDING_S, WIDE_S, Steps
 from tests.support.site import LAB
@@ -225,6 +226,26 @@ def test_wide_steps_drive_a_base_to_where_narrow_ones_do(
     narrow = the_robot(narrow_one).body.pose
     assert math.dist((wide.x_m, wide.y_m), (narrow.x_m, narrow.y_m)) < 0.05
     assert abs(wide.yaw_rad - narrow.yaw_rad) < 0.1
+
+
+def test_a_base_that_stops_by_wide_steps_rocks_little_longer_than_by_narrow_ones(
+    simulation: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stands_after_s(one: Simulation) -> float:
+        the_robot(one).command(Twist2(0.5, 0.0), one.moved_s)
+        speeds_m_s = []
+        for _ in range(150):
+            one.step()
+            speeds_m_s.append(abs(the_robot(one).body.wheel_twist.linear_m_s))
+        assert max(speeds_m_s) > 0.3
+        return float(np.flatnonzero(np.array(speeds_m_s) > STANDING_M_S)[-1]) * CONTROL_PERIOD_S
+
+    wide_s = stands_after_s(simulation)
+    narrow_one = Simulation(Site.load(LAB), START_NS)
+    monkeypatch.setattr(Steps, "width_s", TIMESTEP_S)
+    for _ in range(50):
+        narrow_one.step()
+    assert wide_s < stands_after_s(narrow_one) + 0.3
 
 
 def test_a_restored_world_steps_as_the_saved_one_goes_on(simulation: Simulation) -> None:
