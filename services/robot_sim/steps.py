@@ -21,8 +21,8 @@ from rodeo.lab.world import (
 )
 
 WIDE_S = CONTROL_PERIOD_S / 3
-"""The tyres' contacts, with a time constant of 50 ms, bear it: a base that stops rocks for 0.2 s longer than by
-steps of TIMESTEP_S. Of 10 ms it would be 0.5 s."""
+"""The tyres' contacts, with a time constant of 50 ms, bear it: a base that stops rocks for 0.2 s longer than
+by steps of TIMESTEP_S. Of 10 ms it would be 0.5 s."""
 HOLDING_S = CONTROL_PERIOD_S / 7
 """While something rests in a closed gripper. MuJoCo gives a contact a time constant of at least two steps: in
 wider ones the pads, which have 6 ms, would be softer than in those of TIMESTEP_S, and give way."""
