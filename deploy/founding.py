@@ -23,7 +23,7 @@ from web3.utils import get_create_address
 
 from rodeo import wallets
 from rodeo.chain import Deployment, Policy, artifacts, registry, transactions
-from rodeo.chain.errors import translated
+from rodeo.chain.errors import ContractReverted, TransactionFailed, translated
 from rodeo.chain.registry import Part, Registry
 from rodeo.config import Site
 from rodeo.errors import ConfigError, RodeoError
@@ -141,7 +141,12 @@ def ensure_registry(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Re
     if has_proxy:
         found = Registry(w3, registry.known_address())
         if not found.is_there:
-            transactions.send(w3, founder, to=registry.PROXY, data=registry.creation_data())
+            try:
+                transactions.send(w3, founder, to=registry.PROXY, data=registry.creation_data())
+            except (ContractReverted, TransactionFailed):
+                # It can be put there once, by anybody.
+                if not found.is_there:
+                    raise
             say(f"{artifacts.REGISTRY} at {found.address}")
         return found
     code = HexStr("0x" + registry.creation_code().hex())

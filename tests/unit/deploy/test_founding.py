@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from eth_account.signers.local import LocalAccount
 from web3 import Web3
+from web3.types import TxReceipt
 
 from deploy import contracts, founding
 from rodeo import wallets
@@ -205,6 +207,27 @@ def test_without_the_proxy_a_registry_is_put_on_the_chain_and_others_name_it(
         first.org,
         second.org,
     ]
+
+
+def test_a_registry_that_somebody_else_puts_there_first_is_the_one(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    w3 = connect(site.chain.url)
+    wallets.ensure_wallets(site)
+    other = wallets.load(site, "panther1")
+    contracts._fund(w3, [other.address])
+    send, ahead = transactions.send, 0
+
+    def overtaken(w3: Web3, account: LocalAccount, **message: Any) -> TxReceipt:
+        nonlocal ahead
+        if message.get("to") == registry.PROXY:
+            ahead += send(w3, other, **message)["status"]
+        return send(w3, account, **message)
+
+    monkeypatch.setattr(founding.transactions, "send", overtaken)
+    told(site)
+    assert record(site).registry == registry.known_address()
+    assert ahead == 1
 
 
 def test_a_registry_of_other_code_is_not_taken_for_this_one(site: Site) -> None:
