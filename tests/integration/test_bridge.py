@@ -1038,6 +1038,7 @@ def test_an_index_that_was_lost_is_rebuilt_from_the_chain(own_dao: Dao) -> None:
     assert (dao.state("events"), dao.state("tasks"), dao.state("services"), dao.state("wallets")) == before
 
 
+@pytest.mark.long
 def test_a_value_that_was_changed_in_the_index_is_not_told_for_truth(own_dao: Dao) -> None:
     dao = own_dao
     (path,) = Path(dao.site.data_dir / "bridge").rglob("index.sqlite")

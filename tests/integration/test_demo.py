@@ -95,6 +95,7 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path, chain_backend: str, run
     assert left_behind(tmp_path) == []
 
 
+@pytest.mark.long
 def test_processes_end_with_a_launcher_that_was_killed(tmp_path: Path, chain_backend: str) -> None:
     out = tmp_path / "demo"
     demo = start_demo(out, chain_backend)

@@ -286,6 +286,7 @@ def indexed(life: Life, logs: list[Log], time_s: Callable[[int], int]) -> Index:
     return index
 
 
+@pytest.mark.long
 def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     life.prepare()
     for _ in range(STEPS):
