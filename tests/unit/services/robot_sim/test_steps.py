@@ -103,10 +103,18 @@ def test_all_that_is_measured_is_of_the_end_of_the_period(simulation: Simulation
 
 
 def test_what_is_put_somewhere_is_there_in_the_next_step(simulation: Simulation) -> None:
-    above_m = simulation.item_pose(HELD)[0] + np.array([0.0, 0.0, 1.0])
-    simulation.place(HELD, EntityState(above_m, np.array([1.0, 0.0, 0.0, 0.0])))
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    floor_m = simulation.item_pose(HELD)[0].copy()
+    simulation.place(HELD, EntityState(floor_m + np.array([0.0, 0.0, 0.002]), level))
     simulation.step()
-    # Free fall, without what the floor pushed a moment ago.
+    while simulation.steps.width_s != WIDE_S:
+        simulation.step()
+    simulation.step()
+    # It lies there and is not asleep yet: what pushes it up was found a moment ago.
+    assert np.abs(simulation.data.joint(HELD).qvel).max() > 0
+    simulation.place(HELD, EntityState(floor_m + np.array([0.0, 0.0, 1.0]), level))
+    assert simulation.steps.width_s == WIDE_S
+    simulation.step()
     assert simulation.data.joint(HELD).qvel[2] == pytest.approx(-9.81 * CONTROL_PERIOD_S, rel=1e-3)
 
 
