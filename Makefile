@@ -75,6 +75,7 @@ test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forger
 symbolic: $(SOLVER)/stamp node_modules/.stamp  ## what a task pays, by a solver: for all amounts, bonds and penalties
 	@node contracts/symbolic.mjs
 
+test-contracts-long: export FOUNDRY_INVARIANT_RUNS = 256
 test-contracts-long: node_modules/.stamp symbolic
 	@$(call FORGE,--match-contract $(LONG_CONTRACTS))
 

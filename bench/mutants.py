@@ -1,6 +1,6 @@
 """Bugs planted into the contracts, and how many of them the invariants and the solver find.
 
-It takes more than an hour: each bug is compiled.
+It takes about an hour on two cores: each bug is compiled.
 """
 
 from __future__ import annotations

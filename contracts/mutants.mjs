@@ -1,49 +1,73 @@
 // Plants the bugs of contracts/test/mutants and contracts/symbolic/mutants, one at a time, into a copy of the contracts,
 // and fails unless the invariants, or the solver, find each of them (and nothing in the contracts as they are):
 //   node contracts/mutants.mjs [NAME...]
-import { spawnSync } from "node:child_process";
-import { cpSync, mkdtempSync, readFileSync, readdirSync, rmSync, symlinkSync } from "node:fs";
-import { tmpdir } from "node:os";
+// As many bugs are looked for at a time as there are processors.
+import { execFile, spawnSync } from "node:child_process";
+import { cpSync, mkdtempSync, readdirSync, rmSync, symlinkSync } from "node:fs";
+import { availableParallelism, tmpdir } from "node:os";
 import { basename, dirname, join } from "node:path";
 import { argv } from "node:process";
 import { fileURLToPath } from "node:url";
 import { symbolic } from "./symbolic.mjs";
 
-const LIMIT_MS = 15 * 60_000;
+const LIMIT_MS = 30 * 60_000;
+// Most bugs show in a few runs. Some need terms, a proof and a silent oracle to come together.
+const RUNS = [16, 128, 512];
 
 const root = dirname(dirname(fileURLToPath(import.meta.url)));
 const wanted = argv.slice(2);
-const copy = mkdtempSync(join(tmpdir(), "rodeo-mutants-"));
-const source = (path) => cpSync(join(root, path), join(copy, path), { recursive: true });
 
-/** What the invariants find: the names of those that fail. Throws when the copy does not compile or run. */
-function broken() {
-  const { status, stdout, stderr, error } = spawnSync(
-    "node",
-    [join(copy, "contracts", "forge.mjs"), "test", "--fail-fast", "--match-path", "contracts/test/invariant/*"],
-    {
-      cwd: copy,
-      // Many runs: some bugs need terms, a proof and a silent oracle to come together.
-      env: {
-        ...process.env,
-        FOUNDRY_OPTIMIZER: "false",
-        FOUNDRY_INVARIANT_RUNS: "128",
-        FOUNDRY_INVARIANT_SHRINK_RUN_LIMIT: "0",
-      },
-      encoding: "utf8",
-      timeout: LIMIT_MS,
-      maxBuffer: 1 << 28,
-    },
-  );
-  if (error) throw error;
-  const failed = new Set([...stdout.matchAll(/^(?:\[FAIL.*\])? (\w+)\(\) \(runs/gm)].map((match) => match[1]));
-  if (!/Ran \d+ test suite/.test(stdout)) throw new Error(`forge did not run:\n${stdout}\n${stderr}`);
-  if ((status === 0) !== (failed.size === 0)) throw new Error(`forge ended with ${status}:\n${stdout.slice(0, 4000)}`);
-  return [...failed];
+/** A copy of the contracts, in which bugs can be planted. */
+function copied() {
+  const copy = mkdtempSync(join(tmpdir(), "rodeo-mutants-"));
+  const support = ["Fixture.sol", "Committee.sol", "Instances.sol", "PlainToken.sol", "Possession.sol", "Signing.sol"];
+  const tests = [...support, "invariant"].map((path) => join("contracts", "test", path));
+  const programs = ["contracts/forge.mjs", "contracts/solc.mjs"];
+  for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/symbolic", ...tests, ...programs]) {
+    cpSync(join(root, path), join(copy, path), { recursive: true });
+  }
+  symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
+  return copy;
 }
 
-/** What the solver finds: the names of the checks that do not hold. */
-function refuted() {
+/** What forge says of the invariants of this copy in so many runs: exit status and output. */
+function invariants(copy, runs) {
+  const options = {
+    cwd: copy,
+    env: {
+      ...process.env,
+      FOUNDRY_OPTIMIZER: "false",
+      FOUNDRY_INVARIANT_RUNS: `${runs}`,
+      FOUNDRY_INVARIANT_SHRINK_RUN_LIMIT: "0",
+    },
+    timeout: LIMIT_MS,
+    maxBuffer: 1 << 28,
+  };
+  const forge = [join(copy, "contracts", "forge.mjs"), "test", "--fail-fast"];
+  return new Promise((resolve, reject) => {
+    execFile("node", [...forge, "--match-path", "contracts/test/invariant/*"], options, (error, stdout, stderr) => {
+      if (error && typeof error.code !== "number") reject(error);
+      else resolve({ status: error ? error.code : 0, stdout, stderr });
+    });
+  });
+}
+
+/** Which invariants of this copy fail, and how. Throws when the copy does not compile or run. */
+async function broken(copy) {
+  for (const runs of RUNS) {
+    const { status, stdout, stderr } = await invariants(copy, runs);
+    if (!/Ran \d+ test suite/.test(stdout)) throw new Error(`forge did not run:\n${stdout}\n${stderr}`);
+    const [results] = stdout.split("\nFailing tests:");
+    const failed = results.matchAll(/^\[FAIL(?:: (.*?))?\](?:\n\t.*)*\s+(\w+)\(\) \(runs/gm);
+    const found = [...failed].map(([, reason, name]) => `${name}: ${reason ?? "no reason"}`);
+    if ((status === 0) !== (found.length === 0)) throw new Error(`forge ended with ${status}:\n${stdout.slice(0, 4000)}`);
+    if (found.length > 0) return found;
+  }
+  return [];
+}
+
+/** What the solver finds in this copy: the names of the checks that do not hold. */
+function refuted(copy) {
   const { status, stdout } = symbolic(copy, { encoding: "utf8", timeout: LIMIT_MS, maxBuffer: 1 << 28 });
   // Unless the solver ends, it has found nothing.
   if (/\[TIMEOUT\]/.test(stdout)) throw new Error(`halmos did not come to an end:\n${stdout}`);
@@ -53,39 +77,53 @@ function refuted() {
   return failed;
 }
 
-/** How many bugs of this folder there are, and which of them `find` missed. */
-function plant(patches, find) {
-  const names = readdirSync(join(root, patches))
-    .filter((file) => file.endsWith(".patch"))
-    .map((file) => basename(file, ".patch"))
-    .filter((name) => wanted.length === 0 || wanted.includes(name));
+/** The bugs of this folder that are asked for. */
+function asked(patches) {
+  const names = readdirSync(join(root, patches)).filter((file) => file.endsWith(".patch"));
+  return names.map((file) => basename(file, ".patch")).filter((name) => wanted.length === 0 || wanted.includes(name));
+}
+
+/** How many bugs of this folder there are, and which of them `find` missed, looking for so many at a time. */
+async function plant(patches, find, abreast) {
+  const names = asked(patches);
   if (names.length === 0) return { planted: 0, missed: [] };
-  const found = find();
-  if (found.length > 0) throw new Error(`without a planted bug these fail: ${found}`);
   const missed = [];
-  for (const name of names) {
-    const patch = spawnSync("git", ["apply", join(root, patches, `${name}.patch`)], { cwd: copy, encoding: "utf8" });
-    if (patch.status !== 0) throw new Error(`${name} does not apply: ${patch.stderr}`);
-    const caught = find();
-    console.log(caught.length > 0 ? `caught  ${name}: ${caught.join(", ")}` : `MISSED  ${name}`);
-    if (caught.length === 0) missed.push(name);
+  const left = [null, ...names]; // null: without a bug nothing may be found.
+
+  async function look(copy, name) {
+    if (name !== null) {
+      const patch = spawnSync("git", ["apply", join(root, patches, `${name}.patch`)], { cwd: copy, encoding: "utf8" });
+      if (patch.status !== 0) throw new Error(`${name} does not apply: ${patch.stderr}`);
+    }
+    const found = await find(copy);
+    if (name === null) {
+      if (found.length > 0) throw new Error(`without a planted bug these fail: ${found}`);
+      return;
+    }
+    console.log(found.length > 0 ? `caught  ${name}: ${found.join(", ")}` : `MISSED  ${name}`);
+    if (found.length === 0) missed.push(name);
     rmSync(join(copy, "contracts", "src"), { recursive: true });
-    source("contracts/src");
+    cpSync(join(root, "contracts", "src"), join(copy, "contracts", "src"), { recursive: true });
   }
+
+  async function work() {
+    const copy = copied();
+    try {
+      for (let name = left.shift(); name !== undefined; name = left.shift()) await look(copy, name);
+    } finally {
+      left.length = 0; // After a failure nobody begins with another.
+      rmSync(copy, { recursive: true });
+    }
+  }
+
+  await Promise.all(Array.from({ length: Math.min(abreast, left.length) }, work));
   return { planted: names.length, missed };
 }
 
-let results;
-try {
-  for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/symbolic"]) source(path);
-  const support = ["Fixture.sol", "Committee.sol", "Instances.sol", "PlainToken.sol", "Possession.sol", "Signing.sol"];
-  for (const path of [...support, "invariant"]) source(join("contracts", "test", path));
-  for (const path of ["contracts/forge.mjs", "contracts/solc.mjs"]) source(path);
-  symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
-  results = [plant("contracts/test/mutants", broken), plant("contracts/symbolic/mutants", refuted)];
-} finally {
-  rmSync(copy, { recursive: true });
-}
+const results = [
+  await plant("contracts/test/mutants", broken, availableParallelism()),
+  await plant("contracts/symbolic/mutants", refuted, 1),
+];
 const planted = results.reduce((sum, result) => sum + result.planted, 0);
 const missed = results.flatMap((result) => result.missed);
 console.log(`${planted - missed.length} of ${planted} planted bugs caught`);

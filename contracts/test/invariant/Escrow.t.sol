@@ -47,120 +47,155 @@ contract EscrowInvariants is Fixture {
         targetContract(address(_handler));
     }
 
-    /// @notice The escrow holds the rewards of live tasks and the bonds, no more and no less: terminal tasks and
-    /// services that have gone hold nothing.
-    function invariant_escrowEqualsLiveRewardsAndBonds() public view {
+    /// @notice What holds after each call, whatever was called before. One campaign asks for all of it: most of the time of
+    /// a campaign is the calls.
+    function invariant_everythingHolds() public view {
+        Task[] memory posted = new Task[](tasks.taskCount());
+        for (uint256 i = 0; i < posted.length; ++i) {
+            posted[i] = tasks.task(i + 1);
+        }
+        Service[] memory offered = new Service[](services.serviceCount());
+        for (uint256 i = 0; i < offered.length; ++i) {
+            offered[i] = services.service(i + 1);
+        }
+        assertEq(_handler.violation(), "", "something forbidden succeeded, or tasks were served out of order");
+        _escrowEqualsLiveRewardsAndBonds(posted, offered);
+        _nobodyGainsOrLosesOtherwise();
+        _runningTasksAndBusyServicesArePairs(posted, offered);
+        _nothingWaitsThatCouldRun(offered);
+        _nobodyWaitsForWhoIsFree(posted, offered);
+        _theOldestOpenTaskIsNext(posted);
+        _everyServiceStandsWhereItsTermsPutIt(offered);
+        _whoIsNotThereSleeps(offered);
+        _reputationIsWorkForOthersByValue(offered);
+        _theCurrentRulesAreThoseThatWereNamed();
+    }
+
+    /// @dev The escrow holds the rewards of live tasks and the bonds, no more and no less: terminal tasks and services that
+    /// have gone hold nothing.
+    function _escrowEqualsLiveRewardsAndBonds(Task[] memory posted, Service[] memory offered) private view {
         uint256 held = 0;
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
-            if (_isLive(taskId)) held += tasks.task(taskId).reward;
+        for (uint256 i = 0; i < posted.length; ++i) {
+            if (_isLive(posted[i].state)) held += posted[i].reward;
         }
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-            held += services.service(serviceId).bond;
+        for (uint256 i = 0; i < offered.length; ++i) {
+            held += offered[i].bond;
         }
-        assertEq(coin.balanceOf(address(tasks)), held);
-        assertEq(tasks.held(), held);
+        assertEq(coin.balanceOf(address(tasks)), held, "the escrow is not the live rewards and bonds");
+        assertEq(tasks.held(), held, "the escrow is not counted rightly");
     }
 
-    /// @notice Everyone owns what its own calls and the rules say.
-    function invariant_nobodyGainsOrLosesOtherwise() public view {
+    /// @dev Everyone owns what its own calls and the rules say.
+    function _nobodyGainsOrLosesOtherwise() private view {
         for (uint256 i = 0; i < _participants.length; ++i) {
-            assertEq(coin.balanceOf(_participants[i]), _handler.expected(_participants[i]));
+            assertEq(
+                coin.balanceOf(_participants[i]),
+                _handler.expected(_participants[i]),
+                "somebody gained or lost"
+            );
         }
     }
 
-    /// @notice A running task has a service that does just this task, and a busy service a task that runs.
-    function invariant_runningTasksAndBusyServicesArePairs() public view {
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
-            if (_isRunning(taskId)) {
-                assertEq(services.service(tasks.task(taskId).serviceId).taskId, taskId);
-            }
+    /// @dev A running task has a service that does just this task, and a busy service a task that runs.
+    function _runningTasksAndBusyServicesArePairs(Task[] memory posted, Service[] memory offered)
+        private
+        pure
+    {
+        for (uint256 i = 0; i < posted.length; ++i) {
+            if (!_isRunning(posted[i].state)) continue;
+            assertEq(offered[posted[i].serviceId - 1].taskId, i + 1, "the service of a task does another");
         }
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-            uint256 taskId = services.service(serviceId).taskId;
+        for (uint256 i = 0; i < offered.length; ++i) {
+            uint256 taskId = offered[i].taskId;
             if (taskId == 0) continue;
-            assertTrue(_isRunning(taskId));
-            assertEq(tasks.task(taskId).serviceId, serviceId);
+            assertTrue(_isRunning(posted[taskId - 1].state), "a service is busy with a task that has ended");
+            assertEq(posted[taskId - 1].serviceId, i + 1, "the task of a service is another's");
         }
     }
 
-    /// @notice Nobody waits for what is there: no open task can be done by a service that waits.
-    function invariant_nothingWaitsThatCouldRun() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-            Service memory s = services.service(serviceId);
-            bool available = s.state == ServiceState.Active && s.taskId == 0;
-            assertEq(s.place != 0, available, "waits exactly when available");
-            if (available) assertEq(tasks.oldestOpen(CLEANING, s.price), 0);
-        }
-    }
-
-    /// @notice No task waits for a service that it names, or for a service of the provider that it names, which is free.
-    function invariant_nobodyWaitsForWhoIsFree() public view {
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
-            Task memory t = tasks.task(taskId);
-            if (t.state != TaskState.Open || t.hired == Hire.None) continue;
-            for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-                Service memory s = services.service(serviceId);
-                bool named = t.serviceId == serviceId || t.provider == s.provider;
-                assertFalse(named && s.place != 0 && s.price <= t.reward, "it could do the task");
+    /// @dev Nobody waits for what is there: no open task can be done by a service that waits.
+    function _nothingWaitsThatCouldRun(Service[] memory offered) private view {
+        for (uint256 i = 0; i < offered.length; ++i) {
+            bool available = offered[i].state == ServiceState.Active && offered[i].taskId == 0;
+            assertEq(offered[i].place != 0, available, "a service waits exactly when it is available");
+            if (available) {
+                assertEq(tasks.oldestOpen(CLEANING, offered[i].price), 0, "a task and its service wait");
             }
         }
     }
 
-    /// @notice What waits can be found, and the oldest comes first.
-    function invariant_theOldestOpenTaskIsNext() public view {
+    /// @dev No task waits for a service that it names, or for a service of the provider that it names, which is free.
+    function _nobodyWaitsForWhoIsFree(Task[] memory posted, Service[] memory offered) private pure {
+        for (uint256 i = 0; i < posted.length; ++i) {
+            Task memory t = posted[i];
+            if (t.state != TaskState.Open || t.hired == Hire.None) continue;
+            for (uint256 j = 0; j < offered.length; ++j) {
+                bool named = t.serviceId == j + 1 || t.provider == offered[j].provider;
+                bool free = offered[j].place != 0 && offered[j].price <= t.reward;
+                assertFalse(named && free, "a task waits for a service that is free");
+            }
+        }
+    }
+
+    /// @dev What waits can be found, and the oldest comes first.
+    function _theOldestOpenTaskIsNext(Task[] memory posted) private view {
         uint256 oldest = 0;
-        for (uint256 taskId = 1; taskId <= tasks.taskCount() && oldest == 0; ++taskId) {
-            if (state(taskId) == TaskState.Open && tasks.task(taskId).hired == Hire.None) oldest = taskId;
+        for (uint256 i = 0; i < posted.length && oldest == 0; ++i) {
+            if (posted[i].state == TaskState.Open && posted[i].hired == Hire.None) oldest = i + 1;
         }
-        assertEq(tasks.oldestOpen(CLEANING, 0), oldest);
+        assertEq(tasks.oldestOpen(CLEANING, 0), oldest, "the oldest open task is not the next one");
     }
 
-    /// @notice Bonds, failures and suspensions are what the terms make of what happened.
-    function invariant_everyServiceStandsWhereItsTermsPutIt() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-            Service memory s = services.service(serviceId);
-            (uint256 bond,,, bool suspended,) = _handler.ghost(serviceId);
-            assertEq(s.bond, bond, "bond");
-            assertEq(s.state == ServiceState.Suspended, suspended, "suspended");
-            assertEq(s.failures, _handler.failures(s.provider), "failures");
-        }
-    }
-
-    /// @notice Who is asleep let attempts pass, or abandoned what others could do, since it last worked for others.
-    function invariant_whoIsNotThereSleeps() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-            address provider = services.providerOf(serviceId);
-            assertEq(services.asleepUntil(provider), _handler.asleepUntil(provider));
+    /// @dev Bonds, failures and suspensions are what the terms make of what happened.
+    function _everyServiceStandsWhereItsTermsPutIt(Service[] memory offered) private view {
+        for (uint256 i = 0; i < offered.length; ++i) {
+            Service memory s = offered[i];
+            (uint256 bond,,, bool suspended,) = _handler.ghost(i + 1);
+            assertEq(s.bond, bond, "the bond is not what the terms left of it");
+            assertEq(
+                s.state == ServiceState.Suspended, suspended, "suspended against the terms, or not suspended"
+            );
+            assertEq(s.failures, _handler.failures(s.provider), "failures are not counted rightly");
         }
     }
 
-    /// @notice A provider is known for what it did for others, by value, whichever of its services did it; less so with
-    /// time.
-    function invariant_reputationIsWorkForOthersByValue() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-            Service memory s = services.service(serviceId);
-            assertApproxEqAbs(s.reputation, _handler.reputation(s.provider), 1);
+    /// @dev Who is asleep let attempts pass, or abandoned what others could do, since it last worked for others.
+    function _whoIsNotThereSleeps(Service[] memory offered) private view {
+        for (uint256 i = 0; i < offered.length; ++i) {
+            address provider = offered[i].provider;
+            assertEq(
+                services.asleepUntil(provider),
+                _handler.asleepUntil(provider),
+                "asleep without a cause, or awake"
+            );
         }
     }
 
-    /// @notice Tasks are posted under the rules that the administrator has named and not retired, and under no others;
-    /// what an oracle judges always has some, and nobody looks through many.
-    function invariant_theCurrentRulesAreThoseThatWereNamed() public view {
+    /// @dev A provider is known for what it did for others, by value, whichever of its services did it; less so with time.
+    function _reputationIsWorkForOthersByValue(Service[] memory offered) private view {
+        for (uint256 i = 0; i < offered.length; ++i) {
+            Service memory s = offered[i];
+            assertApproxEqAbs(
+                s.reputation, _handler.reputation(s.provider), 1, "reputation is not work for others"
+            );
+        }
+    }
+
+    /// @dev Tasks are posted under the rules that the administrator has named and not retired, and under no others; what
+    /// an oracle judges always has some, and nobody looks through many.
+    function _theCurrentRulesAreThoseThatWereNamed() private view {
         bytes32[2] memory kinds = [CLEANING, CHARGING];
         for (uint256 i = 0; i < kinds.length; ++i) {
             bytes32[] memory current = organization.currentRules(kinds[i]);
-            assertEq(current, _handler.expectedRules(kinds[i]));
+            assertEq(
+                current, _handler.expectedRules(kinds[i]), "the current rules are not those that were named"
+            );
             Kind memory k = organization.kindOf(kinds[i]);
             assertTrue(
                 current.length != 0 || k.review != Review.Oracle || !k.allowed, "an oracle without rules"
             );
-            assertLe(current.length, organization.MAX_RULES());
+            assertLe(current.length, organization.MAX_RULES(), "too many rules");
         }
-    }
-
-    /// @notice Nothing that the rules forbid ever succeeded, and tasks were served in order of registration.
-    function invariant_nothingForbiddenHappened() public view {
-        assertEq(_handler.violation(), "");
     }
 
     /// @dev At the end of every run: whatever state it ended in, everything gets out without oracle and
@@ -170,7 +205,7 @@ contract EscrowInvariants is Fixture {
             running = false;
             vm.warp(block.timestamp + 2 hours);
             for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
-                if (!_isRunning(taskId) && state(taskId) != TaskState.Undecided) continue;
+                if (!_isRunning(state(taskId)) && state(taskId) != TaskState.Undecided) continue;
                 running = true;
                 if (tasks.task(taskId).deadline >= block.timestamp) continue;
                 vm.prank(stranger);
@@ -196,13 +231,11 @@ contract EscrowInvariants is Fixture {
         assertEq(owned, coin.totalSupply(), "and is with the participants");
     }
 
-    function _isRunning(uint256 taskId) private view returns (bool) {
-        TaskState current = state(taskId);
+    function _isRunning(TaskState current) private pure returns (bool) {
         return current == TaskState.Assigned || current == TaskState.Submitted;
     }
 
-    function _isLive(uint256 taskId) private view returns (bool) {
-        TaskState current = state(taskId);
-        return current == TaskState.Open || current == TaskState.Undecided || _isRunning(taskId);
+    function _isLive(TaskState current) private pure returns (bool) {
+        return current == TaskState.Open || current == TaskState.Undecided || _isRunning(current);
     }
 }
