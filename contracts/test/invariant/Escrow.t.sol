@@ -8,6 +8,8 @@ import {Hire, Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../../src/policies/LowestPrice.sol";
 import {SecondPrice} from "../../src/policies/SecondPrice.sol";
+import {ServiceId} from "../../src/types/ServiceId.sol";
+import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
 import {Handler} from "./Handler.sol";
 
@@ -51,10 +53,10 @@ contract EscrowInvariants is Fixture {
     /// services that have gone hold nothing.
     function invariant_escrowEqualsLiveRewardsAndBonds() public view {
         uint256 held = 0;
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+        for (TaskId taskId = taskNo(1); exists(taskId); taskId = following(taskId)) {
             if (_isLive(taskId)) held += tasks.task(taskId).reward;
         }
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             held += services.service(serviceId).bond;
         }
         assertEq(coin.balanceOf(address(tasks)), held);
@@ -70,14 +72,14 @@ contract EscrowInvariants is Fixture {
 
     /// @notice A running task has a service that does just this task, and a busy service a task that runs.
     function invariant_runningTasksAndBusyServicesArePairs() public view {
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+        for (TaskId taskId = taskNo(1); exists(taskId); taskId = following(taskId)) {
             if (_isRunning(taskId)) {
                 assertEq(services.service(tasks.task(taskId).serviceId).taskId, taskId);
             }
         }
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
-            uint256 taskId = services.service(serviceId).taskId;
-            if (taskId == 0) continue;
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
+            TaskId taskId = services.service(serviceId).taskId;
+            if (taskId == NO_TASK) continue;
             assertTrue(_isRunning(taskId));
             assertEq(tasks.task(taskId).serviceId, serviceId);
         }
@@ -85,9 +87,9 @@ contract EscrowInvariants is Fixture {
 
     /// @notice Nobody waits for what is there: no open task can be done by a service that waits.
     function invariant_nothingWaitsThatCouldRun() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             Service memory s = services.service(serviceId);
-            bool available = s.state == ServiceState.Active && s.taskId == 0;
+            bool available = s.state == ServiceState.Active && s.taskId == NO_TASK;
             assertEq(s.place != 0, available, "waits exactly when available");
             if (available) assertEq(tasks.oldestOpen(CLEANING, s.price), 0);
         }
@@ -95,10 +97,10 @@ contract EscrowInvariants is Fixture {
 
     /// @notice No task waits for a service that it names, or for a service of the provider that it names, which is free.
     function invariant_nobodyWaitsForWhoIsFree() public view {
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+        for (TaskId taskId = taskNo(1); exists(taskId); taskId = following(taskId)) {
             Task memory t = tasks.task(taskId);
             if (t.state != TaskState.Open || t.hired == Hire.None) continue;
-            for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
                 Service memory s = services.service(serviceId);
                 bool named = t.serviceId == serviceId || t.provider == s.provider;
                 assertFalse(named && s.place != 0 && s.price <= t.reward, "it could do the task");
@@ -108,8 +110,8 @@ contract EscrowInvariants is Fixture {
 
     /// @notice What waits can be found, and the oldest comes first.
     function invariant_theOldestOpenTaskIsNext() public view {
-        uint256 oldest = 0;
-        for (uint256 taskId = 1; taskId <= tasks.taskCount() && oldest == 0; ++taskId) {
+        TaskId oldest = NO_TASK;
+        for (TaskId taskId = taskNo(1); exists(taskId) && oldest == NO_TASK; taskId = following(taskId)) {
             if (state(taskId) == TaskState.Open && tasks.task(taskId).hired == Hire.None) oldest = taskId;
         }
         assertEq(tasks.oldestOpen(CLEANING, 0), oldest);
@@ -117,7 +119,7 @@ contract EscrowInvariants is Fixture {
 
     /// @notice Bonds, failures and suspensions are what the terms make of what happened.
     function invariant_everyServiceStandsWhereItsTermsPutIt() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             Service memory s = services.service(serviceId);
             (uint256 bond,,, bool suspended,) = _handler.ghost(serviceId);
             assertEq(s.bond, bond, "bond");
@@ -128,7 +130,7 @@ contract EscrowInvariants is Fixture {
 
     /// @notice Who is asleep let attempts pass, or abandoned what others could do, since it last worked for others.
     function invariant_whoIsNotThereSleeps() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             address provider = services.providerOf(serviceId);
             assertEq(services.asleepUntil(provider), _handler.asleepUntil(provider));
         }
@@ -137,7 +139,7 @@ contract EscrowInvariants is Fixture {
     /// @notice A provider is known for what it did for others, by value, whichever of its services did it; less so with
     /// time.
     function invariant_reputationIsWorkForOthersByValue() public view {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             Service memory s = services.service(serviceId);
             assertApproxEqAbs(s.reputation, _handler.reputation(s.provider), 1);
         }
@@ -169,7 +171,7 @@ contract EscrowInvariants is Fixture {
         for (bool running = true; running;) {
             running = false;
             vm.warp(block.timestamp + 2 hours);
-            for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+            for (TaskId taskId = taskNo(1); exists(taskId); taskId = following(taskId)) {
                 if (!_isRunning(taskId) && state(taskId) != TaskState.Undecided) continue;
                 running = true;
                 if (tasks.task(taskId).deadline >= block.timestamp) continue;
@@ -177,13 +179,13 @@ contract EscrowInvariants is Fixture {
                 tasks.expireTask(taskId);
             }
         }
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+        for (TaskId taskId = taskNo(1); exists(taskId); taskId = following(taskId)) {
             if (state(taskId) != TaskState.Open) continue;
             Task memory t = tasks.task(taskId);
             vm.prank(t.creator);
             tasks.cancelTask(taskId);
         }
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             if (services.service(serviceId).state != ServiceState.Retired) {
                 update(serviceId, 0, ServiceState.Retired);
             }
@@ -196,12 +198,12 @@ contract EscrowInvariants is Fixture {
         assertEq(owned, coin.totalSupply(), "and is with the participants");
     }
 
-    function _isRunning(uint256 taskId) private view returns (bool) {
+    function _isRunning(TaskId taskId) private view returns (bool) {
         TaskState current = state(taskId);
         return current == TaskState.Assigned || current == TaskState.Submitted;
     }
 
-    function _isLive(uint256 taskId) private view returns (bool) {
+    function _isLive(TaskId taskId) private view returns (bool) {
         TaskState current = state(taskId);
         return current == TaskState.Open || current == TaskState.Undecided || _isRunning(taskId);
     }
