@@ -8,13 +8,14 @@ import {TaskManager} from "../src/TaskManager.sol";
 import {SignedBy, TaskRequest, Verdict, Vote} from "../src/interfaces/ITaskManager.sol";
 import {SignedVerdicts} from "../src/libraries/SignedVerdicts.sol";
 import {Units} from "../src/libraries/Units.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "../test/Committee.sol";
 import {Fixture} from "../test/Fixture.sol";
 import {Instances} from "../test/Instances.sol";
 
 /// @notice An oracle that accepts every first attempt.
 contract Judge {
-    function accept(TaskManager tasks, uint256 taskId) external {
+    function accept(TaskManager tasks, TaskId taskId) external {
         tasks.postVerdict(taskId, 1, "proof", Verdict.Accepted, tasks.task(taskId).price, 0, "", "");
     }
 }
@@ -28,7 +29,7 @@ contract Customer {
         coin.approve(address(tasks), type(uint256).max);
     }
 
-    function post(TaskRequest calldata request) external returns (uint256) {
+    function post(TaskRequest calldata request) external returns (TaskId) {
         return _tasks.registerTask(request);
     }
 }
@@ -52,7 +53,7 @@ contract Everyone {
 
     function work(Judge judge, TaskRequest calldata request, uint256 number) external {
         for (uint256 i = 0; i < number; ++i) {
-            uint256 taskId = customer.post(request);
+            TaskId taskId = customer.post(request);
             _tasks.submitProof(taskId, 1, "proof", "");
             uint256 price = _tasks.task(taskId).price;
             judge.accept(_tasks, taskId);
@@ -76,11 +77,11 @@ contract GasBench is Fixture {
 
     function test_waitingTask() public {
         _register();
-        _cancel(1);
+        _cancel(taskNo(1));
         // The first task and the first service of a kind pay for what the kind needs once.
         _register();
         _figure("gas_register_queued", _used());
-        _cancel(2);
+        _cancel(taskNo(2));
         _figure("gas_cancel", _used());
         offer(robot1, PRICE);
         offer(robot1, PRICE);
@@ -132,8 +133,9 @@ contract GasBench is Fixture {
         organization.grantRole(role, signer);
         _register();
         uint256 gas = _used();
-        Vote memory vote =
-            Vote(tasks.taskCount(), 1, PROOF, REPORT, RULES, Verdict.Accepted, PRICE, "all checks passed");
+        Vote memory vote = Vote(
+            taskNo(tasks.taskCount()), 1, PROOF, REPORT, RULES, Verdict.Accepted, PRICE, "all checks passed"
+        );
         SignedBy memory by = SignedBy(signer, block.timestamp + 1 hours, PROOF_URI, "");
         bytes32 digest = SignedVerdicts.digestOf(vote, signer, by.deadline, address(tasks));
         (bytes32 r, bytes32 vs) = vm.signCompact(key, digest);
@@ -159,7 +161,7 @@ contract GasBench is Fixture {
         for (uint256 round = 0; round < 2; ++round) {
             bytes[] memory calls = new bytes[](BATCH);
             for (uint256 i = 0; i < BATCH; ++i) {
-                uint256 taskId = post(alice, 12 ether);
+                TaskId taskId = post(alice, 12 ether);
                 vm.prank(services.providerOf(tasks.task(taskId).serviceId));
                 tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
                 calls[i] = abi.encodeCall(
@@ -207,7 +209,7 @@ contract GasBench is Fixture {
     {
         _register();
         register = _used();
-        uint256 taskId = tasks.taskCount();
+        TaskId taskId = taskNo(tasks.taskCount());
         vm.prank(provider);
         tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
         proof = _used();
@@ -224,7 +226,7 @@ contract GasBench is Fixture {
         tasks.registerTask(r);
     }
 
-    function _cancel(uint256 taskId) private {
+    function _cancel(TaskId taskId) private {
         vm.prank(alice);
         tasks.cancelTask(taskId);
     }
@@ -244,8 +246,8 @@ contract QuorumGasBench is Committee {
         for (uint256 i = 0; i < 3; ++i) {
             offer(robot1, 80 ether); // the line is never empty
         }
-        for (uint256 taskId = 1; taskId <= 4; ++taskId) {
-            post(alice, 100 ether);
+        for (uint256 i = 0; i < 4; ++i) {
+            TaskId taskId = post(alice, 100 ether);
             submit(taskId);
             Vote memory vote = accepting(taskId);
             vote.reason = "all checks passed";

@@ -11,6 +11,7 @@ import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, Task, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
 import {Texts} from "./libraries/Texts.sol";
+import {TaskId} from "./types/TaskId.sol";
 
 contract Disputes is IDisputes {
     using SafeCast for uint256;
@@ -48,7 +49,7 @@ contract Disputes is IDisputes {
     IERC20 private immutable _token;
 
     mapping(bytes32 kind => Instance[][]) private _instances;
-    mapping(uint256 taskId => Case) private _cases;
+    mapping(TaskId taskId => Case) private _cases;
     /// @inheritdoc IDisputes
     mapping(address account => uint256) public pendingPayments;
 
@@ -102,7 +103,7 @@ contract Disputes is IDisputes {
     }
 
     /// @inheritdoc IDisputes
-    function challenge(uint256 taskId, string calldata reason) external {
+    function challenge(TaskId taskId, string calldata reason) external {
         Task memory t = tasks.task(taskId);
         Case storage c = _cases[taskId];
         if (c.count == 0 || _isOver(t, c)) revert NoCase(taskId);
@@ -124,7 +125,7 @@ contract Disputes is IDisputes {
 
     /// @inheritdoc IDisputes
     function close(Vote calldata vote, string calldata reportUri) external {
-        uint256 taskId = vote.taskId;
+        TaskId taskId = vote.taskId;
         Task memory t = tasks.task(taskId);
         Case storage c = _cases[taskId];
         if (c.count == 0) revert NoCase(taskId);
@@ -167,7 +168,7 @@ contract Disputes is IDisputes {
     }
 
     /// @inheritdoc IDisputes
-    function caseOf(uint256 taskId)
+    function caseOf(TaskId taskId)
         external
         view
         returns (Ruling[] memory rulings, bool challenged, uint256 until)
@@ -182,7 +183,7 @@ contract Disputes is IDisputes {
 
     /// @dev The first ruling on an attempt, early enough for all that may follow. A task that was posted when its kind
     /// had shorter verdict windows is judged as then, at once.
-    function _begin(uint256 taskId, Task memory t, Case storage c) private returns (Instance[] storage all) {
+    function _begin(TaskId taskId, Task memory t, Case storage c) private returns (Instance[] storage all) {
         uint256 version = _instances[t.kind].length;
         if (version == 0) revert KindWithoutInstances(t.kind);
         all = _instances[t.kind][version - 1];
@@ -249,7 +250,7 @@ contract Disputes is IDisputes {
     }
 
     /// @dev The attempt is over without a verdict from here.
-    function _void(uint256 taskId, Case storage c) private {
+    function _void(TaskId taskId, Case storage c) private {
         Instance[] storage all = _instances[tasks.task(taskId).kind][c.version - 1];
         uint256 count = c.count;
         address[] memory challengers = new address[](count);
@@ -271,7 +272,7 @@ contract Disputes is IDisputes {
     }
 
     /// @dev A token that refuses holds up no case.
-    function _pay(uint256 taskId, address account, uint256 amount) private {
+    function _pay(TaskId taskId, address account, uint256 amount) private {
         address to = _services.payoutOf(account);
         emit StakePaid(taskId, to, amount);
         if (_token.trySafeTransfer(to, amount)) return;
@@ -281,7 +282,7 @@ contract Disputes is IDisputes {
 
     /// @dev What the task manager would refuse at the end is refused now.
     function _requireVote(Vote calldata vote, string calldata reportUri, Task memory t) private view {
-        uint256 taskId = vote.taskId;
+        TaskId taskId = vote.taskId;
         if (t.state != TaskState.Submitted) {
             revert ITaskManager.WrongState(taskId, t.state, TaskState.Submitted);
         }

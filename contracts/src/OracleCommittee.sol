@@ -9,13 +9,16 @@ import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, Verdict, Vote} from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
+import {KindId, NO_KIND} from "./types/KindId.sol";
+import {ServiceId} from "./types/ServiceId.sol";
+import {TaskId} from "./types/TaskId.sol";
 
 contract OracleCommittee is IOracleCommittee, EIP712 {
     /// @dev A task whose proof waits for its verdict. None of its parties may be a judge of it: creator and executor, and
     /// who owns them in the registry.
     struct Waiting {
-        uint256 taskId;
-        uint8 kindId;
+        TaskId taskId;
+        KindId kindId;
         uint40 submitted;
         address creator;
         address creatorsOwner;
@@ -45,7 +48,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     address[] private _keys;
     mapping(address key => Judge) private _judges;
-    mapping(uint8 kindId => Quorum) private _quorums;
+    mapping(KindId kindId => Quorum) private _quorums;
 
     modifier onlyAdministrator() {
         if (!_isAdministrator(msg.sender)) revert NotAdministrator(msg.sender);
@@ -80,8 +83,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (uint256(votes) * 2 <= panel || votes > panel || panel > count || !seated) {
             revert InvalidQuorum(kind, votes, panel, count);
         }
-        uint8 kindId = organization.numberOf(kind);
-        if (kindId == 0) revert IOrganization.UnknownKind(kind);
+        KindId kindId = organization.numberOf(kind);
+        if (kindId == NO_KIND) revert IOrganization.UnknownKind(kind);
         _quorums[kindId] = Quorum(votes, panel, rotation, count, judges);
         emit QuorumChanged(kind, votes, panel, rotation, judges);
     }
@@ -223,8 +226,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (place >= panel) revert NotInPanel(t.taskId, key, place, panel);
     }
 
-    function _waiting(uint256 taskId) private view returns (Waiting memory t) {
-        uint32 serviceId;
+    function _waiting(TaskId taskId) private view returns (Waiting memory t) {
+        ServiceId serviceId;
         t.taskId = taskId;
         (t.creator, t.kindId, serviceId, t.submitted) = tasks.toJudge(taskId);
         (t.executor, t.executorsOwner, t.creatorsOwner) = _services.partiesOf(serviceId, t.creator);

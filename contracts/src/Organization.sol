@@ -14,6 +14,9 @@ import {Budget, IOrganization, Kind, Review, Terms} from "./interfaces/IOrganiza
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, TaskRequest} from "./interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "./policies/FirstComeFirstServed.sol";
+import {KindId, NO_KIND} from "./types/KindId.sol";
+import {ServiceId} from "./types/ServiceId.sol";
+import {TaskId} from "./types/TaskId.sol";
 
 contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdminRules, Multicall {
     using SafeERC20 for IERC20;
@@ -63,9 +66,9 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     uint8 private _kindCount;
     mapping(bytes32 kind => Kind) private _kinds;
     /// @inheritdoc IOrganization
-    mapping(uint8 number => bytes32) public kindNumbered;
+    mapping(KindId number => bytes32) public kindNumbered;
     /// @dev Kind.review, where a verdict finds it in one word.
-    mapping(uint8 number => Review) private _reviews;
+    mapping(KindId number => Review) private _reviews;
     /// @dev The newest last.
     mapping(bytes32 kind => bytes32[]) private _rules;
     /// @dev The last of them, or 0, so that most tasks find their rules in one word.
@@ -193,7 +196,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function suspendService(uint256 serviceId) external onlyRole(DEFAULT_ADMIN_ROLE) {
+    function suspendService(ServiceId serviceId) external onlyRole(DEFAULT_ADMIN_ROLE) {
         services.suspend(serviceId);
     }
 
@@ -214,7 +217,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function reinstateService(uint256 serviceId) external onlyRole(DEFAULT_ADMIN_ROLE) {
+    function reinstateService(ServiceId serviceId) external onlyRole(DEFAULT_ADMIN_ROLE) {
         _requireNotSuspended(services.providerOf(serviceId));
         services.reinstate(serviceId);
     }
@@ -275,28 +278,28 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function registerTask(TaskRequest calldata request) external onlyRole(OPERATOR_ROLE) returns (uint256) {
+    function registerTask(TaskRequest calldata request) external onlyRole(OPERATOR_ROLE) returns (TaskId) {
         _spend(OPERATOR_ROLE, request.reward);
         return tasks.registerTask(request);
     }
 
     /// @inheritdoc IOrganization
-    function cancelTask(uint256 taskId) external onlyRole(OPERATOR_ROLE) {
+    function cancelTask(TaskId taskId) external onlyRole(OPERATOR_ROLE) {
         tasks.cancelTask(taskId);
     }
 
     /// @inheritdoc IOrganization
-    function acceptTask(uint256 taskId, uint8 attempt) external onlyRole(OPERATOR_ROLE) {
+    function acceptTask(TaskId taskId, uint8 attempt) external onlyRole(OPERATOR_ROLE) {
         tasks.acceptTask(taskId, attempt);
     }
 
     /// @inheritdoc IOrganization
-    function abandonTask(uint256 taskId, uint8 attempt) external onlyRole(OPERATOR_ROLE) {
+    function abandonTask(TaskId taskId, uint8 attempt) external onlyRole(OPERATOR_ROLE) {
         tasks.abandonTask(taskId, attempt);
     }
 
     /// @inheritdoc IOrganization
-    function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri)
+    function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri)
         external
         onlyRole(OPERATOR_ROLE)
     {
@@ -310,13 +313,13 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint256 maxBond,
         bool autoAccept,
         string calldata description
-    ) external onlyRole(OPERATOR_ROLE) returns (uint256) {
+    ) external onlyRole(OPERATOR_ROLE) returns (ServiceId) {
         _spend(OPERATOR_ROLE, _terms.bond);
         return services.registerService(kind, price, maxBond, autoAccept, description);
     }
 
     /// @inheritdoc IOrganization
-    function updateService(uint256 serviceId, uint256 price, ServiceState state)
+    function updateService(ServiceId serviceId, uint256 price, ServiceState state)
         external
         onlyRole(OPERATOR_ROLE)
     {
@@ -372,14 +375,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function mayJudgeNumbered(address account, uint8 kindId) public view returns (bool) {
+    function mayJudgeNumbered(address account, KindId kindId) public view returns (bool) {
         Review review = _reviews[kindId];
         if (review == Review.None) return false;
         return hasRole(review == Review.Oracle ? ORACLE_ROLE : AUDITOR_ROLE, account);
     }
 
     /// @inheritdoc IOrganization
-    function numberOf(bytes32 kind) external view returns (uint8) {
+    function numberOf(bytes32 kind) external view returns (KindId) {
         return _kinds[kind].number;
     }
 
@@ -395,7 +398,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy, bytes32, Silence, uint8) {
+    ) external view returns (IMatchingPolicy, bytes32, Silence, KindId) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
         Kind memory rules = _admit(kind, creator);
         if (executionWindow < rules.minWindow) revert WindowTooShort(kind, executionWindow, rules.minWindow);
@@ -409,7 +412,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function admitService(bytes32 kind, address provider) external view returns (Terms memory, uint8) {
+    function admitService(bytes32 kind, address provider) external view returns (Terms memory, KindId) {
         Kind storage rules = _admit(kind, provider);
         _requireNotSuspended(provider);
         return (_terms, rules.number);
@@ -424,9 +427,9 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @dev Its rules. A kind has a number from its first rule on.
     function _numbered(bytes32 kind) private returns (Kind storage rules) {
         rules = _kinds[kind];
-        if (rules.number != 0) return rules;
+        if (rules.number != NO_KIND) return rules;
         if (_kindCount == MAX_KINDS) revert TooManyKinds(kind, MAX_KINDS);
-        rules.number = ++_kindCount;
+        rules.number = KindId.wrap(++_kindCount);
         kindNumbered[rules.number] = kind;
     }
 

@@ -4,11 +4,22 @@ pragma solidity ^0.8.28;
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
-import {IServiceManager, Outcome, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
-import {Hire, ITaskManager} from "./interfaces/ITaskManager.sol";
+import {IServiceListener} from "./interfaces/IServiceListener.sol";
+import {
+    Hire,
+    IServiceManager,
+    Outcome,
+    Release,
+    Service,
+    ServiceState
+} from "./interfaces/IServiceManager.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
+import {KindId} from "./types/KindId.sol";
+import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
+import {TaskId, unpackTask} from "./types/TaskId.sol";
+import {MAX_MAJOR, MAX_MINOR, MINOR_BITS, Weight, weigh} from "./types/Weight.sol";
 
 contract ServiceManager is IServiceManager {
     using WeightTree for WeightTree.Tree;
@@ -18,7 +29,7 @@ contract ServiceManager is IServiceManager {
         address provider;
         /// @dev The price in `_unit`.
         uint64 units;
-        uint8 kindId;
+        KindId kindId;
         ServiceState state;
         /// @dev A task has named it, or its provider, and waited, so that its own queue, or both, have to be looked at.
         Hire hired;
@@ -102,21 +113,21 @@ contract ServiceManager is IServiceManager {
     uint256 private constant PRIOR = 100;
     /// @dev In what part of a token organizations tell each other of work: they may pay with tokens of other decimals.
     uint256 private constant BILLION = 1e9;
-    uint64 private constant STEP = uint64((1 << WeightTree.MINOR_BITS) / GRADES);
+    uint64 private constant STEP = uint64((1 << MINOR_BITS) / GRADES);
     /// @dev What a day leaves of work: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
     uint256 private constant DAILY = 18305219661902323056;
 
     IOrganization public immutable organization;
-    ITaskManager public immutable tasks;
+    IServiceListener public immutable tasks;
     /// @dev What each price is a multiple of, in the token's smallest unit.
     uint256 private immutable _unit;
     /// @dev PRIOR in `_unit`.
     uint256 private immutable _prior;
 
     uint256 private _serviceCount;
-    mapping(uint256 serviceId => Record) private _services;
-    mapping(uint256 serviceId => Agreement) private _agreements;
-    mapping(uint8 kindId => Idle) private _idle;
+    mapping(ServiceId serviceId => Record) private _services;
+    mapping(ServiceId serviceId => Agreement) private _agreements;
+    mapping(KindId kindId => Idle) private _idle;
     mapping(address provider => Provider) private _providers;
     /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
     mapping(address provider => uint32[MAX_SERVICES]) private _live;
@@ -124,7 +135,7 @@ contract ServiceManager is IServiceManager {
     /// @dev Only where `paidElsewhere`.
     mapping(address provider => address) private _payouts;
     /// @dev The services that abandoned a task, 32 bits each, the last in the lowest; of more than eight the last eight.
-    mapping(uint256 taskId => uint256) private _abandoned;
+    mapping(TaskId taskId => uint256) private _abandoned;
 
     modifier onlyTaskManager() {
         if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
@@ -136,7 +147,7 @@ contract ServiceManager is IServiceManager {
         _;
     }
 
-    constructor(IOrganization organization_, ITaskManager tasks_) {
+    constructor(IOrganization organization_, IServiceListener tasks_) {
         organization = organization_;
         tasks = tasks_;
         uint256 perToken;
@@ -151,15 +162,16 @@ contract ServiceManager is IServiceManager {
         uint256 maxBond,
         bool autoAccept,
         string calldata description
-    ) external returns (uint256 serviceId) {
+    ) external returns (ServiceId serviceId) {
         _requireAwake(msg.sender);
-        (Terms memory terms, uint8 kindId) = organization.admitService(kind, msg.sender);
+        (Terms memory terms, KindId kindId) = organization.admitService(kind, msg.sender);
         if (terms.bond > maxBond) revert BondTooHigh(terms.bond, maxBond);
         _requirePrice(price);
         Texts.requireText(description);
-        serviceId = ++_serviceCount;
-        assert(serviceId <= type(uint32).max);
-        if (msg.sender != address(organization)) _replaceLive(msg.sender, 0, uint32(serviceId));
+        uint256 count = ++_serviceCount;
+        assert(count <= type(uint32).max);
+        serviceId = ServiceId.wrap(count);
+        if (msg.sender != address(organization)) _replaceLive(msg.sender, NO_SERVICE, serviceId);
         // A word per provider, so that no task pays for it.
         Provider storage p = _providers[msg.sender];
         if (p.work == 0) p.work = _work(0, 0);
@@ -181,7 +193,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function updateService(uint256 serviceId, uint256 price, ServiceState state) external {
+    function updateService(ServiceId serviceId, uint256 price, ServiceState state) external {
         Record storage s = _get(serviceId);
         address provider = s.provider;
         if (msg.sender != provider) {
@@ -228,7 +240,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function suspend(uint256 serviceId) external onlyOrganization {
+    function suspend(ServiceId serviceId) external onlyOrganization {
         Record storage s = _get(serviceId);
         if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
         if (s.state == ServiceState.Suspended) revert ServiceIsSuspended(serviceId);
@@ -270,7 +282,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function reinstate(uint256 serviceId) external onlyOrganization {
+    function reinstate(ServiceId serviceId) external onlyOrganization {
         Record storage s = _get(serviceId);
         if (s.state != ServiceState.Suspended) revert ServiceNotSuspended(serviceId, s.state);
         Agreement storage a = _agreements[serviceId];
@@ -282,19 +294,19 @@ contract ServiceManager is IServiceManager {
 
     /// @inheritdoc IServiceManager
     function reserve(
-        uint256 serviceId,
-        uint8 kindId,
+        ServiceId serviceId,
+        KindId kindId,
         uint256 maxPrice,
         uint256 wanted,
-        uint256 taskId,
+        TaskId taskId,
         Hire hired
-    ) external onlyTaskManager returns (uint256 taker, address provider, uint256 price, bool accepted) {
-        taker = serviceId == 0 ? _longestIdle(kindId, maxPrice) : serviceId;
-        if (taker == 0) return (0, address(0), 0, false);
+    ) external onlyTaskManager returns (ServiceId taker, address provider, uint256 price, bool accepted) {
+        taker = serviceId == NO_SERVICE ? _longestIdle(kindId, maxPrice) : serviceId;
+        if (taker == NO_SERVICE) return (NO_SERVICE, address(0), 0, false);
         Record storage s = _services[taker];
         if (hired == Hire.Provider && !(_isAvailable(s) && _priceOf(s) <= maxPrice)) {
-            uint256 other = _serviceOf(s.provider, s.kindId, maxPrice);
-            if (other != 0) (taker, s) = (other, _services[other]);
+            ServiceId other = _serviceOf(s.provider, s.kindId, maxPrice);
+            if (other != NO_SERVICE) (taker, s) = (other, _services[other]);
         }
         bool ofKind = s.kindId == kindId;
         if (hired != Hire.None && s.state == ServiceState.None) revert UnknownService(taker);
@@ -307,12 +319,12 @@ contract ServiceManager is IServiceManager {
             return (taker, address(0), 0, false);
         }
         _leaveLine(taker, s);
-        s.taskId = uint40(taskId);
+        s.taskId = taskId.pack();
         return (taker, s.provider, price, s.autoAccept);
     }
 
     /// @inheritdoc IServiceManager
-    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator, uint40 place)
+    function release(ServiceId serviceId, Outcome outcome, uint256 value, address creator, uint40 place)
         external
         onlyTaskManager
         returns (Release memory r)
@@ -331,31 +343,31 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function countAbandoned(uint256 taskId, uint256 serviceId, address creator) external onlyTaskManager {
+    function countAbandoned(TaskId taskId, ServiceId serviceId, address creator) external onlyTaskManager {
         address able = _services[serviceId].provider;
         if (_isOwn(able, _providers[able], payoutOf(able), creator)) return;
         for (uint256 by = _abandoned[taskId]; by != 0; by >>= 32) {
-            address provider = _services[uint32(by)].provider;
+            address provider = _services[unpackService(uint32(by))].provider;
             if (provider != able) _miss(provider, _providers[provider]);
         }
     }
 
     /// @inheritdoc IServiceManager
-    function enqueue(uint256 serviceId, uint40 place) external onlyTaskManager {
+    function enqueue(ServiceId serviceId, uint40 place) external onlyTaskManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
         _enqueue(serviceId, s, place);
     }
 
     /// @inheritdoc IServiceManager
-    function service(uint256 serviceId) external view returns (Service memory) {
+    function service(ServiceId serviceId) external view returns (Service memory) {
         Record storage s = _get(serviceId);
         Agreement storage a = _agreements[serviceId];
         return Service({
             provider: s.provider,
             price: _priceOf(s),
             kind: organization.kindNumbered(s.kindId),
-            taskId: s.taskId,
+            taskId: unpackTask(s.taskId),
             place: s.place,
             state: s.state,
             completed: s.completed,
@@ -371,7 +383,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function providerOf(uint256 serviceId) external view returns (address) {
+    function providerOf(ServiceId serviceId) external view returns (address) {
         return _get(serviceId).provider;
     }
 
@@ -381,7 +393,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function partiesOf(uint256 serviceId, address creator)
+    function partiesOf(ServiceId serviceId, address creator)
         external
         view
         returns (address provider, address providersOwner, address creatorsOwner)
@@ -400,10 +412,10 @@ contract ServiceManager is IServiceManager {
     function serviceOf(address provider, bytes32 kind, uint256 maxPrice)
         external
         view
-        returns (uint32 serviceId)
+        returns (ServiceId serviceId)
     {
         serviceId = _serviceOf(provider, organization.numberOf(kind), maxPrice);
-        if (serviceId == 0) revert ProviderWithoutService(provider, kind);
+        if (serviceId == NO_SERVICE) revert ProviderWithoutService(provider, kind);
     }
 
     /// @inheritdoc IServiceManager
@@ -412,15 +424,15 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
+    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
         return _longestIdle(organization.numberOf(kind), maxPrice);
     }
 
     /// @inheritdoc IServiceManager
-    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
+    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
         Idle storage idle = _idle[organization.numberOf(kind)];
         uint64 key = idle.lines.lowest();
-        return key > _lastKey(maxPrice) ? 0 : idle.line[key].first;
+        return key > _lastKey(maxPrice) ? NO_SERVICE : unpackService(idle.line[key].first);
     }
 
     /// @inheritdoc IServiceManager
@@ -433,30 +445,31 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
+    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
         Idle storage idle = _idle[organization.numberOf(kind)];
-        return idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first;
+        return unpackService(idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first);
     }
 
-    function _longestIdle(uint8 kindId, uint256 maxPrice) private view returns (uint256) {
+    function _longestIdle(KindId kindId, uint256 maxPrice) private view returns (ServiceId) {
         Idle storage idle = _idle[kindId];
-        return idle.line[idle.lines.greatestMajor(_lastKey(maxPrice))].first;
+        return unpackService(idle.line[idle.lines.greatestMajor(_lastKey(maxPrice))].first);
     }
 
     /// @dev The cheapest of the provider's services that is free, else any; 0 if it has none.
-    function _serviceOf(address provider, uint8 kindId, uint256 maxPrice)
+    function _serviceOf(address provider, KindId kindId, uint256 maxPrice)
         private
         view
-        returns (uint32 serviceId)
+        returns (ServiceId serviceId)
     {
         uint32[MAX_SERVICES] memory live = _live[provider];
         uint256 lowest = maxPrice + 1;
         for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            Record storage s = _services[live[i]];
-            if (live[i] == 0 || s.kindId != kindId) continue;
+            ServiceId each = unpackService(live[i]);
+            Record storage s = _services[each];
+            if (each == NO_SERVICE || s.kindId != kindId) continue;
             bool better = _isAvailable(s) && _priceOf(s) < lowest;
             if (better) lowest = _priceOf(s);
-            if (better || serviceId == 0) serviceId = live[i];
+            if (better || serviceId == NO_SERVICE) serviceId = each;
         }
     }
 
@@ -470,47 +483,47 @@ contract ServiceManager is IServiceManager {
         _providers[provider].hired = true;
         uint32[MAX_SERVICES] memory live = _live[provider];
         for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            if (live[i] != 0) _services[live[i]].hired = hired;
+            if (live[i] != 0) _services[unpackService(live[i])].hired = hired;
         }
     }
 
     /// @dev See Release.
-    function _named(uint256 serviceId, Record storage s) private view returns (uint160) {
+    function _named(ServiceId serviceId, Record storage s) private view returns (uint160) {
         Hire hired = s.hired;
         if (hired == Hire.None) return 0;
-        return hired == Hire.Service ? uint160(serviceId) : uint160(s.provider);
+        return hired == Hire.Service ? uint160(ServiceId.unwrap(serviceId)) : uint160(s.provider);
     }
 
     /// @dev Behind the other services of its kind, price and reputation.
-    function _enqueue(uint256 serviceId, Record storage s, uint40 place) private {
+    function _enqueue(ServiceId serviceId, Record storage s, uint40 place) private {
         Idle storage idle = _idle[s.kindId];
         uint64 reputation = _reputation(_providers[s.provider]);
         // slither-disable-next-line weak-prng
         uint64 key = _key(Units.levelFor(_priceOf(s), _unit), reputation - reputation % STEP);
         Line storage line = idle.line[key];
-        (uint32 id, uint32 last) = (uint32(serviceId), line.last);
+        (uint32 id, uint32 last) = (serviceId.pack(), line.last);
         (s.place, s.line, s.previous) = (place, uint24(key), last);
         if (last == 0) {
             (line.first, line.used) = (id, true);
             idle.lines.put(key, _weight(s));
         } else {
-            _services[last].next = id;
+            _services[unpackService(last)].next = id;
         }
         line.last = id;
     }
 
     /// @dev Out of its line, wherever it stands, if it waits.
-    function _leaveLine(uint256 serviceId, Record storage s) private {
+    function _leaveLine(ServiceId serviceId, Record storage s) private {
         if (s.place == 0) return;
         s.place = 0;
         Idle storage idle = _idle[s.kindId];
         uint64 key = s.line;
         Line storage line = idle.line[key];
         (uint32 previous, uint32 next) = (s.previous, s.next);
-        if (line.first != serviceId) {
-            _services[previous].next = next;
+        if (line.first != serviceId.pack()) {
+            _services[unpackService(previous)].next = next;
             if (next == 0) line.last = previous;
-            else _services[next].previous = previous;
+            else _services[unpackService(next)].previous = previous;
         } else if (next == 0) {
             (line.first, line.last) = (0, 0);
             idle.lines.remove(key);
@@ -518,7 +531,7 @@ contract ServiceManager is IServiceManager {
             line.first = next;
             // The oldest line keeps its earlier age while it stays the oldest of all.
             if (!idle.lines.isAlone()) {
-                uint64 weight = _weight(_services[next]);
+                Weight weight = _weight(_services[unpackService(next)]);
                 if (!idle.lines.leads(key, weight)) idle.lines.put(key, weight);
             }
         }
@@ -526,7 +539,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev What the attempt that ends makes of its provider and service.
-    function _count(uint256 serviceId, Record storage s, Outcome outcome, uint256 value, address creator)
+    function _count(ServiceId serviceId, Record storage s, Outcome outcome, uint256 value, address creator)
         private
         returns (address payout, uint96 penalty)
     {
@@ -545,7 +558,7 @@ contract ServiceManager is IServiceManager {
             if (s.hasTerms) penalty = _applyTerms(serviceId, s, p.failures);
         }
         if (outcome == Outcome.Rejected || provider == address(organization)) return (payout, penalty);
-        if (outcome == Outcome.Abandoned) _remember(s.taskId, serviceId);
+        if (outcome == Outcome.Abandoned) _remember(unpackTask(s.taskId), serviceId);
         else _miss(provider, p);
         if (p.asleepUntil != 0 && s.state == ServiceState.Active) {
             s.state = ServiceState.Paused;
@@ -554,9 +567,9 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev It counts for nothing unless somebody else can do the task. Once for a service that got it again and again.
-    function _remember(uint256 taskId, uint256 serviceId) private {
+    function _remember(TaskId taskId, ServiceId serviceId) private {
         uint256 by = _abandoned[taskId];
-        if (uint32(by) != serviceId) _abandoned[taskId] = by << 32 | serviceId;
+        if (uint32(by) != serviceId.pack()) _abandoned[taskId] = by << 32 | serviceId.pack();
     }
 
     /// @dev What a provider is known for: work of others, by its value. Nobody pays oneself, or nothing, for a name.
@@ -590,7 +603,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev What the terms make of a failed attempt: the penalty.
-    function _applyTerms(uint256 serviceId, Record storage s, uint256 failures)
+    function _applyTerms(ServiceId serviceId, Record storage s, uint256 failures)
         private
         returns (uint96 penalty)
     {
@@ -598,7 +611,7 @@ contract ServiceManager is IServiceManager {
         penalty = uint96(Math.min(a.penalty, a.bond));
         if (penalty != 0) {
             a.bond -= penalty;
-            emit BondPenalized(serviceId, s.taskId, penalty);
+            emit BondPenalized(serviceId, unpackTask(s.taskId), penalty);
         }
         bool repeated = a.maxFailures != 0 && failures >= a.maxFailures;
         if (repeated || a.bond < a.penalty) _suspend(serviceId, s);
@@ -609,11 +622,12 @@ contract ServiceManager is IServiceManager {
     function _suspendAll(address provider) private {
         uint32[MAX_SERVICES] memory live = _live[provider];
         for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            if (live[i] != 0) _suspend(live[i], _services[live[i]]);
+            ServiceId serviceId = unpackService(live[i]);
+            if (serviceId != NO_SERVICE) _suspend(serviceId, _services[serviceId]);
         }
     }
 
-    function _suspend(uint256 serviceId, Record storage s) private {
+    function _suspend(ServiceId serviceId, Record storage s) private {
         if (s.state == ServiceState.Retired || s.state == ServiceState.Suspended) return;
         _leaveLine(serviceId, s);
         s.state = ServiceState.Suspended;
@@ -630,8 +644,8 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev The service is over: its bond is for its provider.
-    function _leave(uint256 serviceId, Record storage s) private returns (uint96 bond) {
-        if (s.provider != address(organization)) _replaceLive(s.provider, uint32(serviceId), 0);
+    function _leave(ServiceId serviceId, Record storage s) private returns (uint96 bond) {
+        if (s.provider != address(organization)) _replaceLive(s.provider, serviceId, NO_SERVICE);
         if (!s.hasTerms) return 0;
         bond = _agreements[serviceId].bond;
         if (bond == 0) return 0;
@@ -640,11 +654,11 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev Put `next` where `current` is among the provider's services; 0 is room for one.
-    function _replaceLive(address provider, uint32 current, uint32 next) private {
+    function _replaceLive(address provider, ServiceId current, ServiceId next) private {
         uint32[MAX_SERVICES] storage live = _live[provider];
         for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            if (live[i] != current) continue;
-            live[i] = next;
+            if (live[i] != current.pack()) continue;
+            live[i] = next.pack();
             return;
         }
         revert TooManyServices(provider, MAX_SERVICES);
@@ -654,7 +668,7 @@ contract ServiceManager is IServiceManager {
         return s.state == ServiceState.Active && s.taskId == 0;
     }
 
-    function _get(uint256 serviceId) private view returns (Record storage s) {
+    function _get(ServiceId serviceId) private view returns (Record storage s) {
         s = _services[serviceId];
         if (s.provider == address(0)) revert UnknownService(serviceId);
     }
@@ -663,7 +677,7 @@ contract ServiceManager is IServiceManager {
     function _reputation(Provider storage p) private view returns (uint64) {
         (uint256 done, uint256 failed) = _record(p);
         done += _prior;
-        return uint64((done << WeightTree.MINOR_BITS) / (done + failed + _prior));
+        return uint64((done << MINOR_BITS) / (done + failed + _prior));
     }
 
     /// @dev What is left today of what the provider has done and failed. By whole days, so that it does not matter
@@ -689,7 +703,7 @@ contract ServiceManager is IServiceManager {
 
     /// @dev Cheap before dear, then reputable before not; never 0.
     function _key(uint64 level, uint64 reputation) private pure returns (uint64) {
-        return WeightTree.weigh(level + 1, WeightTree.MAX_MINOR - reputation);
+        return Weight.unwrap(weigh(level + 1, MAX_MINOR - reputation));
     }
 
     function _priceOf(Record storage s) private view returns (uint96) {
@@ -697,13 +711,13 @@ contract ServiceManager is IServiceManager {
     }
 
     function _priceOf(uint64 key) private view returns (uint256) {
-        return Math.min(Units.priceOf(WeightTree.majorOf(key) - 1, _unit), Units.max(_unit));
+        return Math.min(Units.priceOf(Weight.wrap(key).majorOf() - 1, _unit), Units.max(_unit));
     }
 
     /// @dev The weight of a line that `first` leads.
-    function _weight(Record storage first) private view returns (uint64) {
-        uint64 reputation = WeightTree.MAX_MINOR - (first.line & WeightTree.MAX_MINOR);
-        return WeightTree.weigh(WeightTree.MAX_MAJOR - first.place, reputation);
+    function _weight(Record storage first) private view returns (Weight) {
+        uint64 reputation = MAX_MINOR - (first.line & MAX_MINOR);
+        return weigh(MAX_MAJOR - first.place, reputation);
     }
 
     function _work(uint256 done, uint256 failed) private view returns (uint152) {

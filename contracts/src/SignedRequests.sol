@@ -7,6 +7,7 @@ import {SignatureChecker} from "@openzeppelin/contracts/utils/cryptography/Signa
 import {BitMaps} from "@openzeppelin/contracts/utils/structs/BitMaps.sol";
 import {ISignedRequests} from "./interfaces/ISignedRequests.sol";
 import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
+import {TaskId} from "./types/TaskId.sol";
 
 /// @dev The only contract from which TaskManager takes the caller's address from the end of the calldata (ERC-2771). It
 /// calls no functions but the three here: one that calls others by delegatecall would let a signer append somebody
@@ -44,18 +45,18 @@ contract SignedRequests is ISignedRequests, EIP712 {
         uint256 nonce,
         uint256 deadline,
         bytes calldata signature
-    ) external returns (uint256 taskId) {
+    ) external returns (TaskId taskId) {
         // The signer is in what it signs, because the same key may sign for several contracts.
         bytes32 said = keccak256(abi.encode(REGISTER_TYPEHASH, creator, _hashTask(request), nonce, deadline));
         _requireSigned(creator, said, deadline, signature);
         _useNonce(creator, nonce);
         bytes memory answer = _callAs(creator, abi.encodeCall(ITaskManager.registerTask, (request)));
-        taskId = abi.decode(answer, (uint256));
+        taskId = abi.decode(answer, (TaskId));
         emit RequestUsed(creator, nonce, taskId, msg.sender);
     }
 
     /// @inheritdoc ISignedRequests
-    function cancelTaskFor(address creator, uint256 taskId, uint256 deadline, bytes calldata signature)
+    function cancelTaskFor(address creator, TaskId taskId, uint256 deadline, bytes calldata signature)
         external
     {
         bytes32 said = keccak256(abi.encode(CANCEL_TYPEHASH, creator, taskId, deadline));
@@ -66,7 +67,7 @@ contract SignedRequests is ISignedRequests, EIP712 {
     /// @inheritdoc ISignedRequests
     function submitProofFor(
         address executor,
-        uint256 taskId,
+        TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
         string calldata uri,

@@ -9,10 +9,10 @@ import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {SignedRequests} from "./SignedRequests.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization, Kind, Review} from "./interfaces/IOrganization.sol";
-import {IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
+import {IServiceListener} from "./interfaces/IServiceListener.sol";
+import {Hire, IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
 import {
     Cause,
-    Hire,
     ITaskManager,
     SignedBy,
     Silence,
@@ -28,6 +28,10 @@ import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
+import {KindId} from "./types/KindId.sol";
+import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
+import {NO_TASK, TaskId, unpackTask} from "./types/TaskId.sol";
+import {Weight, weigh} from "./types/Weight.sol";
 
 contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     using SafeCast for uint256;
@@ -93,8 +97,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
     /// weight is its reward. Each kind has a queue, and each service and provider one of the tasks that name it (see _queue).
     mapping(uint256 queue => WeightTree.Tree) private _open;
-    mapping(uint256 serviceId => Worker) private _workers;
-    mapping(uint256 taskId => Dispute) private _disputes;
+    mapping(ServiceId serviceId => Worker) private _workers;
+    mapping(TaskId taskId => Dispute) private _disputes;
     /// @inheritdoc ITaskManager
     mapping(address account => uint256) public pendingPayments;
 
@@ -119,7 +123,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function registerTask(TaskRequest calldata request) external nonReentrant returns (uint256) {
+    function registerTask(TaskRequest calldata request) external nonReentrant returns (TaskId) {
         return _register(_sender(), request);
     }
 
@@ -130,7 +134,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint8 v,
         bytes32 r,
         bytes32 s
-    ) external nonReentrant returns (uint256) {
+    ) external nonReentrant returns (TaskId) {
         // Whoever sees the permit may use it first; the allowance is there then.
         try IERC20Permit(address(token))
             .permit(msg.sender, address(this), request.reward, deadline, v, r, s) {}
@@ -139,7 +143,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function cancelTask(uint256 taskId) external nonReentrant {
+    function cancelTask(TaskId taskId) external nonReentrant {
         Record memory t = _get(taskId);
         address caller = _sender();
         if (caller != t.creator) revert NotCreator(taskId, caller, t.creator);
@@ -152,7 +156,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function acceptTask(uint256 taskId, uint8 attempt) external {
+    function acceptTask(TaskId taskId, uint8 attempt) external {
         Record memory t = _get(taskId);
         address executor = _requireExecutor(taskId, t, attempt);
         if (t.accepted) revert AlreadyAccepted(taskId, attempt);
@@ -162,7 +166,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function abandonTask(uint256 taskId, uint8 attempt) external nonReentrant {
+    function abandonTask(TaskId taskId, uint8 attempt) external nonReentrant {
         Record memory t = _get(taskId);
         _requireExecutor(taskId, t, attempt);
         Cause late = t.accepted ? Cause.AbandonedLate : Cause.NotAccepted;
@@ -171,7 +175,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri)
+    function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri)
         external
         nonReentrant
     {
@@ -185,7 +189,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         external
         nonReentrant
     {
-        uint256 taskId = vote.taskId;
+        TaskId taskId = vote.taskId;
         Record memory t = _get(taskId);
         // The proof is not kept: nobody looks for it after this call.
         _submit(taskId, t, vote.attempt, vote.proofHash, proofUri);
@@ -200,7 +204,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function postVerdict(
-        uint256 taskId,
+        TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
         Verdict verdict,
@@ -217,7 +221,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function expireTask(uint256 taskId) external nonReentrant {
+    function expireTask(TaskId taskId) external nonReentrant {
         Record memory t = _get(taskId);
         bool submitted = t.state == TaskState.Submitted;
         bool undecided = t.state == TaskState.Undecided;
@@ -248,7 +252,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function matchTask(uint256 taskId) external nonReentrant {
+    function matchTask(TaskId taskId) external nonReentrant {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
         _leaveQueue(_queue(t), taskId);
@@ -265,8 +269,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         token.safeTransfer(services.payoutOf(account), amount);
     }
 
-    /// @inheritdoc ITaskManager
-    function onServiceFree(uint256 serviceId, address provider, uint8 kindId, uint256 price, uint160 named)
+    /// @inheritdoc IServiceListener
+    function onServiceFree(ServiceId serviceId, address provider, KindId kindId, uint256 price, uint160 named)
         external
         nonReentrant
         onlyServiceManager
@@ -275,12 +279,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _place(serviceId, kindId, price, named);
     }
 
-    /// @inheritdoc ITaskManager
+    /// @inheritdoc IServiceListener
     function holdBond(address provider, uint256 amount) external nonReentrant onlyServiceManager {
         _take(provider, amount);
     }
 
-    /// @inheritdoc ITaskManager
+    /// @inheritdoc IServiceListener
     function returnBond(address payout, uint256 amount) external nonReentrant onlyServiceManager {
         _pay(payout, amount);
     }
@@ -294,7 +298,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function task(uint256 taskId) external view returns (Task memory) {
+    function task(TaskId taskId) external view returns (Task memory) {
         Record memory t = _get(taskId);
         bool ofProvider = t.hired == Hire.Provider;
         return Task({
@@ -303,8 +307,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             kind: _kindOf(t),
             price: uint96(t.price),
             serviceId: ofProvider && (t.state == TaskState.Open || t.state == TaskState.Cancelled)
-                ? 0
-                : uint32(t.serviceId),
+                ? NO_SERVICE
+                : t.serviceId,
             provider: ofProvider ? _workers[t.serviceId].executor : address(0),
             deadline: uint40(t.deadline),
             executionWindow: t.executionWindow,
@@ -319,13 +323,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function toJudge(uint256 taskId) external view returns (address, uint8, uint32, uint40) {
+    function toJudge(TaskId taskId) external view returns (address, KindId, ServiceId, uint40) {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Submitted);
-        return (t.creator, t.kindId, uint32(t.serviceId), uint40(t.deadline - t.verdictWindow));
+        return (t.creator, t.kindId, t.serviceId, uint40(t.deadline - t.verdictWindow));
     }
 
-    /// @inheritdoc ITaskManager
+    /// @inheritdoc IServiceListener
     function taskCount() external view returns (uint256) {
         return _totals.tasks;
     }
@@ -336,12 +340,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId) {
-        return _open[organization.numberOf(kind)].first(Units.levelFor(price, _unit));
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId) {
+        return unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
     }
 
-    function _register(address creator, TaskRequest calldata request) private returns (uint256 taskId) {
-        (IMatchingPolicy policy, bytes32 rules, Silence silence, uint8 kindId) = organization.admitTask(
+    function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
+        (IMatchingPolicy policy, bytes32 rules, Silence silence, KindId kindId) = organization.admitTask(
             request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
         );
         _requireWindow(request.executionWindow);
@@ -349,7 +353,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
         }
         Texts.requireParams(request.params);
-        taskId = ++_totals.tasks;
+        taskId = TaskId.wrap(++_totals.tasks);
         // slither-disable-next-line uninitialized-local
         Record memory t;
         (t.creator, t.reward, t.kindId, t.silence) = (creator, request.reward.toUint88(), kindId, silence);
@@ -369,8 +373,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         );
         if (request.serviceId != 0) {
             if (request.provider != address(0)) revert TwoNamed(request.serviceId, request.provider);
-            (t.serviceId, t.hired) = (request.serviceId, Hire.Service);
-            emit ServiceRequested(taskId, request.serviceId);
+            (t.serviceId, t.hired) = (unpackService(request.serviceId), Hire.Service);
+            emit ServiceRequested(taskId, t.serviceId);
         } else if (request.provider != address(0)) {
             t.hired = Hire.Provider;
             t.serviceId = services.serviceOf(request.provider, request.kind, request.reward);
@@ -382,18 +386,18 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
-    function _match(uint256 taskId, Record memory t, IMatchingPolicy policy) private {
-        (uint256 serviceId, uint256 price, bool failed) = (t.serviceId, 0, false);
+    function _match(TaskId taskId, Record memory t, IMatchingPolicy policy) private {
+        (ServiceId serviceId, uint256 price, bool failed) = (t.serviceId, 0, false);
         bool hired = t.hired != Hire.None;
         bool longestIdle = !hired && address(policy) == address(0);
         if (!hired && !longestIdle) (serviceId, price, failed) = _ask(policy, _kindOf(t), t.reward);
-        if (serviceId != 0 || longestIdle) {
+        if (serviceId != NO_SERVICE || longestIdle) {
             if (_assign(taskId, t, serviceId, price)) return;
             failed = !hired && !longestIdle;
         }
         if (failed) emit PolicyFailed(taskId);
         _tasks.save(taskId, t, _unit);
-        _open[_queue(t)].put(uint64(taskId), _weight(t.reward));
+        _open[_queue(t)].put(taskId.pack(), _weight(t.reward));
         ++_totals.waiting;
     }
 
@@ -401,7 +405,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _ask(IMatchingPolicy policy, bytes32 kind, uint256 reward)
         private
         view
-        returns (uint256 serviceId, uint256 price, bool failed)
+        returns (ServiceId serviceId, uint256 price, bool failed)
     {
         bytes memory question = abi.encodeCall(IMatchingPolicy.serviceFor, (services, kind, reward));
         bool success;
@@ -418,9 +422,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
     /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
-    function _place(uint256 serviceId, uint8 kindId, uint256 price, uint256 named) private {
-        (uint256 queue, uint64 taskId) = _oldest(serviceId, kindId, price, named);
-        if (taskId == 0) {
+    function _place(ServiceId serviceId, KindId kindId, uint256 price, uint256 named) private {
+        (uint256 queue, TaskId taskId) = _oldest(serviceId, kindId, price, named);
+        if (taskId == NO_TASK) {
             services.enqueue(serviceId, ++_totals.places);
         } else {
             _leaveQueue(queue, taskId);
@@ -430,30 +434,30 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The oldest task that waits for the service or for any of its kind, and in which queue; 0 if none does.
-    function _oldest(uint256 serviceId, uint8 kindId, uint256 price, uint256 named)
+    function _oldest(ServiceId serviceId, KindId kindId, uint256 price, uint256 named)
         private
         view
-        returns (uint256 queue, uint64 taskId)
+        returns (uint256 queue, TaskId taskId)
     {
-        if (_totals.waiting == 0) return (0, 0);
+        if (_totals.waiting == 0) return (0, NO_TASK);
         uint64 minimum = Units.levelFor(price, _unit);
-        queue = kindId;
-        taskId = _open[queue].first(minimum);
+        queue = _queueOf(kindId);
+        taskId = unpackTask(_open[queue].first(minimum));
         while (named != 0) {
             uint256 own = _queueOf(named, kindId);
-            uint64 first = _open[own].first(minimum);
-            if (first != 0 && (taskId == 0 || first < taskId)) (queue, taskId) = (own, first);
-            named = named == serviceId ? 0 : serviceId;
+            TaskId first = unpackTask(_open[own].first(minimum));
+            if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) (queue, taskId) = (own, first);
+            named = named == ServiceId.unwrap(serviceId) ? 0 : ServiceId.unwrap(serviceId);
         }
     }
 
-    function _leaveQueue(uint256 queue, uint256 taskId) private {
-        _open[queue].remove(uint64(taskId));
+    function _leaveQueue(uint256 queue, TaskId taskId) private {
+        _open[queue].remove(taskId.pack());
         --_totals.waiting;
     }
 
     /// @dev The service's attempt is over. While no task waits, it is in line again after this call.
-    function _release(Record memory t, uint256 serviceId, Outcome outcome, uint256 value)
+    function _release(Record memory t, ServiceId serviceId, Outcome outcome, uint256 value)
         private
         returns (Release memory r)
     {
@@ -464,7 +468,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev Whether the service takes the task; nothing happened if not. It is paid at least its own price.
-    function _assign(uint256 taskId, Record memory t, uint256 serviceId, uint256 price)
+    function _assign(TaskId taskId, Record memory t, ServiceId serviceId, uint256 price)
         private
         returns (bool)
     {
@@ -496,7 +500,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The caller's proof of the running attempt waits for its verdict now.
-    function _submit(uint256 taskId, Record memory t, uint8 attempt, bytes32 proofHash, string calldata uri)
+    function _submit(TaskId taskId, Record memory t, uint8 attempt, bytes32 proofHash, string calldata uri)
         private
     {
         address executor = _requireExecutor(taskId, t, attempt);
@@ -523,7 +527,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev What a verdict does; whether it may was checked.
     function _decide(
-        uint256 taskId,
+        TaskId taskId,
         Record memory t,
         address judge,
         Verdict verdict,
@@ -546,7 +550,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
     }
 
-    function _settle(uint256 taskId, Record memory t, uint256 amount, Outcome outcome) private {
+    function _settle(TaskId taskId, Record memory t, uint256 amount, Outcome outcome) private {
         _end(taskId, t, TaskState.Settled);
         uint256 refund = t.reward - amount;
         if (outcome == Outcome.Completed && t.attempt != 1) {
@@ -559,13 +563,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _pay(t.creator, refund);
     }
 
-    function _end(uint256 taskId, Record memory t, TaskState state) private {
+    function _end(TaskId taskId, Record memory t, TaskState state) private {
         (t.state, t.deadline) = (state, 0);
         _tasks.save(taskId, t, _unit);
     }
 
     /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
-    function _askAuditors(uint256 taskId, Record memory t, address judge, bytes32 proofHash) private {
+    function _askAuditors(TaskId taskId, Record memory t, address judge, bytes32 proofHash) private {
         Kind memory rules = _rulesOf(t);
         // Kept as it is now: nobody changes who wins while the window runs.
         _disputes[taskId] = Dispute(judge, rules.silence, proofHash);
@@ -579,7 +583,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The auditors were silent.
-    function _endAudit(uint256 taskId, Record memory t) private {
+    function _endAudit(TaskId taskId, Record memory t) private {
         if (_disputes[taskId].silence == Silence.Executor) {
             _payAudited(taskId, t, t.price);
         } else {
@@ -589,7 +593,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
     }
 
-    function _payAudited(uint256 taskId, Record memory t, uint256 amount) private {
+    function _payAudited(TaskId taskId, Record memory t, uint256 amount) private {
         uint256 refund = t.reward - amount;
         address payout = services.payoutOf(_workers[t.serviceId].executor);
         _end(taskId, t, TaskState.Settled);
@@ -599,8 +603,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
-    function _failAttempt(uint256 taskId, Record memory t, Cause cause) private {
-        uint256 serviceId = t.serviceId;
+    function _failAttempt(TaskId taskId, Record memory t, Cause cause) private {
+        ServiceId serviceId = t.serviceId;
         uint256 price = t.price;
         bool last = _endAttempt(taskId, t, cause);
         Release memory r = _release(t, serviceId, _outcome(cause), price);
@@ -611,14 +615,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
-    function _endAttempt(uint256 taskId, Record memory t, Cause cause) private returns (bool last) {
+    function _endAttempt(TaskId taskId, Record memory t, Cause cause) private returns (bool last) {
         last = t.attempt == t.maxAttempts;
         if (last) {
             _end(taskId, t, TaskState.Failed);
             emit TaskFailed(taskId, t.reward, t.attempt, cause);
         } else {
             (t.state, t.deadline, t.price) = (TaskState.Open, 0, 0);
-            if (t.hired == Hire.None) t.serviceId = 0;
+            if (t.hired == Hire.None) t.serviceId = NO_SERVICE;
             emit TaskRequeued(taskId, t.attempt, cause);
             _match(taskId, t, organization.policy());
         }
@@ -658,7 +662,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
     }
 
-    function _get(uint256 taskId) private view returns (Record memory t) {
+    function _get(TaskId taskId) private view returns (Record memory t) {
         t = _tasks.load(taskId, _unit);
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
@@ -672,22 +676,19 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return organization.kindOf(_kindOf(t));
     }
 
-    function _requireState(uint256 taskId, Record memory t, TaskState expected) private view {
+    function _requireState(TaskId taskId, Record memory t, TaskState expected) private view {
         if (t.state != expected) revert WrongState(taskId, t.state, expected);
     }
 
     /// @dev The named attempt runs, is in `expected` and inside its window.
-    function _requireAttempt(uint256 taskId, Record memory t, uint8 attempt, TaskState expected)
-        private
-        view
-    {
+    function _requireAttempt(TaskId taskId, Record memory t, uint8 attempt, TaskState expected) private view {
         _requireState(taskId, t, expected);
         if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
         if (block.timestamp > t.deadline) revert DeadlinePassed(taskId, t.deadline, block.timestamp);
     }
 
     /// @dev The caller is the executor of the named attempt, which is under way.
-    function _requireExecutor(uint256 taskId, Record memory t, uint8 attempt)
+    function _requireExecutor(TaskId taskId, Record memory t, uint8 attempt)
         private
         view
         returns (address executor)
@@ -715,7 +716,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The caller may give this verdict on this proof of the running attempt now.
-    function _requireJudge(uint256 taskId, Record memory t, uint8 attempt, bytes32 proofHash, Verdict verdict)
+    function _requireJudge(TaskId taskId, Record memory t, uint8 attempt, bytes32 proofHash, Verdict verdict)
         private
         view
     {
@@ -728,7 +729,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev Whether the attempt waits for the auditors, of whom the judge is one then.
-    function _requireRight(uint256 taskId, Record memory t, address judge, Verdict verdict)
+    function _requireRight(TaskId taskId, Record memory t, address judge, Verdict verdict)
         private
         view
         returns (bool disputed)
@@ -759,7 +760,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The verdict says something, with an amount that it may carry.
     function _requireContent(
-        uint256 taskId,
+        TaskId taskId,
         Record memory t,
         Verdict verdict,
         uint256 amount,
@@ -774,30 +775,36 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The proof that waits for its verdict; 0 if none does.
-    function _proof(uint256 taskId, Record memory t) private view returns (bytes32) {
+    function _proof(TaskId taskId, Record memory t) private view returns (bytes32) {
         if (t.state == TaskState.Submitted) return _workers[t.serviceId].proof;
         return t.state == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
     }
 
     /// @dev The queue of an open task.
     function _queue(Record memory t) private view returns (uint256) {
-        if (t.hired == Hire.None) return t.kindId;
+        if (t.hired == Hire.None) return _queueOf(t.kindId);
         bool any = t.hired == Hire.Provider;
-        return _queueOf(any ? uint160(_workers[t.serviceId].executor) : t.serviceId, t.kindId);
+        return
+            _queueOf(any ? uint160(_workers[t.serviceId].executor) : ServiceId.unwrap(t.serviceId), t.kindId);
     }
 
     /// @dev Where the tasks wait that name this service, or this provider. No provider's address is as small as a
     /// service's number: whoever has services has signed for them.
-    function _queueOf(uint256 named, uint8 kindId) private pure returns (uint256) {
-        return named << 8 | kindId;
+    function _queueOf(uint256 named, KindId kindId) private pure returns (uint256) {
+        return named << 8 | KindId.unwrap(kindId);
+    }
+
+    /// @dev Where the tasks of a kind wait that name nobody.
+    function _queueOf(KindId kindId) private pure returns (uint256) {
+        return KindId.unwrap(kindId);
     }
 
     function _requireWindow(uint32 window) private pure {
         if (window < MIN_WINDOW || window > MAX_WINDOW) revert InvalidWindow(window, MIN_WINDOW, MAX_WINDOW);
     }
 
-    function _weight(uint256 reward) private view returns (uint64) {
-        return WeightTree.weigh(Units.levelOf(reward, _unit), 0);
+    function _weight(uint256 reward) private view returns (Weight) {
+        return weigh(Units.levelOf(reward, _unit), 0);
     }
 
     function _outcome(Cause cause) private pure returns (Outcome) {

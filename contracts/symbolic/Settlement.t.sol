@@ -9,6 +9,7 @@ import {TaskManager} from "../src/TaskManager.sol";
 import {Review, Terms} from "../src/interfaces/IOrganization.sol";
 import {Silence, TaskRequest, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 
 /// @notice What one attempt at a task pays, for all amounts, bonds and penalties at once: halmos has a solver look for any
 /// that break an assertion (`make symbolic`). forge runs none of these.
@@ -32,7 +33,7 @@ contract SettlementSymbolic is Test {
     Organization private organization;
     ServiceManager private services;
     TaskManager private tasks;
-    uint256 private taskId;
+    TaskId private taskId;
 
     /// @dev The solver's machine numbers new contracts one after the other, whoever makes them.
     function setUp() public {

@@ -4,6 +4,8 @@ pragma solidity ^0.8.28;
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {IServiceManager} from "../src/interfaces/IServiceManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {PlainToken} from "./PlainToken.sol";
 
@@ -20,7 +22,7 @@ contract AdoptWorkTest is Fixture {
         }
         offer(robot2, 50 ether);
         // The first service waits longest no more.
-        uint256 taskId = post(alice, 60 ether);
+        TaskId taskId = post(alice, 60 ether);
         attempt(taskId, false);
         _follow(coin);
     }
@@ -66,7 +68,7 @@ contract AdoptWorkTest is Fixture {
         _adopt();
         _assertSame(robot1);
         _assertSame(robot2);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         assertEq(services.service(serviceId).reputation, 49, "340 of 440");
         assertEq(services.service(offer(robot2, 50 ether)).reputation, 25, "100 of 250");
         assertEq(services.service(offer(robot3, 50 ether)).reputation, 32);
@@ -113,7 +115,7 @@ contract AdoptWorkTest is Fixture {
         for (uint8 decimals = 2; decimals <= 12; decimals += 4) {
             _follow(new PlainToken(decimals));
             _adopt();
-            uint256 serviceId = offer(robot1, 80 * 10 ** decimals);
+            ServiceId serviceId = offer(robot1, 80 * 10 ** decimals);
             assertEq(services.service(serviceId).reputation, 49);
             _assertSame(robot1);
             // And back, from fewer decimals to more.

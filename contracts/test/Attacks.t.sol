@@ -13,11 +13,14 @@ import {
     TaskState,
     Verdict
 } from "../src/interfaces/ITaskManager.sol";
+import {KindId} from "../src/types/KindId.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What was done to the reference contracts of this field, each by its name, and what happens here.
 contract AttackTest is Fixture {
-    function _wrongState(uint256 taskId, TaskState current, TaskState expected)
+    function _wrongState(TaskId taskId, TaskState current, TaskState expected)
         private
         pure
         returns (bytes memory)
@@ -27,7 +30,7 @@ contract AttackTest is Fixture {
 
     function test_attack_aStrangerCancelsARunningTask() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotCreator.selector, taskId, stranger, alice));
         vm.prank(stranger);
         tasks.cancelTask(taskId);
@@ -37,7 +40,7 @@ contract AttackTest is Fixture {
 
     function test_attack_aStrangerOrTheCreatorCancelsAfterTheProof() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotCreator.selector, taskId, stranger, alice));
         vm.prank(stranger);
@@ -51,15 +54,15 @@ contract AttackTest is Fixture {
 
     function test_attack_aFreeServiceDestroysTheReward() public {
         offer(robot1, 0);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         attempt(taskId, true);
         assertEq(coin.balanceOf(alice), 2000 ether);
         assertEq(coin.balanceOf(address(tasks)), 0);
     }
 
     function test_attack_theExecutorFreesItselfMidTaskAndFreezesTheEscrow() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         for (uint8 next = 1; next <= uint8(ServiceState.Retired); ++next) {
             update(serviceId, 80 ether, ServiceState(next));
             assertAssigned(taskId, serviceId);
@@ -73,9 +76,9 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_theExecutorCollectsTwoTasksWithOneService() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 one = post(alice, 100 ether);
-        uint256 two = post(bob, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId one = post(alice, 100 ether);
+        TaskId two = post(bob, 100 ether);
         update(serviceId, 80 ether, ServiceState.Paused);
         update(serviceId, 80 ether, ServiceState.Active);
         assertAssigned(one, serviceId);
@@ -96,7 +99,7 @@ contract AttackTest is Fixture {
 
     function test_attack_aVerdictIsAcceptedWithoutAProof() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.startPrank(oracle);
         vm.expectRevert(_wrongState(taskId, TaskState.Assigned, TaskState.Submitted));
         tasks.postVerdict(taskId, 1, 0, Verdict.Accepted, 80 ether, REPORT, "", "");
@@ -104,7 +107,7 @@ contract AttackTest is Fixture {
 
     function test_attack_aVerdictIsAcceptedForAnotherProofThanWasSubmitted() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         bytes32 other = keccak256("other");
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ProofMismatch.selector, taskId, PROOF, other));
@@ -114,7 +117,7 @@ contract AttackTest is Fixture {
 
     function test_attack_theVerdictOnAnEarlierAttemptIsPlayedAgain() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         attempt(taskId, false);
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
@@ -125,7 +128,7 @@ contract AttackTest is Fixture {
     function test_attack_theProofOfTheLastTaskCountsForTheNext() public {
         offer(robot1, 80 ether);
         attempt(post(alice, 100 ether), true);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertEq(tasks.task(taskId).proofHash, 0);
         vm.expectRevert(_wrongState(taskId, TaskState.Assigned, TaskState.Submitted));
         vm.prank(oracle);
@@ -134,7 +137,7 @@ contract AttackTest is Fixture {
 
     function test_attack_theProofIsReplacedAfterSubmission() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectRevert(_wrongState(taskId, TaskState.Submitted, TaskState.Assigned));
         vm.prank(robot1);
@@ -143,7 +146,7 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_cancellingDoesNotRefund() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(alice);
         tasks.cancelTask(taskId);
         assertEq(coin.balanceOf(alice), 2000 ether);
@@ -153,7 +156,7 @@ contract AttackTest is Fixture {
     function test_attack_theIncomeOfTheOrganizationCannotBeWithdrawn() public {
         vm.prank(admin);
         organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(admin);
         organization.submitProof(taskId, 1, PROOF, URI);
         judge(taskId, true);
@@ -203,8 +206,8 @@ contract AttackTest is Fixture {
     function test_attack_theOracleNeverAnswers() public {
         vm.prank(admin);
         organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         for (uint8 i = 1; i <= ATTEMPTS; ++i) {
             submit(taskId);
             vm.warp(block.timestamp + WINDOW + 1);
@@ -224,7 +227,7 @@ contract AttackTest is Fixture {
         organization.grantRole(role, alice);
         vm.stopPrank();
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, robot1));
         vm.prank(robot1);
@@ -243,7 +246,7 @@ contract AttackTest is Fixture {
         organization.setMinWindow(CHARGING, 30 days);
         assertEq(organization.kindOf(CLEANING).minWindow, WINDOW);
         // Whoever makes a service fail gains nothing from it: penalties are the treasury's.
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.warp(block.timestamp + WINDOW + 1);
         vm.prank(alice);
         tasks.expireTask(taskId);
@@ -269,7 +272,7 @@ contract AttackTest is Fixture {
         // And where nobody judges in the shortest window, the kind says who wins: here the executor.
         r.verdictWindow = min;
         vm.prank(alice);
-        uint256 taskId = tasks.registerTask(r);
+        TaskId taskId = tasks.registerTask(r);
         submit(taskId);
         vm.prank(admin);
         organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
@@ -281,7 +284,7 @@ contract AttackTest is Fixture {
         assertState(taskId, TaskState.Settled);
         assertEq(coin.balanceOf(robot1), 2080 ether);
         assertEq(coin.balanceOf(alice), 1920 ether);
-        assertEq(services.service(1).completed, 0, "nobody judged it");
+        assertEq(services.service(serviceNo(1)).completed, 0, "nobody judged it");
     }
 
     function test_attack_theAdministratorRaisesTheBondInFrontOfARegistration() public {
@@ -317,8 +320,8 @@ contract AttackTest is Fixture {
     function test_attack_aThiefSubmitsTheHashOfAnothersProofFirst() public {
         offer(stranger, 80 ether);
         offer(robot1, 80 ether);
-        uint256 stolen = post(alice, 100 ether);
-        uint256 honest = post(bob, 100 ether);
+        TaskId stolen = post(alice, 100 ether);
+        TaskId honest = post(bob, 100 ether);
         vm.prank(stranger);
         tasks.submitProof(stolen, 1, PROOF, URI);
         // It takes nothing away: the proof names its own task, by which the oracle refuses it for another.
@@ -328,7 +331,7 @@ contract AttackTest is Fixture {
         judge(honest, true);
         assertEq(coin.balanceOf(stranger), 0);
         assertEq(coin.balanceOf(robot1), 2080 ether);
-        assertEq(services.service(2).rejected, 0);
+        assertEq(services.service(serviceNo(2)).rejected, 0);
     }
 
     function test_attack_oneProviderHoardsWithManyServices() public {
@@ -340,8 +343,8 @@ contract AttackTest is Fixture {
         vm.expectRevert(refusal);
         offer(stranger, 0);
         // One that retires at work still holds its task.
-        uint256 taskId = post(alice, 100 ether);
-        update(1, 0, ServiceState.Retired);
+        TaskId taskId = post(alice, 100 ether);
+        update(serviceNo(1), 0, ServiceState.Retired);
         vm.expectRevert(refusal);
         offer(stranger, 0);
         submit(taskId);
@@ -361,7 +364,7 @@ contract AttackTest is Fixture {
         offer(robot1, 80 ether);
         uint256 taken = 0;
         for (uint256 i = 0; i < 10; ++i) {
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             while (state(taskId) == TaskState.Assigned) {
                 if (services.providerOf(tasks.task(taskId).serviceId) == robot1) {
                     attempt(taskId, true);
@@ -374,12 +377,12 @@ contract AttackTest is Fixture {
         }
         // Two are forgiven, and each service sleeps when it misses one more.
         assertEq(taken, max + 2);
-        assertGe(services.service(max + 1).completed, 6);
+        assertGe(services.service(serviceNo(max + 1)).completed, 6);
     }
 
     function test_attack_aSwitchedOffRobotTakesEveryAttempt() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         for (uint256 i = 1; i < ATTEMPTS; ++i) {
             vm.warp(block.timestamp + WINDOW + 1);
             tasks.expireTask(taskId);
@@ -410,9 +413,9 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_aGarbageProofShowsThatARobotIsThere() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         for (uint256 i = 0; i < 3; ++i) {
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             attempt(taskId, false);
             attempt(taskId, false);
             vm.warp(block.timestamp + WINDOW + 1);
@@ -422,7 +425,7 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_wakingUpAgainAndAgain() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         uint256[4] memory waits = [uint256(0), 10 minutes, 20 minutes, 40 minutes];
         for (uint256 i = 0; i < waits.length; ++i) {
             _sleep(post(alice, 100 ether));
@@ -448,12 +451,12 @@ contract AttackTest is Fixture {
 
     function test_attack_aProviderThatWorksSleepsOn() public {
         offer(robot1, 80 ether);
-        uint256 other = offer(robot1, 90 ether);
+        ServiceId other = offer(robot1, 90 ether);
         TaskRequest memory r = request(100 ether);
         r.executionWindow = 1 days;
         vm.prank(alice);
-        uint256 taken = tasks.registerTask(r);
-        uint256 missed = post(alice, 100 ether);
+        TaskId taken = tasks.registerTask(r);
+        TaskId missed = post(alice, 100 ether);
         assertAssigned(missed, other);
         _sleep(missed);
         assertGt(services.asleepUntil(robot1), 0);
@@ -463,18 +466,18 @@ contract AttackTest is Fixture {
 
     function test_attack_aNewServiceForgetsFailures() public {
         setTerms(0, 0, 3);
-        uint256 first = offer(robot1, 80 ether);
+        ServiceId first = offer(robot1, 80 ether);
         attempt(post(alice, 100 ether), false);
-        attempt(1, false);
+        attempt(taskNo(1), false);
         update(first, 80 ether, ServiceState.Retired);
-        uint256 second = offer(robot1, 80 ether);
+        ServiceId second = offer(robot1, 80 ether);
         assertEq(services.service(second).failures, 2);
-        attempt(1, false);
+        attempt(taskNo(1), false);
         assertEq(uint8(services.service(second).state), uint8(ServiceState.Suspended));
     }
 
     /// @dev All attempts at the task pass without a proof.
-    function _sleep(uint256 taskId) private {
+    function _sleep(TaskId taskId) private {
         while (state(taskId) == TaskState.Assigned) {
             vm.warp(tasks.task(taskId).deadline + 1);
             tasks.expireTask(taskId);
@@ -483,9 +486,9 @@ contract AttackTest is Fixture {
 
     function test_attack_theOrganizationsDocksFallAsleep() public {
         vm.prank(admin);
-        uint256 serviceId = organization.registerService(CLEANING, 80 ether, 0, true, "");
+        ServiceId serviceId = organization.registerService(CLEANING, 80 ether, 0, true, "");
         for (uint256 i = 0; i < 2; ++i) {
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             while (state(taskId) == TaskState.Assigned) {
                 vm.warp(block.timestamp + WINDOW + 1);
                 tasks.expireTask(taskId);
@@ -507,6 +510,6 @@ contract AttackTest is Fixture {
         offer(robot1, 80 ether);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
         vm.prank(stranger);
-        services.reserve(1, 1, 100 ether, 0, 7, Hire.None);
+        services.reserve(serviceNo(1), KindId.wrap(1), 100 ether, 0, taskNo(7), Hire.None);
     }
 }

@@ -4,12 +4,14 @@ pragma solidity ^0.8.28;
 import {Review} from "../src/interfaces/IOrganization.sol";
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Verdicts with an amount, and what becomes of an attempt that the oracle could not decide.
 contract AuditTest is Fixture {
-    uint256 private _serviceId;
-    uint256 private _taskId;
+    ServiceId private _serviceId;
+    TaskId private _taskId;
 
     function setUp() public override {
         super.setUp();
@@ -133,7 +135,7 @@ contract AuditTest is Fixture {
         setTerms(50 ether, 20 ether, 1);
         vm.prank(alice);
         _taskId = tasks.registerTask(request(100 ether));
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         submit(_taskId);
         _undecide();
         Service memory s = services.service(serviceId);
@@ -141,7 +143,7 @@ contract AuditTest is Fixture {
         assertEq(s.failures + s.rejected + s.expired, 0);
         assertEq(uint8(s.state), uint8(ServiceState.Active));
         // It works again at once, and the proof of the next task does not replace the one that waits.
-        uint256 next = post(bob, 100 ether);
+        TaskId next = post(bob, 100 ether);
         assertAssigned(next, serviceId);
         vm.prank(robot1);
         tasks.submitProof(next, 1, "another", URI);
@@ -151,7 +153,7 @@ contract AuditTest is Fixture {
         assertAfterAudit(serviceId);
     }
 
-    function assertAfterAudit(uint256 serviceId) private view {
+    function assertAfterAudit(ServiceId serviceId) private view {
         Service memory s = services.service(serviceId);
         assertEq(s.failures + s.rejected + s.expired, 0);
         assertEq(s.bond, 50 ether);
@@ -169,7 +171,7 @@ contract AuditTest is Fixture {
 
     function test_anAuditorRejectsAndTheTaskQueuesAgain() public {
         _undecide();
-        uint256 taskId = _taskId;
+        TaskId taskId = _taskId;
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskRequeued(taskId, 1, Cause.Rejected);
         judgeAs(auditor, taskId, Verdict.Rejected, 0);
@@ -332,7 +334,7 @@ contract AuditTest is Fixture {
 
     function test_attack_aPenaltyAfterUndecided() public {
         setTerms(50 ether, 20 ether, 1);
-        uint256 serviceId = offer(robot2Funded(), 10 ether);
+        ServiceId serviceId = offer(robot2Funded(), 10 ether);
         _taskId = post(bob, 100 ether);
         assertEq(tasks.task(_taskId).serviceId, serviceId);
         submit(_taskId);
@@ -354,7 +356,7 @@ contract AuditTest is Fixture {
 
     function test_attack_whoRetiresWhileTheAuditorsLookIsPaidAndHasItsBond() public {
         setTerms(50 ether, 20 ether, 1);
-        uint256 serviceId = offer(robot2Funded(), 10 ether);
+        ServiceId serviceId = offer(robot2Funded(), 10 ether);
         _taskId = post(bob, 100 ether);
         submit(_taskId);
         update(serviceId, 10 ether, ServiceState.Retired);

@@ -4,6 +4,8 @@ pragma solidity ^0.8.28;
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Budget, IOrganization} from "../src/interfaces/IOrganization.sol";
 import {TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What operators and treasurers may take out of the treasury, and what a guardian may stop.
@@ -54,7 +56,7 @@ contract BudgetsTest is Fixture {
         vm.startPrank(admin);
         organization.setBudget(operatorRole, 100 ether, 1 days);
         uint256 until = block.timestamp + 1 days;
-        uint256 taskId = organization.registerTask(request(50 ether));
+        TaskId taskId = organization.registerTask(request(50 ether));
         organization.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         vm.expectRevert(_overBudget(operatorRole, 11 ether, 10 ether, until));
         organization.registerTask(request(11 ether));
@@ -99,9 +101,9 @@ contract BudgetsTest is Fixture {
     // -- the guardian -------------------------------------------------------------------------------------
 
     function test_aGuardianStopsNewTasksAndNothingElse() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 running = post(alice, 100 ether);
-        uint256 waiting = post(bob, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId running = post(alice, 100 ether);
+        TaskId waiting = post(bob, 100 ether);
         vm.expectEmit(address(organization));
         emit IOrganization.TasksPaused(guardian, block.timestamp + 1 days);
         vm.prank(guardian);

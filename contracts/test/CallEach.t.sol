@@ -2,22 +2,24 @@
 pragma solidity ^0.8.28;
 
 import {Vm} from "forge-std/Vm.sol";
+import {IServiceListener} from "../src/interfaces/IServiceListener.sol";
 import {ITaskManager, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Many calls in one transaction, of which none holds up another.
 contract CallEachTest is Fixture {
-    function _submitted(address creator, address provider) private returns (uint256 taskId) {
+    function _submitted(address creator, address provider) private returns (TaskId taskId) {
         offer(provider, 80 ether);
         taskId = post(creator, 100 ether);
         submit(taskId);
     }
 
-    function _accepting(uint256 taskId) private view returns (bytes memory) {
+    function _accepting(TaskId taskId) private view returns (bytes memory) {
         return _accepting(taskId, PROOF);
     }
 
-    function _accepting(uint256 taskId, bytes32 proofHash) private view returns (bytes memory) {
+    function _accepting(TaskId taskId, bytes32 proofHash) private view returns (bytes memory) {
         Task memory t = tasks.task(taskId);
         return abi.encodeCall(
             ITaskManager.postVerdict,
@@ -50,8 +52,8 @@ contract CallEachTest is Fixture {
     }
 
     function test_manyVerdictsPayAsIfEachWereAlone() public {
-        uint256 one = _submitted(alice, robot1);
-        uint256 two = _submitted(bob, robot2);
+        TaskId one = _submitted(alice, robot1);
+        TaskId two = _submitted(bob, robot2);
         bytes[] memory calls = new bytes[](2);
         (calls[0], calls[1]) = (_accepting(one), _accepting(two));
         vm.recordLogs();
@@ -67,14 +69,14 @@ contract CallEachTest is Fixture {
     /// @dev One that was judged meanwhile, one of another proof, one of no task and one that cannot be read are among
     /// them.
     function test_attack_aBadVerdictHoldsUpTheOthers() public {
-        uint256 judged = _submitted(alice, robot1);
-        uint256 other = _submitted(bob, robot2);
-        uint256 good = _submitted(alice, robot3);
+        TaskId judged = _submitted(alice, robot1);
+        TaskId other = _submitted(bob, robot2);
+        TaskId good = _submitted(alice, robot3);
         bytes[] memory calls = new bytes[](5);
         calls[0] = _accepting(judged);
         calls[1] = _accepting(other, keccak256("another recording"));
         calls[2] = abi.encodeCall(
-            ITaskManager.postVerdict, (99, 1, PROOF, Verdict.Accepted, 1, REPORT, "report", "because")
+            ITaskManager.postVerdict, (taskNo(99), 1, PROOF, Verdict.Accepted, 1, REPORT, "report", "because")
         );
         calls[3] = abi.encodePacked(ITaskManager.postVerdict.selector, "nothing that can be read");
         calls[4] = _accepting(good);
@@ -104,7 +106,7 @@ contract CallEachTest is Fixture {
 
     function test_aFailedCallIsReportedWithItsCallerAndPlace() public {
         bytes[] memory calls = new bytes[](1);
-        calls[0] = abi.encodeCall(ITaskManager.cancelTask, (7));
+        calls[0] = abi.encodeCall(ITaskManager.cancelTask, (taskNo(7)));
         vm.expectEmit(address(tasks));
         emit ITaskManager.CallFailed(
             stranger, 0, abi.encodeWithSelector(ITaskManager.UnknownTask.selector, 7)
@@ -113,7 +115,7 @@ contract CallEachTest is Fixture {
     }
 
     function test_attack_aStrangerJudgesAmongOtherCalls() public {
-        uint256 taskId = _submitted(alice, robot1);
+        TaskId taskId = _submitted(alice, robot1);
         bytes[] memory calls = new bytes[](1);
         calls[0] = _accepting(taskId);
         address[3] memory others = [stranger, alice, robot1];
@@ -125,7 +127,7 @@ contract CallEachTest is Fixture {
             );
         }
         // Nor does the contract itself have rights that its callers lack.
-        calls[0] = abi.encodeCall(ITaskManager.holdBond, (alice, 1 ether));
+        calls[0] = abi.encodeCall(IServiceListener.holdBond, (alice, 1 ether));
         vm.recordLogs();
         _callEach(stranger, calls);
         assertEq(_failed()[0], abi.encodeWithSelector(ITaskManager.NotServiceManager.selector, stranger));
@@ -134,7 +136,7 @@ contract CallEachTest is Fixture {
     }
 
     function test_attack_theSameVerdictTwicePaysTwice() public {
-        uint256 taskId = _submitted(alice, robot1);
+        TaskId taskId = _submitted(alice, robot1);
         bytes[] memory calls = new bytes[](2);
         (calls[0], calls[1]) = (_accepting(taskId), _accepting(taskId));
         vm.recordLogs();
@@ -146,8 +148,8 @@ contract CallEachTest is Fixture {
     /// @dev Whatever gas the transaction has, a right verdict is posted, or all of it reverts. A node that looks for
     /// the least gas with which a transaction succeeds finds enough.
     function test_attack_tooLittleGasLosesAVerdict() public {
-        uint256 one = _submitted(alice, robot1);
-        uint256 two = _submitted(bob, robot2);
+        TaskId one = _submitted(alice, robot1);
+        TaskId two = _submitted(bob, robot2);
         bytes[] memory calls = new bytes[](2);
         calls[0] = _accepting(one);
         // The longer a call, the more is left over by it for what comes after it.
@@ -181,8 +183,8 @@ contract CallEachTest is Fixture {
     }
 
     function test_outOfGasNamesTheCall() public {
-        uint256 one = _submitted(alice, robot1);
-        uint256 two = _submitted(bob, robot2);
+        TaskId one = _submitted(alice, robot1);
+        TaskId two = _submitted(bob, robot2);
         bytes[] memory calls = new bytes[](2);
         (calls[0], calls[1]) = (_accepting(one), _accepting(two));
         uint256 snapshot = vm.snapshotState();
@@ -196,7 +198,7 @@ contract CallEachTest is Fixture {
     }
 
     function test_callsWithinCalls() public {
-        uint256 taskId = _submitted(alice, robot1);
+        TaskId taskId = _submitted(alice, robot1);
         bytes[] memory inner = new bytes[](1);
         inner[0] = _accepting(taskId);
         bytes[] memory calls = new bytes[](1);
@@ -208,9 +210,9 @@ contract CallEachTest is Fixture {
     function test_anyCallOfThisContractMayBeAmongThem() public {
         bytes[] memory calls = new bytes[](2);
         calls[0] = abi.encodeCall(ITaskManager.registerTask, (request(100 ether)));
-        calls[1] = abi.encodeCall(ITaskManager.cancelTask, (1));
+        calls[1] = abi.encodeCall(ITaskManager.cancelTask, (taskNo(1)));
         _callEach(alice, calls);
-        assertState(1, TaskState.Cancelled);
+        assertState(taskNo(1), TaskState.Cancelled);
         assertEq(coin.balanceOf(alice), 2000 ether);
     }
 }

@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {OracleCommittee} from "../src/OracleCommittee.sol";
 import {Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {Task, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice The organization with a committee of five in place of its one oracle: three votes of all five.
@@ -37,13 +38,13 @@ abstract contract Committee is Fixture {
     }
 
     /// @dev A task of alice's whose proof robot1 has submitted.
-    function submitted() internal returns (uint256 taskId) {
+    function submitted() internal returns (TaskId taskId) {
         offer(robot1, 80 ether);
         taskId = post(alice, 100 ether);
         submit(taskId);
     }
 
-    function accepting(uint256 taskId) internal view returns (Vote memory) {
+    function accepting(TaskId taskId) internal view returns (Vote memory) {
         Task memory t = tasks.task(taskId);
         return Vote(taskId, t.attempt, PROOF, REPORT, RULES, Verdict.Accepted, t.price, "accepted");
     }

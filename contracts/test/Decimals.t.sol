@@ -11,6 +11,8 @@ import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.s
 import {Units} from "../src/libraries/Units.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
 import {SecondPrice} from "../src/policies/SecondPrice.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {PlainToken} from "./PlainToken.sol";
 
@@ -27,7 +29,7 @@ contract DecimalsTest is Fixture {
 
     function test_aTaskGoesFromItsRewardToItsPayment() public {
         offer(robot1, 80 * TOKEN);
-        uint256 taskId = post(alice, 100 * TOKEN);
+        TaskId taskId = post(alice, 100 * TOKEN);
         assertEq(tasks.held(), 100 * TOKEN);
         submit(taskId);
         vm.expectEmit(address(tasks));
@@ -41,15 +43,15 @@ contract DecimalsTest is Fixture {
     function test_aPermitIsNotNeeded() public {
         offer(robot1, 80 * TOKEN);
         vm.prank(alice);
-        uint256 taskId = tasks.registerTaskWithPermit(request(100 * TOKEN), 0, 0, 0, 0);
+        TaskId taskId = tasks.registerTaskWithPermit(request(100 * TOKEN), 0, 0, 0, 0);
         attempt(taskId, true);
         assertEq(_token.balanceOf(robot1), 1080 * TOKEN);
     }
 
     function test_bondsPenaltiesAndPartPaymentsAreExact() public {
         setTerms(uint96(50 * TOKEN), uint96(20 * TOKEN + 1), 0);
-        uint256 serviceId = offer(robot1, 80 * TOKEN);
-        uint256 taskId = post(alice, 100 * TOKEN);
+        ServiceId serviceId = offer(robot1, 80 * TOKEN);
+        TaskId taskId = post(alice, 100 * TOKEN);
         attempt(taskId, false);
         assertEq(_token.balanceOf(address(organization)), 20 * TOKEN + 1);
         submit(taskId);
@@ -64,7 +66,7 @@ contract DecimalsTest is Fixture {
 
     function test_thePriceIsMeantToTheSmallestUnit() public {
         offer(robot1, 1);
-        uint256 taskId = post(alice, 1);
+        TaskId taskId = post(alice, 1);
         attempt(taskId, true);
         assertEq(_token.balanceOf(robot1), 1000 * TOKEN + 1);
         uint256 max = Units.max(1);
@@ -79,20 +81,20 @@ contract DecimalsTest is Fixture {
         vm.prank(admin);
         organization.setPolicy(lowest);
         offer(robot1, 3 * TOKEN / 100);
-        uint256 cheap = offer(robot2, 2 * TOKEN / 100);
+        ServiceId cheap = offer(robot2, 2 * TOKEN / 100);
         assertAssigned(post(alice, TOKEN), cheap);
         vm.prank(admin);
         organization.setPolicy(second);
         offer(robot3, 4 * TOKEN / 100);
         assertEq(tasks.task(post(alice, TOKEN)).price, 4 * TOKEN / 100);
-        uint256 waits = post(alice, 2 * TOKEN / 100 - 1);
+        TaskId waits = post(alice, 2 * TOKEN / 100 - 1);
         assertState(waits, TaskState.Open);
         assertEq(tasks.oldestOpen(CLEANING, 19_900), waits, "three digits of it");
     }
 
     /// @dev A hundred tokens make a name, not a hundred billion of their smallest units.
     function test_reputationCountsTokens() public {
-        uint256 serviceId = offer(robot1, 500 * TOKEN);
+        ServiceId serviceId = offer(robot1, 500 * TOKEN);
         assertEq(services.service(serviceId).reputation, 32);
         attempt(post(alice, 500 * TOKEN), true);
         assertEq(services.service(serviceId).reputation, 54, "64 * 600 / 700");
@@ -104,7 +106,7 @@ contract DecimalsTest is Fixture {
         uint8[4] memory decimals = [2, 6, 9, 18];
         for (uint256 i = 0; i < decimals.length; ++i) {
             _pays(decimals[i]);
-            uint256 serviceId = offer(robot1, 30 * 10 ** decimals[i]);
+            ServiceId serviceId = offer(robot1, 30 * 10 ** decimals[i]);
             attempt(post(alice, 30 * 10 ** decimals[i]), true);
             assertEq(services.service(serviceId).reputation, 36, "64 * 130 / 230");
         }

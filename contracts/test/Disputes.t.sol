@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {IDisputes, Instance, Ruling} from "../src/interfaces/IDisputes.sol";
 import {IOracleCommittee, Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Instances} from "./Instances.sol";
 
 contract DisputesTest is Instances {
@@ -115,7 +116,7 @@ contract DisputesTest is Instances {
     }
 
     function test_whatTheTaskManagerWouldRefuseAtTheEndIsRefusedAtOnce() public {
-        uint256 taskId = waiting();
+        TaskId taskId = waiting();
         bytes4[6] memory why = [
             ITaskManager.WrongAttempt.selector,
             ITaskManager.ProofMismatch.selector,
@@ -139,7 +140,7 @@ contract DisputesTest is Instances {
     }
 
     function test_aFirstVerdictLeavesTimeForTheLast() public {
-        uint256 taskId = waiting();
+        TaskId taskId = waiting();
         uint256 longest = disputes.longestCase(CLEANING);
         assertEq(longest, 3 * uint256(CHALLENGE) + 2 * uint256(DECISION));
         uint256 deadline = tasks.task(taskId).deadline;
@@ -218,7 +219,7 @@ contract DisputesTest is Instances {
         TaskRequest memory wanted = request(100 ether);
         wanted.verdictWindow = VERDICT_WINDOW;
         vm.prank(admin);
-        uint256 taskId = organization.registerTask(wanted);
+        TaskId taskId = organization.registerTask(wanted);
         submit(taskId);
         Vote memory vote = voteOf(taskId, Verdict.Accepted);
         disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
@@ -307,7 +308,7 @@ contract DisputesTest is Instances {
         setQuorum(2, 3, 0, 0x0e); // without judge 0
         Instance[] memory wanted = three();
         setInstances(wanted);
-        uint256 taskId = waiting();
+        TaskId taskId = waiting();
         Vote memory vote = voteOf(taskId, Verdict.Accepted);
         disputes.postVotes(
             vote, REPORT_URI, abi.encodePacked(sign(judgeKeys[1], vote), sign(judgeKeys[2], vote))
@@ -331,7 +332,7 @@ contract DisputesTest is Instances {
     }
 
     function test_withoutStakeOrVerdictThereIsNoChallenge() public {
-        uint256 taskId = waiting();
+        TaskId taskId = waiting();
         vm.prank(alice);
         vm.expectRevert(abi.encodeWithSelector(IDisputes.NoCase.selector, taskId));
         disputes.challenge(taskId, "wrong");
@@ -493,7 +494,7 @@ contract DisputesTest is Instances {
         vm.prank(admin);
         organization.setVerdictWindows(CLEANING, 15 minutes, 1 days);
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether); // one hour
+        TaskId taskId = post(alice, 100 ether); // one hour
         submit(taskId);
         vm.startPrank(admin);
         organization.setVerdictWindows(CLEANING, 2 hours, 1 days);
@@ -509,7 +510,7 @@ contract DisputesTest is Instances {
         vm.prank(robot1);
         services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         vm.prank(alice);
-        uint256 taskId = tasks.registerTask(
+        TaskId taskId = tasks.registerTask(
             TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, 0, address(0), "{}")
         );
         submit(taskId);

@@ -11,9 +11,31 @@ import {Review, Terms} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Silence, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
+import {KindId} from "../src/types/KindId.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
+
+/// @notice Short words for numbers of tasks and services.
+abstract contract Numbers {
+    function taskNo(uint256 number) internal pure returns (TaskId) {
+        return TaskId.wrap(number);
+    }
+
+    function serviceNo(uint256 number) internal pure returns (ServiceId) {
+        return ServiceId.wrap(number);
+    }
+
+    function following(TaskId taskId) internal pure returns (TaskId) {
+        return taskNo(TaskId.unwrap(taskId) + 1);
+    }
+
+    function following(ServiceId serviceId) internal pure returns (ServiceId) {
+        return serviceNo(ServiceId.unwrap(serviceId) + 1);
+    }
+}
 
 /// @notice An organization with its contracts, two humans who post tasks and three robots who do them.
-abstract contract Fixture is Test {
+abstract contract Fixture is Numbers, Test {
     bytes32 internal constant CLEANING = "waste_disposal";
     bytes32 internal constant CHARGING = "battery_charging";
     bytes32 internal constant RULES = keccak256("rules");
@@ -88,13 +110,13 @@ abstract contract Fixture is Test {
         organization.setTerms(Terms(bond, penalty, maxFailures));
     }
 
-    function update(uint256 serviceId, uint256 price, ServiceState next) internal {
+    function update(ServiceId serviceId, uint256 price, ServiceState next) internal {
         vm.prank(services.providerOf(serviceId));
         services.updateService(serviceId, price, next);
     }
 
     /// @dev One attempt at the task from proof to verdict.
-    function attempt(uint256 taskId, bool accepted) internal {
+    function attempt(TaskId taskId, bool accepted) internal {
         submit(taskId);
         judge(taskId, accepted);
     }
@@ -103,24 +125,24 @@ abstract contract Fixture is Test {
         return TaskRequest(CLEANING, reward, WINDOW, WINDOW, ATTEMPTS, 0, 0, address(0), "{}");
     }
 
-    function post(address creator, uint256 reward) internal returns (uint256 taskId) {
+    function post(address creator, uint256 reward) internal returns (TaskId taskId) {
         vm.prank(creator);
         return tasks.registerTask(request(reward));
     }
 
-    function offer(address provider, uint256 price) internal returns (uint256 serviceId) {
+    function offer(address provider, uint256 price) internal returns (ServiceId serviceId) {
         vm.prank(provider);
         return services.registerService(CLEANING, price, NO_LIMIT, true, "");
     }
 
-    function submit(uint256 taskId) internal {
+    function submit(TaskId taskId) internal {
         Task memory t = tasks.task(taskId);
         vm.prank(services.service(t.serviceId).provider);
         tasks.submitProof(taskId, t.attempt, PROOF, URI);
     }
 
     /// @dev The oracle accepts at the full price, or rejects.
-    function judge(uint256 taskId, bool accepted) internal {
+    function judge(TaskId taskId, bool accepted) internal {
         Task memory t = tasks.task(taskId);
         (Verdict verdict, uint256 amount) =
             accepted ? (Verdict.Accepted, uint256(t.price)) : (Verdict.Rejected, 0);
@@ -128,23 +150,71 @@ abstract contract Fixture is Test {
         tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, REPORT, "report", "because");
     }
 
-    function judgeAs(address who, uint256 taskId, Verdict verdict, uint256 amount) internal {
+    function judgeAs(address who, TaskId taskId, Verdict verdict, uint256 amount) internal {
         Task memory t = tasks.task(taskId);
         vm.prank(who);
         tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, REPORT, "report", "because");
     }
 
-    function state(uint256 taskId) internal view returns (TaskState) {
+    function state(TaskId taskId) internal view returns (TaskState) {
         return tasks.task(taskId).state;
     }
 
-    function assertState(uint256 taskId, TaskState expected) internal view {
+    function assertState(TaskId taskId, TaskState expected) internal view {
         assertEq(uint8(state(taskId)), uint8(expected), "task state");
     }
 
-    function assertAssigned(uint256 taskId, uint256 serviceId) internal view {
+    function assertAssigned(TaskId taskId, ServiceId serviceId) internal view {
         assertState(taskId, TaskState.Assigned);
         assertEq(tasks.task(taskId).serviceId, serviceId, "the task's service");
         assertEq(services.service(serviceId).taskId, taskId, "the service's task");
+    }
+
+    function exists(TaskId taskId) internal view returns (bool) {
+        return TaskId.unwrap(taskId) <= tasks.taskCount();
+    }
+
+    function exists(ServiceId serviceId) internal view returns (bool) {
+        return ServiceId.unwrap(serviceId) <= services.serviceCount();
+    }
+
+    function assertEq(TaskId actual, TaskId expected) internal pure {
+        assertEq(TaskId.unwrap(actual), TaskId.unwrap(expected));
+    }
+
+    function assertEq(TaskId actual, TaskId expected, string memory what) internal pure {
+        assertEq(TaskId.unwrap(actual), TaskId.unwrap(expected), what);
+    }
+
+    function assertEq(TaskId actual, uint256 number) internal pure {
+        assertEq(TaskId.unwrap(actual), number);
+    }
+
+    function assertEq(TaskId actual, uint256 number, string memory what) internal pure {
+        assertEq(TaskId.unwrap(actual), number, what);
+    }
+
+    function assertEq(ServiceId actual, ServiceId expected) internal pure {
+        assertEq(ServiceId.unwrap(actual), ServiceId.unwrap(expected));
+    }
+
+    function assertEq(ServiceId actual, ServiceId expected, string memory what) internal pure {
+        assertEq(ServiceId.unwrap(actual), ServiceId.unwrap(expected), what);
+    }
+
+    function assertEq(ServiceId actual, uint256 number) internal pure {
+        assertEq(ServiceId.unwrap(actual), number);
+    }
+
+    function assertEq(ServiceId actual, uint256 number, string memory what) internal pure {
+        assertEq(ServiceId.unwrap(actual), number, what);
+    }
+
+    function assertEq(KindId actual, uint256 number) internal pure {
+        assertEq(KindId.unwrap(actual), number);
+    }
+
+    function assertEq(KindId actual, uint256 number, string memory what) internal pure {
+        assertEq(KindId.unwrap(actual), number, what);
     }
 }

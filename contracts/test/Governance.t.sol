@@ -9,6 +9,7 @@ import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
 import {OrganizationTimelock} from "../src/governance/OrganizationTimelock.sol";
 import {Terms} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice An organization whose members decide by votes, with a timelock as its administrator.
@@ -21,7 +22,7 @@ contract GovernanceTest is Fixture {
     MemberVotes private votes;
     OrganizationTimelock private timelock;
     OrganizationGovernor private governor;
-    uint256 private serviceId;
+    ServiceId private serviceId;
 
     // What the tests propose.
     address[] private targets = new address[](1);

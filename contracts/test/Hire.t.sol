@@ -4,6 +4,8 @@ pragma solidity ^0.8.28;
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Hire, ITaskManager, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Names a service and a price.
@@ -14,21 +16,21 @@ contract FixedPolicy is IMatchingPolicy {
         _price = price;
     }
 
-    function serviceFor(IServiceManager, bytes32, uint256) external view returns (uint256, uint256) {
-        return (1, _price);
+    function serviceFor(IServiceManager, bytes32, uint256) external view returns (ServiceId, uint256) {
+        return (ServiceId.wrap(1), _price);
     }
 }
 
 /// @notice Tasks that name the service, or the provider, that is to do them.
 contract HireTest is Fixture {
-    function _hire(uint256 serviceId, uint256 reward) private returns (uint256) {
+    function _hire(ServiceId serviceId, uint256 reward) private returns (TaskId) {
         TaskRequest memory r = request(reward);
-        r.serviceId = uint32(serviceId);
+        r.serviceId = serviceId.pack();
         vm.prank(alice);
         return tasks.registerTask(r);
     }
 
-    function _hireFrom(address provider, uint256 reward) private returns (uint256) {
+    function _hireFrom(address provider, uint256 reward) private returns (TaskId) {
         TaskRequest memory r = request(reward);
         r.provider = provider;
         vm.prank(alice);
@@ -36,33 +38,33 @@ contract HireTest is Fixture {
     }
 
     /// @dev robot1 has two services, and both are at work.
-    function _twoBusy() private returns (uint256 first, uint256 second) {
+    function _twoBusy() private returns (ServiceId first, ServiceId second) {
         (first, second) = (offer(robot1, 80 ether), offer(robot1, 60 ether));
         post(bob, 100 ether);
         post(bob, 100 ether);
-        assertAssigned(1, first);
-        assertAssigned(2, second);
+        assertAssigned(taskNo(1), first);
+        assertAssigned(taskNo(2), second);
     }
 
     function test_theNamedServiceGetsTheTaskWhoeverIsCheaperAndWaitedLonger() public {
         offer(robot1, 1 ether);
-        uint256 second = offer(robot2, 80 ether);
+        ServiceId second = offer(robot2, 80 ether);
         vm.expectEmit();
-        emit ITaskManager.ServiceRequested(1, second);
-        uint256 taskId = _hire(second, 100 ether);
+        emit ITaskManager.ServiceRequested(taskNo(1), second);
+        TaskId taskId = _hire(second, 100 ether);
         assertAssigned(taskId, second);
         assertTrue(tasks.task(taskId).hired == Hire.Service);
         assertEq(tasks.task(taskId).price, 80 ether, "its own price");
     }
 
     function test_whileTheNamedServiceWorksTheTaskWaitsForIt() public {
-        uint256 busy = offer(robot1, 80 ether);
-        uint256 running = post(bob, 100 ether);
-        uint256 taskId = _hire(busy, 100 ether);
-        uint256 other = offer(robot2, 1 ether);
+        ServiceId busy = offer(robot1, 80 ether);
+        TaskId running = post(bob, 100 ether);
+        TaskId taskId = _hire(busy, 100 ether);
+        ServiceId other = offer(robot2, 1 ether);
         assertState(taskId, TaskState.Open);
         assertEq(tasks.task(taskId).serviceId, busy, "whom it waits for");
-        uint256 later = post(bob, 100 ether);
+        TaskId later = post(bob, 100 ether);
         assertAssigned(later, other);
         attempt(running, true);
         assertAssigned(taskId, busy);
@@ -71,12 +73,12 @@ contract HireTest is Fixture {
     }
 
     function test_theOldestTaskGoesFirstWhetherItNamesTheServiceOrNot() public {
-        uint256 busy = offer(robot1, 80 ether);
+        ServiceId busy = offer(robot1, 80 ether);
         post(bob, 100 ether);
-        uint256 any = post(bob, 100 ether);
-        uint256 named = _hire(busy, 100 ether);
-        uint256 last = post(bob, 100 ether);
-        attempt(1, true);
+        TaskId any = post(bob, 100 ether);
+        TaskId named = _hire(busy, 100 ether);
+        TaskId last = post(bob, 100 ether);
+        attempt(taskNo(1), true);
         assertAssigned(any, busy);
         attempt(any, true);
         assertAssigned(named, busy);
@@ -85,9 +87,9 @@ contract HireTest is Fixture {
     }
 
     function test_aFailedAttemptWaitsForTheNamedServiceAgain() public {
-        uint256 first = offer(robot1, 80 ether);
-        uint256 other = offer(robot2, 1 ether);
-        uint256 taskId = _hire(first, 100 ether);
+        ServiceId first = offer(robot1, 80 ether);
+        ServiceId other = offer(robot2, 1 ether);
+        TaskId taskId = _hire(first, 100 ether);
         attempt(taskId, false);
         assertAssigned(taskId, first);
         assertEq(tasks.task(taskId).attempt, 2);
@@ -95,10 +97,10 @@ contract HireTest is Fixture {
     }
 
     function test_aTaskWaitsForAPausedServiceAndItsCreatorCancelsIt() public {
-        uint256 paused = offer(robot1, 80 ether);
+        ServiceId paused = offer(robot1, 80 ether);
         update(paused, 80 ether, ServiceState.Paused);
-        uint256 taskId = _hire(paused, 100 ether);
-        uint256 cancelled = _hire(paused, 100 ether);
+        TaskId taskId = _hire(paused, 100 ether);
+        TaskId cancelled = _hire(paused, 100 ether);
         assertState(taskId, TaskState.Open);
         vm.prank(alice);
         tasks.cancelTask(cancelled);
@@ -110,8 +112,8 @@ contract HireTest is Fixture {
     }
 
     function test_aTaskThatPaysTooLittleWaitsUntilTheServiceIsCheaper() public {
-        uint256 dear = offer(robot1, 80 ether);
-        uint256 taskId = _hire(dear, 50 ether);
+        ServiceId dear = offer(robot1, 80 ether);
+        TaskId taskId = _hire(dear, 50 ether);
         assertState(taskId, TaskState.Open);
         vm.prank(stranger);
         tasks.matchTask(taskId);
@@ -122,13 +124,13 @@ contract HireTest is Fixture {
 
     function test_aServiceThatDoesNotExistOrDoesOtherWorkIsNotHired() public {
         vm.prank(robot1);
-        uint256 charger = services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
+        ServiceId charger = services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         TaskRequest memory r = request(100 ether);
         r.serviceId = 2;
         vm.startPrank(alice);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.UnknownService.selector, 2));
         tasks.registerTask(r);
-        r.serviceId = uint32(charger);
+        r.serviceId = charger.pack();
         // The kind has its number once somebody has used it.
         vm.expectRevert(
             abi.encodeWithSelector(IServiceManager.ServiceOfOtherKind.selector, charger, CLEANING)
@@ -140,10 +142,10 @@ contract HireTest is Fixture {
     function test_theCheapestFreeServiceOfTheNamedProviderGetsTheTask() public {
         offer(robot2, 1 ether);
         offer(robot1, 80 ether);
-        uint256 cheap = offer(robot1, 60 ether);
+        ServiceId cheap = offer(robot1, 60 ether);
         vm.expectEmit();
-        emit ITaskManager.ProviderRequested(1, robot1);
-        uint256 taskId = _hireFrom(robot1, 100 ether);
+        emit ITaskManager.ProviderRequested(taskNo(1), robot1);
+        TaskId taskId = _hireFrom(robot1, 100 ether);
         assertAssigned(taskId, cheap);
         Task memory t = tasks.task(taskId);
         assertTrue(t.hired == Hire.Provider);
@@ -152,28 +154,28 @@ contract HireTest is Fixture {
     }
 
     function test_whicheverServiceOfTheNamedProviderIsFreeFirstTakesTheWaitingTask() public {
-        (, uint256 second) = _twoBusy();
-        uint256 taskId = _hireFrom(robot1, 100 ether);
-        uint256 other = offer(robot2, 1 ether);
+        (, ServiceId second) = _twoBusy();
+        TaskId taskId = _hireFrom(robot1, 100 ether);
+        ServiceId other = offer(robot2, 1 ether);
         Task memory t = tasks.task(taskId);
         assertState(taskId, TaskState.Open);
         assertEq(t.serviceId, 0, "it names no service");
         assertEq(t.provider, robot1);
         assertEq(services.service(other).taskId, 0);
-        attempt(2, true);
+        attempt(taskNo(2), true);
         assertAssigned(taskId, second);
         attempt(taskId, true);
         assertState(taskId, TaskState.Settled);
     }
 
     function test_aServiceTakesTheOldestOfItsThreeQueues() public {
-        (uint256 first,) = _twoBusy();
-        uint256 fromProvider = _hireFrom(robot1, 100 ether);
-        uint256 named = _hire(first, 100 ether);
-        uint256 any = post(bob, 100 ether);
-        uint256 last = _hireFrom(robot1, 100 ether);
-        uint256[4] memory order = [fromProvider, named, any, last];
-        uint256 running = 1;
+        (ServiceId first,) = _twoBusy();
+        TaskId fromProvider = _hireFrom(robot1, 100 ether);
+        TaskId named = _hire(first, 100 ether);
+        TaskId any = post(bob, 100 ether);
+        TaskId last = _hireFrom(robot1, 100 ether);
+        TaskId[4] memory order = [fromProvider, named, any, last];
+        TaskId running = taskNo(1);
         for (uint256 i = 0; i < 4; ++i) {
             attempt(running, true);
             running = order[i];
@@ -182,10 +184,10 @@ contract HireTest is Fixture {
     }
 
     function test_aFailedAttemptGoesToAnotherServiceOfTheNamedProviderOrWaitsForOne() public {
-        uint256 first = offer(robot1, 60 ether);
-        uint256 taskId = _hireFrom(robot1, 100 ether);
+        ServiceId first = offer(robot1, 60 ether);
+        TaskId taskId = _hireFrom(robot1, 100 ether);
         assertAssigned(taskId, first);
-        uint256 second = offer(robot1, 80 ether);
+        ServiceId second = offer(robot1, 80 ether);
         offer(robot2, 1 ether);
         attempt(taskId, false);
         assertAssigned(taskId, second);
@@ -196,8 +198,8 @@ contract HireTest is Fixture {
     }
 
     function test_aTaskWaitsForAProviderWhoRetiredWhileItsProofWasAudited() public {
-        uint256 first = offer(robot1, 60 ether);
-        uint256 taskId = _hireFrom(robot1, 100 ether);
+        ServiceId first = offer(robot1, 60 ether);
+        TaskId taskId = _hireFrom(robot1, 100 ether);
         submit(taskId);
         judgeAs(oracle, taskId, Verdict.Undecided, 0);
         update(first, 60 ether, ServiceState.Retired);
@@ -211,13 +213,13 @@ contract HireTest is Fixture {
 
     function test_aServiceOfTheNamedProviderThatComesLaterTakesWaitingTasksToo() public {
         _twoBusy();
-        uint256 taskId = _hireFrom(robot1, 100 ether);
-        uint256 cancelled = _hireFrom(robot1, 100 ether);
-        uint256 later = _hireFrom(robot1, 100 ether);
+        TaskId taskId = _hireFrom(robot1, 100 ether);
+        TaskId cancelled = _hireFrom(robot1, 100 ether);
+        TaskId later = _hireFrom(robot1, 100 ether);
         vm.prank(alice);
         tasks.cancelTask(cancelled);
         assertEq(tasks.task(cancelled).serviceId, 0, "nobody has done it");
-        uint256 third = offer(robot1, 70 ether);
+        ServiceId third = offer(robot1, 70 ether);
         assertAssigned(taskId, third);
         attempt(taskId, true);
         assertAssigned(later, third);
@@ -227,8 +229,8 @@ contract HireTest is Fixture {
 
     function test_aTaskThatPaysANamedProviderTooLittleWaitsUntilOneIsCheaper() public {
         offer(robot1, 80 ether);
-        uint256 second = offer(robot1, 90 ether);
-        uint256 taskId = _hireFrom(robot1, 50 ether);
+        ServiceId second = offer(robot1, 90 ether);
+        TaskId taskId = _hireFrom(robot1, 50 ether);
         assertState(taskId, TaskState.Open);
         update(second, 50 ether, ServiceState.Active);
         assertAssigned(taskId, second);
@@ -237,7 +239,7 @@ contract HireTest is Fixture {
     function test_whoDoesNoSuchWorkAndTheOrganizationAreNotHired() public {
         vm.prank(robot1);
         services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
-        uint256 retired = offer(robot2, 1 ether);
+        ServiceId retired = offer(robot2, 1 ether);
         update(retired, 1 ether, ServiceState.Retired);
         vm.prank(admin);
         organization.registerService(CLEANING, 1 ether, NO_LIMIT, true, "");
@@ -255,14 +257,14 @@ contract HireTest is Fixture {
 
     function test_aTaskNamesAServiceOrAProviderNotBoth() public {
         TaskRequest memory r = request(100 ether);
-        (r.serviceId, r.provider) = (uint32(offer(robot1, 1 ether)), robot1);
+        (r.serviceId, r.provider) = (offer(robot1, 1 ether).pack(), robot1);
         vm.prank(alice);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.TwoNamed.selector, 1, robot1));
         tasks.registerTask(r);
     }
 
     function test_aPolicyPaysAtLeastTheServicesPriceAndAtMostTheReward() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         uint256[3] memory named = [uint256(1 ether), 90 ether, 101 ether];
         for (uint256 i = 0; i < 3; ++i) {
             IMatchingPolicy policy_ = new FixedPolicy(named[i]);
@@ -270,9 +272,9 @@ contract HireTest is Fixture {
             organization.setPolicy(policy_);
             if (i == 2) {
                 vm.expectEmit();
-                emit ITaskManager.PolicyFailed(3);
+                emit ITaskManager.PolicyFailed(taskNo(3));
             }
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             if (i == 2) {
                 assertState(taskId, TaskState.Open);
                 continue;

@@ -3,6 +3,8 @@ pragma solidity ^0.8.28;
 
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
 
@@ -21,10 +23,10 @@ contract ImpossibleTest is Fixture {
     }
 
     function test_anImpossibleTaskTakesNobodysBond() public {
-        uint256[3] memory offered =
+        ServiceId[3] memory offered =
             [_offerByHand(robot1, 80 ether), _offerByHand(robot2, 80 ether), _offerByHand(robot3, 80 ether)];
         for (uint256 i = 0; i < 2; ++i) {
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             for (uint256 n = 0; n < ATTEMPTS; ++n) {
                 vm.warp(tasks.task(taskId).deadline + 1);
                 tasks.expireTask(taskId);
@@ -42,8 +44,8 @@ contract ImpossibleTest is Fixture {
 
     function test_whoHasNotAcceptedGivesWayAfterAQuarterOfTheWindow() public {
         _offerByHand(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
-        uint256 next = _offerByHand(robot2, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        ServiceId next = _offerByHand(robot2, 80 ether);
         uint256 graceEnd = block.timestamp + WINDOW / 4;
         vm.warp(graceEnd);
         vm.expectRevert(
@@ -59,8 +61,8 @@ contract ImpossibleTest is Fixture {
     }
 
     function test_whoAcceptsAnswersForIt() public {
-        uint256 serviceId = _offerByHand(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = _offerByHand(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskAccepted(taskId, 1, robot1);
         vm.startPrank(robot1);
@@ -77,7 +79,7 @@ contract ImpossibleTest is Fixture {
 
     function test_theNextAttemptIsNotAcceptedBefore() public {
         _offerByHand(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(robot1);
         tasks.acceptTask(taskId, 1);
         _offerByHand(robot2, 80 ether);
@@ -90,8 +92,8 @@ contract ImpossibleTest is Fixture {
     }
 
     function test_aServiceThatAcceptsEachTaskAbandonsEarlyAtNoCost() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.warp(block.timestamp + WINDOW / 4);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskRequeued(taskId, 1, Cause.Abandoned);
@@ -103,8 +105,8 @@ contract ImpossibleTest is Fixture {
     }
 
     function test_whoAbandonsLateAnswersForIt() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.warp(block.timestamp + WINDOW / 4 + 1);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskRequeued(taskId, 1, Cause.AbandonedLate);
@@ -116,7 +118,7 @@ contract ImpossibleTest is Fixture {
 
     function test_onlyTheExecutorAbandonsAndOnlyWhatItDoes() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, alice, robot1));
         vm.prank(alice);
         tasks.abandonTask(taskId, 1);
@@ -131,9 +133,9 @@ contract ImpossibleTest is Fixture {
     }
 
     function test_attack_impossibleTasksThatARobotAbandonsDoNotPutItToSleep() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         for (uint256 i = 0; i < 3; ++i) {
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             for (uint8 n = 1; n <= ATTEMPTS; ++n) {
                 _abandon(robot1, taskId);
             }
@@ -144,7 +146,7 @@ contract ImpossibleTest is Fixture {
     }
 
     function test_attack_whoAbandonsWhatOthersCanDoFallsAsleep() public {
-        uint256 given = offer(robot1, 80 ether);
+        ServiceId given = offer(robot1, 80 ether);
         offer(robot2, 80 ether);
         for (uint256 i = 0; i < 3; ++i) {
             assertEq(services.asleepUntil(robot1), 0);
@@ -152,7 +154,7 @@ contract ImpossibleTest is Fixture {
         }
         assertEq(services.asleepUntil(robot1), block.timestamp);
         // Its service sleeps when it gives one more back.
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertAssigned(taskId, given);
         vm.expectEmit(address(services));
         emit IServiceManager.ServiceFellAsleep(given);
@@ -174,7 +176,7 @@ contract ImpossibleTest is Fixture {
     function test_whoAbandonsATaskAndDoesItAfterAllMissedNothing() public {
         offer(robot1, 80 ether);
         for (uint256 i = 0; i < 3; ++i) {
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             _abandon(robot1, taskId);
             attempt(taskId, true);
         }
@@ -183,10 +185,10 @@ contract ImpossibleTest is Fixture {
 
     function test_aTaskThatIsGivenBackAgainAndAgainCountsOnceForAService() public {
         offer(robot1, 80 ether);
-        uint256 other = offer(robot2, 80 ether);
+        ServiceId other = offer(robot2, 80 ether);
         for (uint256 i = 0; i < 2; ++i) {
             update(other, 80 ether, ServiceState.Paused);
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             _abandon(robot1, taskId);
             update(other, 80 ether, ServiceState.Active);
             _abandon(robot1, taskId);
@@ -199,20 +201,20 @@ contract ImpossibleTest is Fixture {
     function test_attack_whoHasNotAcceptedMissesATaskThatItGivesBackLate() public {
         _offerByHand(robot1, 80 ether);
         for (uint8 n = 1; n <= ATTEMPTS; ++n) {
-            uint256 taskId = n == 1 ? post(alice, 100 ether) : 1;
+            TaskId taskId = n == 1 ? post(alice, 100 ether) : taskNo(1);
             vm.warp(block.timestamp + WINDOW / 4 + 1);
             _abandon(robot1, taskId);
         }
         assertEq(services.asleepUntil(robot1), block.timestamp);
-        assertEq(services.service(1).failures, 0);
+        assertEq(services.service(serviceNo(1)).failures, 0);
     }
 
     function test_attack_onesOwnTasksForgiveNothing() public {
         setTerms(0, 0, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.prank(admin);
         Possession.register(organization, robot1, "robot", bob, "robot1");
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         for (uint256 n = 0; n < ATTEMPTS; ++n) {
             attempt(taskId, false);
         }
@@ -231,12 +233,12 @@ contract ImpossibleTest is Fixture {
     function test_attack_onesOwnTasksDoNotWake() public {
         setTerms(0, 0, 0);
         offer(robot1, 80 ether);
-        uint256 other = offer(robot1, 80 ether);
+        ServiceId other = offer(robot1, 80 ether);
         TaskRequest memory r = request(100 ether);
         r.executionWindow = 1 days;
         vm.prank(robot1);
-        uint256 own = tasks.registerTask(r);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId own = tasks.registerTask(r);
+        TaskId taskId = post(alice, 100 ether);
         assertAssigned(taskId, other);
         while (state(taskId) == TaskState.Assigned) {
             vm.warp(tasks.task(taskId).deadline + 1);
@@ -251,26 +253,26 @@ contract ImpossibleTest is Fixture {
     function test_onlyTheTaskManagerCountsWhatWasAbandoned() public {
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
         vm.prank(stranger);
-        services.countAbandoned(1, 1, alice);
+        services.countAbandoned(taskNo(1), serviceNo(1), alice);
     }
 
     /// @dev The first service gives a task of `creator` back, and the other does it.
     function _abandonedAndDone(address creator) private {
-        uint256 taskId = post(creator, 100 ether);
+        TaskId taskId = post(creator, 100 ether);
         _abandon(robot1, taskId);
         assertEq(services.providerOf(tasks.task(taskId).serviceId), robot2);
         attempt(taskId, true);
     }
 
-    function _abandon(address provider, uint256 taskId) private {
+    function _abandon(address provider, TaskId taskId) private {
         uint8 running = tasks.task(taskId).attempt;
         vm.prank(provider);
         tasks.abandonTask(taskId, running);
     }
 
     function test_anImpossibleTaskPaysItsExecutorATenthAndEnds() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskSettled(taskId, robot1, 8 ether, 92 ether);
@@ -285,7 +287,7 @@ contract ImpossibleTest is Fixture {
 
     function test_auditorsFindATaskImpossible() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         judgeAs(oracle, taskId, Verdict.Undecided, 0);
         judgeAs(auditor, taskId, Verdict.Impossible, 0);
@@ -298,7 +300,7 @@ contract ImpossibleTest is Fixture {
         vm.startPrank(admin);
         organization.registerService(CLEANING, 80 ether, NO_LIMIT, false, "");
         vm.stopPrank();
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.startPrank(admin);
         organization.acceptTask(taskId, 1);
         assertTrue(tasks.task(taskId).accepted);
@@ -307,7 +309,7 @@ contract ImpossibleTest is Fixture {
         assertEq(tasks.task(taskId).attempt, 2);
     }
 
-    function _offerByHand(address provider, uint256 price) private returns (uint256 serviceId) {
+    function _offerByHand(address provider, uint256 price) private returns (ServiceId serviceId) {
         vm.prank(provider);
         return services.registerService(CLEANING, price, NO_LIMIT, false, "");
     }

@@ -6,6 +6,7 @@ import {OracleCommittee} from "../src/OracleCommittee.sol";
 import {Instance, Ruling} from "../src/interfaces/IDisputes.sol";
 import {Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {Task, TaskRequest, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "./Committee.sol";
 
 /// @notice Three instances: the committee of five, one of seven, one of nine.
@@ -50,7 +51,7 @@ abstract contract Instances is Committee {
             + coin.balanceOf(address(disputes));
     }
 
-    function assertEmpty(uint256 taskId) internal view {
+    function assertEmpty(TaskId taskId) internal view {
         (Ruling[] memory rulings,,) = disputes.caseOf(taskId);
         assertEq(rulings.length, 0);
         assertEq(coin.balanceOf(address(disputes)), 0);
@@ -85,7 +86,7 @@ abstract contract Instances is Committee {
     }
 
     /// @dev A task of alice's whose proof robot1 has submitted, with time for disputes.
-    function waiting() internal returns (uint256 taskId) {
+    function waiting() internal returns (TaskId taskId) {
         offer(robot1, 80 ether);
         TaskRequest memory wanted = request(100 ether);
         wanted.verdictWindow = VERDICT_WINDOW;
@@ -94,7 +95,7 @@ abstract contract Instances is Committee {
         submit(taskId);
     }
 
-    function voteOf(uint256 taskId, Verdict verdict) internal view returns (Vote memory vote) {
+    function voteOf(TaskId taskId, Verdict verdict) internal view returns (Vote memory vote) {
         Task memory t = tasks.task(taskId);
         vote = Vote(taskId, t.attempt, PROOF, REPORT, RULES, verdict, 0, "accepted");
         if (verdict == Verdict.Accepted) vote.amount = t.price;
@@ -106,18 +107,15 @@ abstract contract Instances is Committee {
         disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
     }
 
-    function decide(
-        OracleCommittee who,
-        uint256[] memory keys,
-        uint256 votes,
-        uint256 taskId,
-        Verdict verdict
-    ) internal returns (Vote memory vote) {
+    function decide(OracleCommittee who, uint256[] memory keys, uint256 votes, TaskId taskId, Verdict verdict)
+        internal
+        returns (Vote memory vote)
+    {
         vote = voteOf(taskId, verdict);
         disputes.postVotes(vote, REPORT_URI, by(who, keys, votes, vote));
     }
 
-    function challenge(address who, uint256 taskId) internal {
+    function challenge(address who, TaskId taskId) internal {
         vm.prank(who);
         disputes.challenge(taskId, "wrong");
     }

@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {OracleCommittee} from "../src/OracleCommittee.sol";
 import {IOracleCommittee, Judge, Quorum, Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "./Committee.sol";
 import {Possession} from "./Possession.sol";
 
@@ -15,7 +16,7 @@ contract OracleCommitteeTest is Committee {
     // -- votes that count -----------------------------------------------------------------------------------
 
     function test_anybodyWhoHoldsEnoughVotesPostsTheVerdict() public {
-        uint256 taskId = submitted();
+        TaskId taskId = submitted();
         Vote memory vote = accepting(taskId);
         uint256 before = coin.balanceOf(robot1);
         vm.expectEmit(address(committee));
@@ -31,7 +32,7 @@ contract OracleCommitteeTest is Committee {
     }
 
     function test_votesCountInAnyOrderAndMayBeMoreThanNeeded() public {
-        uint256 taskId = submitted();
+        TaskId taskId = submitted();
         Vote memory vote = accepting(taskId);
         bytes memory all = sign(judgeKeys[4], vote);
         for (uint256 i = 0; i < 4; ++i) {
@@ -43,12 +44,12 @@ contract OracleCommitteeTest is Committee {
     }
 
     function test_theyMayRejectAndLeaveUndecided() public {
-        uint256 taskId = submitted();
+        TaskId taskId = submitted();
         Vote memory vote = accepting(taskId);
         (vote.verdict, vote.amount) = (Verdict.Undecided, 0);
         committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
         assertState(taskId, TaskState.Undecided);
-        uint256 another = post(alice, 100 ether);
+        TaskId another = post(alice, 100 ether);
         submit(another);
         vote = accepting(another);
         (vote.verdict, vote.amount) = (Verdict.Rejected, 0);
@@ -57,7 +58,7 @@ contract OracleCommitteeTest is Committee {
     }
 
     function test_noSingleKeyJudgesAnyMore() public {
-        uint256 taskId = submitted();
+        TaskId taskId = submitted();
         vm.prank(judges[0]);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, judges[0], CLEANING));
         tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
@@ -99,7 +100,7 @@ contract OracleCommitteeTest is Committee {
         vm.prank(robot1);
         services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         vm.prank(alice);
-        uint256 taskId = tasks.registerTask(
+        TaskId taskId = tasks.registerTask(
             TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, 0, address(0), "{}")
         );
         submit(taskId);

@@ -8,6 +8,8 @@ import {IOrganization, Review, Terms} from "../src/interfaces/IOrganization.sol"
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
 
@@ -27,7 +29,7 @@ contract BadPolicy is IMatchingPolicy {
         _way = way;
     }
 
-    function serviceFor(IServiceManager, bytes32, uint256) external view returns (uint256, uint256) {
+    function serviceFor(IServiceManager, bytes32, uint256) external view returns (ServiceId, uint256) {
         require(_way != Way.Reverts, "no");
         while (_way == Way.BurnsGas) {}
         uint256 size = _way == Way.ReturnsTooMuch ? 400_000 : 0;
@@ -36,7 +38,7 @@ contract BadPolicy is IMatchingPolicy {
                 return(0, size)
             }
         }
-        return (999, 0);
+        return (ServiceId.wrap(999), 0);
     }
 }
 
@@ -50,7 +52,7 @@ contract OrganizationTest is Fixture {
     function test_itPostsTasksFromItsTreasuryAndGetsTheSurplusBack() public {
         offer(robot1, 80 ether);
         vm.prank(admin);
-        uint256 taskId = organization.registerTask(request(100 ether));
+        TaskId taskId = organization.registerTask(request(100 ether));
         assertEq(tasks.task(taskId).creator, address(organization));
         assertEq(coin.balanceOf(address(organization)), 1900 ether);
         submit(taskId);
@@ -60,17 +62,17 @@ contract OrganizationTest is Fixture {
 
     function test_itCancelsItsTasksForARefund() public {
         vm.startPrank(admin);
-        uint256 taskId = organization.registerTask(request(100 ether));
+        TaskId taskId = organization.registerTask(request(100 ether));
         organization.cancelTask(taskId);
         assertEq(coin.balanceOf(address(organization)), 2000 ether);
     }
 
     function test_itEarnsWithItsServices() public {
         vm.startPrank(admin);
-        uint256 serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
+        ServiceId serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         organization.updateService(serviceId, 90 ether, ServiceState.Active);
         vm.stopPrank();
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(admin);
         organization.submitProof(taskId, 1, PROOF, URI);
         judge(taskId, true);
@@ -83,13 +85,13 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.registerTask(request(1 ether));
         vm.expectRevert(refusal);
-        organization.cancelTask(1);
+        organization.cancelTask(taskNo(1));
         vm.expectRevert(refusal);
         organization.registerService(CLEANING, 1 ether, NO_LIMIT, true, "");
         vm.expectRevert(refusal);
-        organization.updateService(1, 1 ether, ServiceState.Paused);
+        organization.updateService(serviceNo(1), 1 ether, ServiceState.Paused);
         vm.expectRevert(refusal);
-        organization.submitProof(1, 1, PROOF, URI);
+        organization.submitProof(taskNo(1), 1, PROOF, URI);
     }
 
     // -- treasury -----------------------------------------------------------------------------------------
@@ -148,9 +150,9 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.dismiss(stranger);
         vm.expectRevert(refusal);
-        organization.suspendService(1);
+        organization.suspendService(serviceNo(1));
         vm.expectRevert(refusal);
-        organization.reinstateService(1);
+        organization.reinstateService(serviceNo(1));
         vm.expectRevert(refusal);
         organization.suspendProvider(robot1);
         vm.expectRevert(refusal);
@@ -163,7 +165,7 @@ contract OrganizationTest is Fixture {
 
     function test_aKindThatIsNoLongerAllowedFinishesWhatRuns() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(admin);
         organization.disallowKind(CLEANING);
         submit(taskId);
@@ -193,17 +195,17 @@ contract OrganizationTest is Fixture {
         for (uint8 way = 0; way <= uint8(type(BadPolicy.Way).max); ++way) {
             uint256 snapshot = vm.snapshotState();
             offer(robot1, 80 ether);
-            uint256 running = post(alice, 100 ether);
+            TaskId running = post(alice, 100 ether);
             IMatchingPolicy bad = new BadPolicy(BadPolicy.Way(way));
             vm.expectEmit(address(organization));
             emit IOrganization.PolicyChanged(bad);
             vm.prank(admin);
             organization.setPolicy(bad);
 
-            uint256 serviceId = offer(robot2, 80 ether);
+            ServiceId serviceId = offer(robot2, 80 ether);
             vm.expectEmit(address(tasks));
-            emit ITaskManager.PolicyFailed(running + 1);
-            uint256 waiting = post(bob, 100 ether);
+            emit ITaskManager.PolicyFailed(following(running));
+            TaskId waiting = post(bob, 100 ether);
             assertState(waiting, TaskState.Open);
             submit(running);
             judge(running, false);
@@ -245,7 +247,7 @@ contract OrganizationTest is Fixture {
         vm.prank(admin);
         organization.admit(alice);
         assertTrue(organization.isMember(alice));
-        uint256 taskId = post(alice, 1 ether);
+        TaskId taskId = post(alice, 1 ether);
         vm.prank(admin);
         organization.dismiss(alice);
         assertFalse(organization.isMember(alice));
@@ -272,7 +274,7 @@ contract OrganizationTest is Fixture {
         vm.prank(admin);
         organization.allowKind(CLEANING, Review.Auditor, 0);
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, oracle, CLEANING));
         vm.prank(oracle);
@@ -476,7 +478,7 @@ contract OrganizationTest is Fixture {
         vm.prank(admin);
         organization.registerDevice(robot2, "robot", alice, "panther1", r0, vs0);
         // What its owner pays it counts for nothing from now on.
-        uint256 serviceId = offer(robot2, 80 ether);
+        ServiceId serviceId = offer(robot2, 80 ether);
         attempt(post(robot1, 100 ether), true);
         assertEq(services.service(serviceId).reputation, 32);
         vm.prank(admin);

@@ -4,6 +4,8 @@ pragma solidity ^0.8.28;
 import {Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {Instances} from "./Instances.sol";
 import {WeirdToken} from "./Tokens.t.sol";
@@ -32,7 +34,7 @@ contract PayoutTest is Fixture {
     function test_anAcceptedProofPaysThePayoutAddress() public {
         assertEq(services.payoutOf(robot1), safe);
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskSettled(taskId, safe, 80 ether, 20 ether);
@@ -43,7 +45,7 @@ contract PayoutTest is Fixture {
 
     function test_soDoSilenceAndImpossibleAndTheAuditors() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.warp(block.timestamp + WINDOW + 1);
         tasks.expireTask(taskId);
@@ -70,7 +72,7 @@ contract PayoutTest is Fixture {
 
     function test_whatChangesAtWorkHoldsForThisWork() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         _name(safe, robot1, bob);
         judge(taskId, true);
@@ -79,7 +81,7 @@ contract PayoutTest is Fixture {
     }
 
     function test_aCreatorsRefundIsItsOwn() public {
-        uint256 taskId = post(robot1, 100 ether);
+        TaskId taskId = post(robot1, 100 ether);
         vm.prank(robot1);
         tasks.cancelTask(taskId);
         _assertPaid(0);
@@ -111,7 +113,7 @@ contract PayoutTest is Fixture {
 
     function test_whoIsNoMemberOrSuspendedOrAsleepIsStillPaidWhereItSays() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.startPrank(admin);
         organization.setMembersOnly(true);
         organization.suspendProvider(robot1);
@@ -124,22 +126,22 @@ contract PayoutTest is Fixture {
     // -- bonds ----------------------------------------------------------------------------------------------
 
     function test_theBondOfARetiredServiceGoesThere() public {
-        uint256 serviceId = _bonded();
+        ServiceId serviceId = _bonded();
         update(serviceId, 80 ether, ServiceState.Retired);
         assertEq(coin.balanceOf(safe), 50 ether);
     }
 
     function test_soDoesTheBondOfOneThatRetiresAtWork() public {
-        uint256 serviceId = _bonded();
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = _bonded();
+        TaskId taskId = post(alice, 100 ether);
         update(serviceId, 80 ether, ServiceState.Retired);
         attempt(taskId, true);
         assertEq(coin.balanceOf(safe), 130 ether);
     }
 
     function test_aBondThatFailuresLeftGoesThere() public {
-        uint256 serviceId = _bonded();
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = _bonded();
+        TaskId taskId = post(alice, 100 ether);
         update(serviceId, 80 ether, ServiceState.Retired);
         attempt(taskId, false);
         assertEq(coin.balanceOf(safe), 30 ether);
@@ -147,7 +149,7 @@ contract PayoutTest is Fixture {
     }
 
     function test_whoLostTheKeyRetiresItsServices() public {
-        uint256 serviceId = _bonded();
+        ServiceId serviceId = _bonded();
         vm.startPrank(safe);
         bytes memory refusal =
             abi.encodeWithSelector(IServiceManager.NotProvider.selector, serviceId, safe, robot1);
@@ -161,7 +163,7 @@ contract PayoutTest is Fixture {
     }
 
     function test_nobodyElseRetiresThem() public {
-        uint256 serviceId = _bonded();
+        ServiceId serviceId = _bonded();
         vm.expectRevert(
             abi.encodeWithSelector(IServiceManager.NotProvider.selector, serviceId, stranger, robot1)
         );
@@ -181,7 +183,7 @@ contract PayoutTest is Fixture {
     }
 
     function test_attack_theThiefRetiresAndRegistersAnew() public {
-        uint256 serviceId = _bonded();
+        ServiceId serviceId = _bonded();
         update(serviceId, 80 ether, ServiceState.Retired);
         setTerms(0, 0, 0);
         offer(robot1, 80 ether);
@@ -217,7 +219,7 @@ contract PayoutTest is Fixture {
     /// @dev Nobody is asked whom others name: to be named gives no right over the account but the named one.
     function test_attack_whoIsNamedDoesNotSpeakForTheProvider() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, safe, robot1));
         vm.prank(safe);
         tasks.submitProof(taskId, 1, PROOF, URI);
@@ -233,14 +235,14 @@ contract PayoutTest is Fixture {
         offer(robot1, 80 ether);
         attempt(post(alice, 100 ether), true);
         assertEq(coin.balanceOf(oracle), 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         attempt(taskId, false);
-        assertAssigned(taskId, 1);
+        assertAssigned(taskId, serviceNo(1));
     }
 
     function test_attack_aCreatorPaysItselfForARobotsName() public {
         _name(safe, robot1, alice);
-        uint256 serviceId = offer(robot1, 500 ether);
+        ServiceId serviceId = offer(robot1, 500 ether);
         attempt(post(alice, 500 ether), true);
         assertEq(coin.balanceOf(alice), 2000 ether);
         assertEq(services.service(serviceId).reputation, 32, "its own money came back");
@@ -252,7 +254,7 @@ contract PayoutTest is Fixture {
         _name(safe, robot1, alice);
         vm.prank(address(organization));
         services.recordOwner(bob, alice);
-        uint256 serviceId = offer(robot1, 500 ether);
+        ServiceId serviceId = offer(robot1, 500 ether);
         attempt(post(bob, 500 ether), true);
         assertEq(services.service(serviceId).reputation, 32);
     }
@@ -295,7 +297,7 @@ contract PayoutTest is Fixture {
         _name(robot1, robot1, safe);
     }
 
-    function _bonded() private returns (uint256 serviceId) {
+    function _bonded() private returns (ServiceId serviceId) {
         setTerms(50 ether, 20 ether, 0);
         return offer(robot1, 80 ether);
     }

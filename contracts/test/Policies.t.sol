@@ -9,6 +9,8 @@ import {Units} from "../src/libraries/Units.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
 import {SecondPrice} from "../src/policies/SecondPrice.sol";
+import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
+import {NO_TASK, TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract PolicyTest is Fixture {
@@ -29,16 +31,16 @@ contract PolicyTest is Fixture {
     // -- first come, first served -------------------------------------------------------------------------
 
     function test_firstCome_thePriceDoesNotMatter() public {
-        uint256 dear = offer(robot1, 90 ether);
-        uint256 cheap = offer(robot2, 10 ether);
+        ServiceId dear = offer(robot1, 90 ether);
+        ServiceId cheap = offer(robot2, 10 ether);
         assertAssigned(post(alice, 100 ether), dear);
         assertAssigned(post(alice, 100 ether), cheap);
     }
 
     function test_firstCome_reputationDoesNotMatter() public {
-        uint256 one = offer(robot1, 80 ether);
+        ServiceId one = offer(robot1, 80 ether);
         attempt(post(alice, 100 ether), true);
-        uint256 two = offer(robot2, 80 ether);
+        ServiceId two = offer(robot2, 80 ether);
         assertAssigned(post(alice, 100 ether), one);
         assertAssigned(post(alice, 100 ether), two);
     }
@@ -47,9 +49,9 @@ contract PolicyTest is Fixture {
 
     function test_lowestPrice_theCheapestIsServedFirst() public {
         _use(_lowestPrice);
-        uint256 dear = offer(robot1, 90 ether);
-        uint256 cheap = offer(robot2, 10 ether);
-        uint256 middle = offer(robot3, 50 ether);
+        ServiceId dear = offer(robot1, 90 ether);
+        ServiceId cheap = offer(robot2, 10 ether);
+        ServiceId middle = offer(robot3, 50 ether);
         assertAssigned(post(alice, 100 ether), cheap);
         assertAssigned(post(alice, 100 ether), middle);
         assertState(post(alice, 89 ether), TaskState.Open);
@@ -57,10 +59,10 @@ contract PolicyTest is Fixture {
     }
 
     function test_lowestPrice_ofEqualsTheOneOfBetterReputation() public {
-        uint256 one = offer(robot1, 80 ether);
-        uint256 two = offer(robot2, 80 ether);
+        ServiceId one = offer(robot1, 80 ether);
+        ServiceId two = offer(robot2, 80 ether);
         attempt(post(alice, 100 ether), false);
-        attempt(1, true);
+        attempt(taskNo(1), true);
         assertGt(services.service(two).reputation, services.service(one).reputation);
         _use(_lowestPrice);
         assertAssigned(post(alice, 100 ether), two);
@@ -68,8 +70,8 @@ contract PolicyTest is Fixture {
 
     function test_lowestPrice_ofEqualsTheOneThatWaitedLongest() public {
         _use(_lowestPrice);
-        uint256 one = offer(robot1, 80 ether);
-        uint256 two = offer(robot2, 80 ether);
+        ServiceId one = offer(robot1, 80 ether);
+        ServiceId two = offer(robot2, 80 ether);
         assertAssigned(post(alice, 100 ether), one);
         assertAssigned(post(alice, 100 ether), two);
     }
@@ -78,13 +80,13 @@ contract PolicyTest is Fixture {
 
     function test_highestReputation_theMostReliableIsServedFirst() public {
         _use(_highestReputation);
-        uint256 bad = offer(robot1, 10 ether);
+        ServiceId bad = offer(robot1, 10 ether);
         attempt(post(alice, 100 ether), false);
-        attempt(1, false);
-        attempt(1, false);
-        uint256 fresh = offer(robot2, 50 ether);
+        attempt(taskNo(1), false);
+        attempt(taskNo(1), false);
+        ServiceId fresh = offer(robot2, 50 ether);
         vm.prank(robot3);
-        uint256 good = services.registerService(CLEANING, 90 ether, NO_LIMIT, true, "");
+        ServiceId good = services.registerService(CLEANING, 90 ether, NO_LIMIT, true, "");
         update(bad, 10 ether, ServiceState.Paused);
         update(fresh, 50 ether, ServiceState.Paused);
         attempt(post(alice, 100 ether), true);
@@ -99,9 +101,9 @@ contract PolicyTest is Fixture {
     }
 
     function test_highestReputation_whoCostsTooMuchIsLeftOut() public {
-        uint256 good = offer(robot1, 90 ether);
+        ServiceId good = offer(robot1, 90 ether);
         attempt(post(alice, 100 ether), true);
-        uint256 fresh = offer(robot2, 50 ether);
+        ServiceId fresh = offer(robot2, 50 ether);
         _use(_highestReputation);
         assertAssigned(post(alice, 60 ether), fresh);
         assertAssigned(post(alice, 90 ether), good);
@@ -110,7 +112,7 @@ contract PolicyTest is Fixture {
     function test_highestReputation_ofEqualsTheCheapest() public {
         _use(_highestReputation);
         offer(robot1, 90 ether);
-        uint256 cheap = offer(robot2, 50 ether);
+        ServiceId cheap = offer(robot2, 50 ether);
         assertAssigned(post(alice, 100 ether), cheap);
     }
 
@@ -119,9 +121,9 @@ contract PolicyTest is Fixture {
     function test_secondPrice_theCheapestIsPaidWhatTheNextOneAsks() public {
         _use(new SecondPrice());
         offer(robot1, 60 ether);
-        uint256 cheap = offer(robot2, 10 ether);
+        ServiceId cheap = offer(robot2, 10 ether);
         offer(robot3, 90 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertAssigned(taskId, cheap);
         assertEq(tasks.task(taskId).price, 60 ether);
         uint256 before = coin.balanceOf(alice);
@@ -144,14 +146,14 @@ contract PolicyTest is Fixture {
         offer(robot1, 10 ether);
         offer(robot2, 90 ether);
         assertEq(tasks.task(post(alice, 50 ether)).price, 50 ether);
-        update(2, 20 ether, ServiceState.Active);
+        update(serviceNo(2), 20 ether, ServiceState.Active);
         assertEq(tasks.task(post(alice, 100 ether)).price, 100 ether, "nobody else waits");
         assertEq(services.secondPrice(CLEANING), services.secondPrice("nothing"), "the greatest price");
     }
 
     function test_secondPrice_whoBecomesFreeIsPaidItsOwnPrice() public {
         _use(new SecondPrice());
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         offer(robot1, 10 ether);
         assertEq(tasks.task(taskId).price, 10 ether);
     }
@@ -159,11 +161,11 @@ contract PolicyTest is Fixture {
     // -- levels -------------------------------------------------------------------------------------------
 
     function test_oddPricesAreRoundedUpToThreeDigits() public {
-        uint256 odd = offer(robot1, 99.71 ether);
+        ServiceId odd = offer(robot1, 99.71 ether);
         assertState(post(alice, 99.75 ether), TaskState.Open);
         vm.prank(alice);
-        tasks.cancelTask(1);
-        uint256 taskId = post(alice, 99.8 ether);
+        tasks.cancelTask(taskNo(1));
+        TaskId taskId = post(alice, 99.8 ether);
         assertAssigned(taskId, odd);
         assertEq(tasks.task(taskId).price, 99.71 ether, "what it asked");
     }
@@ -189,11 +191,11 @@ contract PolicyTest is Fixture {
     // -- all of them --------------------------------------------------------------------------------------
 
     function test_aNewPolicyHoldsFromTheNextTaskOnAndMovesNoLiveOne() public {
-        uint256 dear = offer(robot1, 90 ether);
-        uint256 cheap = offer(robot2, 10 ether);
-        uint256 dearest = offer(robot3, 95 ether);
-        uint256 running = post(alice, 100 ether);
-        uint256 waiting = post(bob, 5 ether);
+        ServiceId dear = offer(robot1, 90 ether);
+        ServiceId cheap = offer(robot2, 10 ether);
+        ServiceId dearest = offer(robot3, 95 ether);
+        TaskId running = post(alice, 100 ether);
+        TaskId waiting = post(bob, 5 ether);
         _use(_lowestPrice);
         assertAssigned(running, dear);
         assertState(waiting, TaskState.Open);
@@ -212,14 +214,14 @@ contract PolicyTest is Fixture {
         for (uint256 i = 0; i < 25; ++i) {
             seed = uint256(keccak256(abi.encode(seed)));
             uint256 count = services.serviceCount();
-            uint256 serviceId = count == 0 ? 0 : 1 + (seed >> 16) % count;
+            ServiceId serviceId = serviceNo(count == 0 ? 0 : 1 + (seed >> 16) % count);
             uint256 choice = seed % 4;
             if (choice == 0 || count < 3) {
                 offer(address(uint160(1000 + services.serviceCount())), _price(seed));
-            } else if (choice == 1 && services.service(serviceId).taskId == 0) {
+            } else if (choice == 1 && services.service(serviceId).taskId == NO_TASK) {
                 update(serviceId, _price(seed), ServiceState(1 + (seed >> 32) % 2));
             } else {
-                uint256 taskId = post(alice, 5 ether);
+                TaskId taskId = post(alice, 5 ether);
                 if (state(taskId) == TaskState.Assigned) attempt(taskId, seed & (1 << 100) == 0);
                 if (state(taskId) == TaskState.Assigned) attempt(taskId, true);
                 if (state(taskId) == TaskState.Open) {
@@ -242,19 +244,19 @@ contract PolicyTest is Fixture {
     function _search(uint256 reward, function(Service memory, Service memory) pure returns (bool) isBetter)
         private
         view
-        returns (uint256 best)
+        returns (ServiceId best)
     {
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             Service memory s = services.service(serviceId);
             if (s.place == 0 || s.price > reward) continue;
-            if (best == 0 || isBetter(s, services.service(best))) best = serviceId;
+            if (best == NO_SERVICE || isBetter(s, services.service(best))) best = serviceId;
         }
     }
 
     function _secondPrice() private view returns (uint256 second) {
         second = Units.max(1 gwei);
-        uint256 cheapest = services.cheapestIdle(CLEANING, Units.max(1 gwei));
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        ServiceId cheapest = services.cheapestIdle(CLEANING, Units.max(1 gwei));
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             Service memory s = services.service(serviceId);
             if (s.place != 0 && serviceId != cheapest && s.price < second) second = s.price;
         }

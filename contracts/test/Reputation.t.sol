@@ -4,6 +4,8 @@ pragma solidity ^0.8.28;
 import {IServiceManager, Outcome, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Verdict} from "../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
 
@@ -11,7 +13,7 @@ import {Possession} from "./Possession.sol";
 contract ReputationTest is Fixture {
     uint8 private constant NEWCOMER = 32;
 
-    function _of(uint256 serviceId) private view returns (uint8) {
+    function _of(ServiceId serviceId) private view returns (uint8) {
         return services.service(serviceId).reputation;
     }
 
@@ -26,7 +28,7 @@ contract ReputationTest is Fixture {
     }
 
     function test_acceptedWorkCountsByWhatWasPaid() public {
-        uint256 little = offer(robot1, 1 ether);
+        ServiceId little = offer(robot1, 1 ether);
         _work(alice, true);
         assertEq(_of(little), 32, "101 of 201");
         update(little, 60 ether, ServiceState.Active);
@@ -35,23 +37,23 @@ contract ReputationTest is Fixture {
     }
 
     function test_workThatIsPaidInPartCountsInPart() public {
-        uint256 serviceId = offer(robot1, 60 ether);
+        ServiceId serviceId = offer(robot1, 60 ether);
         submit(post(alice, 100 ether));
-        judgeAs(oracle, 1, Verdict.Accepted, 10 ether);
+        judgeAs(oracle, taskNo(1), Verdict.Accepted, 10 ether);
         assertEq(_of(serviceId), 33, "110 of 210");
     }
 
     function test_rejectedAndLateWorkLowersItByThePrice() public {
-        uint256 serviceId = offer(robot1, 20 ether);
+        ServiceId serviceId = offer(robot1, 20 ether);
         _work(alice, false);
         assertEq(_of(serviceId), 29, "100 of 220");
         vm.warp(block.timestamp + WINDOW + 1);
-        tasks.expireTask(1);
+        tasks.expireTask(taskNo(1));
         assertEq(_of(serviceId), 26, "100 of 240");
     }
 
     function test_workAtPriceZeroDoesNotCount() public {
-        uint256 serviceId = offer(robot1, 0);
+        ServiceId serviceId = offer(robot1, 0);
         for (uint256 i = 0; i < 5; ++i) {
             _work(alice, true);
         }
@@ -60,7 +62,7 @@ contract ReputationTest is Fixture {
     }
 
     function test_onesOwnTasksDoNotCount() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         _work(robot1, true);
         assertEq(services.service(serviceId).completed, 1);
         assertEq(_of(serviceId), NEWCOMER);
@@ -68,7 +70,7 @@ contract ReputationTest is Fixture {
 
     function test_whatAnOwnerPaysItsRobotDoesNotCount() public {
         _own(robot1, alice);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         _work(alice, true);
         assertEq(_of(serviceId), NEWCOMER);
         _work(bob, true);
@@ -77,7 +79,7 @@ contract ReputationTest is Fixture {
 
     function test_whatARobotPaysItsOwnerDoesNotCount() public {
         _own(robot1, alice);
-        uint256 serviceId = offer(alice, 80 ether);
+        ServiceId serviceId = offer(alice, 80 ether);
         _work(robot1, true);
         assertEq(_of(serviceId), NEWCOMER);
     }
@@ -85,7 +87,7 @@ contract ReputationTest is Fixture {
     function test_whatOneOwnersRobotsPayEachOtherDoesNotCount() public {
         _own(robot1, alice);
         _own(robot2, alice);
-        uint256 serviceId = offer(robot2, 80 ether);
+        ServiceId serviceId = offer(robot2, 80 ether);
         _work(robot1, true);
         assertEq(_of(serviceId), NEWCOMER);
     }
@@ -97,20 +99,20 @@ contract ReputationTest is Fixture {
     }
 
     function test_undecidedUnjudgedAndImpossibleWorkDoesNotCount() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         submit(post(alice, 100 ether));
-        judgeAs(oracle, 1, Verdict.Undecided, 0);
-        judgeAs(auditor, 1, Verdict.Accepted, 80 ether);
+        judgeAs(oracle, taskNo(1), Verdict.Undecided, 0);
+        judgeAs(auditor, taskNo(1), Verdict.Accepted, 80 ether);
         submit(post(alice, 100 ether));
-        judgeAs(oracle, 2, Verdict.Impossible, 0);
+        judgeAs(oracle, taskNo(2), Verdict.Impossible, 0);
         submit(post(alice, 100 ether));
         vm.warp(block.timestamp + WINDOW + 1);
-        tasks.expireTask(3);
+        tasks.expireTask(taskNo(3));
         assertEq(_of(serviceId), NEWCOMER);
     }
 
     function test_aNewServiceHasTheReputationOfItsProvider() public {
-        uint256 first = offer(robot1, 20 ether);
+        ServiceId first = offer(robot1, 20 ether);
         _work(alice, false);
         update(first, 20 ether, ServiceState.Retired);
         assertEq(_of(offer(robot1, 20 ether)), 29, "100 of 220");
@@ -118,7 +120,7 @@ contract ReputationTest is Fixture {
     }
 
     function test_itDecaysByHalfInNinetyDays() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         _work(alice, true);
         assertEq(_of(serviceId), 41, "180 of 280");
         vm.warp(block.timestamp + 90 days);
@@ -136,9 +138,9 @@ contract ReputationTest is Fixture {
     function testFuzz_itDoesNotMatterHowOftenItIsComputed(uint256 price, uint256 first, uint256 second)
         public
     {
-        uint256 often = offer(robot1, bound(price, 1e9, 99e9) * 1 gwei);
+        ServiceId often = offer(robot1, bound(price, 1e9, 99e9) * 1 gwei);
         attempt(post(alice, 100 ether), true);
-        uint256 seldom = offer(robot2, services.service(often).price);
+        ServiceId seldom = offer(robot2, services.service(often).price);
         update(often, services.service(often).price, ServiceState.Paused);
         attempt(post(alice, 100 ether), true);
         vm.warp(block.timestamp + bound(first, 0, 400 days));
@@ -154,10 +156,10 @@ contract ReputationTest is Fixture {
         vm.startPrank(admin);
         organization.setPolicy(new HighestReputation());
         vm.stopPrank();
-        uint256 working = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
-        uint256 waiting = offer(robot1, 80 ether);
-        uint256 newcomer = offer(robot2, 80 ether);
+        ServiceId working = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        ServiceId waiting = offer(robot1, 80 ether);
+        ServiceId newcomer = offer(robot2, 80 ether);
         attempt(taskId, true);
         assertEq(_of(waiting), _of(working), "its provider's");
         assertEq(services.mostReputableIdle(CLEANING, 80 ether), working);
@@ -169,7 +171,7 @@ contract ReputationTest is Fixture {
     }
 
     function test_itNeverOverflows() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.startPrank(address(tasks));
         for (uint256 i = 0; i < 3; ++i) {
             services.release(serviceId, Outcome.Completed, type(uint256).max / 2, alice, 0);

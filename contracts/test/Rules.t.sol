@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {IOrganization, Review} from "../src/interfaces/IOrganization.sol";
 import {ITaskManager, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice By which rules a task is judged, and that nobody changes them behind somebody's back.
@@ -20,12 +21,12 @@ contract RulesTest is Fixture {
     }
 
     /// @dev Post a task that names `wanted`, and expect it to get `got`.
-    function _post(bytes32 wanted, bytes32 got) private returns (uint256 taskId) {
+    function _post(bytes32 wanted, bytes32 got) private returns (TaskId taskId) {
         TaskRequest memory r = request(100 ether);
         r.rules = wanted;
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskRegistered(
-            tasks.taskCount() + 1, alice, CLEANING, 100 ether, WINDOW, WINDOW, ATTEMPTS, got, "{}"
+            taskNo(tasks.taskCount() + 1), alice, CLEANING, 100 ether, WINDOW, WINDOW, ATTEMPTS, got, "{}"
         );
         vm.prank(alice);
         return tasks.registerTask(r);
@@ -114,7 +115,7 @@ contract RulesTest is Fixture {
         r.kind = "painting";
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskRegistered(
-            1, address(organization), "painting", 1 ether, WINDOW, WINDOW, ATTEMPTS, 0, "{}"
+            taskNo(1), address(organization), "painting", 1 ether, WINDOW, WINDOW, ATTEMPTS, 0, "{}"
         );
         organization.registerTask(r);
         organization.allowKind("painting", Review.Auditor, NEXT);
@@ -142,7 +143,7 @@ contract RulesTest is Fixture {
     // -- adversaries --------------------------------------------------------------------------------------
 
     function test_attack_theAdministratorRetiresTheRulesOfATaskThatIsOpen() public {
-        uint256 taskId = _post(0, RULES);
+        TaskId taskId = _post(0, RULES);
         _allow(NEXT);
         _retire(RULES);
         // Nothing that a later attempt or verdict says names other rules: the first event stands.

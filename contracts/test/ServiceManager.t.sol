@@ -4,14 +4,19 @@ pragma solidity ^0.8.28;
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Hire, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {KindId} from "../src/types/KindId.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract ServiceManagerTest is Fixture {
     function test_aServiceIsRegisteredForItsProvider() public {
         vm.expectEmit(address(services));
-        emit IServiceManager.ServiceRegistered(1, robot1, CLEANING, 80 ether, true, "collects trash");
+        emit IServiceManager.ServiceRegistered(
+            serviceNo(1), robot1, CLEANING, 80 ether, true, "collects trash"
+        );
         vm.prank(robot1);
-        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, true, "collects trash");
+        ServiceId serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, true, "collects trash");
         Service memory s = services.service(serviceId);
         assertEq(s.provider, robot1);
         assertEq(s.price, 80 ether);
@@ -36,7 +41,7 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_onlyTheProviderUpdates() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.expectRevert(
             abi.encodeWithSelector(IServiceManager.NotProvider.selector, serviceId, stranger, robot1)
         );
@@ -45,10 +50,10 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_aPausedServiceGetsNoTaskUntilItIsActiveAgain() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.prank(robot1);
         services.updateService(serviceId, 80 ether, ServiceState.Paused);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertState(taskId, TaskState.Open);
         vm.expectEmit(address(services));
         emit IServiceManager.ServiceUpdated(serviceId, 80 ether, ServiceState.Active);
@@ -58,17 +63,17 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_aLowerPriceFindsAWaitingTask() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 50 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 50 ether);
         vm.prank(robot1);
         services.updateService(serviceId, 50 ether, ServiceState.Active);
         assertAssigned(taskId, serviceId);
     }
 
     function test_aProviderCannotFreeItselfFromARunningTask() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
-        uint256 waiting = post(bob, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        TaskId waiting = post(bob, 100 ether);
         vm.startPrank(robot1);
         services.updateService(serviceId, 80 ether, ServiceState.Paused);
         services.updateService(serviceId, 80 ether, ServiceState.Active);
@@ -78,8 +83,8 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_aServicePausedAtWorkFinishesAndThenRests() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(robot1);
         services.updateService(serviceId, 80 ether, ServiceState.Paused);
         submit(taskId);
@@ -89,7 +94,7 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_retiringIsForGood() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.startPrank(robot1);
         services.updateService(serviceId, 80 ether, ServiceState.Retired);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceIsRetired.selector, serviceId));
@@ -97,7 +102,7 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_noneIsNoStateToSet() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.expectRevert(
             abi.encodeWithSelector(IServiceManager.InvalidServiceState.selector, ServiceState.None)
         );
@@ -107,15 +112,15 @@ contract ServiceManagerTest is Fixture {
 
     function test_aServiceThatDoesNotExistIsUnknown() public {
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.UnknownService.selector, 7));
-        services.service(7);
+        services.service(serviceNo(7));
     }
 
     function test_onlyTheTaskManagerOccupiesAndFrees() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
         vm.startPrank(robot1);
         vm.expectRevert(refusal);
-        services.reserve(serviceId, 1, 100 ether, 0, 1, Hire.None);
+        services.reserve(serviceId, KindId.wrap(1), 100 ether, 0, taskNo(1), Hire.None);
         vm.expectRevert(refusal);
         services.release(serviceId, Outcome.Completed, 80 ether, alice, 0);
         vm.expectRevert(refusal);
@@ -123,10 +128,11 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_aServiceDoesOneTaskAtATime() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        (, address provider,,) = services.reserve(serviceId, 1, 100 ether, 0, 2, Hire.None);
+        (, address provider,,) =
+            services.reserve(serviceId, KindId.wrap(1), 100 ether, 0, taskNo(2), Hire.None);
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));

@@ -6,6 +6,7 @@ import {SignedRequests} from "../src/SignedRequests.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {ISignedRequests} from "../src/interfaces/ISignedRequests.sol";
 import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {SignerWallet, Signing} from "./Signing.sol";
 
@@ -27,17 +28,17 @@ contract SignedRequestsTest is Fixture {
     function test_theSignerIsTheCreatorAndPaysTheReward() public {
         offer(robot1, 80 ether);
         vm.expectEmit(address(requests));
-        emit ISignedRequests.RequestUsed(alice, NONCE, 1, stranger);
-        uint256 taskId = _relay(alice, NONCE);
+        emit ISignedRequests.RequestUsed(alice, NONCE, taskNo(1), stranger);
+        TaskId taskId = _relay(alice, NONCE);
         assertEq(tasks.task(taskId).creator, alice);
         assertEq(coin.balanceOf(alice), 1900 ether);
-        assertAssigned(taskId, 1);
+        assertAssigned(taskId, serviceNo(1));
         assertTrue(requests.isNonceUsed(alice, NONCE));
     }
 
     function test_aRelayedProofIsTheExecutorsAndIsPaid() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         _relayProof(robot1, taskId, 1, PROOF);
         assertState(taskId, TaskState.Submitted);
         assertEq(tasks.task(taskId).proofHash, PROOF);
@@ -51,13 +52,13 @@ contract SignedRequestsTest is Fixture {
         organization.setMembersOnly(true);
         organization.admit(address(wallet));
         vm.stopPrank();
-        uint256 taskId = _relayFor(address(wallet), alice, NONCE);
+        TaskId taskId = _relayFor(address(wallet), alice, NONCE);
         assertEq(tasks.task(taskId).creator, address(wallet));
         assertEq(coin.balanceOf(address(wallet)), 400 ether);
     }
 
     function test_theCreatorCancelsWithoutGas() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         bytes memory signature = Signing.cancellation(_key(alice), address(requests), alice, taskId, deadline);
         vm.prank(stranger);
         requests.cancelTaskFor(alice, taskId, deadline, signature);
@@ -132,7 +133,7 @@ contract SignedRequestsTest is Fixture {
 
     function test_attack_aRelayerChangesTheProof() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         bytes memory signature = _proofSignature(robot1, taskId, 1, PROOF);
         bytes memory reason = abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, robot1);
         vm.startPrank(stranger);
@@ -145,7 +146,7 @@ contract SignedRequestsTest is Fixture {
         vm.expectRevert(reason);
         requests.submitProofFor(robot1, taskId, 2, PROOF, URI, deadline, signature);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, taskId + 1, 1, PROOF, URI, deadline, signature);
+        requests.submitProofFor(robot1, following(taskId), 1, PROOF, URI, deadline, signature);
         vm.stopPrank();
     }
 
@@ -215,9 +216,9 @@ contract SignedRequestsTest is Fixture {
         try requests.registerTaskFor{gas: gas}(
             alice, request(100 ether), NONCE, deadline, signature
         ) returns (
-            uint256 taskId
+            TaskId taskId
         ) {
-            assertAssigned(taskId, 1);
+            assertAssigned(taskId, serviceNo(1));
         } catch {
             assertFalse(requests.isNonceUsed(alice, NONCE));
             assertEq(tasks.taskCount(), 0);
@@ -227,7 +228,7 @@ contract SignedRequestsTest is Fixture {
 
     function testFuzz_attack_aRelayerGivesAProofLittleGas(uint256 gas) public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         bytes memory signature = _proofSignature(robot1, taskId, 1, PROOF);
         gas = bound(gas, 20_000, 200_000);
         try requests.submitProofFor{gas: gas}(robot1, taskId, 1, PROOF, URI, deadline, signature) {}
@@ -253,7 +254,7 @@ contract SignedRequestsTest is Fixture {
 
     function test_attack_anotherThanTheExecutorSigns() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         bytes memory signature = _proofSignature(robot2, taskId, 1, PROOF);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, robot2, robot1));
         vm.prank(robot1);
@@ -262,18 +263,18 @@ contract SignedRequestsTest is Fixture {
 
     function test_attack_aProofOfAnEarlierAttemptIsSent() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         bytes memory signature = _proofSignature(robot1, taskId, 1, PROOF);
         vm.prank(robot1);
         tasks.abandonTask(taskId, 1);
-        assertAssigned(taskId, 1);
+        assertAssigned(taskId, serviceNo(1));
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
         requests.submitProofFor(robot1, taskId, 1, PROOF, URI, deadline, signature);
     }
 
     function test_attack_aRelayedProofIsReplaced() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         bytes memory signature = _proofSignature(robot1, taskId, 1, REPORT);
         _relayProof(robot1, taskId, 1, PROOF);
         vm.expectRevert(
@@ -289,13 +290,13 @@ contract SignedRequestsTest is Fixture {
         bytes memory reason =
             abi.encodeWithSelector(ISignedRequests.RequestExpired.selector, deadline, deadline + 1);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, 1, 1, PROOF, URI, deadline, "");
+        requests.submitProofFor(robot1, taskNo(1), 1, PROOF, URI, deadline, "");
         vm.expectRevert(reason);
-        requests.cancelTaskFor(alice, 1, deadline, "");
+        requests.cancelTaskFor(alice, taskNo(1), deadline, "");
     }
 
     function test_attack_anotherThanTheCreatorCancels() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         bytes memory signature = Signing.cancellation(_key(bob), address(requests), bob, taskId, deadline);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotCreator.selector, taskId, bob, alice));
         requests.cancelTaskFor(bob, taskId, deadline, signature);
@@ -309,7 +310,7 @@ contract SignedRequestsTest is Fixture {
         organization.grantRole(organization.ORACLE_ROLE(), stranger);
         vm.stopPrank();
         offer(robot1, 80 ether);
-        uint256 taskId = _relay(alice, NONCE);
+        TaskId taskId = _relay(alice, NONCE);
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, alice));
         vm.prank(alice);
@@ -326,7 +327,7 @@ contract SignedRequestsTest is Fixture {
         vm.prank(bob);
         (bool success,) = address(tasks).call(bytes.concat(call, bytes20(alice)));
         assertTrue(success);
-        assertEq(tasks.task(1).creator, bob);
+        assertEq(tasks.task(taskNo(1)).creator, bob);
         assertEq(coin.balanceOf(alice), 2000 ether);
     }
 
@@ -338,11 +339,11 @@ contract SignedRequestsTest is Fixture {
 
     // -- helpers --------------------------------------------------------------------------------------------
 
-    function _relay(address creator, uint256 nonce) private returns (uint256 taskId) {
+    function _relay(address creator, uint256 nonce) private returns (TaskId taskId) {
         return _relayFor(creator, creator, nonce);
     }
 
-    function _relayFor(address creator, address signer, uint256 nonce) private returns (uint256 taskId) {
+    function _relayFor(address creator, address signer, uint256 nonce) private returns (TaskId taskId) {
         bytes memory signature = _signature(signer, creator, nonce);
         vm.prank(stranger);
         return requests.registerTaskFor(creator, request(100 ether), nonce, deadline, signature);
@@ -355,7 +356,7 @@ contract SignedRequestsTest is Fixture {
         requests.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature);
     }
 
-    function _relayProof(address executor, uint256 taskId, uint8 attempt_, bytes32 proofHash) private {
+    function _relayProof(address executor, TaskId taskId, uint8 attempt_, bytes32 proofHash) private {
         bytes memory signature = _proofSignature(executor, taskId, attempt_, proofHash);
         vm.prank(stranger);
         requests.submitProofFor(executor, taskId, attempt_, proofHash, URI, deadline, signature);
@@ -368,7 +369,7 @@ contract SignedRequestsTest is Fixture {
             );
     }
 
-    function _proofSignature(address executor, uint256 taskId, uint8 attempt_, bytes32 proofHash)
+    function _proofSignature(address executor, TaskId taskId, uint8 attempt_, bytes32 proofHash)
         private
         returns (bytes memory)
     {

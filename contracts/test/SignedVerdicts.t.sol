@@ -13,6 +13,7 @@ import {
     Vote
 } from "../src/interfaces/ITaskManager.sol";
 import {SignedVerdicts} from "../src/libraries/SignedVerdicts.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "./Committee.sol";
 
 /// @notice A wallet that takes every call, and answers with a word if it is told to.
@@ -36,7 +37,7 @@ contract SignedVerdictsTest is Committee {
 
     address private _signer;
     uint256 private _key;
-    uint256 private _taskId;
+    TaskId private _taskId;
 
     function setUp() public override {
         super.setUp();
@@ -132,7 +133,7 @@ contract SignedVerdictsTest is Committee {
     function test_attack_aSignedVerdictIsUsedForAnotherTask() public {
         (, SignedBy memory by) = _signed();
         offer(robot1, 80 ether);
-        uint256 other = post(bob, 100 ether);
+        TaskId other = post(bob, 100 ether);
         Vote memory vote = accepting(other);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotSigned.selector, other, _signer));
         _submit(vote, by);
@@ -326,7 +327,7 @@ contract SignedVerdictsTest is Committee {
         (Vote memory vote, SignedBy memory by) = _signed();
         _submit(vote, by);
         assertEq(tasks.task(_taskId).proofHash, 0);
-        uint256 next = post(alice, 100 ether);
+        TaskId next = post(alice, 100 ether);
         bytes32 other = keccak256("another recording");
         vm.prank(robot1);
         tasks.submitProof(next, 1, other, URI);

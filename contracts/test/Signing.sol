@@ -6,6 +6,7 @@ import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
 import {Vm} from "forge-std/Vm.sol";
 import {TaskRequest} from "../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 
 /// @notice A contract that owns tokens, for which one key signs (ERC-1271).
 contract SignerWallet is IERC1271 {
@@ -58,7 +59,7 @@ library Signing {
         return _sign(key, requests, abi.encode(typehash, creator, task, nonce, deadline));
     }
 
-    function cancellation(uint256 key, address requests, address creator, uint256 taskId, uint256 deadline)
+    function cancellation(uint256 key, address requests, address creator, TaskId taskId, uint256 deadline)
         internal
         view
         returns (bytes memory)
@@ -71,7 +72,7 @@ library Signing {
         uint256 key,
         address requests,
         address executor,
-        uint256 taskId,
+        TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
         string memory uri,

@@ -17,14 +17,17 @@ import {
 } from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {Units} from "../src/libraries/Units.sol";
+import {KindId} from "../src/types/KindId.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract TaskManagerTest is Fixture {
     // -- the money path -----------------------------------------------------------------------------------
 
     function test_acceptedWorkPaysThePriceAndReturnsTheSurplus() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertAssigned(taskId, serviceId);
         assertEq(coin.balanceOf(address(tasks)), 100 ether);
 
@@ -41,7 +44,7 @@ contract TaskManagerTest is Fixture {
 
     function test_aFreeServiceReturnsTheWholeReward() public {
         offer(robot1, 0);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         judge(taskId, true);
         assertEq(coin.balanceOf(robot1), 2000 ether);
@@ -49,8 +52,8 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_theAgreedPriceHoldsWhateverTheProviderAsksLater() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(robot1);
         services.updateService(serviceId, 100 ether, ServiceState.Active);
         submit(taskId);
@@ -80,8 +83,8 @@ contract TaskManagerTest is Fixture {
     function testFuzz_everyRewardIsSplitWithoutRest(uint256 reward, uint256 price, bool accepted) public {
         reward = bound(reward, 0, 2000 ether);
         price = bound(price, 0, 2000 gwei) * 1 gwei;
-        uint256 serviceId = offer(robot1, price);
-        uint256 taskId = post(alice, reward);
+        ServiceId serviceId = offer(robot1, price);
+        TaskId taskId = post(alice, reward);
         if (Units.levelFor(price, 1 gwei) > Units.levelOf(reward, 1 gwei)) {
             assertState(taskId, TaskState.Open);
             vm.prank(alice);
@@ -136,13 +139,13 @@ contract TaskManagerTest is Fixture {
 
     function test_aTaskThatDoesNotExistIsUnknown() public {
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.UnknownTask.selector, 7));
-        tasks.task(7);
+        tasks.task(taskNo(7));
     }
 
     // -- cancelling ---------------------------------------------------------------------------------------
 
     function test_theCreatorCancelsAnOpenTaskForAFullRefund() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskCancelled(taskId, 100 ether);
         vm.prank(alice);
@@ -150,12 +153,12 @@ contract TaskManagerTest is Fixture {
         assertState(taskId, TaskState.Cancelled);
         assertEq(coin.balanceOf(alice), 2000 ether);
         // It has left the queue as well.
-        uint256 serviceId = offer(robot1, 1 ether);
+        ServiceId serviceId = offer(robot1, 1 ether);
         assertEq(services.service(serviceId).taskId, 0);
     }
 
     function test_aStrangerCannotCancel() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotCreator.selector, taskId, stranger, alice));
         vm.prank(stranger);
         tasks.cancelTask(taskId);
@@ -163,7 +166,7 @@ contract TaskManagerTest is Fixture {
 
     function test_nobodyCancelsARunningTask() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(
             abi.encodeWithSelector(
                 ITaskManager.WrongState.selector, taskId, TaskState.Assigned, TaskState.Open
@@ -182,7 +185,7 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_aTaskIsCancelledOnce() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.startPrank(alice);
         tasks.cancelTask(taskId);
         vm.expectRevert(
@@ -197,7 +200,7 @@ contract TaskManagerTest is Fixture {
 
     function test_onlyTheExecutorSubmits() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, robot2, robot1));
         vm.prank(robot2);
         tasks.submitProof(taskId, 1, PROOF, URI);
@@ -205,7 +208,7 @@ contract TaskManagerTest is Fixture {
 
     function test_aProofIsSubmittedOnce() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectRevert(
             abi.encodeWithSelector(
@@ -219,7 +222,7 @@ contract TaskManagerTest is Fixture {
 
     function test_aProofNamesTheRunningAttempt() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 1, 2));
         vm.prank(robot1);
         tasks.submitProof(taskId, 2, PROOF, URI);
@@ -227,7 +230,7 @@ contract TaskManagerTest is Fixture {
 
     function test_anEmptyProofIsRefused() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.EmptyProof.selector, taskId));
         vm.prank(robot1);
         tasks.submitProof(taskId, 1, 0, URI);
@@ -235,7 +238,7 @@ contract TaskManagerTest is Fixture {
 
     function test_theLastSecondOfTheExecutionWindowCountsAndTheNextDoesNot() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         uint256 deadline = block.timestamp + WINDOW;
         vm.warp(deadline + 1);
         vm.expectRevert(
@@ -252,7 +255,7 @@ contract TaskManagerTest is Fixture {
 
     function test_onlyTheOracleDecides() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, robot1, CLEANING));
         vm.prank(robot1);
@@ -261,7 +264,7 @@ contract TaskManagerTest is Fixture {
 
     function test_withoutAProofThereIsNoVerdict() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.expectRevert(
             abi.encodeWithSelector(
                 ITaskManager.WrongState.selector, taskId, TaskState.Assigned, TaskState.Submitted
@@ -273,7 +276,7 @@ contract TaskManagerTest is Fixture {
 
     function test_aVerdictNamesTheSubmittedProof() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         bytes32 other = keccak256("other");
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ProofMismatch.selector, taskId, PROOF, other));
@@ -283,7 +286,7 @@ contract TaskManagerTest is Fixture {
 
     function test_aVerdictOnAnEarlierAttemptIsRefused() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         judge(taskId, false);
         submit(taskId);
@@ -294,7 +297,7 @@ contract TaskManagerTest is Fixture {
 
     function test_aLateVerdictIsRefused() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         uint256 deadline = block.timestamp + WINDOW;
         vm.warp(deadline + 1);
@@ -307,7 +310,7 @@ contract TaskManagerTest is Fixture {
 
     function test_theVerdictIsLoggedWithItsReasonAndReport() public {
         offer(robot1, 1 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectEmit(address(tasks));
         emit ITaskManager.VerdictPosted(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "report", "because");
@@ -317,8 +320,8 @@ contract TaskManagerTest is Fixture {
     // -- failed attempts ----------------------------------------------------------------------------------
 
     function test_theLastRejectionRefundsTheCreator() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         for (uint8 attempt = 1; attempt < ATTEMPTS; ++attempt) {
             submit(taskId);
             vm.expectEmit(address(tasks));
@@ -342,8 +345,8 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_anyoneExpiresAnOverdueExecution() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         uint256 deadline = block.timestamp + WINDOW;
         vm.warp(deadline);
         vm.expectRevert(
@@ -361,8 +364,8 @@ contract TaskManagerTest is Fixture {
     function test_anyoneExpiresAnOverdueVerdictAndTheExecutorIsNotBlamed() public {
         vm.prank(admin);
         organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.warp(block.timestamp + WINDOW + 1);
         vm.expectEmit(address(tasks));
@@ -375,7 +378,7 @@ contract TaskManagerTest is Fixture {
 
     function test_theLastExpiryRefundsTheCreator() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         for (uint8 attempt = 1; attempt <= ATTEMPTS; ++attempt) {
             vm.warp(block.timestamp + WINDOW + 1);
             tasks.expireTask(taskId);
@@ -385,7 +388,7 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_onlyARunningAttemptExpires() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.warp(block.timestamp + 30 days);
         vm.expectRevert(
             abi.encodeWithSelector(
@@ -397,7 +400,7 @@ contract TaskManagerTest is Fixture {
 
     function test_aTerminalTaskStaysAsItIs() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         judge(taskId, true);
         vm.expectRevert(
@@ -419,9 +422,9 @@ contract TaskManagerTest is Fixture {
     // -- matching -----------------------------------------------------------------------------------------
 
     function test_tasksAreServedInOrderOfRegistration() public {
-        uint256 first = post(alice, 100 ether);
-        uint256 second = post(bob, 100 ether);
-        uint256 serviceId = offer(robot1, 80 ether);
+        TaskId first = post(alice, 100 ether);
+        TaskId second = post(bob, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         assertAssigned(first, serviceId);
         assertState(second, TaskState.Open);
         submit(first);
@@ -430,10 +433,10 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_theServiceThatWaitedLongestIsServedFirst() public {
-        uint256 one = offer(robot1, 80 ether);
-        uint256 two = offer(robot2, 80 ether);
-        uint256 a = post(alice, 100 ether);
-        uint256 b = post(alice, 100 ether);
+        ServiceId one = offer(robot1, 80 ether);
+        ServiceId two = offer(robot2, 80 ether);
+        TaskId a = post(alice, 100 ether);
+        TaskId b = post(alice, 100 ether);
         assertAssigned(a, one);
         assertAssigned(b, two);
         submit(b);
@@ -447,21 +450,21 @@ contract TaskManagerTest is Fixture {
 
     function test_aPriceAboveTheRewardNeverMatches() public {
         offer(robot1, 100 ether + 1 gwei);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertState(taskId, TaskState.Open);
     }
 
     function test_aTaskThatNobodyCanDoDoesNotBlockThoseBehindIt() public {
-        uint256 poor = post(alice, 10 ether);
-        uint256 rich = post(bob, 100 ether);
-        uint256 serviceId = offer(robot1, 80 ether);
+        TaskId poor = post(alice, 10 ether);
+        TaskId rich = post(bob, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         assertState(poor, TaskState.Open);
         assertAssigned(rich, serviceId);
     }
 
     function test_aServiceThatIsTooDearDoesNotBlockThoseBehindIt() public {
         offer(robot1, 80 ether);
-        uint256 cheap = offer(robot2, 10 ether);
+        ServiceId cheap = offer(robot2, 10 ether);
         assertAssigned(post(alice, 50 ether), cheap);
     }
 
@@ -472,9 +475,9 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_aRequeuedTaskIsBackInItsOldPlace() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 first = post(alice, 100 ether);
-        uint256 second = post(bob, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId first = post(alice, 100 ether);
+        TaskId second = post(bob, 100 ether);
         submit(first);
         judge(first, false);
         assertAssigned(first, serviceId);
@@ -482,9 +485,9 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_aFailedAttemptIsRetriedByAnotherServiceFirst() public {
-        uint256 one = offer(robot1, 80 ether);
-        uint256 two = offer(robot2, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId one = offer(robot1, 80 ether);
+        ServiceId two = offer(robot2, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertAssigned(taskId, one);
         submit(taskId);
         judge(taskId, false);
@@ -493,9 +496,9 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_aRequeuedTaskWaitsBehindOlderOnes() public {
-        uint256 poor = post(alice, 10 ether);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 rich = post(bob, 100 ether);
+        TaskId poor = post(alice, 10 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId rich = post(bob, 100 ether);
         assertAssigned(rich, serviceId);
         vm.prank(robot1);
         services.updateService(serviceId, 5 ether, ServiceState.Active);
@@ -527,9 +530,9 @@ contract TaskManagerTest is Fixture {
         vm.prank(alice);
         coin.transfer(carol, 100 ether);
         (uint8 v, bytes32 r, bytes32 s) = _permit(carol, key, 100 ether);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.prank(carol);
-        uint256 taskId = tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
+        TaskId taskId = tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
         assertAssigned(taskId, serviceId);
         assertEq(tasks.task(taskId).creator, carol);
         assertEq(coin.balanceOf(carol), 0);
@@ -578,7 +581,7 @@ contract TaskManagerTest is Fixture {
 
         r.params = new string(16_384);
         vm.prank(alice);
-        uint256 taskId = tasks.registerTask(r);
+        TaskId taskId = tasks.registerTask(r);
         vm.expectRevert(refusal);
         vm.prank(robot1);
         tasks.submitProof(taskId, 1, PROOF, long);
@@ -598,7 +601,7 @@ contract TaskManagerTest is Fixture {
     function test_onlyTheServiceManagerPlacesServices() public {
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotServiceManager.selector, stranger));
         vm.prank(stranger);
-        tasks.onServiceFree(1, address(1), 1, 0, 0);
+        tasks.onServiceFree(serviceNo(1), address(1), KindId.wrap(1), 0, 0);
     }
 
     function test_contractsThatDoNotNameEachOtherAreRefused() public {

@@ -8,6 +8,8 @@ import {Hire, Silence, Task, TaskRequest, TaskState} from "../src/interfaces/ITa
 import {Record, TaskRecords} from "../src/libraries/TaskRecords.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
+import {KindId} from "../src/types/KindId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Tasks in one word, and kinds as small numbers.
@@ -29,48 +31,48 @@ contract TaskRecordsTest is Fixture {
         vm.assume(creator != address(0));
         Record memory t;
         (t.creator, t.reward, t.price) = (creator, reward, uint256(units) * UNIT);
-        (t.serviceId, t.deadline, t.executionWindow) = (numbers[0], numbers[1], numbers[2] >> 8);
-        (t.verdictWindow, t.kindId, t.maxAttempts) = (uint24(numbers[1]), bytes_[0], bytes_[1]);
+        (t.serviceId, t.deadline, t.executionWindow) = (serviceNo(numbers[0]), numbers[1], numbers[2] >> 8);
+        (t.verdictWindow, t.kindId, t.maxAttempts) = (uint24(numbers[1]), KindId.wrap(bytes_[0]), bytes_[1]);
         (t.attempt, t.state, t.accepted) = (bytes_[2] & 15, TaskState(1 + bytes_[3] % 7), accepted);
         (t.silence, t.hired) = (Silence(bytes_[4] % 3), Hire(bytes_[3] % 3));
-        _store.keepConditions(7, t);
-        _store.save(7, t, UNIT);
-        assertEq(keccak256(abi.encode(_store.load(7, UNIT))), keccak256(abi.encode(t)));
-        assertEq(uint8(_store.load(8, UNIT).state), uint8(TaskState.None));
+        _store.keepConditions(taskNo(7), t);
+        _store.save(taskNo(7), t, UNIT);
+        assertEq(keccak256(abi.encode(_store.load(taskNo(7), UNIT))), keccak256(abi.encode(t)));
+        assertEq(uint8(_store.load(taskNo(8), UNIT).state), uint8(TaskState.None));
     }
 
     function test_tasksShareTheConditionsOfTheFirstThatHadThem() public {
         Record memory one;
         (one.creator, one.executionWindow) = (alice, 1);
-        _store.keepConditions(3, one);
+        _store.keepConditions(taskNo(3), one);
         assertEq(one.conditions, 3);
         Record memory other;
         (other.creator, other.executionWindow) = (bob, 1);
-        _store.keepConditions(4, other);
+        _store.keepConditions(taskNo(4), other);
         assertEq(other.conditions, 4);
-        _store.keepConditions(5, one);
+        _store.keepConditions(taskNo(5), one);
         assertEq(one.conditions, 3);
         assertEq(_store.conditions[5], 0);
     }
 
     /// @dev However many tasks with other conditions strangers post first.
     function test_strangersTasksDoNotMakeConditionsDearer() public {
-        uint256 alone = _costOfKeeping(1, alice);
+        uint256 alone = _costOfKeeping(taskNo(1), alice);
         for (uint160 i = 1; i <= 200; ++i) {
             Record memory t;
             t.creator = address(i);
-            _store.keepConditions(1 + i, t);
+            _store.keepConditions(taskNo(1 + i), t);
         }
-        assertEq(_costOfKeeping(300, bob), alone);
+        assertEq(_costOfKeeping(taskNo(300), bob), alone);
     }
 
     function test_tasksOfDifferentConditionsAreApart() public {
-        uint256 first = post(alice, 100 ether);
-        uint256 second = post(bob, 90 ether);
+        TaskId first = post(alice, 100 ether);
+        TaskId second = post(bob, 90 ether);
         TaskRequest memory r = request(80 ether);
         (r.executionWindow, r.maxAttempts) = (2 hours, 1);
         vm.prank(alice);
-        uint256 third = tasks.registerTask(r);
+        TaskId third = tasks.registerTask(r);
         assertEq(tasks.task(first).creator, alice);
         assertEq(tasks.task(second).creator, bob);
         assertEq(tasks.task(first).maxAttempts, ATTEMPTS);
@@ -106,9 +108,9 @@ contract TaskRecordsTest is Fixture {
 
     function test_kindsAreNumbered() public {
         assertEq(organization.numberOf(CLEANING), 1);
-        assertEq(organization.kindNumbered(2), CHARGING);
+        assertEq(organization.kindNumbered(KindId.wrap(2)), CHARGING);
         assertEq(organization.numberOf("painting"), 0);
-        assertEq(organization.kindNumbered(3), 0);
+        assertEq(organization.kindNumbered(KindId.wrap(3)), 0);
         assertEq(organization.kindOf(CHARGING).number, 2);
         vm.startPrank(admin);
         for (uint256 i = 3; i <= 255; ++i) {
@@ -120,7 +122,7 @@ contract TaskRecordsTest is Fixture {
         organization.allowKind("one more", Review.Auditor, 0);
     }
 
-    function _costOfKeeping(uint256 taskId, address creator) private returns (uint256 gas) {
+    function _costOfKeeping(TaskId taskId, address creator) private returns (uint256 gas) {
         Record memory t;
         t.creator = creator;
         gas = gasleft();

@@ -5,14 +5,16 @@ import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.so
 import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Bonds, penalties and suspension.
 contract TermsTest is Fixture {
     function test_withoutTermsNothingIsLocked() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         assertEq(services.service(serviceId).bond, 0);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         for (uint256 i = 0; i < ATTEMPTS; ++i) {
             attempt(taskId, false);
         }
@@ -23,8 +25,8 @@ contract TermsTest is Fixture {
     function test_aServiceLocksTheBondThatTheOrganizationAsksFor() public {
         setTerms(50 ether, 20 ether, 3);
         vm.expectEmit(address(services));
-        emit IServiceManager.TermsAgreed(1, 50 ether, 20 ether, 3);
-        uint256 serviceId = offer(robot1, 80 ether);
+        emit IServiceManager.TermsAgreed(serviceNo(1), 50 ether, 20 ether, 3);
+        ServiceId serviceId = offer(robot1, 80 ether);
         Service memory s = services.service(serviceId);
         assertEq(s.bond, 50 ether);
         assertEq(s.penalty, 20 ether);
@@ -46,8 +48,8 @@ contract TermsTest is Fixture {
 
     function test_aRejectedAttemptCostsAPenaltyThatGoesToTheTreasury() public {
         setTerms(50 ether, 20 ether, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectEmit(address(services));
         emit IServiceManager.BondPenalized(serviceId, taskId, 20 ether);
@@ -60,7 +62,7 @@ contract TermsTest is Fixture {
     function test_anExpiredAttemptCostsAPenalty() public {
         setTerms(50 ether, 20 ether, 0);
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.warp(block.timestamp + WINDOW + 1);
         tasks.expireTask(taskId);
         assertEq(coin.balanceOf(address(organization)), 2020 ether);
@@ -70,8 +72,8 @@ contract TermsTest is Fixture {
         setTerms(50 ether, 20 ether, 1);
         vm.prank(admin);
         organization.setAudit(CLEANING, 1 hours, Silence.Creator);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         vm.warp(block.timestamp + WINDOW + 1);
         tasks.expireTask(taskId);
@@ -83,8 +85,8 @@ contract TermsTest is Fixture {
 
     function test_failuresInARowSuspendTheService() public {
         setTerms(0, 0, 2);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         attempt(taskId, false);
         attempt(taskId, true);
         assertEq(services.service(serviceId).failures, 0, "a success forgives");
@@ -100,8 +102,8 @@ contract TermsTest is Fixture {
 
     function test_aBondThatNoLongerCoversAPenaltySuspends() public {
         setTerms(50 ether, 20 ether, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         attempt(taskId, false);
         attempt(taskId, false);
         assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Suspended));
@@ -115,8 +117,8 @@ contract TermsTest is Fixture {
 
     function test_aServiceThatIsSuspendedAtWorkFinishesAndAnswersForIt() public {
         setTerms(20 ether, 20 ether, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         vm.prank(admin);
         organization.suspendService(serviceId);
         attempt(taskId, false);
@@ -126,7 +128,7 @@ contract TermsTest is Fixture {
 
     function test_aSuspendedServiceCanOnlyRetire() public {
         setTerms(50 ether, 20 ether, 1);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         attempt(post(alice, 100 ether), false);
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.ServiceIsSuspended.selector, serviceId);
         vm.startPrank(robot1);
@@ -142,7 +144,7 @@ contract TermsTest is Fixture {
 
     function test_retiringWhenIdleReturnsTheBondAtOnce() public {
         setTerms(50 ether, 20 ether, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         update(serviceId, 80 ether, ServiceState.Paused);
         assertEq(coin.balanceOf(robot1), 1950 ether, "a pause keeps it");
         update(serviceId, 80 ether, ServiceState.Retired);
@@ -152,8 +154,8 @@ contract TermsTest is Fixture {
 
     function test_retiringAtWorkReturnsTheBondWhenTheTaskEnds() public {
         setTerms(50 ether, 20 ether, 1);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         update(serviceId, 80 ether, ServiceState.Retired);
         assertEq(coin.balanceOf(robot1), 1950 ether);
         attempt(taskId, false);
@@ -164,8 +166,8 @@ contract TermsTest is Fixture {
 
     function test_retiringAtWorkPaysBondAndPriceOnAcceptance() public {
         setTerms(50 ether, 20 ether, 1);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         update(serviceId, 80 ether, ServiceState.Retired);
         attempt(taskId, true);
         assertEq(coin.balanceOf(robot1), 2080 ether);
@@ -174,7 +176,7 @@ contract TermsTest is Fixture {
 
     function test_changedTermsAreForNewServicesOnly() public {
         setTerms(50 ether, 20 ether, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.expectEmit(address(organization));
         emit IOrganization.TermsChanged(500 ether, 500 ether, 1);
         setTerms(500 ether, 500 ether, 1);
@@ -193,7 +195,7 @@ contract TermsTest is Fixture {
     // -- suspension by the organization -------------------------------------------------------------------
 
     function test_theOrganizationSuspendsAndReinstates() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         vm.startPrank(admin);
         vm.expectRevert(
             abi.encodeWithSelector(
@@ -205,7 +207,7 @@ contract TermsTest is Fixture {
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceIsSuspended.selector, serviceId));
         organization.suspendService(serviceId);
         vm.stopPrank();
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         assertState(taskId, TaskState.Open);
         vm.expectEmit(address(services));
         emit IServiceManager.ServiceReinstated(serviceId);
@@ -217,7 +219,7 @@ contract TermsTest is Fixture {
     }
 
     function test_whatIsRetiredIsNotSuspended() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         update(serviceId, 80 ether, ServiceState.Retired);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceIsRetired.selector, serviceId));
         vm.prank(admin);
@@ -226,8 +228,8 @@ contract TermsTest is Fixture {
 
     function test_reinstatingForgivesFailures() public {
         setTerms(0, 0, 2);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         attempt(taskId, false);
         attempt(taskId, false);
         vm.prank(admin);
@@ -236,7 +238,7 @@ contract TermsTest is Fixture {
     }
 
     function test_onlyTheOrganizationSuspends() public {
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotOrganization.selector, admin);
         vm.startPrank(admin);
         vm.expectRevert(refusal);
@@ -264,9 +266,9 @@ contract TermsTest is Fixture {
         penalty = uint96(bound(penalty, 0, bond));
         attempts = uint8(bound(attempts, 0, 12));
         setTerms(bond, penalty, maxFailures);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         for (uint256 i = 0; i < attempts; ++i) {
-            uint256 taskId = post(alice, 100 ether);
+            TaskId taskId = post(alice, 100 ether);
             if (state(taskId) == TaskState.Assigned) attempt(taskId, false);
             if (state(taskId) == TaskState.Assigned) attempt(taskId, true);
             if (state(taskId) != TaskState.Open) continue;
@@ -285,7 +287,7 @@ contract TermsTest is Fixture {
 
     function test_countersStopAtTheirGreatestValue() public {
         setTerms(0, 0, 255);
-        uint256 serviceId = offer(robot1, 80 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
         // The word that tasks change: completed, rejected and expired at the brink.
         bytes32 slot = bytes32(uint256(keccak256(abi.encode(serviceId, uint256(1)))) + 1);
         uint256 word = uint256(vm.load(address(services), slot));
@@ -308,16 +310,16 @@ contract TermsTest is Fixture {
 
     function test_whoFailedTooOftenGetsNoTasksForItsOtherServices() public {
         setTerms(0, 0, 1);
-        uint256 first = offer(robot1, 1 ether);
-        uint256 waiting = offer(robot1, 1 ether);
-        uint256 paused = offer(robot1, 1 ether);
-        uint256 other = offer(robot2, 1 ether);
+        ServiceId first = offer(robot1, 1 ether);
+        ServiceId waiting = offer(robot1, 1 ether);
+        ServiceId paused = offer(robot1, 1 ether);
+        ServiceId other = offer(robot2, 1 ether);
         update(paused, 1 ether, ServiceState.Paused);
         TaskRequest memory r = request(10 ether);
         r.maxAttempts = 1;
         vm.prank(alice);
         attempt(tasks.registerTask(r), false);
-        uint256[3] memory all = [first, waiting, paused];
+        ServiceId[3] memory all = [first, waiting, paused];
         for (uint256 i = 0; i < 3; ++i) {
             assertEq(uint8(services.service(all[i]).state), uint8(ServiceState.Suspended));
             assertEq(services.service(all[i]).place, 0);
@@ -333,8 +335,8 @@ contract TermsTest is Fixture {
         }
         vm.prank(admin);
         organization.setMembersOnly(true);
-        uint256 gone = offer(robot1, 1 ether);
-        uint256 here = offer(robot2, 1 ether);
+        ServiceId gone = offer(robot1, 1 ether);
+        ServiceId here = offer(robot2, 1 ether);
         vm.prank(admin);
         organization.admit(alice);
         vm.prank(admin);
@@ -347,7 +349,7 @@ contract TermsTest is Fixture {
     function test_whereEverybodyTakesPartADismissedMemberDoes() public {
         vm.prank(admin);
         organization.admit(robot1);
-        uint256 serviceId = offer(robot1, 1 ether);
+        ServiceId serviceId = offer(robot1, 1 ether);
         vm.prank(admin);
         organization.dismiss(robot1);
         assertAssigned(post(alice, 10 ether), serviceId);
@@ -360,9 +362,9 @@ contract TermsTest is Fixture {
     }
 
     function test_aSuspendedProvidersServicesLeaveTheLineAtOnce() public {
-        uint256 first = offer(robot1, 1 ether);
-        uint256 second = offer(robot1, 2 ether);
-        uint256 other = offer(robot2, 80 ether);
+        ServiceId first = offer(robot1, 1 ether);
+        ServiceId second = offer(robot1, 2 ether);
+        ServiceId other = offer(robot2, 80 ether);
         vm.expectEmit(address(organization));
         emit IOrganization.ProviderSuspended(robot1);
         vm.prank(admin);
@@ -375,7 +377,7 @@ contract TermsTest is Fixture {
     }
 
     function test_aSuspendedProviderRegistersNoServiceUntilItIsReinstated() public {
-        uint256 serviceId = offer(robot1, 1 ether);
+        ServiceId serviceId = offer(robot1, 1 ether);
         bytes memory refusal = abi.encodeWithSelector(IOrganization.ProviderIsSuspended.selector, robot1);
         vm.startPrank(admin);
         organization.suspendProvider(robot1);
@@ -401,8 +403,8 @@ contract TermsTest is Fixture {
 
     function test_aSuspendedProviderFinishesItsTaskAndTakesItsBondBack() public {
         setTerms(20 ether, 5 ether, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         uint256 before = coin.balanceOf(robot1);
         vm.prank(admin);
         organization.suspendProvider(robot1);

@@ -7,6 +7,8 @@ import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/Reentrancy
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice A token that misbehaves as it is told.
@@ -139,9 +141,9 @@ contract TokenTest is Fixture {
     function test_anExecutorThatTheTokenRefusesHoldsUpNoVerdict() public {
         for (uint8 way = 1; way <= 2; ++way) {
             uint256 snapshot = vm.snapshotState();
-            uint256 serviceId = offer(robot1, 80 ether);
-            uint256 taskId = post(alice, 100 ether);
-            uint256 next = post(bob, 100 ether);
+            ServiceId serviceId = offer(robot1, 80 ether);
+            TaskId taskId = post(alice, 100 ether);
+            TaskId next = post(bob, 100 ether);
             submit(taskId);
             _refuse(WeirdToken.Way(way), robot1);
             vm.expectEmit(address(tasks));
@@ -165,9 +167,9 @@ contract TokenTest is Fixture {
     }
 
     function test_aCreatorThatTheTokenRefusesHoldsUpNoService() public {
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
-        uint256 next = post(bob, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        TaskId next = post(bob, 100 ether);
         _refuse(WeirdToken.Way.Reverts, alice);
         for (uint8 i = 1; i <= ATTEMPTS; ++i) {
             attempt(taskId, false);
@@ -179,8 +181,8 @@ contract TokenTest is Fixture {
 
     function test_aTreasuryThatTheTokenRefusesHoldsUpNobody() public {
         setTerms(50 ether, 20 ether, 0);
-        uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        ServiceId serviceId = offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
         _refuse(WeirdToken.Way.Reverts, address(organization));
         attempt(taskId, false);
         assertAssigned(taskId, serviceId);
@@ -191,7 +193,7 @@ contract TokenTest is Fixture {
     }
 
     function test_aCollectionThatTheTokenRefusesKeepsTheDebt() public {
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         _refuse(WeirdToken.Way.Reverts, alice);
         vm.prank(alice);
         tasks.cancelTask(taskId);
@@ -202,7 +204,7 @@ contract TokenTest is Fixture {
 
     function test_aRecipientThatBurnsAllGasHoldsUpNoVerdict() public {
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         _refuse(WeirdToken.Way.BurnsGas, robot1);
         vm.prank(oracle);
@@ -219,7 +221,7 @@ contract TokenTest is Fixture {
     function test_whatWasSentByMistakeIsRescuedAndNothingElse() public {
         setTerms(50 ether, 20 ether, 0);
         offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         _refuse(WeirdToken.Way.Reverts, robot1);
         judge(taskId, true);
@@ -268,8 +270,8 @@ contract TokenTest is Fixture {
 
     function test_aTokenThatReentersGetsNowhere() public {
         offer(robot1, 80 ether);
-        uint256 open = post(address(_token));
-        uint256 running = post(alice, 100 ether);
+        TaskId open = post(address(_token));
+        TaskId running = post(alice, 100 ether);
         submit(open);
         bytes[] memory calls = new bytes[](6);
         calls[0] = abi.encodeCall(ITaskManager.cancelTask, (running));
@@ -295,7 +297,7 @@ contract TokenTest is Fixture {
 
     function test_aTokenThatReentersWhileAnAuditorPaysGetsNowhere() public {
         offer(robot1, 80 ether);
-        uint256 open = post(address(_token));
+        TaskId open = post(address(_token));
         submit(open);
         judgeAs(oracle, open, Verdict.Undecided, 0);
         bytes[] memory calls = new bytes[](2);
@@ -325,10 +327,10 @@ contract TokenTest is Fixture {
         _token.mint(address(_token), 100 ether);
         vm.startPrank(address(_token));
         _token.approve(address(tasks), type(uint256).max);
-        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
+        ServiceId serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         vm.stopPrank();
-        uint256 taskId = post(alice, 100 ether);
-        uint256 waiting = post(bob, 100 ether);
+        TaskId taskId = post(alice, 100 ether);
+        TaskId waiting = post(bob, 100 ether);
         submit(taskId);
         // It retires while it is being paid: the next task runs already, so its bond waits for that one.
         _token.reenter(
@@ -344,7 +346,7 @@ contract TokenTest is Fixture {
     }
 
     /// @dev A task of the organization's token itself, so that it is a party that calls back.
-    function post(address creator) private returns (uint256 taskId) {
+    function post(address creator) private returns (TaskId taskId) {
         _token.mint(creator, 100 ether);
         vm.startPrank(creator);
         _token.approve(address(tasks), type(uint256).max);

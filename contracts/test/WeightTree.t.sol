@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {Test} from "forge-std/Test.sol";
 import {WeightTree} from "../src/libraries/WeightTree.sol";
+import {MAX_MAJOR, MAX_MINOR, weigh} from "../src/types/Weight.sol";
 
 contract WeightTreeTest is Test {
     using WeightTree for WeightTree.Tree;
@@ -75,11 +76,11 @@ contract WeightTreeTest is Test {
 
     function test_theGreatestKeyAndWeightFit() public {
         uint64 key = type(uint64).max >> 1;
-        _put(key, WeightTree.MAX_MAJOR, WeightTree.MAX_MINOR);
+        _put(key, MAX_MAJOR, MAX_MINOR);
         _put(1, 0, 0);
         assertEq(_tree.greatestMajor(key), key);
         assertEq(_tree.greatestMinor(key - 1), 1);
-        assertEq(_tree.first(WeightTree.MAX_MAJOR), key);
+        assertEq(_tree.first(MAX_MAJOR), key);
     }
 
     /// forge-config: default.fuzz.runs = 64
@@ -123,7 +124,7 @@ contract WeightTreeTest is Test {
     }
 
     function _put(uint64 key, uint64 major, uint64 minor) private {
-        _tree.put(key, WeightTree.weigh(major, minor));
+        _tree.put(key, weigh(major, minor));
     }
 
     function _first(uint64 minMajor) private view returns (uint64 lowest) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {TaskId} from "../types/TaskId.sol";
 import {IOracleCommittee} from "./IOracleCommittee.sol";
 import {IOrganization} from "./IOrganization.sol";
 import {ITaskManager, Verdict, Vote} from "./ITaskManager.sol";
@@ -40,21 +41,21 @@ struct Ruling {
 interface IDisputes {
     event InstancesChanged(bytes32 indexed kind, Instance[] instances);
     /// @notice The verdict stands at `until`, unless somebody challenges it.
-    event Ruled(uint256 indexed taskId, uint8 indexed instance, Vote vote, string reportUri, uint256 until);
+    event Ruled(TaskId indexed taskId, uint8 indexed instance, Vote vote, string reportUri, uint256 until);
     /// @notice The next instance decides until `until`, else the verdict stands.
     event Challenged(
-        uint256 indexed taskId,
+        TaskId indexed taskId,
         uint8 indexed instance,
         address indexed challenger,
         uint256 stake,
         uint256 until,
         string reason
     );
-    event CaseClosed(uint256 indexed taskId, uint8 attempt, Verdict verdict, uint256 amount);
+    event CaseClosed(TaskId indexed taskId, uint8 attempt, Verdict verdict, uint256 amount);
     /// @notice The attempt ended in another way. Nobody was wrong.
-    event CaseVoided(uint256 indexed taskId, uint8 attempt);
+    event CaseVoided(TaskId indexed taskId, uint8 attempt);
     /// @param account who got it: the challenger or its opponent, or the payout address of either
-    event StakePaid(uint256 indexed taskId, address indexed account, uint256 amount);
+    event StakePaid(TaskId indexed taskId, address indexed account, uint256 amount);
     /// @notice The token refused it; see withdrawPayments.
     event StakeDeferred(address indexed account, uint256 amount);
 
@@ -66,19 +67,19 @@ interface IDisputes {
     error VerdictWindowTooShort(bytes32 kind, uint32 window, uint256 longestCase);
     error KindWithoutInstances(bytes32 kind);
     /// @notice Too little of the verdict window is left for challenges.
-    error TooLate(uint256 taskId, uint256 needed, uint256 deadline);
+    error TooLate(TaskId taskId, uint256 needed, uint256 deadline);
     /// @notice A verdict stands already, and nobody has challenged it.
-    error NotChallenged(uint256 taskId);
+    error NotChallenged(TaskId taskId);
     /// @notice The verdict is before the next instance.
-    error ChallengedBefore(uint256 taskId, address challenger);
+    error ChallengedBefore(TaskId taskId, address challenger);
     /// @notice Whoever decides a challenge has to.
-    error MustDecide(uint256 taskId);
-    error NoCase(uint256 taskId);
-    error WindowOver(uint256 taskId, uint256 until, uint256 time);
-    error WindowNotOver(uint256 taskId, uint256 until, uint256 time);
-    error NeitherPartyNorJudge(uint256 taskId, address account);
+    error MustDecide(TaskId taskId);
+    error NoCase(TaskId taskId);
+    error WindowOver(TaskId taskId, uint256 until, uint256 time);
+    error WindowNotOver(TaskId taskId, uint256 until, uint256 time);
+    error NeitherPartyNorJudge(TaskId taskId, address account);
     /// @notice Not what the instance said.
-    error OtherVerdict(uint256 taskId, bytes32 content, bytes32 expected);
+    error OtherVerdict(TaskId taskId, bytes32 content, bytes32 expected);
     error NothingOwed(address account);
 
     // -- administrator ------------------------------------------------------------------------------------
@@ -111,7 +112,7 @@ interface IDisputes {
     /// @notice Have the next instance decide. The caller's stake is taken by its allowance for this contract.
     /// @param taskId whose verdict
     /// @param reason why it is wrong, as people read it
-    function challenge(uint256 taskId, string calldata reason) external;
+    function challenge(TaskId taskId, string calldata reason) external;
 
     // -- views --------------------------------------------------------------------------------------------
 
@@ -127,7 +128,7 @@ interface IDisputes {
     /// @return rulings in the order of the instances
     /// @return challenged whether the last of them is before the next instance
     /// @return until the end of the running window
-    function caseOf(uint256 taskId)
+    function caseOf(TaskId taskId)
         external
         view
         returns (Ruling[] memory rulings, bool challenged, uint256 until);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {ServiceId} from "../types/ServiceId.sol";
 import {IServiceManager} from "./IServiceManager.sol";
 
 /// @title Chooses the idle service that gets a task, and what it is paid.
@@ -16,5 +17,5 @@ interface IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (uint256 serviceId, uint256 price);
+        returns (ServiceId serviceId, uint256 price);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {TaskId} from "../types/TaskId.sol";
 import {IOrganization} from "./IOrganization.sol";
 import {ITaskManager, Vote} from "./ITaskManager.sol";
 import {IVoteCounter} from "./IVoteCounter.sol";
@@ -34,7 +35,7 @@ interface IOracleCommittee is IVoteCounter {
     event QuorumChanged(bytes32 indexed kind, uint8 votes, uint8 panel, uint32 rotation, uint64 judges);
     /// @param rules by which the judges say that they judged
     /// @param judges one bit for each seat that voted
-    event VotesCounted(uint256 indexed taskId, uint8 attempt, bytes32 rules, uint64 judges);
+    event VotesCounted(TaskId indexed taskId, uint8 attempt, bytes32 rules, uint64 judges);
 
     error NotAdministrator(address account);
     error InvalidJudge(address key, address owner);
@@ -46,15 +47,15 @@ interface IOracleCommittee is IVoteCounter {
     /// kind.
     error InvalidQuorum(bytes32 kind, uint8 votes, uint8 panel, uint8 judges);
     error KindWithoutQuorum(bytes32 kind);
-    error TooFewVotes(uint256 taskId, uint256 votes, uint256 needed);
+    error TooFewVotes(TaskId taskId, uint256 votes, uint256 needed);
     /// @notice 64 bytes each, as EIP-2098 has them.
     error InvalidSignatures(uint256 length);
-    error VotedTwice(uint256 taskId, address key);
+    error VotedTwice(TaskId taskId, address key);
     /// @notice Not in the panel yet: `place` in line, while `panel` may vote.
-    error NotInPanel(uint256 taskId, address key, uint256 place, uint256 panel);
+    error NotInPanel(TaskId taskId, address key, uint256 place, uint256 panel);
     error NotTaskManager(address caller);
     /// @notice An auditor would decide alone what it had left undecided with others.
-    error JudgeIsAuditor(uint256 taskId, address key);
+    error JudgeIsAuditor(TaskId taskId, address key);
 
     // -- administrator ------------------------------------------------------------------------------------
 

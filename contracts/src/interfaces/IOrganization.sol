@@ -2,6 +2,9 @@
 pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
+import {KindId} from "../types/KindId.sol";
+import {ServiceId} from "../types/ServiceId.sol";
+import {TaskId} from "../types/TaskId.sol";
 import {IDeviceRegistry} from "./IDeviceRegistry.sol";
 import {IMatchingPolicy} from "./IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "./IServiceManager.sol";
@@ -54,7 +57,7 @@ struct Kind {
     Silence silence;
     uint32 minVerdictWindow;
     uint32 maxVerdictWindow;
-    uint8 number;
+    KindId number;
 }
 
 /// @title The organization: who may do what, which work it accepts, how tasks meet services, and its treasury.
@@ -175,7 +178,7 @@ interface IOrganization is IDeviceRegistry {
     function dismiss(address account) external;
 
     /// @notice No new task for the service; a running one goes on.
-    function suspendService(uint256 serviceId) external;
+    function suspendService(ServiceId serviceId) external;
 
     /// @notice Suspend all services of a provider, and let it register none. A running task goes on, and a service
     /// that the provider retires gives its bond back as always.
@@ -189,7 +192,7 @@ interface IOrganization is IDeviceRegistry {
 
     /// @notice Forgive a suspended service its failures. Its provider finds it paused. A provider that is suspended is
     /// reinstated first.
-    function reinstateService(uint256 serviceId) external;
+    function reinstateService(ServiceId serviceId) external;
 
     /// @notice Replace the matching policy. Queues and live tasks stay as they are.
     function setPolicy(IMatchingPolicy policy_) external;
@@ -213,19 +216,19 @@ interface IOrganization is IDeviceRegistry {
     // -- operator -----------------------------------------------------------------------------------------
 
     /// @notice ITaskManager.registerTask in the organization's name.
-    function registerTask(TaskRequest calldata request) external returns (uint256 taskId);
+    function registerTask(TaskRequest calldata request) external returns (TaskId taskId);
 
     /// @notice ITaskManager.cancelTask in the organization's name.
-    function cancelTask(uint256 taskId) external;
+    function cancelTask(TaskId taskId) external;
 
     /// @notice ITaskManager.acceptTask in the organization's name.
-    function acceptTask(uint256 taskId, uint8 attempt) external;
+    function acceptTask(TaskId taskId, uint8 attempt) external;
 
     /// @notice ITaskManager.abandonTask in the organization's name.
-    function abandonTask(uint256 taskId, uint8 attempt) external;
+    function abandonTask(TaskId taskId, uint8 attempt) external;
 
     /// @notice ITaskManager.submitProof in the organization's name.
-    function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
+    function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
     /// @notice IServiceManager.registerService in the organization's name.
     function registerService(
@@ -234,10 +237,10 @@ interface IOrganization is IDeviceRegistry {
         uint256 maxBond,
         bool autoAccept,
         string calldata description
-    ) external returns (uint256 serviceId);
+    ) external returns (ServiceId serviceId);
 
     /// @notice IServiceManager.updateService in the organization's name.
-    function updateService(uint256 serviceId, uint256 price, ServiceState state) external;
+    function updateService(ServiceId serviceId, uint256 price, ServiceState state) external;
 
     // -- treasurer ----------------------------------------------------------------------------------------
 
@@ -283,15 +286,15 @@ interface IOrganization is IDeviceRegistry {
     /// @notice mayJudge for a kind that is given by its number.
     /// @param account who would judge
     /// @param kindId see numberOf
-    function mayJudgeNumbered(address account, uint8 kindId) external view returns (bool);
+    function mayJudgeNumbered(address account, KindId kindId) external view returns (bool);
 
     /// @notice Returns the number of a kind, from 1; 0 if it never had a rule.
     /// @param kind what is to be done, ASCII
-    function numberOf(bytes32 kind) external view returns (uint8);
+    function numberOf(bytes32 kind) external view returns (KindId);
 
     /// @notice Returns the kind with this number; 0 if there is none.
     /// @param number see numberOf
-    function kindNumbered(uint8 number) external view returns (bytes32);
+    function kindNumbered(KindId number) external view returns (bytes32);
 
     /// @notice Whether `account` may decide what an oracle left undecided.
     function mayAudit(address account) external view returns (bool);
@@ -313,7 +316,7 @@ interface IOrganization is IDeviceRegistry {
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy matching, bytes32 rules, Silence silence, uint8 kindId);
+    ) external view returns (IMatchingPolicy matching, bytes32 rules, Silence silence, KindId kindId);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @return agreed what it agrees to
@@ -321,5 +324,5 @@ interface IOrganization is IDeviceRegistry {
     function admitService(bytes32 kind, address provider)
         external
         view
-        returns (Terms memory agreed, uint8 kindId);
+        returns (Terms memory agreed, KindId kindId);
 }

@@ -1,7 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Hire} from "./ITaskManager.sol";
+import {KindId} from "../types/KindId.sol";
+import {ServiceId} from "../types/ServiceId.sol";
+import {TaskId} from "../types/TaskId.sol";
+
+/// @notice Whom a task names: nobody, so that the policy chooses, one service, or one provider.
+enum Hire {
+    None,
+    Service,
+    Provider
+}
 
 /// @notice The provider sets Active, Paused and Retired. Only Active services get new tasks, and Retired is final. The
 /// organization, or the terms after repeated failures, set Suspended; the provider can only retire the service then.
@@ -42,7 +51,7 @@ struct Service {
     address provider;
     uint96 price;
     bytes32 kind;
-    uint64 taskId;
+    TaskId taskId;
     uint64 place;
     ServiceState state;
     uint32 completed;
@@ -78,32 +87,32 @@ struct Release {
 /// its bond, as it holds all money.
 interface IServiceManager {
     event ServiceRegistered(
-        uint256 indexed serviceId,
+        ServiceId indexed serviceId,
         address indexed provider,
         bytes32 indexed kind,
         uint256 price,
         bool autoAccept,
         string description
     );
-    event ServiceUpdated(uint256 indexed serviceId, uint256 price, ServiceState state);
+    event ServiceUpdated(ServiceId indexed serviceId, uint256 price, ServiceState state);
     /// @notice Follows ServiceRegistered where the organization has terms.
-    event TermsAgreed(uint256 indexed serviceId, uint256 bond, uint256 penalty, uint8 maxFailures);
+    event TermsAgreed(ServiceId indexed serviceId, uint256 bond, uint256 penalty, uint8 maxFailures);
     /// @param amount what the failed attempt took from the bond, for the organization's treasury
-    event BondPenalized(uint256 indexed serviceId, uint256 indexed taskId, uint256 amount);
+    event BondPenalized(ServiceId indexed serviceId, TaskId indexed taskId, uint256 amount);
     /// @param provider whose payout address gets it
-    event BondReturned(uint256 indexed serviceId, address indexed provider, uint256 amount);
+    event BondReturned(ServiceId indexed serviceId, address indexed provider, uint256 amount);
     /// @notice From now on `payout` gets what the contracts owe `provider` for work, bonds and stakes.
     event PayoutChanged(address indexed provider, address indexed payout);
-    event ServiceSuspended(uint256 indexed serviceId);
+    event ServiceSuspended(ServiceId indexed serviceId);
     /// @notice Its provider is asleep, and this service has missed an attempt, too: it is paused.
-    event ServiceFellAsleep(uint256 indexed serviceId);
+    event ServiceFellAsleep(ServiceId indexed serviceId);
     /// @notice The provider has let too many attempts pass without a proof.
     /// @param until when it may wake up
     event ProviderFellAsleep(address indexed provider, uint256 until);
     /// @notice The provider called `wakeUp`, or a proof of it was accepted.
     event ProviderWokeUp(address indexed provider);
     /// @notice The service is paused now, and its failures are forgiven.
-    event ServiceReinstated(uint256 indexed serviceId);
+    event ServiceReinstated(ServiceId indexed serviceId);
 
     /// @notice The provider is known for its work in another organization, in the token's smallest unit.
     event WorkAdopted(address indexed provider, address indexed from, uint256 done, uint256 failed);
@@ -111,19 +120,19 @@ interface IServiceManager {
     error NotAdministrator(address account);
     /// @notice Work of other organizations counts only from the beginning.
     error TasksWerePosted(uint256 count);
-    error UnknownService(uint256 serviceId);
+    error UnknownService(ServiceId serviceId);
     /// @notice A task names a service that does other work.
-    error ServiceOfOtherKind(uint256 serviceId, bytes32 kind);
+    error ServiceOfOtherKind(ServiceId serviceId, bytes32 kind);
     /// @notice A task names a provider that does no such work. The organization cannot be named: it has any number of
     /// services, so that a task names the service.
     error ProviderWithoutService(address provider, bytes32 kind);
-    error NotProvider(uint256 serviceId, address caller, address provider);
-    error ServiceIsRetired(uint256 serviceId);
+    error NotProvider(ServiceId serviceId, address caller, address provider);
+    error ServiceIsRetired(ServiceId serviceId);
     /// @notice The provider can only retire it.
-    error ServiceIsSuspended(uint256 serviceId);
-    error ServiceNotSuspended(uint256 serviceId, ServiceState state);
+    error ServiceIsSuspended(ServiceId serviceId);
+    error ServiceNotSuspended(ServiceId serviceId, ServiceState state);
     /// @notice What is left of the bond does not cover a penalty: retire the service and register a new one.
-    error BondExhausted(uint256 serviceId, uint256 bond, uint256 penalty);
+    error BondExhausted(ServiceId serviceId, uint256 bond, uint256 penalty);
     /// @notice A provider can set Active, Paused and Retired.
     error InvalidServiceState(ServiceState state);
     /// @notice The organization asks for a higher bond than the provider agreed to.
@@ -131,7 +140,7 @@ interface IServiceManager {
     /// @notice A price is a multiple of `unit`, so that it can be compared in 57 bits, and at most `max`. The unit is a
     /// billionth of a token, or the token's smallest if it has 9 decimals or fewer.
     error InvalidPrice(uint256 price, uint256 unit, uint256 max);
-    error ServiceNotIdle(uint256 serviceId);
+    error ServiceNotIdle(ServiceId serviceId);
     /// @notice Retire one first. One that retired at work counts until its task ends.
     error TooManyServices(address provider, uint256 max);
     /// @notice The provider has let too many attempts pass without a proof. It may call `wakeUp` at `until`.
@@ -160,7 +169,7 @@ interface IServiceManager {
         uint256 maxBond,
         bool autoAccept,
         string calldata description
-    ) external returns (uint256 serviceId);
+    ) external returns (ServiceId serviceId);
 
     /// @notice Change price and state of a service from its next task on. A service that waits moves to the end of its
     /// line. A retired service's bond goes to its provider's payout address: at once when the service is idle, else
@@ -169,7 +178,7 @@ interface IServiceManager {
     /// @param serviceId a service of the caller, or of whoever the caller is the payout address
     /// @param price what one task costs, in the token's smallest unit
     /// @param state Active, Paused or Retired
-    function updateService(uint256 serviceId, uint256 price, ServiceState state) external;
+    function updateService(ServiceId serviceId, uint256 price, ServiceState state) external;
 
     /// @notice The caller, who fell asleep, takes part again. Its services stay paused until it activates them.
     function wakeUp() external;
@@ -183,11 +192,11 @@ interface IServiceManager {
 
     /// @notice Returns a service as it is now. Reverts with UnknownService.
     /// @param serviceId its number
-    function service(uint256 serviceId) external view returns (Service memory);
+    function service(ServiceId serviceId) external view returns (Service memory);
 
     /// @notice Returns the account that does the service's tasks. It never changes. Reverts with UnknownService.
     /// @param serviceId its number
-    function providerOf(uint256 serviceId) external view returns (address);
+    function providerOf(ServiceId serviceId) external view returns (address);
 
     /// @notice Returns who is paid what the contracts owe an account: itself, or the address that it has named.
     /// @param account any account
@@ -199,7 +208,7 @@ interface IServiceManager {
     /// @return provider whose service it is
     /// @return providersOwner who owns the provider, as the organization's device registry says; 0 if nobody registered it
     /// @return creatorsOwner who owns the creator
-    function partiesOf(uint256 serviceId, address creator)
+    function partiesOf(ServiceId serviceId, address creator)
         external
         view
         returns (address provider, address providersOwner, address creatorsOwner);
@@ -217,7 +226,7 @@ interface IServiceManager {
     function serviceOf(address provider, bytes32 kind, uint256 maxPrice)
         external
         view
-        returns (uint32 serviceId);
+        returns (ServiceId serviceId);
 
     /// @notice Returns how many services were ever registered, which is the last id.
     function serviceCount() external view returns (uint256);
@@ -226,14 +235,14 @@ interface IServiceManager {
     /// @param kind what is done, ASCII
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @return serviceId 0 if no such service waits
-    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
+    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId serviceId);
 
     /// @notice Returns the cheapest waiting service. Among equals it prefers the best reputation, then the longest
     /// wait.
     /// @param kind what is done, ASCII
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @return serviceId 0 if no such service waits
-    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
+    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId serviceId);
 
     /// @notice Returns what the second cheapest waiting service asks, rounded up to three digits, whatever a task pays.
     /// @param kind what is done, ASCII
@@ -245,11 +254,11 @@ interface IServiceManager {
     /// @param kind what is done, ASCII
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @return serviceId 0 if no such service waits
-    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
+    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId serviceId);
 
     /// @notice Give the service no new task until it is reinstated. A running task continues. Only the organization.
     /// @param serviceId its number
-    function suspend(uint256 serviceId) external;
+    function suspend(ServiceId serviceId) external;
 
     /// @notice Suspend all services of a provider. Those of the organization itself stay. Only the organization.
     /// @param provider who offers them
@@ -275,7 +284,7 @@ interface IServiceManager {
 
     /// @notice End a suspension, and forgive the provider its failures. Only the organization.
     /// @param serviceId its number
-    function reinstate(uint256 serviceId) external;
+    function reinstate(ServiceId serviceId) external;
 
     /// @notice Give a task to a service, if it is available, of this kind, and not too expensive. Only the task
     /// manager.
@@ -291,13 +300,13 @@ interface IServiceManager {
     /// @return price the price of this task
     /// @return accepted whether the service accepts each task
     function reserve(
-        uint256 serviceId,
-        uint8 kindId,
+        ServiceId serviceId,
+        KindId kindId,
         uint256 maxPrice,
         uint256 wanted,
-        uint256 taskId,
+        TaskId taskId,
         Hire hired
-    ) external returns (uint256 taker, address provider, uint256 price, bool accepted);
+    ) external returns (ServiceId taker, address provider, uint256 price, bool accepted);
 
     /// @notice End the service's task. Only the task manager, which pays what this returns, and places the service.
     /// @param serviceId the service that did the task
@@ -306,7 +315,7 @@ interface IServiceManager {
     /// counts for the reputation of its provider
     /// @param creator who posted the task. It does not count for its own provider, nor for one of the same owner
     /// @param place its place in line, if it is available and no task waits; 0 if one may wait
-    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator, uint40 place)
+    function release(ServiceId serviceId, Outcome outcome, uint256 value, address creator, uint40 place)
         external
         returns (Release memory);
 
@@ -315,10 +324,10 @@ interface IServiceManager {
     /// @param taskId the task
     /// @param serviceId the service whose proof was accepted
     /// @param creator who posted the task. What the provider's own owner posted proves nothing about others
-    function countAbandoned(uint256 taskId, uint256 serviceId, address creator) external;
+    function countAbandoned(TaskId taskId, ServiceId serviceId, address creator) external;
 
     /// @notice Let an available service wait behind the others of its kind. Only the task manager.
     /// @param serviceId its number
     /// @param place its place among the waiting services; a higher number than any before
-    function enqueue(uint256 serviceId, uint40 place) external;
+    function enqueue(ServiceId serviceId, uint40 place) external;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {TaskId} from "../types/TaskId.sol";
 import {TaskRequest} from "./ITaskManager.sol";
 
 /// @title Calls of TaskManager that somebody else sends, and pays the gas for.
@@ -9,7 +10,7 @@ import {TaskRequest} from "./ITaskManager.sol";
 /// A request that fails changes nothing and may be sent again until its deadline.
 interface ISignedRequests {
     /// @notice A task was registered by a request. Follows the events of the task.
-    event RequestUsed(address indexed signer, uint256 indexed nonce, uint256 indexed taskId, address relayer);
+    event RequestUsed(address indexed signer, uint256 indexed nonce, TaskId indexed taskId, address relayer);
     event RequestRevoked(address indexed signer, uint256 indexed nonce);
 
     error RequestExpired(uint256 deadline, uint256 time);
@@ -31,14 +32,14 @@ interface ISignedRequests {
         uint256 nonce,
         uint256 deadline,
         bytes calldata signature
-    ) external returns (uint256 taskId);
+    ) external returns (TaskId taskId);
 
     /// @notice Cancel the open task whose creator signed this. A task is cancelled once, so no nonce is needed.
     /// @param creator who signed
     /// @param taskId an open task of the creator
     /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of CancelTask
-    function cancelTaskFor(address creator, uint256 taskId, uint256 deadline, bytes calldata signature)
+    function cancelTaskFor(address creator, TaskId taskId, uint256 deadline, bytes calldata signature)
         external;
 
     /// @notice Submit the proof that the executor signed. An attempt has one proof, so no nonce is needed.
@@ -51,7 +52,7 @@ interface ISignedRequests {
     /// @param signature of SubmitProof
     function submitProofFor(
         address executor,
-        uint256 taskId,
+        TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
         string calldata uri,

@@ -2,6 +2,11 @@
 pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
+import {KindId} from "../types/KindId.sol";
+import {ServiceId} from "../types/ServiceId.sol";
+import {TaskId} from "../types/TaskId.sol";
+import {IServiceListener} from "./IServiceListener.sol";
+import {Hire} from "./IServiceManager.sol";
 
 enum TaskState {
     None,
@@ -44,13 +49,6 @@ enum Silence {
     Creator
 }
 
-/// @notice Whom a task names: nobody, so that the policy chooses, one service, or one provider.
-enum Hire {
-    None,
-    Service,
-    Provider
-}
-
 /// @param kind what is to be done, ASCII
 /// @param reward the most it may cost, in the token's smallest unit; all of it goes to escrow
 /// @param executionWindow seconds from assignment to proof
@@ -88,7 +86,7 @@ struct Task {
     uint96 reward;
     bytes32 kind;
     uint96 price;
-    uint32 serviceId;
+    ServiceId serviceId;
     address provider;
     uint40 deadline;
     uint32 executionWindow;
@@ -111,7 +109,7 @@ struct Task {
 /// @param amount what an accepted proof is paid, in the token's smallest unit
 /// @param reason the verdict's reason, as people read it
 struct Vote {
-    uint256 taskId;
+    TaskId taskId;
     uint8 attempt;
     bytes32 proofHash;
     bytes32 reportHash;
@@ -142,11 +140,11 @@ struct SignedBy {
 /// verdict gave it and the creator the rest. The contract holds the bonds of services as well; whatever else it is
 /// sent can be rescued. An undecided attempt is over for its service: it costs it neither bond nor standing nor its
 /// next task.
-interface ITaskManager {
+interface ITaskManager is IServiceListener {
     /// @param rules by which it is judged until it ends, whatever becomes current later; 0 where people judge and no
     /// rules were named. Only in the event: no contract decides by them.
     event TaskRegistered(
-        uint256 indexed taskId,
+        TaskId indexed taskId,
         address indexed creator,
         bytes32 indexed kind,
         uint256 reward,
@@ -157,21 +155,21 @@ interface ITaskManager {
         string params
     );
     /// @notice Follows TaskRegistered where the creator named a service.
-    event ServiceRequested(uint256 indexed taskId, uint256 indexed serviceId);
+    event ServiceRequested(TaskId indexed taskId, ServiceId indexed serviceId);
     /// @notice Follows TaskRegistered where the creator named a provider.
-    event ProviderRequested(uint256 indexed taskId, address indexed provider);
+    event ProviderRequested(TaskId indexed taskId, address indexed provider);
     /// @param nonce could not be known before this assignment; a proof has to contain it
     event TaskAssigned(
-        uint256 indexed taskId,
+        TaskId indexed taskId,
         uint8 attempt,
         address indexed executor,
-        uint256 indexed serviceId,
+        ServiceId indexed serviceId,
         uint256 price,
         bytes32 nonce,
         uint256 deadline
     );
     event ProofSubmitted(
-        uint256 indexed taskId,
+        TaskId indexed taskId,
         uint8 attempt,
         address indexed executor,
         bytes32 indexed proofHash,
@@ -179,7 +177,7 @@ interface ITaskManager {
         uint256 deadline
     );
     event VerdictPosted(
-        uint256 indexed taskId,
+        TaskId indexed taskId,
         uint8 attempt,
         bytes32 indexed proofHash,
         Verdict verdict,
@@ -191,21 +189,21 @@ interface ITaskManager {
     /// @notice Precedes VerdictPosted where the executor brought the verdict along.
     /// @param judge who signed it, or the committee whose judges did
     /// @param rules by which the judge says that it judged
-    event VerdictSigned(uint256 indexed taskId, uint8 attempt, address indexed judge, bytes32 rules);
+    event VerdictSigned(TaskId indexed taskId, uint8 attempt, address indexed judge, bytes32 rules);
     /// @notice Follows an undecided verdict: auditors decide until `deadline`, else `silence` does.
-    event AuditRequested(uint256 indexed taskId, uint8 attempt, uint256 deadline, Silence silence);
+    event AuditRequested(TaskId indexed taskId, uint8 attempt, uint256 deadline, Silence silence);
     /// @param payout who is paid: the executor, or whom it has named (IServiceManager.setPayout)
     /// @param refund the rest of the reward, which the creator has back
-    event TaskSettled(uint256 indexed taskId, address indexed payout, uint256 paid, uint256 refund);
+    event TaskSettled(TaskId indexed taskId, address indexed payout, uint256 paid, uint256 refund);
     /// @param attempt the attempt that failed
-    event TaskRequeued(uint256 indexed taskId, uint8 attempt, Cause cause);
+    event TaskRequeued(TaskId indexed taskId, uint8 attempt, Cause cause);
     /// @param attempt the last attempt, which failed
-    event TaskFailed(uint256 indexed taskId, uint256 refund, uint8 attempt, Cause cause);
+    event TaskFailed(TaskId indexed taskId, uint256 refund, uint8 attempt, Cause cause);
     /// @notice The executor agreed to this attempt by a call. A service with `autoAccept` agrees when it is assigned.
-    event TaskAccepted(uint256 indexed taskId, uint8 attempt, address indexed executor);
-    event TaskCancelled(uint256 indexed taskId, uint256 refund);
+    event TaskAccepted(TaskId indexed taskId, uint8 attempt, address indexed executor);
+    event TaskCancelled(TaskId indexed taskId, uint256 refund);
     /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
-    event PolicyFailed(uint256 indexed taskId);
+    event PolicyFailed(TaskId indexed taskId);
     /// @notice The token refused the transfer, or wanted more gas than PAYMENT_GAS; the amount is kept until
     /// `withdrawPayments`, so that it holds up nobody else.
     event PaymentDeferred(address indexed account, uint256 amount);
@@ -219,26 +217,26 @@ interface ITaskManager {
     /// @notice The call with this index needs more gas than the transaction has: none of the calls was made.
     error OutOfGas(uint256 index);
     /// @notice The executor, or its service for each task, has accepted this attempt before.
-    error AlreadyAccepted(uint256 taskId, uint8 attempt);
-    error UnknownTask(uint256 taskId);
-    error WrongState(uint256 taskId, TaskState current, TaskState expected);
-    error WrongAttempt(uint256 taskId, uint8 current, uint8 given);
-    error NotCreator(uint256 taskId, address caller, address creator);
-    error NotExecutor(uint256 taskId, address caller, address executor);
+    error AlreadyAccepted(TaskId taskId, uint8 attempt);
+    error UnknownTask(TaskId taskId);
+    error WrongState(TaskId taskId, TaskState current, TaskState expected);
+    error WrongAttempt(TaskId taskId, uint8 current, uint8 given);
+    error NotCreator(TaskId taskId, address caller, address creator);
+    error NotExecutor(TaskId taskId, address caller, address executor);
     /// @notice The organization lets others judge work of this kind. See IOrganization.allowKind.
     error NotJudge(address caller, bytes32 kind);
     /// @notice Neither this account signed the verdict, nor enough of its judges.
-    error NotSigned(uint256 taskId, address judge);
-    error SignatureExpired(uint256 taskId, uint256 deadline, uint256 time);
+    error NotSigned(TaskId taskId, address judge);
+    error SignatureExpired(TaskId taskId, uint256 deadline, uint256 time);
     /// @notice Whoever could not decide does not decide afterwards.
-    error JudgedBefore(uint256 taskId, address caller);
+    error JudgedBefore(TaskId taskId, address caller);
     /// @notice Only an oracle may leave a proof undecided, and only once: auditors accept or reject.
-    error AuditorMustDecide(uint256 taskId, address caller);
-    error NoVerdict(uint256 taskId);
+    error AuditorMustDecide(TaskId taskId, address caller);
+    error NoVerdict(TaskId taskId);
     /// @notice Accepted work is paid more than nothing and at most its price, other verdicts pay nothing.
-    error InvalidAmount(uint256 taskId, uint256 amount, uint256 max);
+    error InvalidAmount(TaskId taskId, uint256 amount, uint256 max);
     /// @notice Neither the creator nor the executor judges.
-    error JudgeIsParty(uint256 taskId, address caller);
+    error JudgeIsParty(TaskId taskId, address caller);
     error NotServiceManager(address caller);
     error NotOrganization(address caller);
     error InvalidWindow(uint32 window, uint32 min, uint32 max);
@@ -248,10 +246,10 @@ interface ITaskManager {
     error NothingOwed(address account);
     /// @notice The token took a fee, or moved nothing: escrow must hold what it owes.
     error WrongAmountReceived(uint256 expected, uint256 received);
-    error EmptyProof(uint256 taskId);
-    error ProofMismatch(uint256 taskId, bytes32 submitted, bytes32 given);
-    error DeadlinePassed(uint256 taskId, uint256 deadline, uint256 time);
-    error DeadlineNotPassed(uint256 taskId, uint256 deadline, uint256 time);
+    error EmptyProof(TaskId taskId);
+    error ProofMismatch(TaskId taskId, bytes32 submitted, bytes32 given);
+    error DeadlinePassed(TaskId taskId, uint256 deadline, uint256 time);
+    error DeadlineNotPassed(TaskId taskId, uint256 deadline, uint256 time);
     /// @notice The three contracts do not name each other.
     error NotWired(address organization, address services);
 
@@ -259,7 +257,7 @@ interface ITaskManager {
     /// one. A task that names a service or a provider waits for that one instead; its creator may cancel it meanwhile.
     /// @param request the task; the caller approves this contract for its reward before
     /// @return taskId the number of the task, counted from 1
-    function registerTask(TaskRequest calldata request) external returns (uint256 taskId);
+    function registerTask(TaskRequest calldata request) external returns (TaskId taskId);
 
     /// @notice registerTask with the approval (EIP-2612) of the reward in the same transaction.
     /// @dev If somebody used the permit before, the allowance is there, and the call succeeds.
@@ -275,17 +273,17 @@ interface ITaskManager {
         uint8 v,
         bytes32 r,
         bytes32 s
-    ) external returns (uint256 taskId);
+    ) external returns (TaskId taskId);
 
     /// @notice The creator cancels an open task, and gets the whole reward back.
     /// @param taskId an open task of the caller
-    function cancelTask(uint256 taskId) external;
+    function cancelTask(TaskId taskId) external;
 
     /// @notice The executor agrees to do the assigned task. If it then delivers no proof in time, or a judge rejects
     /// its proof, it pays the penalty of its terms. A proof accepts, too. Services with `autoAccept` need no call.
     /// @param taskId an assigned task
     /// @param attempt the running attempt
-    function acceptTask(uint256 taskId, uint8 attempt) external;
+    function acceptTask(TaskId taskId, uint8 attempt) external;
 
     /// @notice The executor gives the assigned task back, and the attempt ends. This costs it nothing in the first
     /// quarter of the execution window, nor later if it has not accepted the task. Otherwise it counts as an attempt
@@ -293,14 +291,14 @@ interface ITaskManager {
     /// see IServiceManager.countAbandoned; later it does.
     /// @param taskId an assigned task
     /// @param attempt the running attempt
-    function abandonTask(uint256 taskId, uint8 attempt) external;
+    function abandonTask(TaskId taskId, uint8 attempt) external;
 
     /// @notice The executor submits the hash of its proof, once in each attempt, in the execution window.
     /// @param taskId the task that the caller does
     /// @param attempt the running attempt
     /// @param proofHash SHA-256 of the recording
     /// @param uri where it can be fetched; only in the event
-    function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
+    function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
     /// @notice submitProof and postVerdict in one transaction: the executor brings the verdict along that a judge has
     /// signed. Whoever may not post this verdict may not sign it either.
@@ -320,7 +318,7 @@ interface ITaskManager {
     /// @param reportUri where the report can be fetched; only in the event
     /// @param reason why, in words; only in the event
     function postVerdict(
-        uint256 taskId,
+        TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
         Verdict verdict,
@@ -335,7 +333,7 @@ interface ITaskManager {
     /// kind lets the executor win, the task settles at the full price. The same applies if the auditors did not
     /// decide.
     /// @param taskId a task that is assigned, submitted or undecided
-    function expireTask(uint256 taskId) external;
+    function expireTask(TaskId taskId) external;
 
     /// @notice Make several calls of this contract in one transaction, each as if it were alone. One that fails changes
     /// nothing, emits CallFailed, and holds up no other. A judge posts many verdicts this way.
@@ -344,7 +342,7 @@ interface ITaskManager {
 
     /// @notice Anyone asks the policy again for an open task. This is useful only after PolicyFailed.
     /// @param taskId an open task
-    function matchTask(uint256 taskId) external;
+    function matchTask(TaskId taskId) external;
 
     /// @notice What a committee has to know of a task before it judges. Reverts with WrongState unless a proof waits for
     /// its verdict.
@@ -353,23 +351,20 @@ interface ITaskManager {
     /// @return kindId the number of its kind, see IOrganization.numberOf
     /// @return serviceId the service that did it
     /// @return submitted when the proof came, block time in seconds
-    function toJudge(uint256 taskId)
+    function toJudge(TaskId taskId)
         external
         view
-        returns (address creator, uint8 kindId, uint32 serviceId, uint40 submitted);
+        returns (address creator, KindId kindId, ServiceId serviceId, uint40 submitted);
 
     /// @notice Returns a task as it is now. Reverts with UnknownTask.
     /// @param taskId its number
-    function task(uint256 taskId) external view returns (Task memory);
-
-    /// @notice Returns how many tasks were ever registered, which is the last id.
-    function taskCount() external view returns (uint256);
+    function task(TaskId taskId) external view returns (Task memory);
 
     /// @notice Returns the oldest open task that pays enough and names nobody.
     /// @param kind what is to be done, ASCII
     /// @param price the least that it pays, in the token's smallest unit
     /// @return taskId 0 if there is none
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId);
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId);
 
     /// @notice Anyone has the amount paid that the token refused to transfer before. The account's payout address gets
     /// it, so that an account that the token refuses for ever can name another one (IServiceManager.setPayout).
@@ -380,17 +375,6 @@ interface ITaskManager {
     /// @param account who is owed it
     function pendingPayments(address account) external view returns (uint256);
 
-    /// @notice Give an available service the oldest open task that it can do, or let it wait. Only the service
-    /// manager.
-    /// @param serviceId the service
-    /// @param provider whose service it is
-    /// @param kindId the number of what it does, see IOrganization.numberOf
-    /// @param price what one task costs, in the token's smallest unit
-    /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
-    /// provider's address as a number; else 0
-    function onServiceFree(uint256 serviceId, address provider, uint8 kindId, uint256 price, uint160 named)
-        external;
-
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);
 
@@ -399,14 +383,4 @@ interface ITaskManager {
     /// @param to who gets it
     /// @return amount how much there was; of the payment token what exceeds `held`
     function rescue(IERC20 token_, address to) external returns (uint256 amount);
-
-    /// @notice Take a bond from a provider, who approved this contract before. Only the service manager.
-    /// @param provider who pays
-    /// @param amount in the token's smallest unit
-    function holdBond(address provider, uint256 amount) external;
-
-    /// @notice Return a bond. Only the service manager.
-    /// @param payout who gets it: the provider's payout address
-    /// @param amount in the token's smallest unit
-    function returnBond(address payout, uint256 amount) external;
 }

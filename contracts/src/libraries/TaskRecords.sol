@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Hire, Silence, TaskState} from "../interfaces/ITaskManager.sol";
+import {Hire} from "../interfaces/IServiceManager.sol";
+import {Silence, TaskState} from "../interfaces/ITaskManager.sol";
+import {KindId} from "../types/KindId.sol";
+import {ServiceId, unpackService} from "../types/ServiceId.sol";
+import {TaskId} from "../types/TaskId.sol";
 
 /// @dev A task in memory: read once in a transaction, and written after each change. See TaskRecords.
 /// @param reward has 88 bits in storage, enough for what any service may cost (Units.max)
@@ -18,7 +22,7 @@ import {Hire, Silence, TaskState} from "../interfaces/ITaskManager.sol";
 struct Record {
     uint256 reward;
     uint256 price;
-    uint256 serviceId;
+    ServiceId serviceId;
     uint256 deadline;
     TaskState state;
     bool accepted;
@@ -27,7 +31,7 @@ struct Record {
     address creator;
     uint32 executionWindow;
     uint32 verdictWindow;
-    uint8 kindId;
+    KindId kindId;
     uint8 maxAttempts;
     Silence silence;
     Hire hired;
@@ -36,21 +40,21 @@ struct Record {
 /// @title Tasks in few words of storage: one for each task, and one for the conditions that tasks of one creator share.
 library TaskRecords {
     struct Store {
-        mapping(uint256 taskId => uint256) tasks;
-        mapping(uint32 taskId => uint256) conditions;
+        mapping(TaskId taskId => uint256) tasks;
+        mapping(uint32 first => uint256) conditions;
         /// @dev The first task that had these conditions, where they are kept. A hash of them as their place would be
         /// cheaper once, but strangers could fill the places behind it, and each task would pay for looking there.
-        mapping(uint256 conditions => uint32 taskId) firsts;
+        mapping(uint256 conditions => uint32 first) firsts;
     }
 
     /// @notice Returns a task; one in the state None if there is none.
     /// @param unit of prices, see Units.unitOf
-    function load(Store storage store, uint256 taskId, uint256 unit) internal view returns (Record memory t) {
+    function load(Store storage store, TaskId taskId, uint256 unit) internal view returns (Record memory t) {
         uint256 word = store.tasks[taskId];
         if (word == 0) return t;
         t.reward = word >> 168;
         t.price = uint256(uint64(word >> 104)) * unit;
-        t.serviceId = uint32(word >> 72);
+        t.serviceId = unpackService(uint32(word >> 72));
         t.deadline = uint32(word >> 40);
         t.conditions = uint32(word >> 8);
         t.attempt = uint8(word >> 4) & 15;
@@ -60,28 +64,28 @@ library TaskRecords {
         t.creator = address(uint160(wanted >> 96));
         t.executionWindow = uint24(wanted >> 72);
         t.verdictWindow = uint24(wanted >> 48);
-        t.kindId = uint8(wanted >> 40);
+        t.kindId = KindId.wrap(uint8(wanted >> 40));
         t.maxAttempts = uint8(wanted >> 32);
         t.silence = Silence(uint8(wanted >> 24));
         t.hired = Hire(uint8(wanted));
     }
 
     /// @notice Write what changes in the life of a task.
-    function save(Store storage store, uint256 taskId, Record memory t, uint256 unit) internal {
+    function save(Store storage store, TaskId taskId, Record memory t, uint256 unit) internal {
         uint256 progress = uint256(t.attempt) << 4 | (t.accepted ? 8 : 0) | uint256(t.state);
-        uint256 place = t.serviceId << 72 | t.deadline << 40 | uint256(t.conditions) << 8;
+        uint256 place = uint256(t.serviceId.pack()) << 72 | t.deadline << 40 | uint256(t.conditions) << 8;
         store.tasks[taskId] = t.reward << 168 | (t.price / unit) << 104 | place | progress;
     }
 
     /// @notice Keep the conditions of a new task, unless an earlier one had them, and note which did.
-    function keepConditions(Store storage store, uint256 taskId, Record memory t) internal {
+    function keepConditions(Store storage store, TaskId taskId, Record memory t) internal {
         uint256 windows = uint256(t.executionWindow) << 72 | uint256(t.verdictWindow) << 48;
-        uint256 rest = uint256(t.kindId) << 40 | uint256(t.maxAttempts) << 32 | uint256(t.silence) << 24;
+        uint256 rest =
+            uint256(KindId.unwrap(t.kindId)) << 40 | uint256(t.maxAttempts) << 32 | uint256(t.silence) << 24;
         uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired);
         t.conditions = store.firsts[wanted];
         if (t.conditions != 0) return;
-        assert(taskId <= type(uint32).max);
-        t.conditions = uint32(taskId);
+        t.conditions = taskId.packConditions();
         (store.firsts[wanted], store.conditions[t.conditions]) = (t.conditions, wanted);
     }
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {MAJOR, MINOR, NO_WEIGHT, Weight, weigh} from "../types/Weight.sol";
+
 /// @title An ordered map from keys to weights that finds the best key of a range.
 /// @notice Keys are 1 .. 2^63 - 1. A weight has two parts, `weigh(major, minor)`, which are compared
 /// separately. Every operation takes O(log n) of the elements that are in the tree *now*, whatever its history.
@@ -15,32 +17,18 @@ library WeightTree {
     /// @dev An inner node's word: a reference and the greatest parts of the weights below it, per child.
     struct Node {
         uint64 left;
-        uint64 leftWeight;
+        Weight leftWeight;
         uint64 right;
-        uint64 rightWeight;
+        Weight rightWeight;
     }
 
     struct Tree {
         uint64 root;
         /// @dev Of a key that is alone. Others' weights are in the nodes above them.
-        uint64 rootWeight;
+        Weight rootWeight;
         /// @dev Keeps the word of an empty tree.
         bool used;
         mapping(uint64 ref => Node) nodes;
-    }
-
-    uint256 internal constant MINOR_BITS = 6;
-    uint64 internal constant MAX_MINOR = uint64((1 << MINOR_BITS) - 1);
-    uint64 internal constant MAX_MAJOR = type(uint64).max >> MINOR_BITS;
-
-    /// @notice A weight of two parts, at most MAX_MAJOR and MAX_MINOR.
-    function weigh(uint64 major, uint64 minor) internal pure returns (uint64) {
-        return (major << uint64(MINOR_BITS)) | minor;
-    }
-
-    /// @notice The major part of a weight.
-    function majorOf(uint64 weight) internal pure returns (uint64) {
-        return weight >> uint64(MINOR_BITS);
     }
 
     /// @notice The lowest key; 0 if there is none.
@@ -58,14 +46,14 @@ library WeightTree {
     }
 
     /// @notice Whether no other key has a greater major part than this weight, which the key is to have.
-    function leads(Tree storage tree, uint64 key, uint64 weight) internal view returns (bool) {
+    function leads(Tree storage tree, uint64 key, Weight weight) internal view returns (bool) {
         uint64 leaf = (key << 1) | 1;
         uint64 ref = tree.root;
         while (!_isLeaf(ref)) {
             Node storage node = tree.nodes[ref];
-            (uint64 next, uint64 rival) =
+            (uint64 next, Weight rival) =
                 leaf < ref ? (node.left, node.rightWeight) : (node.right, node.leftWeight);
-            if (majorOf(rival) > majorOf(weight)) return false;
+            if (rival.majorOf() > weight.majorOf()) return false;
             ref = next;
         }
         return true;
@@ -87,7 +75,7 @@ library WeightTree {
     /// @notice The lowest key whose weight has at least this major part; 0 if there is none.
     function first(Tree storage tree, uint64 minMajor) internal view returns (uint64) {
         uint64 ref = tree.root;
-        uint64 minWeight = weigh(minMajor, 0);
+        Weight minWeight = weigh(minMajor, 0);
         if (_isLeaf(ref) && tree.rootWeight < minWeight) return 0;
         while (ref != 0 && !_isLeaf(ref)) {
             Node storage node = tree.nodes[ref];
@@ -99,19 +87,19 @@ library WeightTree {
 
     /// @notice The key up to `maxKey` with the greatest major part; the lowest of equals, 0 if there is none.
     function greatestMajor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
-        return _greatest(tree, maxKey, ~MAX_MINOR);
+        return _greatest(tree, maxKey, MAJOR);
     }
 
     /// @notice The key up to `maxKey` with the greatest minor part; the lowest of equals, 0 if there is none.
     function greatestMinor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
-        return _greatest(tree, maxKey, MAX_MINOR);
+        return _greatest(tree, maxKey, MINOR);
     }
 
     /// @notice Add an element, or change the weight of an existing one.
-    function put(Tree storage tree, uint64 key, uint64 weight) internal {
+    function put(Tree storage tree, uint64 key, Weight weight) internal {
         uint64 leaf = (key << 1) | 1;
         uint64 root = tree.root;
-        (uint64 top, uint64 topWeight) =
+        (uint64 top, Weight topWeight) =
             root == 0 ? (leaf, weight) : _put(tree, root, _rootWeight(tree), leaf, weight);
         _setRoot(tree, top, topWeight);
     }
@@ -119,27 +107,27 @@ library WeightTree {
     /// @notice Remove an element. Reverts with KeyMissing.
     function remove(Tree storage tree, uint64 key) internal {
         if (tree.root == 0) revert KeyMissing(key);
-        (uint64 top, uint64 topWeight) = _remove(tree, tree.root, (key << 1) | 1);
+        (uint64 top, Weight topWeight) = _remove(tree, tree.root, (key << 1) | 1);
         _setRoot(tree, top, topWeight);
     }
 
-    function _setRoot(Tree storage tree, uint64 root, uint64 weight) private {
+    function _setRoot(Tree storage tree, uint64 root, Weight weight) private {
         if (root == tree.root && !_isLeaf(root)) return;
         (tree.root, tree.rootWeight, tree.used) = (root, weight, true);
     }
 
-    function _rootWeight(Tree storage tree) private view returns (uint64) {
+    function _rootWeight(Tree storage tree) private view returns (Weight) {
         if (_isLeaf(tree.root)) return tree.rootWeight;
         Node storage node = tree.nodes[tree.root];
         return _max(node.leftWeight, node.rightWeight);
     }
 
     /// @dev Walk down the border of the range and collect the subtrees inside it; then walk down the best one.
-    function _greatest(Tree storage tree, uint64 maxKey, uint64 part) private view returns (uint64) {
-        (uint64 ref, uint64 weight) = (tree.root, _rootWeight(tree));
+    function _greatest(Tree storage tree, uint64 maxKey, Weight part) private view returns (uint64) {
+        (uint64 ref, Weight weight) = (tree.root, _rootWeight(tree));
         if (ref == 0) return 0;
         uint64 bound = (maxKey << 1) | 1;
-        (uint64 best, uint64 greatest) = (0, 0);
+        (uint64 best, Weight greatest) = (0, NO_WEIGHT);
         while (true) {
             if (_last(ref) <= bound) {
                 if (best == 0 || weight & part > greatest) (best, greatest) = (ref, weight & part);
@@ -150,7 +138,7 @@ library WeightTree {
             if (bound < ref) {
                 (ref, weight) = (node.left, node.leftWeight);
             } else {
-                (uint64 left, uint64 leftWeight) = (node.left, node.leftWeight & part);
+                (uint64 left, Weight leftWeight) = (node.left, node.leftWeight & part);
                 if (best == 0 || leftWeight > greatest) (best, greatest) = (left, leftWeight);
                 (ref, weight) = (node.right, node.rightWeight);
             }
@@ -163,9 +151,9 @@ library WeightTree {
     }
 
     /// @dev Insert or change below `ref`. Returns the new reference in its place, and the greatest weight there.
-    function _put(Tree storage tree, uint64 ref, uint64 refWeight, uint64 leaf, uint64 weight)
+    function _put(Tree storage tree, uint64 ref, Weight refWeight, uint64 leaf, Weight weight)
         private
-        returns (uint64, uint64)
+        returns (uint64, Weight)
     {
         if (ref == leaf) return (ref, weight);
         if (!_spans(ref, leaf)) {
@@ -176,13 +164,13 @@ library WeightTree {
         }
         Node memory node = tree.nodes[ref];
         if (leaf < ref) {
-            (uint64 left, uint64 leftWeight) = _put(tree, node.left, node.leftWeight, leaf, weight);
+            (uint64 left, Weight leftWeight) = _put(tree, node.left, node.leftWeight, leaf, weight);
             if (left != node.left || leftWeight != node.leftWeight) {
                 (node.left, node.leftWeight) = (left, leftWeight);
                 tree.nodes[ref] = node;
             }
         } else {
-            (uint64 right, uint64 rightWeight) = _put(tree, node.right, node.rightWeight, leaf, weight);
+            (uint64 right, Weight rightWeight) = _put(tree, node.right, node.rightWeight, leaf, weight);
             if (right != node.right || rightWeight != node.rightWeight) {
                 (node.right, node.rightWeight) = (right, rightWeight);
                 tree.nodes[ref] = node;
@@ -192,11 +180,11 @@ library WeightTree {
     }
 
     /// @dev Remove below `ref`. Returns the new reference in its place (0 for none), and the greatest weight there.
-    function _remove(Tree storage tree, uint64 ref, uint64 leaf) private returns (uint64, uint64) {
-        if (ref == leaf) return (0, 0);
+    function _remove(Tree storage tree, uint64 ref, uint64 leaf) private returns (uint64, Weight) {
+        if (ref == leaf) return (0, NO_WEIGHT);
         if (_isLeaf(ref) || !_spans(ref, leaf)) revert KeyMissing(leaf >> 1);
         Node memory node = tree.nodes[ref];
-        (uint64 child, uint64 weight) = _remove(tree, leaf < ref ? node.left : node.right, leaf);
+        (uint64 child, Weight weight) = _remove(tree, leaf < ref ? node.left : node.right, leaf);
         if (child == 0) {
             // Its word stays, for the next node at this place.
             return leaf < ref ? (node.right, node.rightWeight) : (node.left, node.leftWeight);
@@ -214,10 +202,10 @@ library WeightTree {
     }
 
     /// @dev The greater of both major parts with the greater of both minor parts.
-    function _max(uint64 a, uint64 b) private pure returns (uint64) {
-        (uint64 major, uint64 minor) = (a > b ? a : b, a & MAX_MINOR);
-        if (b & MAX_MINOR > minor) minor = b & MAX_MINOR;
-        return (major & ~MAX_MINOR) | minor;
+    function _max(Weight a, Weight b) private pure returns (Weight) {
+        (Weight major, Weight minor) = (a > b ? a : b, a & MINOR);
+        if (b & MINOR > minor) minor = b & MINOR;
+        return (major & MAJOR) | minor;
     }
 
     function _isLeaf(uint64 ref) private pure returns (bool) {

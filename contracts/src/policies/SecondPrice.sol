@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
+import {ServiceId} from "../types/ServiceId.sol";
 
 /// @title The cheapest service, paid what the second cheapest costs (Vickrey 1961), at most the reward.
 /// @notice What a provider asks decides whether it gets the task, not what it is paid. So it may ask what the work
@@ -13,7 +14,7 @@ contract SecondPrice is IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (uint256, uint256)
+        returns (ServiceId, uint256)
     {
         return (services.cheapestIdle(kind, reward), Math.min(services.secondPrice(kind), reward));
     }

@@ -6,6 +6,7 @@ import {StdUtils} from "forge-std/StdUtils.sol";
 import {IECoin} from "../../src/IECoin.sol";
 import {Organization} from "../../src/Organization.sol";
 import {ITaskManager, TaskRequest} from "../../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
 
 /// @notice Operator, treasurer and guardian do all that they can; the administrator changes budgets meanwhile.
@@ -22,7 +23,7 @@ contract TreasuryHandler is CommonBase, StdUtils {
     address private immutable _guardian;
     address private immutable _creator;
     TaskRequest private _request;
-    uint256[] private _posted;
+    TaskId[] private _posted;
     uint256 private _pauseEnds;
     mapping(bytes32 role => Payment[]) private _payments;
     mapping(bytes32 role => uint256) private _amounts;
@@ -65,7 +66,7 @@ contract TreasuryHandler is CommonBase, StdUtils {
         request.reward = bound(amount, 0, _min(300 ether, _coin.balanceOf(address(_organization))));
         bytes32 role = _organization.OPERATOR_ROLE();
         vm.prank(_admin);
-        try _organization.registerTask(request) returns (uint256 taskId) {
+        try _organization.registerTask(request) returns (TaskId taskId) {
             if (_isPaused()) violation = "a task was posted in a pause";
             _payments[role].push(Payment(block.timestamp, request.reward));
             _posted.push(taskId);
@@ -77,7 +78,7 @@ contract TreasuryHandler is CommonBase, StdUtils {
     /// @dev Reverts, which fails the run, if a pause or a budget stops it.
     function cancel() external {
         if (_posted.length == 0) return;
-        uint256 taskId = _posted[_posted.length - 1];
+        TaskId taskId = _posted[_posted.length - 1];
         _posted.pop();
         vm.prank(_admin);
         _organization.cancelTask(taskId);

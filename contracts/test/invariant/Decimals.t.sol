@@ -8,6 +8,8 @@ import {Terms} from "../../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {SecondPrice} from "../../src/policies/SecondPrice.sol";
+import {ServiceId} from "../../src/types/ServiceId.sol";
+import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
 import {PlainToken} from "../PlainToken.sol";
 
@@ -59,13 +61,15 @@ contract DecimalsInvariants is Fixture {
         Twin memory first = _twins[0];
         for (uint256 i = 1; i < _twins.length; ++i) {
             Twin memory other = _twins[i];
-            for (uint256 taskId = 1; taskId <= first.tasks.taskCount(); ++taskId) {
+            for (uint256 number = 1; number <= first.tasks.taskCount(); ++number) {
+                TaskId taskId = TaskId.wrap(number);
                 (Task memory a, Task memory b) = (first.tasks.task(taskId), other.tasks.task(taskId));
                 assertEq(uint8(a.state), uint8(b.state), "state");
                 assertEq(a.serviceId, b.serviceId, "service");
                 assertEq(a.price * other.cent, b.price * first.cent, "price");
             }
-            for (uint256 serviceId = 1; serviceId <= ROBOTS; ++serviceId) {
+            for (uint256 number = 1; number <= ROBOTS; ++number) {
+                ServiceId serviceId = ServiceId.wrap(number);
                 assertEq(
                     first.services.service(serviceId).reputation,
                     other.services.service(serviceId).reputation,
@@ -83,11 +87,11 @@ contract DecimalsInvariants is Fixture {
     }
 
     function askFor(uint256 which, uint256 cents) external {
-        uint256 serviceId = bound(which, 1, ROBOTS);
+        ServiceId serviceId = serviceNo(bound(which, 1, ROBOTS));
         cents = bound(cents, 0, MOST);
         for (uint256 i = 0; i < _twins.length; ++i) {
             uint256 cent = _in(i);
-            if (services.service(serviceId).taskId == 0) {
+            if (services.service(serviceId).taskId == NO_TASK) {
                 update(serviceId, cents * cent, ServiceState.Active);
             }
         }
@@ -104,11 +108,11 @@ contract DecimalsInvariants is Fixture {
 
     /// @dev Mostly well.
     function work(uint256 which, uint256 quality) external {
-        uint256 serviceId = bound(which, 1, ROBOTS);
+        ServiceId serviceId = serviceNo(bound(which, 1, ROBOTS));
         for (uint256 i = 0; i < _twins.length; ++i) {
             _in(i);
-            uint256 taskId = services.service(serviceId).taskId;
-            if (taskId != 0 && state(taskId) == TaskState.Assigned) attempt(taskId, quality % 4 != 0);
+            TaskId taskId = services.service(serviceId).taskId;
+            if (taskId != NO_TASK && state(taskId) == TaskState.Assigned) attempt(taskId, quality % 4 != 0);
         }
     }
 

@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {Vote} from "../../src/interfaces/IOracleCommittee.sol";
 import {TaskRequest, TaskState, Verdict} from "../../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../../src/types/TaskId.sol";
 import {Instances} from "../Instances.sol";
 
 /// @notice Whole cases, in which everybody acts at any time and in any way.
@@ -40,7 +41,7 @@ contract DisputesInvariants is Instances {
         TaskRequest memory wanted =
             TaskRequest(CLEANING, 1 gwei, WINDOW, 2 hours + 1, 1, 0, 0, address(0), "{}");
         vm.prank(alice);
-        uint256 taskId = tasks.registerTask(wanted);
+        TaskId taskId = tasks.registerTask(wanted);
         submit(taskId);
         uint256 paid = coin.balanceOf(address(tasks));
         uint256[4] memory before = _balances();
@@ -149,7 +150,7 @@ contract DisputesInvariants is Instances {
         return who == alice ? 0 : who == robot1 ? 1 : 2;
     }
 
-    function _any(uint256 taskId) private returns (Vote memory) {
+    function _any(TaskId taskId) private returns (Vote memory) {
         Verdict[3] memory verdicts = [Verdict.Accepted, Verdict.Rejected, Verdict.Impossible];
         return voteOf(taskId, verdicts[_next(3)]);
     }

@@ -8,6 +8,8 @@ import {Hire, Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../../src/policies/LowestPrice.sol";
 import {SecondPrice} from "../../src/policies/SecondPrice.sol";
+import {ServiceId} from "../../src/types/ServiceId.sol";
+import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
 import {Handler} from "./Handler.sol";
 
@@ -52,11 +54,11 @@ contract EscrowInvariants is Fixture {
     function invariant_everythingHolds() public view {
         Task[] memory posted = new Task[](tasks.taskCount());
         for (uint256 i = 0; i < posted.length; ++i) {
-            posted[i] = tasks.task(i + 1);
+            posted[i] = tasks.task(taskNo(i + 1));
         }
         Service[] memory offered = new Service[](services.serviceCount());
         for (uint256 i = 0; i < offered.length; ++i) {
-            offered[i] = services.service(i + 1);
+            offered[i] = services.service(serviceNo(i + 1));
         }
         assertEq(_handler.violation(), "", "something forbidden succeeded, or tasks were served out of order");
         _escrowEqualsLiveRewardsAndBonds(posted, offered);
@@ -103,23 +105,24 @@ contract EscrowInvariants is Fixture {
     {
         for (uint256 i = 0; i < posted.length; ++i) {
             if (!_isRunning(posted[i].state)) continue;
-            assertEq(offered[posted[i].serviceId - 1].taskId, i + 1, "the service of a task does another");
+            Service memory s = offered[ServiceId.unwrap(posted[i].serviceId) - 1];
+            assertEq(s.taskId, taskNo(i + 1), "the service of a task does another");
         }
         for (uint256 i = 0; i < offered.length; ++i) {
-            uint256 taskId = offered[i].taskId;
-            if (taskId == 0) continue;
-            assertTrue(_isRunning(posted[taskId - 1].state), "a service is busy with a task that has ended");
-            assertEq(posted[taskId - 1].serviceId, i + 1, "the task of a service is another's");
+            if (offered[i].taskId == NO_TASK) continue;
+            Task memory t = posted[TaskId.unwrap(offered[i].taskId) - 1];
+            assertTrue(_isRunning(t.state), "a service is busy with a task that has ended");
+            assertEq(t.serviceId, serviceNo(i + 1), "the task of a service is another's");
         }
     }
 
     /// @dev Nobody waits for what is there: no open task can be done by a service that waits.
     function _nothingWaitsThatCouldRun(Service[] memory offered) private view {
         for (uint256 i = 0; i < offered.length; ++i) {
-            bool available = offered[i].state == ServiceState.Active && offered[i].taskId == 0;
+            bool available = offered[i].state == ServiceState.Active && offered[i].taskId == NO_TASK;
             assertEq(offered[i].place != 0, available, "a service waits exactly when it is available");
             if (available) {
-                assertEq(tasks.oldestOpen(CLEANING, offered[i].price), 0, "a task and its service wait");
+                assertEq(tasks.oldestOpen(CLEANING, offered[i].price), NO_TASK, "a task and its service wait");
             }
         }
     }
@@ -130,7 +133,7 @@ contract EscrowInvariants is Fixture {
             Task memory t = posted[i];
             if (t.state != TaskState.Open || t.hired == Hire.None) continue;
             for (uint256 j = 0; j < offered.length; ++j) {
-                bool named = t.serviceId == j + 1 || t.provider == offered[j].provider;
+                bool named = t.serviceId == serviceNo(j + 1) || t.provider == offered[j].provider;
                 bool free = offered[j].place != 0 && offered[j].price <= t.reward;
                 assertFalse(named && free, "a task waits for a service that is free");
             }
@@ -139,9 +142,9 @@ contract EscrowInvariants is Fixture {
 
     /// @dev What waits can be found, and the oldest comes first.
     function _theOldestOpenTaskIsNext(Task[] memory posted) private view {
-        uint256 oldest = 0;
-        for (uint256 i = 0; i < posted.length && oldest == 0; ++i) {
-            if (posted[i].state == TaskState.Open && posted[i].hired == Hire.None) oldest = i + 1;
+        TaskId oldest = NO_TASK;
+        for (uint256 i = 0; i < posted.length && oldest == NO_TASK; ++i) {
+            if (posted[i].state == TaskState.Open && posted[i].hired == Hire.None) oldest = taskNo(i + 1);
         }
         assertEq(tasks.oldestOpen(CLEANING, 0), oldest, "the oldest open task is not the next one");
     }
@@ -150,7 +153,7 @@ contract EscrowInvariants is Fixture {
     function _everyServiceStandsWhereItsTermsPutIt(Service[] memory offered) private view {
         for (uint256 i = 0; i < offered.length; ++i) {
             Service memory s = offered[i];
-            (uint256 bond,,, bool suspended,) = _handler.ghost(i + 1);
+            (uint256 bond,,, bool suspended,) = _handler.ghost(serviceNo(i + 1));
             assertEq(s.bond, bond, "the bond is not what the terms left of it");
             assertEq(
                 s.state == ServiceState.Suspended, suspended, "suspended against the terms, or not suspended"
@@ -204,7 +207,7 @@ contract EscrowInvariants is Fixture {
         for (bool running = true; running;) {
             running = false;
             vm.warp(block.timestamp + 2 hours);
-            for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+            for (TaskId taskId = taskNo(1); exists(taskId); taskId = following(taskId)) {
                 if (!_isRunning(state(taskId)) && state(taskId) != TaskState.Undecided) continue;
                 running = true;
                 if (tasks.task(taskId).deadline >= block.timestamp) continue;
@@ -212,13 +215,13 @@ contract EscrowInvariants is Fixture {
                 tasks.expireTask(taskId);
             }
         }
-        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+        for (TaskId taskId = taskNo(1); exists(taskId); taskId = following(taskId)) {
             if (state(taskId) != TaskState.Open) continue;
             Task memory t = tasks.task(taskId);
             vm.prank(t.creator);
             tasks.cancelTask(taskId);
         }
-        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
             if (services.service(serviceId).state != ServiceState.Retired) {
                 update(serviceId, 0, ServiceState.Retired);
             }

@@ -23,6 +23,10 @@ import {
 } from "../../src/interfaces/ITaskManager.sol";
 import {SignedVerdicts} from "../../src/libraries/SignedVerdicts.sol";
 import {ISignedRequests} from "../../src/interfaces/ISignedRequests.sol";
+import {KindId} from "../../src/types/KindId.sol";
+import {NO_SERVICE, ServiceId, unpackService} from "../../src/types/ServiceId.sol";
+import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
+import {Numbers} from "../Fixture.sol";
 import {Possession} from "../Possession.sol";
 import {Signing} from "../Signing.sol";
 
@@ -57,7 +61,7 @@ struct Judged {
 
 /// @notice Everything that anyone can do at any time, with bounded arguments, and what it should do to balances,
 /// bonds and standing.
-contract Handler is CommonBase, StdUtils {
+contract Handler is CommonBase, StdUtils, Numbers {
     bytes32 private constant CLEANING = "waste_disposal";
     bytes32 private constant CHARGING = "battery_charging";
     /// @dev So many different rules are named; more than may be current.
@@ -78,7 +82,7 @@ contract Handler is CommonBase, StdUtils {
 
     /// @notice What each participant should own, from its own calls and the rules alone.
     mapping(address participant => uint256) public expected;
-    mapping(uint256 serviceId => Ghost) public ghost;
+    mapping(ServiceId serviceId => Ghost) public ghost;
     /// @notice What the rules forbid and happened nevertheless; empty if nothing did.
     string public violation;
 
@@ -98,18 +102,18 @@ contract Handler is CommonBase, StdUtils {
     /// @notice When a provider that is asleep may wake up; 0 while it is awake.
     mapping(address provider => uint256) public asleepUntil;
     /// @dev The services that gave a task back early, not twice in a row the same.
-    mapping(uint256 taskId => uint256[]) private _abandoned;
+    mapping(TaskId taskId => ServiceId[]) private _abandoned;
     mapping(address provider => bool) private _suspended;
     /// @dev Attempts that their executor accepted by a call.
-    mapping(uint256 taskId => mapping(uint8 attempt => bool)) private _accepted;
-    mapping(uint256 taskId => uint8) private _attemptSeen;
+    mapping(TaskId taskId => mapping(uint8 attempt => bool)) private _accepted;
+    mapping(TaskId taskId => uint8) private _attemptSeen;
     /// @dev The service that the task names.
-    mapping(uint256 taskId => uint256) private _hired;
+    mapping(TaskId taskId => ServiceId) private _hired;
     /// @dev The provider that the task names.
-    mapping(uint256 taskId => address) private _hiredFrom;
-    mapping(uint256 taskId => Disputed) private _disputes;
+    mapping(TaskId taskId => address) private _hiredFrom;
+    mapping(TaskId taskId => Disputed) private _disputes;
     /// @dev Who wins a proof that nobody judges, as it was when the task was posted.
-    mapping(uint256 taskId => Silence) private _silence;
+    mapping(TaskId taskId => Silence) private _silence;
     mapping(bytes32 kind => Judged) private _judged;
     mapping(address creator => mapping(uint256 nonce => bool)) private _usedNonces;
 
@@ -117,12 +121,13 @@ contract Handler is CommonBase, StdUtils {
     modifier inOrder() {
         _;
         uint256 count = _tasks.taskCount();
-        for (uint256 taskId = 1; taskId <= count; ++taskId) {
+        for (uint256 number = 1; number <= count; ++number) {
+            TaskId taskId = taskNo(number);
             Task memory t = _tasks.task(taskId);
             if (t.attempt == _attemptSeen[taskId]) continue;
             _attemptSeen[taskId] = t.attempt;
             if (t.state != TaskState.Assigned) continue;
-            if (_hired[taskId] != 0 && _hired[taskId] != t.serviceId) {
+            if (_hired[taskId] != NO_SERVICE && _hired[taskId] != t.serviceId) {
                 violation = "another service was hired";
             }
             address provider = _services.providerOf(t.serviceId);
@@ -133,10 +138,10 @@ contract Handler is CommonBase, StdUtils {
                 violation = "a service works below its price";
             }
             if (t.price > t.reward) violation = "a price is above the reward";
-            for (uint256 older = 1; older < taskId; ++older) {
+            for (TaskId older = taskNo(1); older < taskId; older = following(older)) {
                 Task memory o = _tasks.task(older);
                 if (o.state != TaskState.Open || o.reward < t.price) continue;
-                bool mayTake = _hired[older] == 0 && _hiredFrom[older] == address(0);
+                bool mayTake = _hired[older] == NO_SERVICE && _hiredFrom[older] == address(0);
                 if (_hired[older] == t.serviceId || _hiredFrom[older] == provider) mayTake = true;
                 if (mayTake) violation = "a task was overtaken";
             }
@@ -246,9 +251,9 @@ contract Handler is CommonBase, StdUtils {
             return;
         }
         expected[creator] -= reward;
-        _hired[_tasks.taskCount()] = request.serviceId;
-        _hiredFrom[_tasks.taskCount()] = request.provider;
-        _silence[_tasks.taskCount()] = k.silence;
+        _hired[taskNo(_tasks.taskCount())] = unpackService(request.serviceId);
+        _hiredFrom[taskNo(_tasks.taskCount())] = request.provider;
+        _silence[taskNo(_tasks.taskCount())] = k.silence;
         if (_rulesPosted() != (wanted == 0 ? current[current.length - 1] : wanted)) {
             violation = "a task was posted under other rules";
         }
@@ -289,8 +294,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev Creators try at any time; the rules give the reward back only while the task is open.
     function cancelTask(uint256 which) external inOrder {
-        uint256 taskId = _any(which);
-        if (taskId == 0) return;
+        TaskId taskId = taskNo(_any(which));
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         vm.prank(t.creator);
         try _tasks.cancelTask(taskId) {
@@ -321,8 +326,10 @@ contract Handler is CommonBase, StdUtils {
         try requests.registerTaskFor(creator, request, nonce, deadline, signature) {
             if (!right) violation = "a request counted that should not";
             expected[creator] -= reward;
-            _silence[_tasks.taskCount()] = _organization.kindOf(CLEANING).silence;
-            if (_tasks.task(_tasks.taskCount()).creator != creator) violation = "a relayer is the creator";
+            _silence[taskNo(_tasks.taskCount())] = _organization.kindOf(CLEANING).silence;
+            if (_tasks.task(taskNo(_tasks.taskCount())).creator != creator) {
+                violation = "a relayer is the creator";
+            }
             _usedNonces[creator][nonce] = true;
         } catch {
             if (right) violation = "a task could not be relayed";
@@ -331,8 +338,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev By its executor, and before by others, for other work, and too late.
     function relayProof(uint256 which) external inOrder {
-        uint256 taskId = _find(which, TaskState.Assigned);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Assigned);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         address executor = _services.providerOf(t.serviceId);
@@ -358,7 +365,7 @@ contract Handler is CommonBase, StdUtils {
     function _relayProof(
         address executor,
         address key,
-        uint256 taskId,
+        TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
         uint256 deadline
@@ -376,8 +383,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev The task comes back to its creator, who signed that, and to nobody else's wish.
     function relayCancellation(uint256 which, uint256 who) external inOrder {
-        uint256 taskId = _any(which);
-        if (taskId == 0) return;
+        TaskId taskId = taskNo(_any(which));
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         address key = _creators[bound(who, 0, _creators.length - 1)];
         ISignedRequests requests = _tasks.signedRequests();
@@ -407,7 +414,7 @@ contract Handler is CommonBase, StdUtils {
         }
         vm.prank(provider);
         try _services.registerService(CLEANING, _price(price), NO_LIMIT, autoAccept, "") returns (
-            uint256 serviceId
+            ServiceId serviceId
         ) {
             if (_suspended[provider]) violation = "a suspended provider offered a service";
             expected[provider] -= terms.bond;
@@ -427,7 +434,7 @@ contract Handler is CommonBase, StdUtils {
         if (_services.serviceCount() > 2 || terms.bond != 0) return;
         for (uint256 i = 0; i <= _services.MAX_SERVICES(); ++i) {
             vm.prank(provider);
-            try _services.registerService(CLEANING, 0, 0, true, "") returns (uint256 serviceId) {
+            try _services.registerService(CLEANING, 0, 0, true, "") returns (ServiceId serviceId) {
                 ghost[serviceId] = Ghost(0, 0, terms.maxFailures, false, true);
             } catch {}
         }
@@ -436,15 +443,15 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev Services of a provider that take tasks, will, or do one.
     function _live(address provider) private view returns (uint256 count) {
-        for (uint256 serviceId = 1; serviceId <= _services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); _exists(serviceId); serviceId = following(serviceId)) {
             Service memory s = _services.service(serviceId);
-            if (s.provider == provider && (s.state != ServiceState.Retired || s.taskId != 0)) ++count;
+            if (s.provider == provider && (s.state != ServiceState.Retired || s.taskId != NO_TASK)) ++count;
         }
     }
 
     function updateService(uint256 which, uint256 price, uint8 state) external inOrder {
-        uint256 serviceId = _anyService(which);
-        if (serviceId == 0) return;
+        ServiceId serviceId = serviceNo(_anyService(which));
+        if (serviceId == NO_SERVICE) return;
         Service memory s = _services.service(serviceId);
         if (s.state == ServiceState.Retired) return;
         // One in ten retires, else there would soon be no service left.
@@ -458,7 +465,7 @@ contract Handler is CommonBase, StdUtils {
             if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
             if (next == ServiceState.Retired) {
                 ghost[serviceId].suspended = false;
-                if (s.taskId == 0) _expectBondBack(serviceId, s.provider);
+                if (s.taskId == NO_TASK) _expectBondBack(serviceId, s.provider);
             }
         } catch {
             bool may =
@@ -522,8 +529,8 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function acceptTask(uint256 which) external inOrder {
-        uint256 taskId = _find(which, TaskState.Assigned);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Assigned);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         bool again = _hasAccepted(taskId, t);
@@ -538,8 +545,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev At any time while it is assigned; it costs something only late, and who had accepted it.
     function abandonTask(uint256 which, uint256 time) external inOrder {
-        uint256 taskId = _find(which, TaskState.Assigned);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Assigned);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         vm.warp(bound(time, block.timestamp, t.deadline));
@@ -550,7 +557,7 @@ contract Handler is CommonBase, StdUtils {
         if (late) {
             _expectMissed(s.provider);
         } else {
-            uint256[] storage by = _abandoned[taskId];
+            ServiceId[] storage by = _abandoned[taskId];
             if (by.length == 0 || by[by.length - 1] != t.serviceId) by.push(t.serviceId);
         }
         _expectAsleep(t, s);
@@ -562,18 +569,18 @@ contract Handler is CommonBase, StdUtils {
         address creator = _creators[_creators.length - 1]; // a provider, too
         for (uint256 i = 0; i < 4; ++i) {
             this.registerTask(_creators.length - 1, 200 ether, 3, 3);
-            uint256 taskId = _tasks.taskCount();
-            if (taskId == 0) return;
+            TaskId taskId = taskNo(_tasks.taskCount());
+            if (taskId == NO_TASK) return;
             Task memory t = _tasks.task(taskId);
             while (
                 t.state == TaskState.Assigned && block.timestamp <= _graceEnd(t)
                     && _services.providerOf(t.serviceId) != creator
             ) {
-                this.abandonTask(taskId - 1, block.timestamp);
+                this.abandonTask(TaskId.unwrap(taskId) - 1, block.timestamp);
                 t = _tasks.task(taskId);
             }
-            this.submitProof(taskId - 1, "");
-            this.postVerdict(taskId - 1, true, NO_LIMIT);
+            this.submitProof(TaskId.unwrap(taskId) - 1, "");
+            this.postVerdict(TaskId.unwrap(taskId) - 1, true, NO_LIMIT);
         }
     }
 
@@ -582,11 +589,11 @@ contract Handler is CommonBase, StdUtils {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
         for (uint256 i = 0; i < 4; ++i) {
             this.registerTask(which, 200 ether, 3, 3);
-            for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
+            for (TaskId taskId = taskNo(1); _exists(taskId); taskId = following(taskId)) {
                 Task memory t = _tasks.task(taskId);
                 if (t.state != TaskState.Assigned || block.timestamp > _graceEnd(t)) continue;
                 if (_services.providerOf(t.serviceId) == provider) {
-                    this.abandonTask(taskId - 1, block.timestamp);
+                    this.abandonTask(TaskId.unwrap(taskId) - 1, block.timestamp);
                 }
             }
             this.submitProof(_tasks.taskCount() - 1, "");
@@ -594,7 +601,7 @@ contract Handler is CommonBase, StdUtils {
         }
     }
 
-    function _hasAccepted(uint256 taskId, Task memory t) private view returns (bool) {
+    function _hasAccepted(TaskId taskId, Task memory t) private view returns (bool) {
         return ghost[t.serviceId].autoAccept || _accepted[taskId][t.attempt];
     }
 
@@ -604,8 +611,8 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function submitProof(uint256 which, bytes32 proofHash) external inOrder {
-        uint256 taskId = _find(which, TaskState.Assigned);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Assigned);
+        if (taskId == NO_TASK) return;
         // A few only: the hash of another's proof stops nobody from submitting it.
         proofHash = keccak256(abi.encode(uint256(proofHash) % 4));
         Task memory t = _tasks.task(taskId);
@@ -615,8 +622,8 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function replaceProof(uint256 which, bytes32 proofHash) external inOrder {
-        uint256 taskId = _find(which, TaskState.Submitted);
-        if (taskId == 0 || proofHash == 0) return;
+        TaskId taskId = _find(which, TaskState.Submitted);
+        if (taskId == NO_TASK || proofHash == 0) return;
         Task memory t = _tasks.task(taskId);
         vm.prank(_services.providerOf(t.serviceId));
         try _tasks.submitProof(taskId, t.attempt, proofHash, "") {
@@ -628,8 +635,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev After one on another proof was refused.
     function postVerdict(uint256 which, bool accepted, uint256 amount) external inOrder {
-        uint256 taskId = _find(which, TaskState.Submitted);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Submitted);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         amount = _amount(t, accepted, amount);
@@ -645,8 +652,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev The same among others that fail. First alone, with any amount of gas and much to write.
     function postAmongOthers(uint256 which, bool accepted, uint256 amount, uint256 gas) external inOrder {
-        uint256 taskId = _find(which, TaskState.Submitted);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Submitted);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         amount = _amount(t, accepted, amount);
@@ -661,7 +668,7 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.callEach{gas: bound(gas, 100_000, 500_000)}(calls) {}
         catch {
             calls = new bytes[](3);
-            calls[0] = abi.encodeCall(ITaskManager.cancelTask, (0));
+            calls[0] = abi.encodeCall(ITaskManager.cancelTask, (NO_TASK));
             (calls[1], calls[2]) = (call_, call_);
             vm.prank(_oracle);
             _tasks.callEach(calls);
@@ -675,8 +682,8 @@ contract Handler is CommonBase, StdUtils {
         external
         inOrder
     {
-        uint256 taskId = _find(which, TaskState.Assigned);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Assigned);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         amount = _amount(t, accepted, amount);
@@ -712,9 +719,9 @@ contract Handler is CommonBase, StdUtils {
         returns (bool)
     {
         SignedBy memory by = SignedBy(_oracle, block.timestamp, "", "");
-        (uint256 taskId, uint8 attempt, uint256 amount) = (vote.taskId, vote.attempt, vote.amount);
+        (TaskId taskId, uint8 attempt, uint256 amount) = (vote.taskId, vote.attempt, vote.amount);
         uint256 chain = block.chainid;
-        if (forgery == 0) ++vote.taskId;
+        if (forgery == 0) vote.taskId = following(vote.taskId);
         if (forgery == 1) ++vote.attempt;
         if (forgery == 2) vote.proofHash = "another proof";
         if (forgery == 3) vote.reportHash = "another report";
@@ -751,7 +758,7 @@ contract Handler is CommonBase, StdUtils {
         return abi.encodePacked(r, vs);
     }
 
-    function _expectVerdict(uint256 taskId, Task memory t, bool accepted, uint256 amount) private {
+    function _expectVerdict(TaskId taskId, Task memory t, bool accepted, uint256 amount) private {
         if (accepted) {
             _expectPayment(t, amount);
             _expectForgiveness(taskId, t);
@@ -772,8 +779,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev The oracle cannot decide: the attempt is over for its service, and costs it nothing.
     function leaveUndecided(uint256 which) external inOrder {
-        uint256 taskId = _find(which, TaskState.Submitted);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Submitted);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         Silence silence = _organization.kindOf(CLEANING).silence;
@@ -784,8 +791,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev Nobody could do it: the executor is paid a tenth, and it costs nobody anything else.
     function findImpossible(uint256 which, bool audited) external inOrder {
-        uint256 taskId = _find(which, audited ? TaskState.Undecided : TaskState.Submitted);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, audited ? TaskState.Undecided : TaskState.Submitted);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         _judge(audited ? _auditor : _oracle, taskId, t, Verdict.Impossible, 0);
@@ -795,8 +802,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev The auditor decides, after everybody else who might has tried.
     function audit(uint256 which, bool accepted, uint256 amount) external inOrder {
-        uint256 taskId = _find(which, TaskState.Undecided);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, TaskState.Undecided);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         if (t.proofHash != _disputes[taskId].proofHash) violation = "the disputed proof is another";
@@ -814,8 +821,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev Amounts that no verdict may carry.
     function payWrongly(uint256 which, uint256 amount, bool submitted) external inOrder {
-        uint256 taskId = _find(which, submitted ? TaskState.Submitted : TaskState.Undecided);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, submitted ? TaskState.Submitted : TaskState.Undecided);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         address judge = submitted ? _oracle : _auditor;
@@ -832,8 +839,8 @@ contract Handler is CommonBase, StdUtils {
         external
         inOrder
     {
-        uint256 taskId = _any(which);
-        if (taskId == 0) return;
+        TaskId taskId = taskNo(_any(which));
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         bool right = t.state == TaskState.Submitted && t.attempt == attempt && t.proofHash == proofHash
             && block.timestamp <= t.deadline;
@@ -851,8 +858,8 @@ contract Handler is CommonBase, StdUtils {
     function expireTask(uint256 which, uint8 state) external inOrder {
         // Assigned, Submitted or Undecided.
         TaskState running = TaskState(uint8(TaskState.Assigned) + state % 3);
-        uint256 taskId = _find(which, running);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, running);
+        if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         bool unaccepted = running == TaskState.Assigned && !_hasAccepted(taskId, t);
         if (block.timestamp <= (unaccepted ? _graceEnd(t) : t.deadline)) {
@@ -886,7 +893,7 @@ contract Handler is CommonBase, StdUtils {
                 _services.wakeUp();
                 (missed[provider], asleepUntil[provider]) = (0, 0);
             }
-            for (uint256 serviceId = 1; serviceId <= _services.serviceCount(); ++serviceId) {
+            for (ServiceId serviceId = serviceNo(1); _exists(serviceId); serviceId = following(serviceId)) {
                 Service memory s = _services.service(serviceId);
                 if (s.provider != provider || s.state != ServiceState.Paused) continue;
                 vm.prank(provider);
@@ -898,7 +905,7 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function _stayAway(address provider) private {
-        for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
+        for (TaskId taskId = taskNo(1); _exists(taskId); taskId = following(taskId)) {
             Task memory t = _tasks.task(taskId);
             while (t.state == TaskState.Assigned && _services.providerOf(t.serviceId) == provider) {
                 if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
@@ -911,15 +918,15 @@ contract Handler is CommonBase, StdUtils {
     /// @dev Judges or auditors let their window pass, and the administrator would rather have another winner now.
     function staySilent(uint256 which, bool executor, bool audited) external inOrder {
         TaskState running = audited ? TaskState.Undecided : TaskState.Submitted;
-        uint256 taskId = _find(which, running);
-        if (taskId == 0) return;
+        TaskId taskId = _find(which, running);
+        if (taskId == NO_TASK) return;
         _setAudit(executor);
         Task memory t = _tasks.task(taskId);
         if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
         _expire(taskId, t, running);
     }
 
-    function _expire(uint256 taskId, Task memory t, TaskState running) private {
+    function _expire(TaskId taskId, Task memory t, TaskState running) private {
         Service memory s = _services.service(t.serviceId);
         _tasks.expireTask(taskId);
         if (running == TaskState.Assigned) {
@@ -956,7 +963,7 @@ contract Handler is CommonBase, StdUtils {
     }
 
     /// @dev Work for others was accepted: who did it is there, and those who abandoned it were wrong.
-    function _expectForgiveness(uint256 taskId, Task memory t) private {
+    function _expectForgiveness(TaskId taskId, Task memory t) private {
         address provider = _services.providerOf(t.serviceId);
         if (_isOwn(t.creator, provider)) return;
         for (uint256 i = 0; i < _abandoned[taskId].length; ++i) {
@@ -979,8 +986,8 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function matchTask(uint256 which) external inOrder {
-        uint256 taskId = _find(which, TaskState.Open);
-        if (taskId != 0) _tasks.matchTask(taskId);
+        TaskId taskId = _find(which, TaskState.Open);
+        if (taskId != NO_TASK) _tasks.matchTask(taskId);
     }
 
     function wait(uint256 time) external {
@@ -993,7 +1000,7 @@ contract Handler is CommonBase, StdUtils {
             this.submitProof(i, "");
             this.postVerdict(i, true, NO_LIMIT);
         }
-        for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
+        for (TaskId taskId = taskNo(1); _exists(taskId); taskId = following(taskId)) {
             TaskState state = _tasks.task(taskId).state;
             if (state == TaskState.Assigned || state == TaskState.Submitted || state == TaskState.Undecided) {
                 return;
@@ -1004,8 +1011,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev Whoever is no party tries everything; the rules give it nothing.
     function meddle(uint256 which, address who) external inOrder {
-        uint256 taskId = _any(which);
-        if (taskId == 0 || _isParty(who)) return;
+        TaskId taskId = taskNo(_any(which));
+        if (taskId == NO_TASK || _isParty(who)) return;
         Task memory t = _tasks.task(taskId);
         vm.startPrank(who);
         try _tasks.cancelTask(taskId) {
@@ -1026,7 +1033,7 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.postVerdict(taskId, t.attempt, t.proofHash, Verdict.Accepted, t.price, 0, "", "") {
             violation = "a stranger judged";
         } catch {}
-        try _tasks.onServiceFree(1, address(1), 1, 0, 0) {
+        try _tasks.onServiceFree(serviceNo(1), address(1), KindId.wrap(1), 0, 0) {
             violation = "a stranger placed a service";
         } catch {}
         try _tasks.returnBond(who, 1) {
@@ -1035,10 +1042,10 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.withdrawPayments(t.creator) {
             violation = "a stranger collected";
         } catch {}
-        try _services.release(1, Outcome.Completed, 1 ether, who, 0) {
+        try _services.release(serviceNo(1), Outcome.Completed, 1 ether, who, 0) {
             violation = "a stranger released a service";
         } catch {}
-        try _services.updateService(1, 0, ServiceState.Retired) {
+        try _services.updateService(serviceNo(1), 0, ServiceState.Retired) {
             violation = "a stranger retired a service";
         } catch {}
         try _services.setPayout(_providers[0], who) {
@@ -1047,7 +1054,7 @@ contract Handler is CommonBase, StdUtils {
         try _services.recordOwner(who, address(0)) {
             violation = "a stranger recorded an owner";
         } catch {}
-        try _services.suspend(1) {
+        try _services.suspend(serviceNo(1)) {
             violation = "a stranger suspended a service";
         } catch {}
         try _tasks.rescue(_coin, who) {
@@ -1190,9 +1197,9 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function suspend(uint256 which) external {
-        uint256 serviceId = _anyService(which);
+        ServiceId serviceId = serviceNo(_anyService(which));
         // One in four, else hardly any would work.
-        if (serviceId == 0 || which % 4 != 0) return;
+        if (serviceId == NO_SERVICE || which % 4 != 0) return;
         Service memory s = _services.service(serviceId);
         if (s.state == ServiceState.Retired || s.state == ServiceState.Suspended) return;
         vm.prank(_admin);
@@ -1220,8 +1227,8 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function reinstate(uint256 which) external {
-        uint256 serviceId = _anyService(which);
-        if (serviceId == 0 || _services.service(serviceId).state != ServiceState.Suspended) return;
+        ServiceId serviceId = serviceNo(_anyService(which));
+        if (serviceId == NO_SERVICE || _services.service(serviceId).state != ServiceState.Suspended) return;
         Ghost storage g = ghost[serviceId];
         if (g.bond < g.penalty || _suspended[_services.providerOf(serviceId)]) return;
         vm.prank(_admin);
@@ -1232,14 +1239,14 @@ contract Handler is CommonBase, StdUtils {
 
     // -- the rules ----------------------------------------------------------------------------------------
 
-    function _judge(address who, uint256 taskId, Task memory t, Verdict verdict, uint256 amount) private {
+    function _judge(address who, TaskId taskId, Task memory t, Verdict verdict, uint256 amount) private {
         vm.prank(who);
         _tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, 0, "", "");
     }
 
     function _mustNot(
         address who,
-        uint256 taskId,
+        TaskId taskId,
         Task memory t,
         Verdict verdict,
         uint256 amount,
@@ -1282,18 +1289,18 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function _expectAllSuspended(address provider) private {
-        for (uint256 serviceId = 1; serviceId <= _services.serviceCount(); ++serviceId) {
+        for (ServiceId serviceId = serviceNo(1); _exists(serviceId); serviceId = following(serviceId)) {
             Service memory s = _services.service(serviceId);
             if (s.provider == provider && s.state != ServiceState.Retired) ghost[serviceId].suspended = true;
         }
     }
 
-    function _expectRelease(uint256 serviceId) private {
+    function _expectRelease(ServiceId serviceId) private {
         Service memory s = _services.service(serviceId);
         if (s.state == ServiceState.Retired) _expectBondBack(serviceId, s.provider);
     }
 
-    function _expectBondBack(uint256 serviceId, address provider) private {
+    function _expectBondBack(ServiceId serviceId, address provider) private {
         expected[_payoutOf(provider)] += ghost[serviceId].bond;
         ghost[serviceId].bond = 0;
     }
@@ -1325,16 +1332,24 @@ contract Handler is CommonBase, StdUtils {
     }
 
     /// @dev Some task in `state`, searched from a random place; 0 if there is none.
-    function _find(uint256 which, TaskState state) private view returns (uint256) {
+    function _find(uint256 which, TaskState state) private view returns (TaskId) {
         uint256 tasks = _tasks.taskCount();
         for (uint256 i = 0; i < tasks; ++i) {
-            uint256 taskId = (which % tasks + i) % tasks + 1;
+            TaskId taskId = taskNo((which % tasks + i) % tasks + 1);
             if (_tasks.task(taskId).state == state) return taskId;
         }
-        return 0;
+        return NO_TASK;
     }
 
     function _min(uint256 a, uint256 b) private pure returns (uint256) {
         return a < b ? a : b;
+    }
+
+    function _exists(TaskId taskId) private view returns (bool) {
+        return TaskId.unwrap(taskId) <= _tasks.taskCount();
+    }
+
+    function _exists(ServiceId serviceId) private view returns (bool) {
+        return ServiceId.unwrap(serviceId) <= _services.serviceCount();
     }
 }

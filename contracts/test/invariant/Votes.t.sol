@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {OracleCommittee} from "../../src/OracleCommittee.sol";
 import {Vote} from "../../src/interfaces/IOracleCommittee.sol";
 import {TaskRequest} from "../../src/interfaces/ITaskManager.sol";
+import {TaskId} from "../../src/types/TaskId.sol";
 import {Committee} from "../Committee.sol";
 
 /// @notice Anybody posts whatever votes it can get hold of, and judges change their keys.
@@ -54,7 +55,7 @@ contract VotesInvariants is Committee {
 
     function postVotes(uint256 seed, uint256 number, uint256 alteration, uint256 waited) external {
         vm.prank(alice);
-        uint256 taskId =
+        TaskId taskId =
             tasks.registerTask(TaskRequest(CLEANING, 1 gwei, WINDOW, WINDOW, 1, 0, 0, address(0), "{}"));
         submit(taskId);
         uint256 submitted = block.timestamp;
@@ -104,7 +105,7 @@ contract VotesInvariants is Committee {
     }
 
     /// @dev The rule in other words than the contract's.
-    function _mayJudge(uint256 taskId, uint256[] memory signers, uint256 submitted)
+    function _mayJudge(TaskId taskId, uint256[] memory signers, uint256 submitted)
         private
         view
         returns (bool)

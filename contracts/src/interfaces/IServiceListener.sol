@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {KindId} from "../types/KindId.sol";
+import {ServiceId} from "../types/ServiceId.sol";
+
+/// @title What the service manager asks of whoever gives its services their work: to hear of services that are free, and
+/// to hold their bonds.
+/// @notice The service manager owns this interface, and the task manager fulfils it. So the task manager knows services,
+/// and services do not know tasks.
+interface IServiceListener {
+    /// @notice Give an available service the oldest open task that it can do, or let it wait. Only the service
+    /// manager.
+    /// @param serviceId the service
+    /// @param provider whose service it is
+    /// @param kindId the number of what it does, see IOrganization.numberOf
+    /// @param price what one task costs, in the token's smallest unit
+    /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
+    /// provider's address as a number; else 0
+    function onServiceFree(ServiceId serviceId, address provider, KindId kindId, uint256 price, uint160 named)
+        external;
+
+    /// @notice Take a bond from a provider, who approved this contract before. Only the service manager.
+    /// @param provider who pays
+    /// @param amount in the token's smallest unit
+    function holdBond(address provider, uint256 amount) external;
+
+    /// @notice Return a bond. Only the service manager.
+    /// @param payout who gets it: the provider's payout address
+    /// @param amount in the token's smallest unit
+    function returnBond(address payout, uint256 amount) external;
+
+    /// @notice Returns how many tasks were ever registered, which is the last id.
+    function taskCount() external view returns (uint256);
+}
