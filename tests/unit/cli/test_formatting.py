@@ -27,6 +27,7 @@ from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo_cli import app, common, formatting, organization, robot, tasks
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
+from services.console.formatting import phrase
 from tests.support.site import LAB
 
 
@@ -84,6 +85,31 @@ def test_a_contracts_error_says_amounts_in_iec() -> None:
 
 def test_what_is_no_amount_of_iec_in_a_contracts_error_stays_as_it_is() -> None:
     assert ContractReverted("InvalidWindow", {"window": 5, "min": 60, "max": 100}).details["max"] == 100
+
+
+def test_what_is_left_of_a_budget_is_an_amount_and_its_end_a_time() -> None:
+    error = ContractReverted(
+        "OverBudget",
+        {"role": "OPERATOR_ROLE", "amount": 10**20, "left": 5 * 10**19, "until": 1_795_765_311},
+    )
+    said = formatting.explain(error, {})
+    assert "amount: 100 IEC, left: 50 IEC" in said and "until: 2026-11-27 07:41:51" in said
+    error = ContractReverted("BondTooHigh", {"bond": 10**18, "max_bond": 10**17})
+    assert formatting.explain(error, {}).endswith("(bond: 1 IEC, max bond: 0.1 IEC)")
+
+
+def test_votes_and_times_that_are_needed_are_no_amounts() -> None:
+    error = ContractReverted("TooFewVotes", {"task_id": 1, "votes": 2, "needed": 3})
+    assert formatting.explain(error, {}).endswith("(task id: 1, votes: 2, needed: 3)")
+    error = ContractReverted("TooLate", {"task_id": 1, "needed": 1_795_765_312, "deadline": 1_795_765_311})
+    said = formatting.explain(error, {})
+    assert "needed: 2026-11-27 07:41:52 by" in said and "deadline: 2026-11-27 07:41:51 by" in said
+
+
+def test_the_name_of_a_contracts_error_becomes_words() -> None:
+    error = ContractReverted("NotInPanel", {"task_id": 1})
+    assert formatting.explain(error, {}) == "the contract refused: not in panel (task id: 1)"
+    assert phrase("NotAJudge") == "Not a judge" and phrase("TaskSettled") == "Task settled"
 
 
 def test_a_value_that_is_an_account_with_a_name_is_only_the_name() -> None:
