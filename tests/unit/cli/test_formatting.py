@@ -24,11 +24,13 @@ from rodeo.charging import ChargingParams
 from rodeo.checks.report import Check, Report, at_most, equal, skipped
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
+from rodeo.person.pace import running_out_s
 from rodeo_cli import app, common, formatting, organization, robot, tasks
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from services.console.formatting import phrase
 from tests.support.site import LAB
+from tests.support.tasks import task as whole_task
 
 
 def told(model: type[BaseModel], data: dict[str, Any], command: Callable[..., Any]) -> str:
@@ -145,6 +147,28 @@ def test_a_robots_state_is_told_in_words() -> None:
     assert said["power at work"] == "175 W" and said["orders"] == "take no new work"
     assert said["battery"] == "50%" and said["time left"] == "1 min 30 s" and said["on the dock"] == "no"
     assert not any("_" in label for label in said)
+
+
+def test_a_task_says_which_verdict_stands_and_how_long_it_can_be_challenged() -> None:
+    vote = {
+        "task_id": 12,
+        "attempt": 1,
+        **{f"{name}_sha256": "0x" + "a" * 64 for name in ("proof", "report", "rules")},
+        "outcome": "rejected",
+        "amount_iec": "0",
+        "reason": "nothing was lifted",
+    }
+    dispute = {"instance": 0, "vote": vote, "report_uri": "", "until": 3600.0}
+    stands = messages.Dispute.model_validate(dispute)
+    challenged = messages.Dispute.model_validate({**dispute, "challenger": "0x1"})
+    waits = whole_task("submitted").model_copy(update={"verdict_deadline": 7200.0})
+    one = waits.model_copy(update={"dispute": stands})
+    said = dict(tasks._told(one, Site.load(LAB)))
+    assert said["stands"] == "rejected" and said["challenge"] == "until 1970-01-01 01:00:00 (simulated time)"
+    assert not said["due by"] and running_out_s(one) == 3600
+    one = waits.model_copy(update={"dispute": challenged})
+    said = dict(tasks._told(one, Site.load(LAB)))
+    assert said["stands"] == "rejected; it is challenged" and "01:00:00" in said["decision"]
 
 
 # -- tables -----------------------------------------------------------------------------------------------
