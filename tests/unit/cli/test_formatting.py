@@ -25,7 +25,7 @@ from rodeo.checks.report import Check, Report, at_most, equal, skipped
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo.person.pace import running_out_s
-from rodeo_cli import app, common, formatting, organization, robot, tasks
+from rodeo_cli import app, common, disputes, formatting, organization, robot, tasks
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from services.console.formatting import phrase
@@ -147,6 +147,11 @@ def test_a_robots_state_is_told_in_words() -> None:
     assert said["power at work"] == "175 W" and said["orders"] == "take no new work"
     assert said["battery"] == "50%" and said["time left"] == "1 min 30 s" and said["on the dock"] == "no"
     assert not any("_" in label for label in said)
+
+
+def test_a_challenge_needs_a_reason() -> None:
+    data = {"task_id": 1, "reason": " "}
+    assert "--reason: give a reason" in told(messages.ChallengeVerdict, data, disputes.challenge)
 
 
 def test_a_task_says_which_verdict_stands_and_how_long_it_can_be_challenged() -> None:
