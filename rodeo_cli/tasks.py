@@ -730,7 +730,15 @@ def _task_params(site: Site, name: str, flags: Sequence[str], params: str | None
             raise MalformedJson(f"--params is not JSON: {error}") from error
         if not isinstance(values, dict):
             raise MalformedJson("--params is not a JSON object")
-    kind = kinds_of(site).get(name)
+    kinds = kinds_of(site)
+    kind = kinds.get(name)
+    if kind is None and flags:
+        raise InvalidRequest(
+            "the site file lists no such kind, so its parameters are unknown: give them with --params",
+            name=name,
+            given=list(flags),
+            listed=sorted(kinds),
+        )
     values |= _flags(flags, {} if kind is None else kind.schema.get("properties", {}))
     if kind is None:
         return values

@@ -26,6 +26,7 @@ from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo.person.pace import running_out_s
 from rodeo_cli import app, common, disputes, formatting, organization, robot, tasks
+from rodeo_cli import report as report_command
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from services.console.formatting import phrase
@@ -152,6 +153,21 @@ def test_a_robots_state_is_told_in_words() -> None:
 def test_a_challenge_needs_a_reason() -> None:
     data = {"task_id": 1, "reason": " "}
     assert "--reason: give a reason" in told(messages.ChallengeVerdict, data, disputes.challenge)
+
+
+def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:
+    with pytest.raises(InvalidRequest) as refused:
+        tasks._task_params(Site.load(LAB), "waste", ["--item-id", "item1"], None)
+    said = formatting.explain(refused.value, {})
+    assert "no such kind" in said and "listed: battery_charging, waste_disposal" in said
+
+
+def test_a_report_on_who_or_what_nobody_knows_is_refused() -> None:
+    known = {"organization", "panther1"}
+    report_command._require("participant", ["panther1"], known)
+    with pytest.raises(InvalidRequest) as refused:
+        report_command._require("participant", ["panther1", "panter1"], known)
+    assert refused.value.details == {"participant": ["panter1"], "known": ["organization", "panther1"]}
 
 
 def test_a_task_says_which_verdict_stands_and_how_long_it_can_be_challenged() -> None:
