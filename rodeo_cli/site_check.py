@@ -198,6 +198,14 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
         # What is not installed here may be where the site runs.
         if one.review is None and one.name in known and (missing := load(one.name).lacks(site)):
             yield ("kinds", number), f"{one.name} needs what the site lacks: write [[{missing}]]"
+    machines = [name for name in ("robots", "docks") if getattr(site, name)]
+    by_machines = [one.name for one in site.kinds if one.review is None]
+    if machines and all(name in known and load(name).provides != "energy" for name in by_machines):
+        yield (
+            ("kinds",),
+            f"no kind provides energy, which {' and '.join(machines)} need: also list battery_charging. "
+            "What a file lists replaces the list of the file that it extends",
+        )
 
 
 def _standby(site: Site) -> Iterator[tuple[Place, str]]:

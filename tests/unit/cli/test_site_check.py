@@ -198,6 +198,15 @@ doors = [{ wall = "north", at_m = 0.9 }]
     assert "overlaps box" in found
 
 
+def test_robots_and_docks_need_a_kind_that_provides_energy(said: Said) -> None:
+    """Also where the file forgets that its list replaces the one of the file that it extends."""
+    wheels = '[[kinds]]\nname = "wheel_cleaning"\nreview = "auditor"\n'
+    (found,) = said(wheels)
+    assert "no kind provides energy, which robots and docks need" in found and "battery_charging" in found
+    assert said(wheels + '[[kinds]]\nname = "battery_charging"\n') == []
+    assert said("robots = []\ndocks = []\n" + wheels) == []
+
+
 @pytest.mark.parametrize(("lacking", "kind"), [("bins", 0), ("docks", 1)])
 def test_a_kind_of_work_needs_what_it_is_done_at(said: Said, lacking: str, kind: int) -> None:
     (finding,) = said(f"{lacking} = []\n")
