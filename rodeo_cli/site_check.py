@@ -70,7 +70,8 @@ def check(path: Path) -> list[Finding]:
         check_environment()
         tables = read_tables(path)
     except ConfigError as error:
-        return [Finding("error", path, error.details.get("line"), (), error.message)]
+        at_fault = Path(error.details.get("path", path))  # perhaps a file that this one extends
+        return [Finding("error", at_fault, error.details.get("line"), (), error.message)]
     files = list(_files(path))
 
     def finding(severity: Literal["error", "warning"], place: Place, text: str) -> Finding:

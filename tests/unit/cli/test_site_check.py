@@ -260,6 +260,37 @@ def test_what_is_no_toml_is_said_with_its_line(said: Said) -> None:
     assert found.startswith("my.toml: error: cannot read the site file") and "line 3" in found
 
 
+@pytest.mark.parametrize("name", ["robots", "rooms", "bins"])
+def test_what_is_no_list_is_an_error_with_its_line(said: Said, name: str) -> None:
+    assert said(f"{name} = 5\n") == [f"my.toml:3: error: {name}: Input should be a valid list"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("extends = 5\n", "extends: name one file"),
+        ('extends = "a\\u0000b"\n', "extends: this names no file or folder: embedded null byte"),
+        ('data_dir = "~nobody-of-this-name/x"\n', "data_dir: this names no file or folder: "),
+        ('data_dir = "a\\u0000b"\n', "data_dir: this names no file or folder: embedded null byte"),
+    ],
+)
+def test_what_is_no_path_is_an_error(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "my.toml"
+    path.write_text(text)
+    (found,) = check(path)
+    assert str(found).startswith(f"{path}: error: {says}")
+
+
+def test_of_files_that_extend_each_other_the_one_at_fault_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "my.toml"
+    path.write_text('extends = "other.toml"\n')
+    (found,) = check(path)
+    assert (
+        str(found)
+        == f"{tmp_path / 'other.toml'}: error: cannot read the site file: No such file or directory"
+    )
+
+
 def test_the_names_of_shapes_are_those_of_their_geometry() -> None:
     assert {kind: tuple(shapes) for kind, shapes in SHAPES.items()} == SHAPE_NAMES
 
