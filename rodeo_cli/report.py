@@ -19,7 +19,6 @@ from rodeo.earnings_page import page
 from rodeo.errors import BusUnavailable, InvalidRequest, NoResponder
 from rodeo.messages import Task
 from rodeo.queries import Transaction
-from rodeo.wallets import wallet_names
 from rodeo_cli.common import (
     DEFAULT_SITE,
     SiteOption,
@@ -57,9 +56,12 @@ def report(
         )
     tasks, transactions, loaded = _known(site)
     tariffs, org = loaded.economy.electricity, loaded.org
-    seen = earnings(tasks, transactions, tariffs) if participant or kind else []
-    _require("participant", participant, {*wallet_names(loaded), *(line.participant for line in seen)})
-    _require("kind", kind, {*(one.name for one in loaded.kinds), *(line.kind for line in seen)})
+    if participant or kind:
+        from rodeo.wallets import wallet_names  # takes its time to import
+
+        seen = earnings(tasks, transactions, tariffs)
+        _require("participant", participant, {*wallet_names(loaded), *(line.participant for line in seen)})
+        _require("kind", kind, {*(one.name for one in loaded.kinds), *(line.kind for line in seen)})
     lines = earnings(
         tasks,
         transactions,
