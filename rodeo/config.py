@@ -768,19 +768,39 @@ def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise ConfigError(f"cannot read the site file: {reason}", path=str(path)) from error
     if isinstance(data_dir := tables.get("data_dir"), str):
         # Not at the working directory: `rodeo down` finds the site from wherever it is called.
-        tables["data_dir"] = str((path.parent / Path(data_dir).expanduser()).resolve())
-    for robot in tables.get("robots", []):
-        if isinstance(robot, dict) and isinstance(kinematics := robot.get("kinematics"), str):
-            robot["kinematics"] = str((path.parent / kinematics).resolve())
-    for room in tables.get("rooms", []):
-        if isinstance(room, dict) and isinstance(shown := room.get("map"), str):
-            room["map"] = str((path.parent / shown).resolve())
-    for one in tables.get("bins", []):
+        tables["data_dir"] = _beside(path, "data_dir", data_dir, home=True)
+    for robot in _listed(tables, "robots"):
+        if isinstance(kinematics := robot.get("kinematics"), str):
+            robot["kinematics"] = _beside(path, "kinematics", kinematics)
+    for room in _listed(tables, "rooms"):
+        if isinstance(shown := room.get("map"), str):
+            room["map"] = _beside(path, "map", shown)
+    for one in _listed(tables, "bins"):
         match one:
             case {"camera": {"source": "folder", "address": str(folder)} as camera}:
-                camera["address"] = str((path.parent / folder).resolve())
+                camera["address"] = _beside(path, "address", folder)
     base = tables.pop("extends", None)
-    return tables if base is None else _merge(read_tables(path.parent / base, (*seen, path)), tables)
+    if base is None:
+        return tables
+    if not isinstance(base, str):
+        raise ConfigError("extends: name one file", path=str(path), extends=base)
+    return _merge(read_tables(Path(_beside(path, "extends", base)), (*seen, path)), tables)
+
+
+def _listed(tables: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """The tables in the list of this name; what is none is for pydantic to say."""
+    listed = tables.get(name)
+    return [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+
+
+def _beside(site_file: Path, setting: str, named: str, home: bool = False) -> str:
+    """A path of a site file, seen from that file. Raises ConfigError."""
+    try:
+        return str((site_file.parent / (Path(named).expanduser() if home else named)).resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ConfigError(
+            f"{setting}: this names no file or folder: {error}", path=str(site_file), named=named
+        ) from error
 
 
 def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -60,6 +60,7 @@ class KindError(RodeoError):
     """A kind that is not installed or not valid."""
 
     code = "kind_error"
+    restart_cures = False
 
 
 def _no_doubt(_params: Mapping[str, Any], _tasks: Sequence[Task]) -> str:

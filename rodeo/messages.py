@@ -234,7 +234,7 @@ class ChallengeVerdict(Command):
     executor and judges may."""
 
     task_id: Id
-    reason: str = Field(max_length=500)
+    reason: Annotated[str, StringConstraints(max_length=500, pattern=r"\S")]
 
 
 class CloseDispute(Command):

@@ -9,8 +9,9 @@ import typer
 from pydantic import TypeAdapter, ValidationError
 
 from rodeo import queries
+from rodeo.bus import Bus
 from rodeo.config import Site
-from rodeo.errors import InvalidRequest
+from rodeo.errors import InvalidRequest, RemoteError, unreadable
 from rodeo.files import replace_file
 from rodeo.messages import Dispute, SignedVote, Task
 from rodeo_cli import formatting
@@ -30,6 +31,8 @@ disputes = typer.Typer(
     help="Challenge a verdict before it settles, and decide about a challenge.", no_args_is_help=True
 )
 
+_REFUSED = frozenset({"judge_is_auditor", "judge_is_party", "not_a_judge", "not_in_panel", "voted_twice"})
+"""The contract does not count the vote of the judge that the error names."""
 _INSTANCES = ("the oracles", "the judges of challenges")
 _VOTES = TypeAdapter(list[SignedVote])
 
@@ -89,23 +92,53 @@ def vote(
         request |= {} if amount is None else {"amount_iec": amount}
         request |= {} if reason is None else {"reason": reason}
         own = SignedVote.model_validate(send_command(loaded, bus, judge, "sign_vote", **request))
-        others = [one for one in _read(file) if one.signature != own.signature]
-        replace_file(file, _VOTES.dump_json([*others, own], indent=2).decode() + "\n")
-        same = [one for one in (*others, own) if one.vote == own.vote]
-        missing = loaded.disputes.votes - len(same)
-        if missing > 0:
-            say(f"{judge} voted: {outcome}. {missing} equal votes are missing in {file}.")
-            return
-        send_command(
-            loaded,
-            bus,
-            judge,
-            "post_votes",
-            vote=own.vote.model_dump(mode="json"),
-            report_uri=own.report_uri,
-            signatures=[one.signature for one in same],
-        )
-    say(f"{judge} voted: {outcome}. That was enough: the verdict on task {task_id} is {outcome}.")
+        held = _by_signer(loaded, bus, [*_read(file), own])
+        _write(file, list(held.values()))
+        same = {key: one for key, one in held.items() if one.vote == own.vote}
+        while len(same) >= loaded.disputes.votes:
+            refused = _post(loaded, bus, judge, list(same.values()))
+            if refused is None:
+                said = f"That was enough: the verdict on task {task_id} is {outcome}."
+                break
+            key = next((str(one) for one in refused.details.values() if one in same), "")
+            if refused.code not in _REFUSED or same.get(key) in (None, own):
+                raise refused
+            say(f"The vote of {key} in {file} does not count: {refused.code}.")
+            del same[key]
+        else:
+            missing = loaded.disputes.votes - len(same)
+            are = "equal vote is" if missing == 1 else "equal votes are"
+            said = f"{missing} {are} missing in {file}."
+    say(f"{judge} voted: {outcome}. {said}")
+
+
+def _by_signer(site: Site, bus: Bus, given: list[SignedVote]) -> dict[str, SignedVote]:
+    """The last vote of each key on the submission that the newest is about. What nobody signed is left out,
+    and so is what is about another submission."""
+    from rodeo.votes import signer  # takes its time to import
+
+    chain = queries.ask(bus, site.org, queries.CHAIN)
+    committee = str((chain.contracts.model_extra or {})["DisputeCommittee"])
+    newest = given[-1].vote
+    held: dict[str, SignedVote] = {}
+    for one in given:
+        vote = one.vote
+        key = signer(vote, one.signature, chain.chain_id, committee, site.economy.currency)
+        if key is not None and (vote.task_id, vote.attempt) == (newest.task_id, newest.attempt):
+            held.pop(key, None)
+            held[key] = one
+    return held
+
+
+def _post(site: Site, bus: Bus, judge: str, same: list[SignedVote]) -> RemoteError | None:
+    """Why equal votes were refused; None if they count."""
+    vote, report_uri = same[-1].vote.model_dump(mode="json"), same[-1].report_uri
+    signatures = [one.signature for one in same]
+    try:
+        send_command(site, bus, judge, "post_votes", vote=vote, report_uri=report_uri, signatures=signatures)
+    except RemoteError as error:
+        return error
+    return None
 
 
 def _told(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
@@ -124,10 +157,16 @@ def _told(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
     stake = "" if dispute.stake_iec is None else f" with {iec(dispute.stake_iec)} at stake"
     return [
         *told,
-        ("challenged", f"by {dispute.challenger}{stake}"),
+        ("challenged", f"by {_called(task, dispute.challenger)}{stake}"),
         ("because", dispute.because or ""),
         ("decision", f"until {formatting.moment(dispute.until, site)}, or the verdict stands"),
     ]
+
+
+def _called(task: Task, challenger: str) -> str:
+    """A party's name; a judge's address."""
+    parties = {task.creator: task.creator_name, task.executor: task.executor_name}
+    return parties.get(challenger) or challenger
 
 
 def _dispute(task: Task) -> Dispute:
@@ -141,9 +180,19 @@ def _dispute(task: Task) -> Dispute:
 
 def _read(file: Path) -> list[SignedVote]:
     """The votes so far. Raises InvalidRequest."""
-    if not file.exists():
-        return []
     try:
         return _VOTES.validate_json(file.read_bytes())
-    except ValidationError as error:
-        raise InvalidRequest("not a file of votes", file=str(file), problem=str(error)) from error
+    except FileNotFoundError:
+        return []
+    except (OSError, ValidationError) as error:
+        raise InvalidRequest("not a file of votes", file=str(file), problem=unreadable(error)) from error
+
+
+def _write(file: Path, held: list[SignedVote]) -> None:
+    """Raises InvalidRequest."""
+    try:
+        replace_file(file, _VOTES.dump_json(held, indent=2).decode() + "\n")
+    except OSError as error:
+        raise InvalidRequest(
+            "the votes cannot be written", file=str(file), problem=error.strerror or str(error)
+        ) from error

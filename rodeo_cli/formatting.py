@@ -46,9 +46,14 @@ _SENTENCES = {
     "deadline_passed": "it is too late for this",
     "deadline_not_passed": "it is too early for this",
     "access_control_unauthorized_account": "the account lacks the required role",
+    "over_budget": "all who hold the role together have a budget, and this is more than what is left of it",
     "reward_below_price": "every service of this kind costs more than the reward",
 }
 """What a contract or the bridge means by the name of its error."""
+
+_MOMENTS = frozenset({"until", "deadline", "time", "earliest", "needed", "revoked_at"})
+"""Arguments of contracts' errors that are block times, if they are as large as one."""
+_FIRST_MOMENT = 1_000_000_000
 
 _LENGTHS = {"_s": span, "_m": lambda value: f"{value:g} m"}
 
@@ -146,6 +151,8 @@ def _value(name: str, value: Any) -> str:
     if name.endswith("_iec"):
         return f"{_plain(name.removesuffix('_iec'))}: {iec(value)}"
     if isinstance(value, int | float) and not isinstance(value, bool):
+        if name in _MOMENTS and value >= _FIRST_MOMENT:
+            return f"{_plain(name)}: {_date_and_time(value)} by the chain's clock"
         for unit, words in _LENGTHS.items():
             if name.endswith(unit):
                 return f"{_plain(name.removesuffix(unit))}: {f'{value:g} s' if value < 60 else words(value)}"
@@ -177,4 +184,8 @@ def moment(time_s: float, site: Site) -> str:
     """Date and time, and whose: a simulated site has a time of its own, which may run faster than that of
     the wall."""
     zone = "UTC" if site.clock.source == "wall" else "(simulated time)"
-    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S} {zone}"
+    return f"{_date_and_time(time_s)} {zone}"
+
+
+def _date_and_time(time_s: float) -> str:
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S}"

@@ -12,11 +12,11 @@ from typing import Annotated, Any
 import typer
 
 from rodeo import queries
-from rodeo.config import Site, TariffConfig
+from rodeo.config import Site
 from rodeo.earnings import COLUMNS, cells, earnings
 from rodeo.earnings import as_csv as to_csv
 from rodeo.earnings_page import page
-from rodeo.errors import BusUnavailable, NoResponder
+from rodeo.errors import BusUnavailable, InvalidRequest, NoResponder
 from rodeo.messages import Task
 from rodeo.queries import Transaction
 from rodeo_cli.common import (
@@ -50,7 +50,18 @@ def report(
 
     If the site does not run, this reads the index that its bridge left.
     """
-    tasks, transactions, tariffs, org = _known(site)
+    if first is not None and last is not None and last <= first:
+        raise InvalidRequest(
+            "--to has to be after --from", first=f"{first:%Y-%m-%d}", last=f"{last:%Y-%m-%d}"
+        )
+    tasks, transactions, loaded = _known(site)
+    tariffs, org = loaded.economy.electricity, loaded.org
+    if participant or kind:
+        from rodeo.wallets import wallet_names  # takes its time to import
+
+        seen = earnings(tasks, transactions, tariffs)
+        _require("participant", participant, {*wallet_names(loaded), *(line.participant for line in seen)})
+        _require("kind", kind, {*(one.name for one in loaded.kinds), *(line.kind for line in seen)})
     lines = earnings(
         tasks,
         transactions,
@@ -70,8 +81,14 @@ def report(
         print_listing(lines, False, COLUMNS, (Row(cells(line)) for line in lines), folds=(1, 2))
 
 
-def _known(path: Path) -> tuple[list[Task], list[Transaction], list[TariffConfig], str]:
-    """Tasks, transactions, tariffs and the organization's name, from the bridge or the index that it left."""
+def _require(what: str, given: list[str] | None, known: set[str]) -> None:
+    """Of a name that nobody has the report would say that it earned nothing. Raises InvalidRequest."""
+    if unknown := [one for one in given or () if one not in known]:
+        raise InvalidRequest(f"nobody knows this {what}", **{what: unknown, "known": sorted(known)})
+
+
+def _known(path: Path) -> tuple[list[Task], list[Transaction], Site]:
+    """Tasks and transactions, from the bridge or the index that it left, and the site."""
     site = Site.load(path)
     try:
         with connected(path) as (_site, bus):
@@ -86,7 +103,7 @@ def _known(path: Path) -> tuple[list[Task], list[Transaction], list[TariffConfig
 
         tasks, transactions = read(site)
         errors.print("The bridge does not run: this is what it had indexed when it stopped.", style="dim")
-    return tasks, transactions, site.economy.electricity, site.org
+    return tasks, transactions, site
 
 
 def _all(page: Callable[[int], list[Any]]) -> list[Any]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import os
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -15,7 +16,7 @@ from pydantic import ValidationError
 
 from rodeo.config import ORACLE, Site, check_environment, faults, read_tables
 from rodeo.errors import ConfigError
-from rodeo.kinds import installed, load
+from rodeo.kinds import KindError, installed, load
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import ahead, facing
 from rodeo.lab.layout import (
@@ -70,7 +71,8 @@ def check(path: Path) -> list[Finding]:
         check_environment()
         tables = read_tables(path)
     except ConfigError as error:
-        return [Finding("error", path, error.details.get("line"), (), error.message)]
+        at_fault = Path(error.details.get("path", path))  # perhaps a file that this one extends
+        return [Finding("error", at_fault, error.details.get("line"), (), error.message)]
     files = list(_files(path))
 
     def finding(severity: Literal["error", "warning"], place: Place, text: str) -> Finding:
@@ -198,6 +200,24 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
         # What is not installed here may be where the site runs.
         if one.review is None and one.name in known and (missing := load(one.name).lacks(site)):
             yield ("kinds", number), f"{one.name} needs what the site lacks: write [[{missing}]]"
+    machines = [name for name in ("robots", "docks") if getattr(site, name)]
+    by_machines = [one.name for one in site.kinds if one.review is None]
+    if machines and all(name in known and load(name).provides != "energy" for name in by_machines):
+        yield (
+            ("kinds",),
+            f"no kind provides energy, which {' and '.join(machines)} need: also list {_providers(known)}. "
+            "What a file lists replaces the list of the file that it extends",
+        )
+
+
+def _providers(known: Iterable[str]) -> str:
+    """The installed kinds that provide energy; what cannot be loaded is none."""
+    found = []
+    for name in known:
+        with suppress(KindError):
+            if load(name).provides == "energy":
+                found.append(name)
+    return " or ".join(found) or "one that does"
 
 
 def _standby(site: Site) -> Iterator[tuple[Place, str]]:

@@ -269,7 +269,8 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("description", task.description),
         ("parameters", plain(task.params)),
         ("state", state),
-        ("due by", moment(due.get(state))),
+        *_standing(task, site),
+        ("due by", moment(due.get(state)) if task.dispute is None else ""),
         ("time left", left or ""),
         ("attempt", f"{task.attempt} of {task.max_attempts}" if task.attempt else ""),
         ("attempts", "" if task.attempt else f"none yet, {task.max_attempts} at most"),
@@ -299,6 +300,17 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
     if task.nonce and kinds_of(site).by_people(task.kind):
         told.append(("photo code", photo_code(task.nonce)))
     return told
+
+
+def _standing(task: Task, site: Site) -> list[tuple[str, str]]:
+    """A verdict that is not paid yet: nothing may be known of it too late to challenge it."""
+    if task.dispute is None:
+        return []
+    said, until = task.dispute.vote, formatting.moment(task.dispute.until, site)
+    paid = f", {iec(said.amount_iec)}" if said.outcome == "accepted" else ""
+    if task.dispute.challenger is None:
+        return [("stands", f"{said.outcome}{paid}"), ("challenge", f"until {until}")]
+    return [("stands", f"{said.outcome}{paid}; it is challenged"), ("decision", f"until {until}")]
 
 
 def _judged(site: Site, bus: Bus, task: Task) -> str:
@@ -718,7 +730,15 @@ def _task_params(site: Site, name: str, flags: Sequence[str], params: str | None
             raise MalformedJson(f"--params is not JSON: {error}") from error
         if not isinstance(values, dict):
             raise MalformedJson("--params is not a JSON object")
-    kind = kinds_of(site).get(name)
+    kinds = kinds_of(site)
+    kind = kinds.get(name)
+    if kind is None and flags:
+        raise InvalidRequest(
+            "the site file lists no such kind, so its parameters are unknown: give them with --params",
+            name=name,
+            given=list(flags),
+            listed=sorted(kinds),
+        )
     values |= _flags(flags, {} if kind is None else kind.schema.get("properties", {}))
     if kind is None:
         return values

@@ -54,8 +54,12 @@ _AMOUNTS_OF = {
     "InvalidPrice": {"unit", "max"},
     "InvalidAmount": {"max"},
     "WrongAmountReceived": {"expected", "received"},
+    "OverBudget": {"left"},
+    "BondTooHigh": {"max_bond"},
 }
 """The same where another error's argument of that name is something else."""
+_NO_AMOUNTS_OF = {"TooFewVotes": {"needed"}, "TooLate": {"needed"}}
+"""Arguments of these names that are something else: a number of votes, a time."""
 
 
 class ContractReverted(ChainError):
@@ -66,7 +70,7 @@ class ContractReverted(ChainError):
     """
 
     def __init__(self, name: str, args: dict[str, Any], currency: Currency = IEC) -> None:
-        amounts = _AMOUNTS | _AMOUNTS_OF.get(name, set())
+        amounts = (_AMOUNTS | _AMOUNTS_OF.get(name, set())) - _NO_AMOUNTS_OF.get(name, set())
         details = {
             f"{key}_iec" if key in amounts else key: currency.text(arg) if key in amounts else to_json(arg)
             for key, arg in args.items()

@@ -27,8 +27,10 @@ def deadline_s(task: Task, audited: Collection[str], kinds: Kinds) -> float | No
     """Until when, in site time, a person has to act on the task; None where none has to.
 
     A person does it, or judges it: `audited` are the kinds whose proofs auditors judge. What the oracle
-    left undecided waits for an auditor, whatever its kind.
+    left undecided waits for an auditor, whatever its kind, and a challenged verdict for its judges.
     """
+    if task.dispute is not None and task.dispute.challenger is not None:
+        return task.dispute.until
     if task.state == "assigned" and kinds.by_people(task.kind):
         return task.execution_deadline
     if task.state == "submitted" and (kinds.by_people(task.kind) or task.kind in audited):
@@ -37,7 +39,10 @@ def deadline_s(task: Task, audited: Collection[str], kinds: Kinds) -> float | No
 
 
 def running_out_s(task: Task) -> float | None:
-    """The deadline, in site time, of the task's state, whoever has to act; None where nobody has to."""
+    """The deadline, in site time, of the task's state, whoever has to act; None where nobody has to.
+    A verdict that can be challenged ends with its window."""
+    if task.dispute is not None:
+        return task.dispute.until
     by_state = {
         "assigned": task.execution_deadline,
         "submitted": task.verdict_deadline,

@@ -40,6 +40,7 @@ PHOTO_TYPE = "sensor_msgs/msg/CompressedImage"
 MAX_PHOTOS = 8
 MAX_PHOTO_BYTES = 8 << 20
 MAX_NOTE_CHARACTERS = 4000
+MAX_REASON_CHARACTERS = 500
 MAX_STATEMENT_BYTES = 2 * MAX_PHOTOS * MAX_PHOTO_BYTES
 """Of a recording that holds a statement: no statement needs more."""
 STATEMENT_LIMITS = Limits(
@@ -72,6 +73,10 @@ class BadPhoto(RequestError):
 
 class BadNote(RequestError):
     """The note is empty or too long."""
+
+
+class BadReason(RequestError):
+    """An auditor gave no reason, or one that is too long: the executor reads it, and it stays on chain."""
 
 
 class NoStatement(EvidenceError):
@@ -180,9 +185,13 @@ def judge(
 
     Accepted work is paid `amount_iec`, by default the agreed price. `impossible`, instead of a rejection,
     says that nobody could do the task. A person's proof is only accepted if it can be read and its photos are
-    pictures: raises NoStatement, BadPhoto and EvidenceError. Raises BadAmount, StoreUnavailable, and what
-    `Participant` raises: the contract refuses who may not judge this kind.
+    pictures: raises NoStatement, BadPhoto and EvidenceError. Raises BadReason, BadAmount, StoreUnavailable,
+    and what `Participant` raises: the contract refuses who may not judge this kind.
     """
+    if not reason.strip() or len(reason) > MAX_REASON_CHARACTERS:
+        raise BadReason(
+            "the reason is missing or too long", characters=len(reason), limit=MAX_REASON_CHARACTERS
+        )
     task = auditor.task(task_id)
     if amount_iec is not None and not (accepted and 0 < amount_iec <= (task.price_iec or 0)):
         raise BadAmount(

@@ -545,6 +545,8 @@ class Wallet:
             raise CannotSign("this participant signs for itself: its vote is EIP-712 typed data")
         dispute, task = self._dispute(request.task_id), self.index.task(request.task_id)
         assert task is not None
+        if self.client.dispute_judge(account.address) is None:
+            raise NotAJudge("this participant is no judge of challenges", participant=self.participant)
         accepted = request.outcome == "accepted"
         amount = request.amount_iec
         if not accepted and amount is not None:

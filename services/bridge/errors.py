@@ -12,7 +12,7 @@
     │   ├── CannotDo              the participant has nothing that does this kind of work
     │   ├── AlreadyOffered        the participant has a service of this kind
     │   ├── UnknownParticipant
-    │   ├── NotAJudge             the judge judges no kind of work
+    │   ├── NotAJudge             the judge judges no kind of work, or nobody made it one
     │   ├── InvalidQuorum         the votes are not more than half of a panel of a kind's judges
     │   ├── InsufficientFunds     the wallet has less than the command needs
     │   ├── RewardBelowPrice      every service on offer costs more
@@ -98,7 +98,7 @@ class UnknownParticipant(RequestError):
 
 
 class NotAJudge(RequestError):
-    """The committee's judge judges no kind of work."""
+    """The committee's judge judges no kind of work, or the participant is no judge."""
 
 
 class InvalidQuorum(RequestError):

@@ -68,6 +68,10 @@ def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
             made[-1] = replace(
                 made[-1], submitted_s=event.time_s, proof_sha256=args["proof_hash"], proof_uri=args["uri"]
             )
+        elif event.name == "Ruled":  # a verdict that waits for its window
+            made[-1] = replace(
+                made[-1], report_sha256=args["vote"]["report_hash"], report_uri=args["report_uri"]
+            )
         elif event.name == "VerdictPosted":
             made[-1] = replace(
                 made[-1],

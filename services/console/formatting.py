@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from decimal import Decimal
 from typing import Any
 
 from rodeo.durations import span
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, snake_case
 from rodeo.queries import KindRules, ProposedCall
 
 STATE_COLOURS = {
@@ -138,8 +137,8 @@ def number(value: Decimal, digits: int = 2) -> str:
 
 
 def phrase(name: str) -> str:
-    """TaskSettled -> Task settled"""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ").capitalize()
+    """TaskSettled -> Task settled, NotAJudge -> Not a judge"""
+    return snake_case(name).replace("_", " ").capitalize()
 
 
 def count(number_of: int, one: str) -> str:

@@ -126,7 +126,7 @@ class PeoplesTime:
         for task in tasks:
             until_s = deadline_s(task, kinds, self._kinds)
             if until_s is not None:
-                key = task.id, task.attempt, task.state
+                key = task.id, task.attempt, _waiting(task)
                 _, wall_end_s = self._ends.get(key, (until_s, wall_s + self._min_s))
                 ends[key] = until_s, wall_end_s
         self._ends = ends
@@ -148,3 +148,8 @@ class PeoplesTime:
     def _slows(self, limit: float) -> bool:
         clock = self._site.clock
         return limit < max(speed or math.inf for speed in (clock.speed, clock.idle_speed))
+
+
+def _waiting(task: Task) -> str:
+    """Its state. Each instance of judges who decide about a challenge has time of its own."""
+    return task.state if task.dispute is None else f"{task.state}, verdict {task.dispute.instance}"

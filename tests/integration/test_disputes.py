@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -156,7 +157,7 @@ def test_a_verdict_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path)
     rodeo(dao, "vote", str(task_id), "accepted", "--as", "anna", "--votes", file)
     rodeo(dao, "vote", str(task_id), "rejected", "--as", "bert", "--votes", file)  # alone
     said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "carl", "--votes", file)
-    assert "1 equal votes are missing" in said
+    assert "1 equal vote is missing" in said
     assert dao.task(task_id)["dispute"]["instance"] == 0
     said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "dora", "--votes", file)
     assert "That was enough" in said
@@ -195,6 +196,51 @@ def test_silent_judges_leave_the_verdict_and_give_the_stake_back(dao: Dao) -> No
     assert dao.balances()["bert"] == before
 
 
+def forged(dao: Dao, signed: dict[str, Any]) -> str:
+    """The vote with the signature of somebody who is no judge."""
+    chain = dao.state("chain")
+    committee = chain["contracts"]["DisputeCommittee"]
+    key = wallets.load(dao.site, "mallory")
+    return votes.sign(Vote.model_validate(signed["vote"]), key, chain["chain_id"], committee, IEC)
+
+
+def test_votes_that_do_not_count_in_the_file_keep_nobody_from_deciding(dao: Dao, tmp_path: Path) -> None:
+    task_id = proven(dao)
+    rule(dao, task_id, "rejected")
+    rodeo(dao, "challenge", str(task_id), "--reason", "it is in the bin", "--as", "panther1")
+    file = tmp_path / "votes.json"
+    voted = ("--votes", str(file))
+    said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "mallory", *voted, status=1)
+    assert "not_a_judge" in said and not file.exists()
+    rodeo(dao, "vote", str(task_id), "rejected", "--as", "anna", *voted)
+    said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "anna", *voted)  # thinks again
+    assert "2 equal votes are missing" in said
+    held = json.loads(file.read_text())
+    assert [one["vote"]["outcome"] for one in held] == ["accepted"]
+    nobodys = {**held[0], "signature": "0x" + "0" * 128}
+    file.write_text(json.dumps([{**held[0], "signature": forged(dao, held[0])}, nobodys, *held]))
+    said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "bert", *voted)
+    assert "does not count: not_a_judge" in said and "1 equal vote is missing" in said
+    said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "carl", *voted)
+    assert "That was enough" in said
+    ended(dao, task_id, "TaskSettled")
+
+
+def test_a_file_of_votes_that_cannot_be_used_is_named(dao: Dao, tmp_path: Path) -> None:
+    task_id = proven(dao)
+    rule(dao, task_id)
+    vote = ("vote", str(task_id), "accepted", "--as", "anna", "--votes")
+    said = rodeo(dao, *vote, str(tmp_path / "no folder" / "votes.json"), status=1)
+    assert "the votes cannot be written" in said and "No such file" in said
+    other = tmp_path / "other.json"
+    other.write_text("hello")
+    said = rodeo(dao, *vote, str(other), status=1)
+    assert "not a file of votes" in said and "pydantic" not in said
+    assert other.read_text() == "hello"
+    pass_time(dao, WINDOW_S + 10)
+    ended(dao, task_id, "TaskSettled")
+
+
 def test_what_cannot_be_challenged_is_refused(dao: Dao) -> None:
     task_id = proven(dao)
 
@@ -217,8 +263,8 @@ def test_what_cannot_be_challenged_is_refused(dao: Dao) -> None:
     dao.command("panther1", "challenge_verdict", task_id=task_id, reason="more")
     assert refused("panther1", "challenge_verdict", task_id=task_id, reason="no") == "no_dispute"
     assert refused("anna", "post_votes", **early) == "too_few_votes"
-    mallory = dao.command("mallory", "sign_vote", task_id=task_id, outcome="rejected")
-    false = {**early, "signatures": [signed["signature"], mallory["signature"], signed["signature"]]}
+    assert refused("mallory", "sign_vote", task_id=task_id, outcome="rejected") == "not_a_judge"
+    false = {**early, "signatures": [signed["signature"], forged(dao, signed), signed["signature"]]}
     assert refused("anna", "post_votes", **false) == "not_a_judge"
     pass_time(dao, DECISION_S + 10)
     ended(dao, task_id, "TaskSettled")

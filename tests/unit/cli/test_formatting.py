@@ -24,10 +24,14 @@ from rodeo.charging import ChargingParams
 from rodeo.checks.report import Check, Report, at_most, equal, skipped
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
-from rodeo_cli import app, common, formatting, organization, robot, tasks
+from rodeo.person.pace import running_out_s
+from rodeo_cli import app, common, disputes, formatting, organization, robot, tasks
+from rodeo_cli import report as report_command
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
+from services.console.formatting import phrase
 from tests.support.site import LAB
+from tests.support.tasks import task as whole_task
 
 
 def told(model: type[BaseModel], data: dict[str, Any], command: Callable[..., Any]) -> str:
@@ -86,6 +90,31 @@ def test_what_is_no_amount_of_iec_in_a_contracts_error_stays_as_it_is() -> None:
     assert ContractReverted("InvalidWindow", {"window": 5, "min": 60, "max": 100}).details["max"] == 100
 
 
+def test_what_is_left_of_a_budget_is_an_amount_and_its_end_a_time() -> None:
+    error = ContractReverted(
+        "OverBudget",
+        {"role": "OPERATOR_ROLE", "amount": 10**20, "left": 5 * 10**19, "until": 1_795_765_311},
+    )
+    said = formatting.explain(error, {})
+    assert "amount: 100 IEC, left: 50 IEC" in said and "until: 2026-11-27 07:41:51" in said
+    error = ContractReverted("BondTooHigh", {"bond": 10**18, "max_bond": 10**17})
+    assert formatting.explain(error, {}).endswith("(bond: 1 IEC, max bond: 0.1 IEC)")
+
+
+def test_votes_and_times_that_are_needed_are_no_amounts() -> None:
+    error = ContractReverted("TooFewVotes", {"task_id": 1, "votes": 2, "needed": 3})
+    assert formatting.explain(error, {}).endswith("(task id: 1, votes: 2, needed: 3)")
+    error = ContractReverted("TooLate", {"task_id": 1, "needed": 1_795_765_312, "deadline": 1_795_765_311})
+    said = formatting.explain(error, {})
+    assert "needed: 2026-11-27 07:41:52 by" in said and "deadline: 2026-11-27 07:41:51 by" in said
+
+
+def test_the_name_of_a_contracts_error_becomes_words() -> None:
+    error = ContractReverted("NotInPanel", {"task_id": 1})
+    assert formatting.explain(error, {}) == "the contract refused: not in panel (task id: 1)"
+    assert phrase("NotAJudge") == "Not a judge" and phrase("TaskSettled") == "Task settled"
+
+
 def test_a_value_that_is_an_account_with_a_name_is_only_the_name() -> None:
     error = RodeoError("too little", account="0x" + "1" * 40, name="alice", needed_iec="7")
     assert formatting.explain(error, {}) == "too little (name: alice, needed: 7 IEC)"
@@ -119,6 +148,48 @@ def test_a_robots_state_is_told_in_words() -> None:
     assert said["power at work"] == "175 W" and said["orders"] == "take no new work"
     assert said["battery"] == "50%" and said["time left"] == "1 min 30 s" and said["on the dock"] == "no"
     assert not any("_" in label for label in said)
+
+
+def test_a_challenge_needs_a_reason() -> None:
+    data = {"task_id": 1, "reason": " "}
+    assert "--reason: give a reason" in told(messages.ChallengeVerdict, data, disputes.challenge)
+
+
+def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:
+    with pytest.raises(InvalidRequest) as refused:
+        tasks._task_params(Site.load(LAB), "waste", ["--item-id", "item1"], None)
+    said = formatting.explain(refused.value, {})
+    assert "no such kind" in said and "listed: battery_charging, waste_disposal" in said
+
+
+def test_a_report_on_who_or_what_nobody_knows_is_refused() -> None:
+    known = {"organization", "panther1"}
+    report_command._require("participant", ["panther1"], known)
+    with pytest.raises(InvalidRequest) as refused:
+        report_command._require("participant", ["panther1", "panter1"], known)
+    assert refused.value.details == {"participant": ["panter1"], "known": ["organization", "panther1"]}
+
+
+def test_a_task_says_which_verdict_stands_and_how_long_it_can_be_challenged() -> None:
+    vote = {
+        "task_id": 12,
+        "attempt": 1,
+        **{f"{name}_sha256": "0x" + "a" * 64 for name in ("proof", "report", "rules")},
+        "outcome": "rejected",
+        "amount_iec": "0",
+        "reason": "nothing was lifted",
+    }
+    dispute = {"instance": 0, "vote": vote, "report_uri": "", "until": 3600.0}
+    stands = messages.Dispute.model_validate(dispute)
+    challenged = messages.Dispute.model_validate({**dispute, "challenger": "0x1"})
+    waits = whole_task("submitted").model_copy(update={"verdict_deadline": 7200.0})
+    one = waits.model_copy(update={"dispute": stands})
+    said = dict(tasks._told(one, Site.load(LAB)))
+    assert said["stands"] == "rejected" and said["challenge"] == "until 1970-01-01 01:00:00 (simulated time)"
+    assert not said["due by"] and running_out_s(one) == 3600
+    one = waits.model_copy(update={"dispute": challenged})
+    said = dict(tasks._told(one, Site.load(LAB)))
+    assert said["stands"] == "rejected; it is challenged" and "01:00:00" in said["decision"]
 
 
 # -- tables -----------------------------------------------------------------------------------------------

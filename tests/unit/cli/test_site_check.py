@@ -198,6 +198,15 @@ doors = [{ wall = "north", at_m = 0.9 }]
     assert "overlaps box" in found
 
 
+def test_robots_and_docks_need_a_kind_that_provides_energy(said: Said) -> None:
+    """Also where the file forgets that its list replaces the one of the file that it extends."""
+    wheels = '[[kinds]]\nname = "wheel_cleaning"\nreview = "auditor"\n'
+    (found,) = said(wheels)
+    assert "no kind provides energy, which robots and docks need" in found and "battery_charging" in found
+    assert said(wheels + '[[kinds]]\nname = "battery_charging"\n') == []
+    assert said("robots = []\ndocks = []\n" + wheels) == []
+
+
 @pytest.mark.parametrize(("lacking", "kind"), [("bins", 0), ("docks", 1)])
 def test_a_kind_of_work_needs_what_it_is_done_at(said: Said, lacking: str, kind: int) -> None:
     (finding,) = said(f"{lacking} = []\n")
@@ -249,6 +258,37 @@ def test_what_stands_in_the_file_that_is_extended_is_found_there(said: Said) -> 
 def test_what_is_no_toml_is_said_with_its_line(said: Said) -> None:
     (found,) = said("chain.url = \n")
     assert found.startswith("my.toml: error: cannot read the site file") and "line 3" in found
+
+
+@pytest.mark.parametrize("name", ["robots", "rooms", "bins"])
+def test_what_is_no_list_is_an_error_with_its_line(said: Said, name: str) -> None:
+    assert said(f"{name} = 5\n") == [f"my.toml:3: error: {name}: Input should be a valid list"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("extends = 5\n", "extends: name one file"),
+        ('extends = "a\\u0000b"\n', "extends: this names no file or folder: embedded null byte"),
+        ('data_dir = "~nobody-of-this-name/x"\n', "data_dir: this names no file or folder: "),
+        ('data_dir = "a\\u0000b"\n', "data_dir: this names no file or folder: embedded null byte"),
+    ],
+)
+def test_what_is_no_path_is_an_error(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "my.toml"
+    path.write_text(text)
+    (found,) = check(path)
+    assert str(found).startswith(f"{path}: error: {says}")
+
+
+def test_of_files_that_extend_each_other_the_one_at_fault_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "my.toml"
+    path.write_text('extends = "other.toml"\n')
+    (found,) = check(path)
+    assert (
+        str(found)
+        == f"{tmp_path / 'other.toml'}: error: cannot read the site file: No such file or directory"
+    )
 
 
 def test_the_names_of_shapes_are_those_of_their_geometry() -> None:

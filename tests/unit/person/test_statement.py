@@ -22,6 +22,7 @@ from rodeo.person.statement import (
     BadAmount,
     BadNote,
     BadPhoto,
+    BadReason,
     Executor,
     NoStatement,
     NotAccepted,
@@ -265,6 +266,15 @@ def test_accepted_work_is_paid_its_price_or_what_the_auditor_says(site: Site, tm
     judge(site, auditor, 1, accepted=False, reason="dirty")  # type: ignore[arg-type]
     said = [(request.outcome, request.amount_iec) for _, request in auditor.posted]
     assert said == [("accepted", 80), ("accepted", Decimal("40.5")), ("rejected", None)]
+
+
+@pytest.mark.parametrize("reason", ["", " \n", "x" * 501])
+def test_no_auditor_judges_without_a_reason_that_fits(site: Site, tmp_path: Path, reason: str) -> None:
+    auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, JPEG))
+    with pytest.raises(BadReason) as refused:
+        judge(site, auditor, 1, accepted=True, reason=reason)  # type: ignore[arg-type]
+    assert refused.value.details == {"characters": len(reason), "limit": 500}
+    assert auditor.posted == []
 
 
 @pytest.mark.parametrize(("accepted", "amount"), [(True, "80.1"), (True, "0"), (True, "-1"), (False, "1")])

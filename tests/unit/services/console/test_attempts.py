@@ -90,3 +90,12 @@ def test_what_a_reorganization_took_back_did_not_happen() -> None:
         ("EventUndone", {"undone_seq": 3, "undone_name": "ProofSubmitted"}),
     )
     assert [(one.number, one.proof_sha256) for one in attempts(told)] == [(1, None)]
+
+
+def test_the_report_of_a_verdict_that_can_be_challenged_is_that_of_the_attempt() -> None:
+    ruled = ("Ruled", {"vote": {"report_hash": "0x" + "e" * 64}, "report_uri": "file:///e.json"})
+    (waiting,) = attempts(events(REGISTERED, assigned(1), proven("a"), ruled))
+    assert (waiting.report_sha256, waiting.report_uri) == ("0x" + "e" * 64, "file:///e.json")
+    assert waiting.verdict is None
+    (done,) = attempts(events(REGISTERED, assigned(1), proven("a"), ruled, judged(True, "fine")))
+    assert (done.report_uri, done.verdict) == ("file:///f.json", "accepted")

@@ -13,13 +13,23 @@ import pytest
 
 from rodeo.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
 from rodeo.errors import NoResponder
-from rodeo.messages import Task
+from rodeo.messages import Dispute, Task
 from rodeo_testing import answers
 from services.robot_sim.people import PeoplesTime
 from tests.support.site import LAB
 
 HOUR_S = 3600.0
 START_S = 1_800_000_000.0
+VOTE = {
+    "task_id": 1,
+    "attempt": 1,
+    "proof_sha256": "0x" + "a" * 64,
+    "report_sha256": "0x" + "b" * 64,
+    "rules_sha256": "0x" + "c" * 64,
+    "outcome": "rejected",
+    "amount_iec": "0",
+    "reason": "nothing was lifted",
+}
 
 
 class Clock:
@@ -186,6 +196,29 @@ def test_before_the_bridge_has_said_who_has_a_task_nobodys_time_is_spent(
     held = people(Clock(), **changes)
     assert held.speed(400) == speed
     assert ("the bridge has not yet reported" in held.activity("simulating")) == (speed == 1)
+    held.close()
+
+
+def test_judges_have_time_to_decide_about_a_challenge_and_each_instance_its_own() -> None:
+    clock = Clock()
+    held = people(clock)
+
+    def challenged(instance: int, challenger: str | None = "0x1") -> Task:
+        dispute = {"instance": instance, "vote": VOTE, "report_uri": "", "challenger": challenger}
+        one = task(kind="waste_disposal", state="submitted")
+        until = {"until": clock.site_s + 100 * HOUR_S}
+        return one.model_copy(update={"dispute": Dispute.model_validate(dispute | until)})
+
+    held.take([challenged(0, None)], (), clock.wall_s)
+    held.adjust(clock.wall_s)
+    assert math.isinf(held.limit)  # nobody has to challenge it
+    for instance in (0, 1):
+        held.take([challenged(instance)], (), clock.wall_s)
+        held.adjust(clock.wall_s)
+        assert held.limit == pytest.approx(97)
+        clock.wall_s += HOUR_S
+        held.adjust(clock.wall_s)
+        assert math.isinf(held.limit)
     held.close()
 
 
