@@ -127,7 +127,7 @@ def least_covered(case: Case, topics: list[tuple[Topic, str]], start_s: float, e
     for topic, name in topics:
         times_s = moved_s(case, _times(case, topic, name))
         steps_s = np.diff(np.clip(times_s, start_s, end_s))
-        missed = _holes(times_s, topic)
+        missed = holes(times_s, topic)
         share = float(steps_s[~missed].sum()) / (end_s - start_s)
         least = 1 - COMMANDS_SHARE if _of_commands(topic) else COVERED_SHARE
         shares.append((share - least, share, least, name))
@@ -139,6 +139,6 @@ def _of_commands(topic: Topic) -> bool:
     return topic in (ARM_STATE, GRIPPER_STATE)
 
 
-def _holes(times_s: np.ndarray, topic: Topic) -> np.ndarray:
+def holes(times_s: np.ndarray, topic: Topic) -> np.ndarray:
     """(n - 1,) whether the step from each sample to the next is a hole."""
     return np.asarray(np.diff(times_s) > HOLE_PERIODS / (topic.rate_hz or 1))

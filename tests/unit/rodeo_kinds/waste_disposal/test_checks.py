@@ -613,6 +613,42 @@ def test_odometry_that_tells_another_story_is_refused(cleaning: Take, judge: Jud
     assert failed(judge(take, cleaning_chain_record(take))) == "odometry"
 
 
+def unrecorded(take: Take) -> tuple[Take, float]:
+    """Odometry has a hole from 3.5 s before the base sets off towards the bin to 1.8 s after; and when that ends."""
+    poses = [s for s in take.of(ROBOT_POSE) if s.time_ns * 1e-9 > take.start_s + 10]
+    first = poses[0].message.pose.position
+    away = (
+        s
+        for s in poses
+        if math.dist((s.message.pose.position.x, s.message.pose.position.y), (first.x, first.y)) > 0.02
+    )
+    leaves_s = next(away).time_ns * 1e-9
+    begin_s, end_s = leaves_s - 3.5, leaves_s + 1.8
+    return take.edited(ODOM, lambda s: None if begin_s < s.time_ns * 1e-9 < end_s else s), end_s
+
+
+def test_a_base_that_drove_in_a_part_of_a_hole_is_compared_over_all_of_it(
+    cleaning: Take, judge: Judge
+) -> None:
+    """A robot that was killed while it drove stood still until it was back: it was not slow all the time."""
+    take, _ = unrecorded(cleaning)
+    report = judge(take, cleaning_chain_record(take))
+    assert report.accepted, report.reason
+
+
+def test_odometry_that_tells_another_story_of_a_hole_is_refused(cleaning: Take, judge: Judge) -> None:
+    take, end_s = unrecorded(cleaning)
+
+    def elsewhere(sample: Sample) -> Sample:
+        if sample.time_ns * 1e-9 < end_s:
+            return sample
+        at = sample.message.pose.pose.position
+        there = replace(sample.message.pose.pose, position=replace(at, x=at.x + 0.6, y=at.y + 0.6))
+        return replace(sample, message=replace(sample.message, pose=replace(sample.message.pose, pose=there)))
+
+    assert failed(judge(take.edited(ODOM, elsewhere), cleaning_chain_record(take))) == "odometry"
+
+
 def test_a_path_through_the_furniture_is_refused(cleaning: Take, judge: Judge) -> None:
     take = cleaning.edited(ROBOT_POSE, lambda s: shifted(s, x=-1.0))
     report = judge(take, cleaning_chain_record(take))
