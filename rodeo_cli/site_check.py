@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from rodeo.config import ORACLE, Site, check_environment, faults, read_tables
 from rodeo.errors import ConfigError
-from rodeo.kinds import installed, load
+from rodeo.kinds import KindError, installed, load
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import ahead, facing
 from rodeo.lab.layout import (
@@ -84,7 +84,13 @@ def check(path: Path) -> list[Finding]:
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
-        for place, text in (*_one_host(site), *_standby(site), *_overlaps(site), *_unreachable(site))
+        for place, text in (
+            *_one_host(site),
+            *_without_energy(site),
+            *_standby(site),
+            *_overlaps(site),
+            *_unreachable(site),
+        )
     ]
 
 
@@ -198,6 +204,28 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
         # What is not installed here may be where the site runs.
         if one.review is None and one.name in known and (missing := load(one.name).lacks(site)):
             yield ("kinds", number), f"{one.name} needs what the site lacks: write [[{missing}]]"
+
+
+def _without_energy(site: Site) -> Iterator[tuple[Place, str]]:
+    """A list of kinds replaces the one of the file that is extended: it is easily left out there."""
+    known = installed()
+    listed = {one.name for one in site.kinds if one.review is None}
+    energy = {name for name in known if _provides_energy(name)}
+    needing = [one.name for one in (*site.robots, *site.docks)]
+    # What is not installed here may provide it where the site runs.
+    if needing and listed <= known.keys() and not listed & energy:
+        yield (
+            ("kinds",),
+            f"{', '.join(needing)} cannot run without a kind of work that provides energy: list one, too: "
+            f"{', '.join(sorted(energy))}",
+        )
+
+
+def _provides_energy(name: str) -> bool:
+    try:
+        return load(name).provides == "energy"
+    except KindError:
+        return False
 
 
 def _standby(site: Site) -> Iterator[tuple[Place, str]]:
