@@ -211,7 +211,7 @@ def _without_energy(site: Site) -> Iterator[tuple[Place, str]]:
     known = installed()
     listed = {one.name for one in site.kinds if one.review is None}
     energy = {name for name in known if _provides_energy(name)}
-    needing = [one.name for one in (*site.robots, *site.docks)]
+    needing = [*(one.name for one in site.robots), *(one.name for one in site.docks)]
     # What is not installed here may provide it where the site runs.
     if needing and listed <= known.keys() and not listed & energy:
         yield (
