@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from pydantic import ValidationError
 
 from rodeo import queries, topics
 from rodeo.bus import Bus
 from rodeo.config import Site
-from rodeo.errors import InvalidRequest
+from rodeo.errors import InvalidRequest, wrong_fields
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -29,6 +30,9 @@ bins = typer.Typer(help="Tell a bin what items really were.", no_args_is_help=Tr
 BinOption = Annotated[
     str | None, typer.Option("--bin", help="The bin; the first of the site by default.", metavar="NAME")
 ]
+
+_TYPED = {"image_sha256": "picture", "class": "item_class"}
+"""Field of what is signed -> the parameter that says it."""
 
 
 @bins.command("correct")
@@ -54,14 +58,18 @@ def correct(
 
     with connected(site) as (loaded, bus):
         name, chain = _bin(loaded, bin_name), queries.ask(bus, loaded.org, queries.CHAIN)
-        said = Correction(
-            chain_id=chain.chain_id,
-            task_manager=chain.contracts.task_manager,
-            organization=chain.contracts.organization,
-            bin=name,
-            image_sha256=picture or _last_picture(loaded, bus, name),
-            item_class=item_class,
-        )
+        try:
+            said = Correction(
+                chain_id=chain.chain_id,
+                task_manager=chain.contracts.task_manager,
+                organization=chain.contracts.organization,
+                bin=name,
+                image_sha256=picture or _last_picture(loaded, bus, name),
+                item_class=item_class,
+            )
+        except ValidationError as error:
+            wrong = {_TYPED.get(field, field): told for field, told in wrong_fields(error).items()}
+            raise InvalidRequest("nobody can sign this", fields=wrong) from error
         signed = attest(said.model_dump(), wallets.load(loaded, participant))
         key = topics.BIN_CORRECTIONS.name(org=loaded.org, bin=name)
         found = queries.fitting(Corrections, bus.query(key, signed), key)

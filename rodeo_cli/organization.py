@@ -12,7 +12,7 @@ from rodeo import queries
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
-from rodeo.kinds import KindError, installed, load
+from rodeo.kinds import KindError, installed, kinds_of, load
 from rodeo.messages import LIVE_STATES, Policy, RoleName
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -255,7 +255,8 @@ def kind(
         typer.Option(
             "--rules",
             help="Hash of the rules by which it is judged, beside those that are current. Where the oracle "
-            "judges, the default is the hash of the installed kind (`rodeo kind show`).",
+            "judges, the default is the hash of the kind as it is installed, with the networks and rates of "
+            "the site file (`rodeo kind show`).",
         ),
     ] = None,
     site: SiteOption = DEFAULT_SITE,
@@ -263,7 +264,8 @@ def kind(
 ) -> None:
     """Allow a kind of work, or stop allowing it. To allow it, set who judges it.
 
-    Repeat it after an update of the kind's package: new tasks are then judged by the new rules.
+    Repeat it after an update of the kind's package, or of its networks or rates in the site file: new tasks
+    are then judged by the new rules.
     """
     if allowed and review is None:
         raise InvalidRequest(
@@ -279,7 +281,8 @@ def kind(
         "max_verdict_window_s": max_verdict_window_s,
         "audit_window_s": audit_window_s,
         "at_silence": at_silence,
-        "rules_sha256": rules_sha256 or (_installed_rules(name) if review == "oracle" else None),
+        "rules_sha256": rules_sha256
+        or (_installed_rules(Site.load(site), name) if review == "oracle" else None),
     }
     accepted = f"judged by the {review}" if allowed else "no longer accepted"
     send(
@@ -326,7 +329,7 @@ def rules(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             if (name, one) in current
             else "retired",
             "open_tasks": needed[name, one],
-            "installed": one == _installed_rules(name),
+            "installed": one == _installed_rules(loaded, name),
         }
         for name, one in sorted({*current, *needed}, key=lambda entry: (entry[0], entry not in current))
     ]
@@ -365,14 +368,17 @@ def retire_rules(
     )
 
 
-def _installed_rules(name: str) -> str | None:
-    """Hash of the rules of an installed kind; None where people judge it, or nothing of the name can be
-    imported here."""
+def _installed_rules(site: Site, name: str) -> str | None:
+    """Hash of the rules by which this site's oracle judges a kind, with the networks and rates of the site
+    file; of an installed kind that the site does not list, as it comes. None where people judge it, or
+    nothing of the name can be imported here."""
     # Imported here: what the checks use takes its time, and most commands need none of it.
     from rodeo.checks.rules import rules_hash
 
     try:
-        return rules_hash(load(name)) if name in installed() else None
+        if (kind := kinds_of(site).get(name)) is None and name in installed():
+            kind = load(name)
+        return None if kind is None else rules_hash(kind)
     except KindError:
         return None
 

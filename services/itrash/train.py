@@ -58,8 +58,8 @@ if __name__ == "__main__":
                 Allowed.at(site),
                 arguments.data,
                 arguments.folds,
-                renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class),
-                World.load(arguments.others),
+                lambda: renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class),
+                lambda: World.load(arguments.others),
                 arguments.out,
                 recipe,
             )

@@ -2,6 +2,9 @@
 
 Whoever can write into a bin's folder can put corrections there that any key signed. So the running site is
 asked who its auditors are, and which keys are registered as its bins'.
+
+    RodeoError
+    └── SiteSilent            the site does not run, or nobody there answers
 """
 
 from __future__ import annotations
@@ -11,12 +14,17 @@ from dataclasses import dataclass
 from rodeo import queries
 from rodeo.bus import Bus
 from rodeo.config import Site
+from rodeo.errors import BusUnavailable, NoResponder, QueryTimeout, RodeoError
 from rodeo.messages import Device
 from rodeo.origin import check_bus
 from rodeo.tls import OPERATOR, identity
 from rodeo.witness.statement import Scope
 
 _ANSWER_S = 10.0
+
+
+class SiteSilent(RodeoError):
+    """Nobody says who may correct."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +41,19 @@ class Allowed:
 
     @classmethod
     def at(cls, site: Site) -> Allowed:
-        """Ask the site's bridge, which must run. Raises BusError, RemoteError."""
-        with Bus.open(site.bus.router, timeout_s=_ANSWER_S, identity=identity(site, OPERATOR)) as bus:
-            check_bus(bus, site)
-            chain = queries.ask(bus, site.org, queries.CHAIN)
-            roles = queries.ask(bus, site.org, queries.ORGANIZATION).roles
-            devices = queries.ask(bus, site.org, queries.DEVICES).devices
+        """Ask the site's bridge, which must run. Raises SiteSilent, BusError, RemoteError."""
+        try:
+            with Bus.open(site.bus.router, timeout_s=_ANSWER_S, identity=identity(site, OPERATOR)) as bus:
+                check_bus(bus, site)
+                chain = queries.ask(bus, site.org, queries.CHAIN)
+                roles = queries.ask(bus, site.org, queries.ORGANIZATION).roles
+                devices = queries.ask(bus, site.org, queries.DEVICES).devices
+        except (BusUnavailable, NoResponder, QueryTimeout) as error:
+            raise SiteSilent(
+                "the site must run, it says who may correct its bins: start it with `rodeo up`",
+                org=site.org,
+                reason=str(error),
+            ) from error
         return cls(
             scope=Scope(
                 chain_id=chain.chain_id,

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -32,7 +32,15 @@ from rodeo.config import Site, bin_process
 from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence.attestation import verify_attestation
 from rodeo.evidence.errors import BadAttestation
-from rodeo.vision.classification import MODEL_DIR, UNKNOWN, WEIGHTS, digest, load_preprocessing
+from rodeo.kinds import kinds_of
+from rodeo.vision.classification import (
+    MODEL_DIR,
+    PREPROCESSING,
+    UNKNOWN,
+    WEIGHTS,
+    digest,
+    load_preprocessing,
+)
 from rodeo.vision.classifier import Classifier, shrink
 from rodeo.vision.images import ImageError, decode_image
 from rodeo.witness.correction import Correction
@@ -153,25 +161,32 @@ def add_corrections(
     allowed: Allowed,
     data: Path,
     folds: Path,
-    rendered: list[Sample],
-    world: World,
+    render: Callable[[], list[Sample]],
+    load_world: Callable[[], World],
     out: Path,
     recipe: Recipe,
 ) -> list[str]:
     """Write the model that learnt from them into `out`; the report as lines.
 
-    `folds` holds the cross-validated networks. Raises NoCorrections, NotCrossValidated, WorseThanBefore, and
-    OtherRecipe where the installed network was made by another recipe than they were.
+    `folds` holds the cross-validated networks. What takes minutes, rendering and loading, is done once there
+    is something to learn. Raises NoCorrections, NotCrossValidated, KindError, NoPhotos, NoSamples,
+    WorseThanBefore, OtherRecipe where the installed network was made by another recipe than they were, and
+    OtherPhotos where they did not learn from those in `data`.
     """
     corrected, left_out = gather(site, allowed)
     if not corrected:
         raise NoCorrections("no bin keeps a sound correction", org=site.org, left_out=left_out)
+    # Before the hours of work: whoever reads that a correction is missing can still stop it.
+    for line in found_lines(corrected, left_out):
+        log.info("%s", line)
     there = [fold for fold in range(FOLDS) if crossed.is_there(folds, fold)]
     if len(there) < FOLDS or not (folds / crossed.DIVISION).exists():
         raise NotCrossValidated("cross-validated networks are missing", folder=str(folds), there=there)
     crossed.check(folds, Training.model_validate_json((MODEL_DIR / TRAINING).read_bytes()))
+    listed = {name: models for name, kind in kinds_of(site).items() if (models := kind.models())}
+    photos, world, rendered = crossed.all_photos(data), load_world(), render()
+    installed = Classifier()
     out.mkdir(parents=True, exist_ok=True)
-    photos = crossed.all_photos(data)
     training = Training(
         architecture=ARCHITECTURE,
         recipe=asdict(recipe),
@@ -183,19 +198,67 @@ def add_corrections(
     was, now = before.answers.accuracy(), after.answers.accuracy()
     if now < was:
         raise WorseThanBefore("fewer photos are named rightly than before", before=was, after=now)
+    log.info("network %d of %d, the installed one, learns from the corrections", FOLDS + 1, FOLDS + 1)
     network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, rendered, world, recipe)
     export(network, out / WEIGHTS, recipe.input_px)
     changed = calibrated(after, out / "folds", recipe.known_rejected)
     write_preprocessing(out, load_preprocessing().model_copy(update=changed))
     (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
+    return [
+        *found_lines(corrected, left_out),
+        *answers_table(corrected, installed, Classifier(out)),
+        f"cross-validated: {was:.4f} of {len(photos)} photos were named rightly, now {now:.4f}",
+        *next_steps(listed, out),
+    ]
+
+
+def found_lines(corrected: Sequence[Corrected], left_out: Sequence[str]) -> list[str]:
+    """What is learnt from, by whom, and what is not."""
     people = Counter(person for one in corrected for person in one.people)
     return [
+        f"{len(corrected)} corrected {_pictures(len(corrected))} to learn from",
+        *(f"{person} judged {count} {_pictures(count)}" for person, count in sorted(people.items())),
         *(f"left out: {reason}" for reason in left_out),
-        *(f"{person} judged {count} pictures" for person, count in sorted(people.items())),
-        *answers_table(corrected, Classifier(), Classifier(out)),
-        f"cross-validated: {was:.4f} of {len(photos)} photos were named rightly, now {now:.4f}",
-        f"model_sha256 {digest((out / WEIGHTS).read_bytes())}",
-        "It counts once the organization lists this hash in models_sha256 of its kind of task.",
+    ]
+
+
+def _pictures(count: int) -> str:
+    return "picture" if count == 1 else "pictures"
+
+
+def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
+    """What makes the model in `out` count. `listed` are the networks whose word counts, by kind of task: they
+    stay listed, so that the rules have the same hash before and after a machine gets the new one, and the
+    word of bins that still have an earlier one counts."""
+    made = digest((out / WEIGHTS).read_bytes())
+    files = ", ".join((WEIGHTS, PREPROCESSING, TRAINING))
+    return [
+        f"model_sha256 {made}",
+        "",
+        "No bin uses this network yet, and its word does not count yet. To change that:",
+        "",
+        "1. Write into the site file of each machine, beside its other kinds, and restart the site:",
+        "",
+        *(
+            line
+            for kind, models in listed.items()
+            for line in (
+                "    [[kinds]]",
+                f'    name = "{kind}"',
+                "    models_sha256 = [",
+                *(f'        "{one}",' for one in sorted({*models, made})),
+                "    ]",
+                "",
+            )
+        ),
+        "2. `rodeo organization rules` says whether the newest rules are installed here. If not, announce:",
+        "",
+        *(f"    rodeo organization kind {kind} --review oracle" for kind in listed),
+        "",
+        f"3. Where bins and oracles run, copy {files}",
+        f"   from {out} to {MODEL_DIR}, and restart them. Keep a copy of the earlier files.",
+        "",
+        f"Then learn from the next corrections with --folds {out / 'folds'}.",
     ]
 
 
@@ -249,7 +312,7 @@ def _cross_validated(
         source, folder = crossed.folder_of(folds, fold), crossed.folder_of(out, fold)
         folder.mkdir(exist_ok=True)
         others = [photo for photo in photos if division.of(photo.name).fold != fold]
-        log.info("fold %d learns from the corrections", fold)
+        log.info("network %d of %d learns from the corrections", fold + 1, FOLDS + 1)
         network = tuned(source / WEIGHTS, others, corrected, rendered, world, recipe)
         export(network, folder / WEIGHTS, recipe.input_px)
         write_preprocessing(folder, load_preprocessing(source))

@@ -108,7 +108,7 @@ class Crossed:
 
 
 def all_photos(data: Path) -> list[Sample]:
-    """Those of both lists. Raises FileNotFoundError, ImageError."""
+    """Those of both lists. Raises NoPhotos, ImageError."""
     return [
         replace(photo, name=f"{part}/{photo.name}") for part in PARTS for photo in load_photos(data / part)
     ]

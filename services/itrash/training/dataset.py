@@ -1,4 +1,8 @@
-"""Photos to learn from and to measure on: one folder per class, as TrashNet ships."""
+"""Photos to learn from and to measure on: one folder per class, as TrashNet ships.
+
+RodeoError
+└── NoPhotos              there is no such folder
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rodeo.errors import RodeoError
 from rodeo.vision.classifier import shrink
 from rodeo.vision.images import decode_image
 
 CLASSES = ("cardboard", "glass", "metal", "paper", "plastic", "trash")
+
+
+class NoPhotos(RodeoError):
+    """A folder of photos is missing."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +35,10 @@ class Sample:
 
 def load_photos(folder: Path) -> list[Sample]:
     """Every photo under `folder/<class>/`, in a stable order, as small as the bin makes it before its network
-    sees it. Raises FileNotFoundError, ImageError."""
+    sees it. Raises NoPhotos, ImageError."""
+    for label in CLASSES:
+        if not (folder / label).is_dir():
+            raise NoPhotos("a folder of photos is missing", folder=str(folder / label))
     return [
         Sample(shrink(decode_image(path.read_bytes())), label, f"{label}/{path.name}")
         for label in CLASSES

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -55,7 +56,7 @@ class NoSamples(RodeoError):
 
 def _from_debian(name: str, into: Path) -> None:
     _run(["apt-get", "download", name], into)
-    _run(["dpkg", "-x", str(_only(into, "*.deb")), "."], into)
+    _run(["dpkg", "-x", _only(into, "*.deb").name, "."], into)
 
 
 def _from_npm(name: str, into: Path) -> None:
@@ -293,7 +294,9 @@ def fetch(into: Path) -> Iterator[str]:
         folder = package.folder(into)
         if not folder.exists():
             beside = folder.with_name(folder.name + ".part")
-            beside.mkdir(parents=True, exist_ok=True)
+            # What an earlier try left there: Debian may have another version by now, and one is expected.
+            shutil.rmtree(beside, ignore_errors=True)
+            beside.mkdir(parents=True)
             package.fetch(package.name, beside)
             beside.rename(folder)
         package.photos(into)

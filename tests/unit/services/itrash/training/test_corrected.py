@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -17,7 +18,9 @@ from eth_account.signers.local import LocalAccount
 
 torch = pytest.importorskip("torch", reason="needs the train extra: pip install -e '.[train]'")
 
+from rodeo.bus import Bus  # noqa: E402
 from rodeo.config import Site, bin_process  # noqa: E402
+from rodeo.errors import BusUnavailable  # noqa: E402
 from rodeo.evidence import attest  # noqa: E402
 from rodeo.messages import Device  # noqa: E402
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS, load_preprocessing  # noqa: E402
@@ -27,7 +30,7 @@ from rodeo.witness.statement import Classification, Scope  # noqa: E402
 from rodeo_testing.recordings import RENDERINGS  # noqa: E402
 from services.itrash.corrections import Kept  # noqa: E402
 from services.itrash.training import corrected, crossed  # noqa: E402
-from services.itrash.training.allowed import Allowed  # noqa: E402
+from services.itrash.training.allowed import Allowed, SiteSilent  # noqa: E402
 from services.itrash.training.compact import compact  # noqa: E402
 from services.itrash.training.corrected import (  # noqa: E402
     NoCorrections,
@@ -37,7 +40,7 @@ from services.itrash.training.corrected import (  # noqa: E402
     gather,
 )
 from services.itrash.training.crossed import Division, OtherRecipe  # noqa: E402
-from services.itrash.training.dataset import CLASSES, Sample  # noqa: E402
+from services.itrash.training.dataset import CLASSES, NoPhotos, Sample  # noqa: E402
 from services.itrash.training.network import exported  # noqa: E402
 from services.itrash.training.others import World  # noqa: E402
 
@@ -263,9 +266,32 @@ def rendered() -> list[Sample]:
     return [*drawn(), Sample(np.full((64, 64, 3), 90, np.uint8), None)]
 
 
+def too_early() -> Any:
+    raise AssertionError("takes minutes, and there is nothing to learn")
+
+
 def test_a_site_without_corrections_is_told_so(own: Site, data: Path, folds: Path, tmp_path: Path) -> None:
     with pytest.raises(NoCorrections):
-        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, too_early, too_early, tmp_path / "out", TINY)
+
+
+def test_a_folder_without_photos_is_told_before_anything_is_rendered(
+    own: Site, folds: Path, tmp_path: Path
+) -> None:
+    correct(own, ANNA, CAN, "metal")
+    with pytest.raises(NoPhotos) as refused:
+        add_corrections(own, allowed(), tmp_path, folds, too_early, too_early, tmp_path / "out", TINY)
+    assert refused.value.details == {"folder": str(tmp_path / "train" / CLASSES[0])}
+
+
+def test_a_site_that_does_not_run_is_to_be_started(own: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    def silent(*_arguments: Any, **_more: Any) -> Any:
+        raise BusUnavailable("no router answers")
+
+    monkeypatch.setattr(Bus, "open", silent)
+    with pytest.raises(SiteSilent, match="rodeo up") as refused:
+        Allowed.at(own)
+    assert "no router answers" in refused.value.details["reason"]
 
 
 def test_without_all_cross_validated_networks_nothing_is_written(
@@ -274,7 +300,7 @@ def test_without_all_cross_validated_networks_nothing_is_written(
     correct(own, ANNA, CAN, "metal")
     shutil.rmtree(folds / "fold4")
     with pytest.raises(NotCrossValidated) as refused:
-        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, tmp_path / "out", TINY)
     assert refused.value.details["there"] == [0, 1, 2, 3]
     assert not (tmp_path / "out").exists()
 
@@ -286,18 +312,24 @@ def test_networks_of_another_recipe_than_the_installed_one_measure_nothing(
     path = folds / "fold2" / crossed.TRAINING
     path.write_text(path.read_text().replace('"seed": 8', '"seed": 9'))
     with pytest.raises(OtherRecipe):
-        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, tmp_path / "out", TINY)
 
 
 def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
-    own: Site, data: Path, folds: Path, tmp_path: Path
+    own: Site, data: Path, folds: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     correct(own, ANNA, CAN, "metal")
+    correct(own, Account.create(), PAPER, "paper")
+    caplog.set_level("INFO")
     out = tmp_path / "out"
-    report = add_corrections(own, allowed(), data, folds, rendered(), WORLD, out, TINY)
+    report = add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, out, TINY)
     (row,) = [line for line in report if line.startswith("| 0x")]
     assert row.count("metal (") == 2
-    assert f"{ANNA.address} judged 1 pictures" in report
+    assert f"{ANNA.address} judged 1 picture" in report
+    said = [record.getMessage() for record in caplog.records]
+    first = next(number for number, line in enumerate(said) if line.startswith("network 1 of 6"))
+    assert "1 corrected picture to learn from" in said[:first]
+    assert any("is no auditor" in line for line in said[:first])  # not after hours
     made = Classifier(out)
     assert f"model_sha256 {made.model_sha256}" in report
     assert made.model_sha256 != Classifier().model_sha256
@@ -305,6 +337,13 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     assert kept.learnt_all
     crossed.check(out / "folds", kept)  # the next corrections can be learnt from where these are installed
     assert made.preprocessing.temperature != load_preprocessing().temperature
+    assert any(str(MODEL_DIR) in line for line in report)  # where it is to be put
+    assert any(f"--folds {out / 'folds'}" in line for line in report)
+    # What is to be written into the site file: the rules are the same before and after the files are copied.
+    start = report.index("    [[kinds]]")
+    text = "\n".join(report[start : report.index("", start)])
+    listed = {one["name"]: one["models_sha256"] for one in tomllib.loads(text)["kinds"]}
+    assert listed == {"waste_disposal": sorted([made.model_sha256, Classifier().model_sha256])}
 
 
 def test_a_model_that_names_fewer_photos_rightly_is_not_written(
@@ -319,6 +358,6 @@ def test_a_model_that_names_fewer_photos_rightly_is_not_written(
 
     monkeypatch.setattr(corrected, "tuned", spoilt)
     with pytest.raises(WorseThanBefore) as refused:
-        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, tmp_path / "out", TINY)
     assert refused.value.details["after"] < refused.value.details["before"]
     assert not (tmp_path / "out" / WEIGHTS).exists()

@@ -74,6 +74,30 @@ def test_a_package_is_fetched_once(fetched: Path, monkeypatch: pytest.MonkeyPatc
     assert list(fetch(fetched)) == [PACKAGE.name]
 
 
+def test_a_debian_package_is_unpacked_below_the_folder_of_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`out/others` is seen from where the command runs; the clients run in a folder below it."""
+
+    def client(command: list[str], cwd: Path, check: bool) -> None:
+        assert check
+        if command[:2] == ["apt-get", "download"]:
+            (cwd / "photos_2_all.deb").write_bytes(b"")
+        else:
+            assert command[:2] == ["dpkg", "-x"]
+            assert (cwd / command[2]).exists()
+            put("photos", cwd / command[3])
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(others.subprocess, "run", client)
+    monkeypatch.setattr(others, "LEARNT", (Package(others._from_debian, "photos", "MIT", ("*.jpg",)),))
+    monkeypatch.setattr(others, "MEASURED", ())
+    left = Path("out/others/photos.part/photos_1_all.deb")  # of a try that ended before it was unpacked
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"")
+    assert list(fetch(others.FETCHED)) == ["photos"]
+
+
 def test_a_package_without_its_photos_is_named(fetched: Path) -> None:
     renamed = Package(put, PACKAGE.name, "MIT", ("*.jpg", "elsewhere/*.jpg"))
     with pytest.raises(NoSamples) as refused:
