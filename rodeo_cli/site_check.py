@@ -86,13 +86,7 @@ def check(path: Path) -> list[Finding]:
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
-        for place, text in (
-            *_one_host(site),
-            *_without_energy(site),
-            *_standby(site),
-            *_overlaps(site),
-            *_unreachable(site),
-        )
+        for place, text in (*_one_host(site), *_standby(site), *_overlaps(site), *_unreachable(site))
     ]
 
 
@@ -224,28 +218,6 @@ def _providers(known: Iterable[str]) -> str:
             if load(name).provides == "energy":
                 found.append(name)
     return " or ".join(found) or "one that does"
-
-
-def _without_energy(site: Site) -> Iterator[tuple[Place, str]]:
-    """A list of kinds replaces the one of the file that is extended: it is easily left out there."""
-    known = installed()
-    listed = {one.name for one in site.kinds if one.review is None}
-    energy = {name for name in known if _provides_energy(name)}
-    needing = [*(one.name for one in site.robots), *(one.name for one in site.docks)]
-    # What is not installed here may provide it where the site runs.
-    if needing and listed <= known.keys() and not listed & energy:
-        yield (
-            ("kinds",),
-            f"{', '.join(needing)} cannot run without a kind of work that provides energy: list one, too: "
-            f"{', '.join(sorted(energy))}",
-        )
-
-
-def _provides_energy(name: str) -> bool:
-    try:
-        return load(name).provides == "energy"
-    except KindError:
-        return False
 
 
 def _standby(site: Site) -> Iterator[tuple[Place, str]]:

@@ -129,8 +129,8 @@ def _windows(time_s: Array, values: Array, count: int) -> list[Array]:
 
 
 def _between_holes(edges_s: Array, time_s: Array, topic: Topic) -> Array:
-    """Those of `edges_s` that lie in no hole of the samples at `time_s`. Where a body was in a hole is not known, and it
-    may have moved in a part of it only: one long window compares what it covered from end to end."""
+    """Those of `edges_s` that lie in no hole of the samples at `time_s`. Where a body was in a hole is not
+    known, and it may have moved in a part of it only: one long window compares what it covered in all."""
     behind = np.clip(np.searchsorted(time_s, edges_s, side="right"), 1, len(time_s) - 1)
     return edges_s[~holes(time_s, topic)[behind - 1]]
 

@@ -213,15 +213,6 @@ def test_a_kind_of_work_needs_what_it_is_done_at(said: Said, lacking: str, kind:
     assert f"error: kinds.{kind}" in finding and finding.endswith(f"what the site lacks: write [[{lacking}]]")
 
 
-def test_a_list_of_kinds_that_leaves_charging_out_is_doubtful(said: Said) -> None:
-    """It replaces the list of the file that is extended, and neither robot nor dock starts without."""
-    (finding,) = said('[[kinds]]\nname = "waste_disposal"\n')
-    assert finding.startswith("my.toml:") and "warning: kinds: panther1, dock1 cannot run without" in finding
-    assert finding.endswith("list one, too: battery_charging")
-    assert said('[[kinds]]\nname = "waste_disposal"\n[[kinds]]\nname = "battery_charging"\n') == []
-    assert said('robots = []\ndocks = []\n[[kinds]]\nname = "waste_disposal"\n') == []
-
-
 DOUBTFUL = [
     (
         '[bridge]\nwallets = ["organization", "oracle"]\n',

@@ -614,7 +614,7 @@ def test_odometry_that_tells_another_story_is_refused(cleaning: Take, judge: Jud
 
 
 def unrecorded(take: Take) -> tuple[Take, float]:
-    """Odometry has a hole from 3.5 s before the base sets off towards the bin to 1.8 s after; and when that ends."""
+    """Odometry has a hole from 3.5 s before the base sets off to the bin to 1.8 s after; when that ends."""
     poses = [s for s in take.of(ROBOT_POSE) if s.time_ns * 1e-9 > take.start_s + 10]
     first = poses[0].message.pose.position
     away = (
