@@ -23,7 +23,8 @@ from rodeo import queries, topics
 from rodeo.bus import Bus
 from rodeo.clock import Clock, WallClock
 from rodeo.config import Site
-from rodeo.errors import BusError, ClockUnavailable, RemoteError, RodeoError
+from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, RemoteError, RodeoError
+from rodeo.files import replace_file
 from rodeo.messages import Status
 from rodeo.origin import check_bus
 from rodeo.tls import OPERATOR, identity
@@ -142,6 +143,15 @@ def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
             key = topics.STATUS.name(org=site.org, process="robot_sim")
             details = queries.fitting(Status, bus.query(key), key).details
     return pace.time_left(pace.Pace.of(site, details), deadline_s)
+
+
+def write_file(file: Path, content: str) -> None:
+    """Replace a file that the user named. Raises InvalidRequest, and DiskFull."""
+    try:
+        replace_file(file, content)
+    except OSError as error:
+        problem = error.strerror or str(error)
+        raise InvalidRequest("the file cannot be written", file=str(file), problem=problem) from error
 
 
 def site_clock(site: Site, bus: Bus) -> Clock:

@@ -12,7 +12,6 @@ from rodeo import queries
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, unreadable
-from rodeo.files import replace_file
 from rodeo.messages import Dispute, SignedVote, Task
 from rodeo_cli import formatting
 from rodeo_cli.common import (
@@ -23,6 +22,7 @@ from rodeo_cli.common import (
     print_facts,
     reports_errors,
     say,
+    write_file,
 )
 from rodeo_cli.formatting import iec
 from rodeo_cli.tasks import ParticipantOption, send_command
@@ -93,7 +93,7 @@ def vote(
         request |= {} if reason is None else {"reason": reason}
         own = SignedVote.model_validate(send_command(loaded, bus, judge, "sign_vote", **request))
         held = _by_signer(loaded, bus, [*_read(file), own])
-        _write(file, list(held.values()))
+        write_file(file, _VOTES.dump_json(list(held.values()), indent=2).decode() + "\n")
         same = {key: one for key, one in held.items() if one.vote == own.vote}
         while len(same) >= loaded.disputes.votes:
             refused = _post(loaded, bus, judge, list(same.values()))
@@ -186,13 +186,3 @@ def _read(file: Path) -> list[SignedVote]:
         return []
     except (OSError, ValidationError) as error:
         raise InvalidRequest("not a file of votes", file=str(file), problem=unreadable(error)) from error
-
-
-def _write(file: Path, held: list[SignedVote]) -> None:
-    """Raises InvalidRequest."""
-    try:
-        replace_file(file, _VOTES.dump_json(held, indent=2).decode() + "\n")
-    except OSError as error:
-        raise InvalidRequest(
-            "the votes cannot be written", file=str(file), problem=error.strerror or str(error)
-        ) from error

@@ -73,7 +73,7 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
         left = time_left(loaded, bus, task.execution_deadline or 0.0)
     say(f"You have begun task {task_id}: {task.description or task.kind}")
     say(f"It pays {iec(task.price_iec)} when an auditor accepts it.")
-    say(f"Time left to submit it: {left}.")
+    say(f"Submit it in time: {left}.")
     say(f"Show this code in a photo: {photo_code(task.nonce or '')}")
 
 
@@ -136,7 +136,7 @@ def review(
         say(line)
     say(f"It pays {iec(task.price_iec)} if accepted.")
     if left is not None:
-        say(f"Time left to judge it: {left}.")
+        say(f"Judge it in time: {left}.")
 
 
 @reports_errors

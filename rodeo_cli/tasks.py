@@ -18,7 +18,6 @@ from rodeo.bus import Bus, DaoEvents, decode_json, validate
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
-from rodeo.files import replace_file
 from rodeo.messages import DaoEvent, SignedRequest, Task
 from rodeo.person.photo_code import photo_code
 from rodeo.rewards import Rise
@@ -37,6 +36,7 @@ from rodeo_cli.common import (
     say,
     site_clock,
     time_left,
+    write_file,
 )
 from rodeo_cli.formatting import iec, plain
 from rodeo_cli.layout import Row, printable
@@ -414,10 +414,8 @@ def _sign(
     as_json: bool = False,
 ) -> None:
     """Have the participant's wallet sign, and write what `relay` takes into `file`."""
-    if not file.absolute().parent.is_dir():
-        raise InvalidRequest("there is no such folder to write into", file=str(file))
     signed = send_command(site, bus, participant, "sign", command=command, request=request, valid_s=valid_s)
-    replace_file(file, json.dumps(signed, indent=2) + "\n")
+    write_file(file, json.dumps(signed, indent=2) + "\n")
     if as_json:
         print_json(signed)
     elif signed["request"]["signature"] is None:

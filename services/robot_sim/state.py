@@ -72,11 +72,11 @@ class StateFile:
                 magic, fingerprint, *_ = _HEADER.unpack(head)
                 if magic == _MAGIC and fingerprint != self._fingerprint:
                     return AnotherWorld(
-                        "the saved world belongs to another lab; start with --fresh",
+                        "the saved world belongs to another lab: move the file away to begin a new world",
                         path=str(self.path),
                     )
         return WorldLost(
-            "the saved world is damaged: restore the file, or start with --fresh",
+            "the saved world is damaged: restore the file, or move it away to begin a new world",
             path=str(self.path),
             bytes=stored_bytes,
             expected=2 * self._slot_bytes,
@@ -94,7 +94,8 @@ class StateFile:
                 continue
             if fingerprint != self._fingerprint:
                 raise AnotherWorld(
-                    "the saved world belongs to another lab; start with --fresh", path=str(self.path)
+                    "the saved world belongs to another lab: move the file away to begin a new world",
+                    path=str(self.path),
                 )
             start = offset + _HEADER.size
             numbers = self._map[start : start + self._row_bytes]
@@ -103,7 +104,7 @@ class StateFile:
         if best is None:
             if any(self._map[:]):
                 raise WorldLost(
-                    "both copies of the saved world are damaged: restore the file, or start with --fresh",
+                    "both copies of the saved world are damaged: restore the file, or move it away",
                     path=str(self.path),
                 )
             return None

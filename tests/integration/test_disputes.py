@@ -231,7 +231,7 @@ def test_a_file_of_votes_that_cannot_be_used_is_named(dao: Dao, tmp_path: Path) 
     rule(dao, task_id)
     vote = ("vote", str(task_id), "accepted", "--as", "anna", "--votes")
     said = rodeo(dao, *vote, str(tmp_path / "no folder" / "votes.json"), status=1)
-    assert "the votes cannot be written" in said and "No such file" in said
+    assert "the file cannot be written" in said and "No such file" in said
     other = tmp_path / "other.json"
     other.write_text("hello")
     said = rodeo(dao, *vote, str(other), status=1)
