@@ -414,6 +414,8 @@ def _sign(
     as_json: bool = False,
 ) -> None:
     """Have the participant's wallet sign, and write what `relay` takes into `file`."""
+    if not file.absolute().parent.is_dir():
+        raise InvalidRequest("there is no such folder to write into", file=str(file))
     signed = send_command(site, bus, participant, "sign", command=command, request=request, valid_s=valid_s)
     write_file(file, json.dumps(signed, indent=2) + "\n")
     if as_json:

@@ -214,7 +214,11 @@ def test_an_address_that_asks_too_often_is_told_when_to_ask_again() -> None:
     [
         pytest.param([b""], id="silent"),
         pytest.param([b"GET /livez HTTP/1.1\r\nhost: bin\r\n"], id="half-a-head"),
-        pytest.param([b"POST /size HTTP/1.1\r\nhost: bin\r\ncontent-length: 9\r\n\r\n"], id="no-body"),
+        # It is admitted once it is told to continue: before, the request below could take its place.
+        pytest.param(
+            [b"POST /size HTTP/1.1\r\nhost: bin\r\ncontent-length: 9\r\nexpect: 100-continue\r\n\r\n", b""],
+            id="no-body",
+        ),
         pytest.param([b"GET /livez HTTP/1.1\r\nhost: bin\r\n\r\n", b"GET /liv"], id="half-a-second-one"),
         pytest.param([b"GET /large HTTP/1.1\r\nhost: bin\r\n\r\n", b""], id="unread-answer"),
     ],
@@ -229,7 +233,7 @@ def test_connections_that_do_not_get_on_keep_nobody_out_for_long(sent: list[byte
             idler.connect(address)
             idler.sendall(sent[0])
             for more in sent[1:]:
-                assert idler.recv(4096).startswith(b"HTTP/1.1 200")
+                assert idler.recv(4096).startswith((b"HTTP/1.1 100", b"HTTP/1.1 200"))
                 idler.sendall(more)
         started_s = time.monotonic()
         statuses = [httpx.get(f"{server.url}/livez").status_code]
