@@ -116,7 +116,10 @@ async function plant(patches, find, abreast) {
     }
   }
 
-  await Promise.all(Array.from({ length: Math.min(abreast, left.length) }, work));
+  // All of them end, and remove their copies, before the first failure is thrown.
+  const ended = await Promise.allSettled(Array.from({ length: Math.min(abreast, left.length) }, work));
+  const failed = ended.find(({ status }) => status === "rejected");
+  if (failed) throw failed.reason;
   return { planted: names.length, missed };
 }
 
