@@ -123,6 +123,8 @@ class Oracle:
             partial(process.concern, "store"),
         )
         self._lock = threading.Lock()
+        self._telling = threading.Lock()
+        """Held until what is told of was told: else an older account could come last, and would stay."""
         self._votes: Votes | None = None
         """None where this oracle's verdict is enough."""
         if process.site.oracles:
@@ -517,26 +519,27 @@ class Oracle:
 
     def _set_activity(self, key: tuple[int, int] | None, activity: str | None) -> None:
         """What is done about the submission `key` now; None of either where nothing is."""
-        with self._lock:
-            if key is not None and activity is not None:
-                self._running[key] = activity
-            elif key is not None:
-                self._running.pop(key, None)
-            for_auditors = len(self._for_auditors)
-            running = list(self._running.values())
-        votes = self._votes
-        said = [*running, *self._missing.summary(), *self._judging.summary()]
-        if votes is not None:
-            said += votes.summary()
-        details = {} if votes is None else {"votes": votes.held()}
-        self._process.activity(
-            ", ".join(said) or "idle",
-            None,
-            decided=self._decided,
-            for_auditors=for_auditors,
-            rules=self._judging.open_tasks(),
-            **details,
-        )
+        with self._telling:
+            with self._lock:
+                if key is not None and activity is not None:
+                    self._running[key] = activity
+                elif key is not None:
+                    self._running.pop(key, None)
+                for_auditors = len(self._for_auditors)
+                running = list(self._running.values())
+            votes = self._votes
+            said = [*running, *self._missing.summary(), *self._judging.summary()]
+            if votes is not None:
+                said += votes.summary()
+            details = {} if votes is None else {"votes": votes.held()}
+            self._process.activity(
+                ", ".join(said) or "idle",
+                None,
+                decided=self._decided,
+                for_auditors=for_auditors,
+                rules=self._judging.open_tasks(),
+                **details,
+            )
 
 
 def is_ours(kinds: Kinds, kind: str, rules: list[queries.KindRules]) -> bool:

@@ -58,8 +58,10 @@ def film(dao: Dao) -> Film:
 
 
 @pytest.fixture
-def executor(dao: Dao, film: Film, tmp_path: Path) -> Executor:
-    return Executor(dao, film, tmp_path)
+def executor(dao: Dao, film: Film, tmp_path: Path) -> Iterator[Executor]:
+    executor = Executor(dao, film, tmp_path)
+    yield executor
+    executor.give_back()
 
 
 def honest(executor: Executor, task_id: int) -> dict[str, Any]:

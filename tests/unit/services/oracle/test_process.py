@@ -449,6 +449,30 @@ def test_what_is_due_before_its_turn_is_a_warning(
     assert verifications.begun == [bridge.current.id]
 
 
+def test_an_older_account_of_open_tasks_does_not_stay(oracle: Callable[[], Oracle], bridge: Bridge) -> None:
+    """A verdict has ended, and a task is posted while the oracle says what is open."""
+    judge = oracle()
+    told: list[str] = []
+    told_later = threading.Event()
+
+    def tell(text: str, *_: object, **__: object) -> None:
+        if threading.current_thread().name == "first":
+            open_task = event(bridge.current, 1, "TaskRegistered", kind="waste_disposal", rules=RULES)
+            judge._on_event(open_task)
+            second.start()
+            told_later.wait(0.5)  # it has to wait itself, until this one is told
+        told.append(text)
+        told_later.set()
+
+    judge._process.activity = tell  # type: ignore[method-assign]
+    first = threading.Thread(target=judge._set_activity, args=((1, 1), None), name="first")
+    second = threading.Thread(target=judge._set_activity, args=(None, None), name="second")
+    first.start()
+    first.join(WAIT_S)
+    second.join(WAIT_S)
+    assert [text.partition(" of ")[0] for text in told] == ["idle", "1 open task"]
+
+
 def wait_until(condition: Callable[[], bool]) -> None:
     deadline_s = time.monotonic() + WAIT_S
     while not condition():
