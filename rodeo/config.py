@@ -52,7 +52,23 @@ FASTEST_CLOCK = 50.0
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+def _url(*schemes: str, empty: bool = False) -> AfterValidator:
+    """An address of one of these schemes, with a host; with `empty` perhaps none."""
+
+    def checked(text: str) -> str:
+        if empty and not text:
+            return text
+        parts = urlsplit(text)
+        if parts.scheme not in schemes or not parts.hostname:
+            raise ValueError(f"this is no URL such as {schemes[0]}://127.0.0.1:8545")
+        if parts.port == 0:
+            raise ValueError("port 0 is no port to connect to")
+        return text
+
+    return AfterValidator(checked)
 
 
 class BusConfig(_Table):
@@ -120,8 +136,8 @@ class ChainConfig(_Table):
     """Which local chain `deploy.chain` starts; external starts none and uses `url` as it is."""
     id: int = Field(default=LOCAL_CHAIN_ID, gt=0)
     """Chain ID (EIP-155). Processes refuse a node that answers with another ID, and deploy nothing there."""
-    url: str = "http://127.0.0.1:8545"
-    websocket_url: str | None = None
+    url: Annotated[str, _url("http", "https")] = "http://127.0.0.1:8545"
+    websocket_url: Annotated[str, _url("ws", "wss", empty=True)] | None = None
     """WebSocket URL for new blocks (eth_subscribe). None tries the address of `url`. With an empty string, or
     if the node has no subscriptions, the bridge polls the node."""
     confirmations: int = Field(default=0, ge=0)
@@ -327,7 +343,7 @@ class PeopleConfig(_Table):
 class MetricsConfig(_Table):
     """Each process serves `/metrics`, `/livez` and `/readyz` (rodeo.metrics_server)."""
 
-    host: str = "127.0.0.1"
+    host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     ports: dict[str, Annotated[int, Field(ge=0, le=65535)]] = {}
     """Process -> port. A process without an entry takes a free port and shows it in its status."""
 
@@ -340,10 +356,19 @@ class DiskConfig(_Table):
     On a small file system a twentieth of its size is enough."""
 
 
+def _storage_url(text: str) -> str:
+    if not urlsplit(text).scheme or "://" not in text:
+        raise ValueError("this is no URL such as file:///var/lib/rodeo/store or s3://bucket/store")
+    return text
+
+
+StoreUrl = Annotated[str, AfterValidator(_storage_url)]
+
+
 class StoreConfig(_Table):
-    url: str | None = None
+    url: StoreUrl | None = None
     """fsspec URL where proofs and reports go; the data directory's `store` folder by default."""
-    allowed: list[str] = []
+    allowed: list[StoreUrl] = []
     """Further URL prefixes that a proof may be fetched from."""
     options: dict[str, Any] = {}
     """Of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not belong here."""
@@ -487,7 +512,7 @@ class ExperimentConfig(_Table):
 class ConsoleConfig(_Table):
     """The web page and its interface for programs."""
 
-    host: str = "127.0.0.1"
+    host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     port: int = Field(default=8088, ge=0, le=65535)
     """0 takes a free port. The process's status shows it."""
     origin: str | None = Field(default=None, pattern=r"^https://[^/]+$")
@@ -516,7 +541,9 @@ class AgentConfig(_Table):
 class Site(BaseSettings):
     """The whole configuration of a process. Read-only once loaded."""
 
-    model_config = SettingsConfigDict(env_prefix=_PREFIX, env_nested_delimiter="__", extra="forbid")
+    model_config = SettingsConfigDict(
+        env_prefix=_PREFIX, env_nested_delimiter="__", extra="forbid", allow_inf_nan=False
+    )
 
     org: str = Field(pattern=r"^[a-z][a-z0-9-]*$")
     """Name of the organization; the first part of every DAO-plane key."""
@@ -795,6 +822,8 @@ def _listed(tables: dict[str, Any], name: str) -> list[dict[str, Any]]:
 
 def _beside(site_file: Path, setting: str, named: str, home: bool = False) -> str:
     """A path of a site file, seen from that file. Raises ConfigError."""
+    if not named.strip():
+        raise ConfigError(f"{setting}: an empty text names no file or folder", path=str(site_file))
     try:
         return str((site_file.parent / (Path(named).expanduser() if home else named)).resolve())
     except (OSError, RuntimeError, ValueError) as error:

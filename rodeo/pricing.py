@@ -53,7 +53,7 @@ class Pricing(Protocol):
 class Fixed(BaseModel):
     """Always the same."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     method: Literal["fixed"] = "fixed"
     price_iec: Annotated[Decimal, Field(ge=0)] | None = None
@@ -66,7 +66,7 @@ class Fixed(BaseModel):
 class Moving(BaseModel):
     """A pricing whose prices change while it runs."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     min_update_s: float = Field(default=3600.0, ge=0)
     """Site time between two changes of a price on chain."""
@@ -130,7 +130,7 @@ AnyPricing = Annotated[Fixed | CostPlus | Learned, Field(discriminator="method")
 class PricingConfig(BaseModel):
     """How a robot prices its work; `kinds` says otherwise for single kinds."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     default: AnyPricing = Fixed()
     kinds: dict[str, AnyPricing] = {}

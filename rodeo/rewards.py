@@ -12,7 +12,7 @@ _CENT = Decimal("0.01")
 class Rise(BaseModel):
     """How a reward rises."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     up_to_iec: Decimal = Field(gt=0)
     """It never rises above this."""

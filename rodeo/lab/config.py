@@ -58,7 +58,7 @@ _DEVICE_NAME = r"^[a-z][a-z0-9_]*$"
 class Section(BaseModel):
     """A section of the site file: unknown keys are mistakes, values do not change while running."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Pose2(Section):
@@ -127,7 +127,7 @@ class BinConfig(Section):
     name: str = Field("itrash", pattern=_DEVICE_NAME)
     """Of the bin in the organization, in its topics, and of its keystore with `-device` behind it."""
     pose: Pose2
-    http_host: str = "127.0.0.1"
+    http_host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     http_port: int = Field(0, ge=0, le=65535)
     """Of the bin's page; 0 takes a free port, which its process's status tells."""
     camera: CameraConfig = CameraConfig()
@@ -146,7 +146,7 @@ class BinConfig(Section):
     presence_range_m: Positive = Field(0.55, description="longest range at which something counts as present")
     full_at_n: Positive = Field(200.0, description="weight of what is in a compartment that takes no more")
 
-    costs: dict[ItemClass, dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]] = {}
+    costs: dict[ItemClass, dict[str, Annotated[float, Field(ge=0)]]] = {}
     """What an item of the class costs in a compartment of others: 1 where nothing is named; in its own, 0.
     Where all mistakes cost the same, the class that is said decides; else the least expected cost does."""
 
@@ -238,7 +238,7 @@ class ItemConfig(Section):
             raise ValueError(f"{item_class} has no shape {shape!r}, only {' and '.join(names)}{meant}")
         return shape
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
 
 class BatteryConfig(Section):

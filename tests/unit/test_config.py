@@ -90,6 +90,37 @@ def test_the_environment_overrides_the_file(monkeypatch: pytest.MonkeyPatch) -> 
     assert Site.load(LAB).chain.url == "http://chain.example:1"
 
 
+@pytest.mark.parametrize(
+    ("line", "field"),
+    [
+        ('chain.url = "foo"', "chain.url"),
+        ('chain.url = "http://"', "chain.url"),
+        ('chain.url = "http://127.0.0.1:0"', "chain.url"),
+        ('chain.url = "ws://127.0.0.1:8545"', "chain.url"),
+        ('chain.websocket_url = "http://127.0.0.1:8545"', "chain.websocket_url"),
+        ('store.url = "store"', "store.url"),
+        ('store.allowed = [""]', "store.allowed.0"),
+        ('console.host = ""', "console.host"),
+        ("clock.speed = inf", "clock.speed"),
+        ("bridge.stuck_s = nan", "bridge.stuck_s"),
+        ("lab.size_m = [inf, 5.0]", "lab.size_m.0"),
+    ],
+)
+def test_what_is_no_address_and_no_number_is_an_error(tmp_path: Path, line: str, field: str) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\n{line}\n')
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert list(caught.value.details["fields"]) == [field]
+
+
+def test_a_data_directory_without_a_name_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\ndata_dir = ""\n')
+    with pytest.raises(ConfigError, match="data_dir: an empty text names no file or folder"):
+        Site.load(path)
+
+
 def test_an_unknown_setting_is_named(tmp_path: Path) -> None:
     path = tmp_path / "site.toml"
     path.write_text(f'extends = "{LAB}"\nclock.sped = 3.0\n')
