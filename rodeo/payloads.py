@@ -33,7 +33,7 @@ from rodeo.messages import (
     Vote,
 )
 from rodeo.topics import markdown
-from rodeo.witness.correction import Correction, Judged
+from rodeo.witness.correction import Correction, Judged, Pictured
 from rodeo.witness.statement import (
     Claimant,
     Classification,
@@ -196,6 +196,12 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "class": "glass",
     },
     Judged: {"address": _OTHER, "name": "anna", "items": 9, "right": 7},
+    Pictured: {
+        "image_sha256": _DIGEST,
+        "class": "metal",
+        "shown_s": 1767225600.0,
+        "corrections": {"anna": "glass"},
+    },
     Removal: {**_HEADER, **_FELL, "type": "bin.removal", "device": "itrash"},
     Presentation: {
         **_HEADER,
@@ -465,8 +471,9 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
         "`loads_n` and `fill`. `classification` and `disposal` are its last attestations, null "
         f"before the first one. `{topics.BIN_PICTURE.key}?sha256=0x...` answers with `sha256` and "
         f"`data_base64`. `{topics.BIN_CORRECTIONS.key}` takes an Attestation whose `payload` is a "
-        "Correction, or nothing, and answers with `bin` and a list `people` of Judged.",
-        (Correction, Judged),
+        "Correction, or nothing, and answers with `bin`, a list `people` of Judged and a list `pictures` of "
+        "Pictured.",
+        (Correction, Judged, Pictured),
     ),
     (
         "Orders to a robot",

@@ -1,7 +1,11 @@
-"""How often a bin was right, by the people who looked."""
+"""What a bin saw, and how often it was right, by the people who looked."""
 
 from __future__ import annotations
 
+import base64
+import binascii
+from hashlib import sha256
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -10,20 +14,23 @@ from pydantic import ValidationError
 from rodeo import queries, topics
 from rodeo.bus import Bus
 from rodeo.config import Site
-from rodeo.errors import InvalidRequest, wrong_fields
+from rodeo.errors import InvalidRequest, MalformedAnswer, wrong_fields
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
     SiteOption,
     connected,
+    make_folder,
     print_listing,
     reports_errors,
     say,
+    write_file,
 )
+from rodeo_cli.formatting import moment
 from rodeo_cli.layout import Row
 
 if TYPE_CHECKING:
-    from rodeo.witness.correction import Corrections
+    from rodeo.witness.correction import Corrections, Pictured
 
 bins = typer.Typer(help="Tell a bin what items really were.", no_args_is_help=True)
 
@@ -49,7 +56,8 @@ def correct(
 ) -> None:
     """Sign what an item really was, also where the bin was right. A later training may learn from it.
 
-    A bin remembers the pictures of its last items only, and takes one correction of each person for each.
+    A bin remembers the pictures of its last items only (`rodeo bin pictures`), and takes one correction of
+    each person for each.
     """
     # Signing takes its time to import; the other commands should not wait for it.
     from rodeo import wallets
@@ -76,19 +84,71 @@ def correct(
     say(f"{name} keeps that this was {item_class}. {_score(found)}")
 
 
+@bins.command("pictures")
+@reports_errors
+def pictures(
+    save: Annotated[
+        Path | None, typer.Option(help="Write each picture there, named by its hash.", metavar="FOLDER")
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    bin_name: BinOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the pictures that can be corrected, the newest first: what the bin said, and what people say."""
+    with connected(site) as (loaded, bus):
+        name = _bin(loaded, bin_name)
+        found = _corrections(loaded, bus, name)
+        if save is not None:
+            make_folder(save)
+            for one in found.pictures:
+                picture = _picture(loaded, bus, name, one.image_sha256)
+                write_file(save / f"{one.image_sha256}.{_ending(picture)}", picture)
+    rows = (
+        Row((moment(one.shown_s, loaded), one.item_class, _said(one), one.image_sha256))
+        for one in found.pictures
+    )
+    print_listing(list(found.pictures), as_json, ("shown", "said", "people say", "picture"), rows)
+
+
 @bins.command("corrections")
 @reports_errors
 def corrections(
     site: SiteOption = DEFAULT_SITE, bin_name: BinOption = None, as_json: JsonOption = False
 ) -> None:
     """Show how often the bin said the right class of the items that people looked at."""
-    from rodeo.witness.correction import Corrections  # takes its time to import
-
     with connected(site) as (loaded, bus):
-        key = topics.BIN_CORRECTIONS.name(org=loaded.org, bin=_bin(loaded, bin_name))
-        found = queries.fitting(Corrections, bus.query(key), key)
+        found = _corrections(loaded, bus, _bin(loaded, bin_name))
     rows = (Row((one.name or one.address, str(one.items), str(one.right))) for one in found.people)
     print_listing(found, as_json, ("person", "items", "right"), rows, after=_score(found))
+
+
+def _corrections(site: Site, bus: Bus, name: str) -> Corrections:
+    from rodeo.witness.correction import Corrections  # takes its time to import
+
+    key = topics.BIN_CORRECTIONS.name(org=site.org, bin=name)
+    return queries.fitting(Corrections, bus.query(key), key)
+
+
+def _picture(site: Site, bus: Bus, name: str, image_sha256: str) -> bytes:
+    """Raises MalformedAnswer where the bin gives another picture."""
+    key = topics.BIN_PICTURE.name(org=site.org, bin=name)
+    answer = bus.query(key, parameters={"sha256": image_sha256})
+    try:
+        picture = base64.b64decode(str(answer.get("data_base64", "")), validate=True)
+    except binascii.Error as error:
+        raise MalformedAnswer("the bin answered without a picture", key=key) from error
+    if "0x" + sha256(picture).hexdigest() != image_sha256:
+        raise MalformedAnswer("the bin answered with another picture", key=key, asked=image_sha256)
+    return picture
+
+
+def _ending(picture: bytes) -> str:
+    """Of the name of its file; a bin classifies these formats only."""
+    return "png" if picture.startswith(b"\x89PNG") else "webp" if picture.startswith(b"RIFF") else "jpg"
+
+
+def _said(one: Pictured) -> str:
+    return ", ".join(f"{who}: {label}" for who, label in one.corrections.items())
 
 
 def _bin(site: Site, name: str | None) -> str:

@@ -145,13 +145,22 @@ def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
     return pace.time_left(pace.Pace.of(site, details), deadline_s)
 
 
-def write_file(file: Path, content: str) -> None:
+def write_file(file: Path, content: str | bytes) -> None:
     """Replace a file that the user named. Raises InvalidRequest, and DiskFull."""
     try:
         replace_file(file, content)
     except OSError as error:
         problem = error.strerror or str(error)
         raise InvalidRequest("the file cannot be written", file=str(file), problem=problem) from error
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder that the user named, if it is not there. Raises InvalidRequest."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        problem = error.strerror or str(error)
+        raise InvalidRequest("the folder cannot be made", folder=str(folder), problem=problem) from error
 
 
 def site_clock(site: Site, bus: Bus) -> Clock:

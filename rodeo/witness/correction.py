@@ -32,8 +32,22 @@ class Judged(Answer):
     """Those of which the bin had said the right class."""
 
 
+class Pictured(Answer):
+    """A picture that can be corrected."""
+
+    image_sha256: str
+    item_class: str = Field(alias="class")
+    """What the bin said that it shows."""
+    shown_s: float
+    """Site time of the picture."""
+    corrections: dict[str, str] = Field(default_factory=dict)
+    """What people say that it shows, by their names, or addresses if they are no auditors any more."""
+
+
 class Corrections(Answer):
-    """How often a bin was right in operation, by those who looked."""
+    """How often a bin was right in operation, by those who looked, and what they can look at."""
 
     bin: str
     people: list[Judged]
+    pictures: tuple[Pictured, ...] = ()
+    """The last items', the newest first."""

@@ -1,6 +1,7 @@
 """What people say that items really were, kept with picture and statement for a later training.
 
 RodeoError
+├── NotWhatItSays         a correction's file has another's name
 ├── NotYetKnown           the bin does not know yet for which organization it speaks
 └── RequestError
     ├── ForAnotherBin     it names another bin or organization
@@ -20,9 +21,10 @@ from pydantic import BaseModel, ValidationError
 
 from rodeo.errors import InvalidRequest, RequestError, RodeoError, unreadable, wrong_fields
 from rodeo.evidence.attestation import Attestation, verify_attestation
+from rodeo.evidence.errors import BadAttestation
 from rodeo.files import replace_file
 from rodeo.witness.correction import Correction, Judged
-from rodeo.witness.statement import Scope
+from rodeo.witness.statement import Classification, Scope
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +49,10 @@ class AlreadyCorrected(RequestError):
     """This person already said what the picture shows. What was said first stands."""
 
 
+class NotWhatItSays(RodeoError):
+    """The file of a correction has another's name."""
+
+
 class Kept(BaseModel):
     """A correction as it lies in its file."""
 
@@ -57,6 +63,19 @@ class Kept(BaseModel):
     @property
     def right(self) -> bool:
         return bool(self.classification.payload["class"] == self.correction.payload["class"])
+
+    def verify(self, name: str, bin_name: str) -> None:
+        """Raises BadAttestation, ValidationError, and NotWhatItSays if it does not belong to this bin, into a
+        file of this name: whoever can write into the folder signs for nobody else. Whether a signer was an
+        auditor then, and whose key signed for the bin, only the chain knows: training asks it."""
+        signer = verify_attestation(self.correction)
+        verify_attestation(self.classification)
+        said = Correction.model_validate(self.correction.payload)
+        told = Classification.model_validate(self.classification.payload)
+        if {said.bin, told.device} != {bin_name}:
+            raise NotWhatItSays("it is about another bin", bin=said.bin, own=bin_name)
+        if name != f"{said.image_sha256}-{signer.lower()}" or told.image_sha256 != said.image_sha256:
+            raise NotWhatItSays("it is about another picture, or by somebody else", signer=signer)
 
 
 def read_correction(payload: bytes, scope: Scope, bin_name: str) -> tuple[Attestation, Correction]:
@@ -77,16 +96,20 @@ def read_correction(payload: bytes, scope: Scope, bin_name: str) -> tuple[Attest
 class Corrections:
     """A folder with one file for each correction, and each corrected picture once. Thread-safe."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, bin_name: str) -> None:
         self._folder = folder
         self._lock = threading.Lock()
         folder.mkdir(parents=True, exist_ok=True)
         self._kept: dict[str, Kept] = {}
         for path in sorted(folder.glob("*.json")):
             try:
-                self._kept[path.stem] = Kept.model_validate_json(path.read_bytes())
+                kept = Kept.model_validate_json(path.read_bytes())
+                kept.verify(path.stem, bin_name)
+                self._kept[path.stem] = kept
             except (OSError, ValidationError) as error:
                 log.warning("a correction is damaged and does not count: %s: %s", path, unreadable(error))
+            except (BadAttestation, NotWhatItSays) as error:
+                log.warning("a correction does not count: %s: %s", path, error)
 
     def add(
         self,
@@ -120,6 +143,16 @@ class Corrections:
             replace_file(self._folder / said.image_sha256, picture)
             replace_file(self._folder / f"{name}.json", kept.model_dump_json())
             self._kept[name] = kept
+
+    def said_of(self, image_sha256: str, auditors: Mapping[str, str]) -> dict[str, str]:
+        """What people say that this picture shows, by their names, or addresses if they have none now."""
+        with self._lock:
+            kept = [one.correction for one in self._kept.values()]
+        return {
+            auditors.get(one.signer.lower(), one.signer): one.payload["class"]
+            for one in kept
+            if one.payload["image_sha256"] == image_sha256
+        }
 
     def judged(self, auditors: Mapping[str, str]) -> list[Judged]:
         """How often the bin was right, by each person, those who are no auditors any more included."""

@@ -58,10 +58,13 @@ class Journal(BaseModel):
     def add(self, kind: Kind, attestation: Attestation) -> None:
         self.entries = [*self.entries, Entry(kind=kind, attestation=attestation)][-_KEPT_ENTRIES:]
 
-    def about(self, image_sha256: str) -> Attestation | None:
-        """The newest classification of this picture among those that are kept."""
-        said = (one.attestation for one in reversed(self.entries) if one.kind == "classification")
-        return next((one for one in said if one.payload["image_sha256"] == image_sha256), None)
+    def classified(self) -> dict[str, Attestation]:
+        """The newest classification of each picture among those that are kept, the newest first."""
+        found: dict[str, Attestation] = {}
+        for one in reversed(self.entries):
+            if one.kind == "classification":
+                found.setdefault(one.attestation.payload["image_sha256"], one.attestation)
+        return found
 
     def last(self, kind: Kind) -> Attestation | None:
         """The newest attestation of that kind, None before the first."""

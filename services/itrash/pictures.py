@@ -43,9 +43,12 @@ class Pictures:
             ) from error
         return name
 
+    def has(self, name: str) -> bool:
+        """Whether the picture with this SHA-256 (0x) is there."""
+        return bool(_NAME.fullmatch(name)) and (self._folder / name).exists()
+
     def find(self, name: str) -> bytes:
         """The picture with this SHA-256 (0x). Raises NoSuchPicture."""
-        path = self._folder / name
-        if not _NAME.fullmatch(name) or not path.exists():
+        if not self.has(name):
             raise NoSuchPicture("the bin has no such picture", sha256=name[:80])
-        return path.read_bytes()
+        return (self._folder / name).read_bytes()

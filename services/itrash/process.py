@@ -29,7 +29,17 @@ from rodeo.stamps import stamp_s
 from rodeo.tls import bus_is_closed
 from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier
-from rodeo.witness import Claimant, Classification, Drop, Header, Inputs, Presentation, Removal, Statement
+from rodeo.witness import (
+    Claimant,
+    Classification,
+    Drop,
+    Header,
+    Inputs,
+    Presentation,
+    Removal,
+    Statement,
+    correction,
+)
 from rodeo.witness.devices import Device
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
@@ -80,7 +90,7 @@ class Itrash:
         self._waiting: list[Record] = []
         """Decided while it was not known for which organization."""
         self._pictures = Pictures(process.data_dir / "pictures")
-        self._corrections = Corrections(process.data_dir / "corrections")
+        self._corrections = Corrections(process.data_dir / "corrections", config.name)
         # Its sensors speak over the bus: on an open one anybody may have said what they say.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(
@@ -312,8 +322,23 @@ class Itrash:
         auditors = {one.address.lower(): one.name or one.address for one in listed}
         if request.payload:
             self._correct(request.payload, auditors)
-        people = self._corrections.judged(auditors)
-        return {"bin": self._config.name, "people": [one.model_dump() for one in people]}
+        with self._lock:
+            classified = self._journal.classified()
+        found = correction.Corrections(
+            bin=self._config.name,
+            people=self._corrections.judged(auditors),
+            pictures=tuple(
+                correction.Pictured(
+                    image_sha256=name,
+                    item_class=said.payload["class"],
+                    shown_s=said.payload["shown_s"],
+                    corrections=self._corrections.said_of(name, auditors),
+                )
+                for name, said in classified.items()
+                if self._pictures.has(name)
+            ),
+        )
+        return found.model_dump(by_alias=True)
 
     def _correct(self, payload: bytes, auditors: Mapping[str, str]) -> None:
         chain = self._witness.chain
@@ -321,7 +346,7 @@ class Itrash:
             raise NotYetKnown("the bin waits for the bridge to name the organization", bin=self._config.name)
         signed, said = read_correction(payload, chain.scope, self._config.name)
         with self._lock:
-            classification = self._journal.about(said.image_sha256)
+            classification = self._journal.classified().get(said.image_sha256)
         if classification is None:
             raise NoSuchPicture("the bin said nothing of such a picture lately", sha256=said.image_sha256)
         picture = self._pictures.find(said.image_sha256)

@@ -171,7 +171,7 @@ def hardware(site: RunningSite) -> Iterator[Hardware]:
 
 
 def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_http(
-    site: RunningSite, hardware: Hardware
+    site: RunningSite, hardware: Hardware, tmp_path: Path
 ) -> None:
     listener = Listener(site)
     site.start("itrash")
@@ -206,17 +206,24 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
         site.bus.query(key, parameters={"sha256": "../journal.json"})
     assert refusal.value.code == "no_such_picture"
 
-    corrections(site, classified, hardware.photo)
+    corrections(site, classified, hardware.photo, tmp_path)
 
     key = topics.WITNESS_STATEMENTS.name(org=site.site.org, device=site.site.bins[0].name)
     again = site.bus.query(key, parameters={"after": dropped.seq - 1})["statements"]
     assert [parse(one["payload"]) for one in again] == [dropped]
 
 
-def corrections(site: RunningSite, classified: Classification, photo: bytes) -> None:
+def corrections(site: RunningSite, classified: Classification, photo: bytes, tmp_path: Path) -> None:
     """What an auditor says of the item is kept and counted; what nobody may say is refused."""
     key = topics.BIN_CORRECTIONS.name(org=site.site.org, bin=site.site.bins[0].name)
-    assert site.bus.query(key)["people"] == []
+    before = site.bus.query(key)
+    assert before["people"] == []
+    assert before["pictures"][0] == {
+        "image_sha256": classified.image_sha256,
+        "class": classified.item_class,
+        "shown_s": classified.shown_s,
+        "corrections": {},
+    }
     said = Correction(
         **SCOPE.model_dump(),
         bin=site.site.bins[0].name,
@@ -247,6 +254,10 @@ def corrections(site: RunningSite, classified: Classification, photo: bytes) -> 
     assert refused(changed(**{"class": "metal"})) == "already_corrected"
     folder = site.site.data_dir / "itrash" / "corrections"
     assert (folder / classified.image_sha256).read_bytes() == photo
+    looked = ["bin", "pictures", "--save", str(tmp_path), "--site", str(site.path)]
+    pictured = CliRunner().invoke(app, looked).output.splitlines()[1]
+    assert "anna: glass" in pictured and pictured.endswith(classified.image_sha256)
+    assert (tmp_path / f"{classified.image_sha256}.jpg").read_bytes() == photo
     listing = CliRunner().invoke(app, ["bin", "corrections", "--site", str(site.path)])
     assert "itrash was right in 0 of 1 (0%)" in listing.output
     confirmed = CliRunner().invoke(app, ["bin", "correct", "plastic", "--site", str(site.path)])
