@@ -59,6 +59,8 @@ class BinLimits:
     gripper passes the sensor on its way to the compartment."""
     another_gone_s: float = 60.0
     """What comes after the view was clear for so long is another item, whatever is still awaited."""
+    turned_s: float = 10.0
+    """Somebody who presents nothing turns an item within so long."""
     looks: int = 3
     """Photos taken of an item from one angle while the bin is not sure."""
     angles: int = 3
@@ -288,7 +290,7 @@ class Bin:
             if not present and min(absent_s, time_s - since_s) >= limits.done_gone_s:
                 self._enter(State.IDLE, time_s)
             elif self._still_since_s is not None and since_s <= self._still_since_s <= time_s - limits.held_s:
-                self._see_item(time_s, held_after=state)
+                self._see_item(time_s, absent_s, held_after=state)
         elif state is State.ITEM_SEEN and not present:
             if absent_s >= limits.gone_s:
                 self._enter(State.AWAITING_DROP if self.memory.pending else State.IDLE, time_s)
@@ -296,7 +298,7 @@ class Bin:
             state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= limits.again_gone_s)
         ):
             self._another = absent_s >= limits.another_gone_s
-            self._see_item(time_s)
+            self._see_item(time_s, absent_s)
         if (
             self.memory.state is State.ITEM_SEEN
             and still
@@ -325,8 +327,7 @@ class Bin:
             # A gripper that stopped on its way back is no item.
             self._enter(self._held_after, time_s)
             return []
-        pending = self.memory.pending
-        if unknown and pending is not None and pending.item_class != UNKNOWN and not self._another:
+        if unknown and self._is_settled(self.memory.pending):
             # A worse view does not take back what a better one showed.
             self._enter(State.AWAITING_DROP, time_s)
             return []
@@ -484,16 +485,25 @@ class Bin:
         # A camera's clock may step back; what is signed stands in the order of its times.
         self._seen = sorted([*others, _Seen(look, answer)], key=lambda one: one.look.taken_s)[-MAX_LOOKS:]
 
-    def _goes_on(self, time_s: float) -> bool:
+    def _is_settled(self, pending: ClassificationRecord | None) -> bool:
+        """Whether what was shown last has a class, and is not being shown from the other angle that was asked
+        for: whoever shows that waits for a word."""
+        named = pending is not None and pending.item_class != UNKNOWN and not pending.another_angle
+        return named and not self._another
+
+    def _goes_on(self, time_s: float, absent_s: float) -> bool:
         """Whether what is shown now is the other angle that was asked for, by the same robots for the same
-        recordings: a robot that begins again proves nothing with pictures from before."""
+        recordings: a robot that begins again proves nothing with pictures from before. Where nobody has
+        presented itself, somebody else comes after a longer while."""
         pending = self.memory.pending
         asked = pending is not None and pending.another_angle and bool(self._seen) and not self._another
-        return asked and _recordings(self._claimants(time_s)) == _recordings(self._shown_by)
+        now_by = _recordings(self._claimants(time_s))
+        same = bool(now_by) or absent_s <= self._limits.turned_s
+        return asked and same and now_by == _recordings(self._shown_by)
 
-    def _see_item(self, time_s: float, held_after: State | None = None) -> None:
+    def _see_item(self, time_s: float, absent_s: float, held_after: State | None = None) -> None:
         self._look = 0
-        if self._goes_on(time_s):
+        if self._goes_on(time_s, absent_s):
             self._angle += 1
         else:
             self._angle, self._seen = 0, []

@@ -903,6 +903,21 @@ def test_another_angle_is_combined_with_the_first() -> None:
     assert (second.item_class, len(second.earlier)) == ("plastic", 3)
 
 
+def test_what_somebody_shows_a_while_after_somebody_else_is_not_combined_although_nobody_is_known() -> None:
+    bench = Looks(seen(0.55))
+    assert bench.show().another_angle
+    bench.run(15.0)
+    assert [look.taken_s > bench.time_s - 8 for look in bench.show().earlier] == [True, True]
+
+
+def test_whoever_was_asked_for_another_angle_hears_of_each_that_is_shown_although_it_is_worse() -> None:
+    bench = Looks(*[seen(0.62, item=0.95)] * 3, seen(0.62, item=0.05))
+    said = [bench.show() for _ in range(3)]
+    assert [one.number for one in said] == [1, 2, 3]
+    assert [one.item_class for one in said] == ["plastic", UNKNOWN, UNKNOWN]
+    assert [one.another_angle for one in said] == [True, True, False]
+
+
 def test_what_another_robot_shows_is_not_combined_with_what_was_shown_before() -> None:
     bench = Looks(seen(0.55))
     other = Claimant(device="b", address="0x" + "22" * 20, recording="0x" + "33" * 32, task_id=9, attempt=1)
