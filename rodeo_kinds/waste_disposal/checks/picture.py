@@ -1,8 +1,8 @@
 """What the bin looked at: the picture travels in the proof as the camera encoded it.
 
-Whether it is there decides, and whether the bin asked a network that the kind's rules list. What the network
-that is deployed here says of it is shown to judges, and decides nothing: the bin's signature stands for the
-class.
+Whether it is there decides, and whether the bin asked a network that the kind's rules list, and said what
+that one says: the network that is deployed here is asked again. Where the bin asked another listed one, the
+answer is shown to judges, and decides nothing.
 """
 
 from collections.abc import Collection, Sequence
@@ -17,12 +17,14 @@ from rodeo.evidence import Proof
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.vision.classification import (
+    UNKNOWN,
     BrokenModel,
     UnlistedModel,
     combined,
     model_sha256,
     thresholds_sha256,
 )
+from rodeo.vision.classification import Classification as Answer
 from rodeo.vision.images import ImageError
 from rodeo.witness.statement import Classification
 
@@ -40,8 +42,9 @@ _SOURCE = "the picture in the proof, and the bin's signed statement"
 def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[str]) -> Finding:
     """All pictures whose hashes the bin signed are in the proof; and what the network says of them together.
 
-    Undecided where the bin asked a network that is not `listed`: its word does not count, and the executor
-    did not choose it; also where the network's file here is not the one in the rules any more. Raises
+    Undecided where the bin asked a network that is not `listed`, or said what that network does not say: its
+    word does not count, and the executor did not choose it; also where the network's file here is not the
+    one in the rules any more. Raises
     CaseError where the picture is missing, LayoutChanged where its topic holds something else.
     """
     topic = "/" + topics.BIN_IMAGE.name(bin=bin_name)
@@ -62,14 +65,25 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
             f"the bin {bin_name}",
             source=_SOURCE,
         )
-    if said.model_sha256 != model_sha256():
+    same_network = said.model_sha256 == model_sha256()
+    if same_network and said.item_class not in _may_be_said(found):
+        return undecided(
+            f"it said {said.item_class}, and the network that it names says {answer} of its pictures",
+            f"the bin {bin_name}",
+            source=_SOURCE,
+        )
+    if same_network and _differs(found.told, said.probabilities):
+        return undecided(
+            f"it signed other probabilities than the network that it names has: {found.told}",
+            f"the bin {bin_name}",
+            source=_SOURCE,
+        )
+    if not same_network:
         told = f"it used another model; this oracle's model says {answer}"
     elif said.thresholds_sha256 != thresholds_sha256():
         told = f"it used other thresholds; with this oracle's thresholds the answer is {answer}"
     else:
         told = f"the same network says {answer}"
-        if _differs(found.told, said.probabilities):
-            told += ", with other probabilities than the bin signed"
     of_several = f" of {len(pictures)} pictures" if len(pictures) > 1 else ""
     sure = max(said.probabilities.values(), default=0.0)
     return Finding(
@@ -78,6 +92,14 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         source=_SOURCE,
         detail=f"the bin said {said.item_class} ({sure:.2f}){of_several}; {told}; for information only",
     )
+
+
+def _may_be_said(found: Answer) -> set[str]:
+    """What a machine may say whose probabilities differ by rounding."""
+    best = max(found.told.values())
+    over = found.confidence - found.unknown_below
+    classes = {name for name, probability in found.told.items() if probability >= best - _ROUNDING}
+    return (classes if over >= -_ROUNDING else set()) | ({UNKNOWN} if over < _ROUNDING else set())
 
 
 def _differs(own: dict[str, float], signed: dict[str, float]) -> bool:

@@ -1124,6 +1124,13 @@ def the_word_of_its_own_network(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(told(shop.take, "bin/classification", model_sha256=own))
 
 
+@HARNESS.forgery("pictured", "the network that it names says paper", role="holder of two keys")
+def the_word_of_nobodys_network(shop: CleaningWorkshop) -> Submission:
+    """The bin of somebody who holds its key calls paper cardboard, in the name of the listed network."""
+    cardboard = {"item_class": "cardboard", "probabilities": {"cardboard": 1.0}}
+    return shop.submitted(told(shop.take, "bin/classification", **cardboard))
+
+
 @HARNESS.forgery("weight", "0.01 N", role="executor")
 def a_feather(shop: CleaningWorkshop) -> Submission:
     """The bin measured a hundredth of a newton."""

@@ -34,6 +34,15 @@ GRIPPER_STATE = "panther1/gripper_controller/controller_state"
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
 JOINTS = joint_names(arm_model())
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
+OTHER = "0x" + "33" * 32
+"""Hash of another network."""
+
+
+def listed(site: Site, network: str) -> Site:
+    """With this network among those of the rules."""
+    changed = {"models_sha256": [network]}
+    kinds = [one.model_copy(update=changed) if one.name == "waste_disposal" else one for one in site.kinds]
+    return site.model_copy(update={"kinds": kinds})
 
 
 def with_joints(sample: Sample, **columns: np.ndarray) -> Sample:
@@ -68,11 +77,13 @@ def test_every_entry_says_what_was_measured_against_what(cleaning: Take, judge: 
 
 
 def test_the_compartment_is_judged_by_the_costs_of_the_site(site: Site, cleaning: Take, judge: Judge) -> None:
-    unsure = told(cleaning, "bin/classification", probabilities={"plastic": 0.6, "glass": 0.4})
-    assert judge(unsure, cleaning_chain_record(unsure)).accepted
+    changed = {"probabilities": {"plastic": 0.6, "glass": 0.4}, "model_sha256": OTHER}
+    unsure = told(cleaning, "bin/classification", **changed)
+    listing = listed(site, OTHER)
+    assert judge(unsure, cleaning_chain_record(unsure), at=listing).accepted
     # Glass in yellow would cost 0.4 * 5, plastic in green 0.6.
     dear = site.bins[0].model_copy(update={"costs": {ItemClass.GLASS: {"yellow": 5.0}}})
-    costly = site.model_copy(update={"bins": [dear]})
+    costly = listing.model_copy(update={"bins": [dear]})
     misled = judge(unsure, cleaning_chain_record(unsure), at=costly)
     # The bin asked for yellow: the robot could only follow.
     assert (misled.outcome, misled.fault) == ("undecided", f"the bin {dear.name}")
@@ -88,17 +99,11 @@ def test_the_compartment_is_judged_by_the_costs_of_the_site(site: Site, cleaning
 def test_a_network_of_which_the_rules_know_nothing_leaves_honest_work_to_auditors(
     site: Site, cleaning: Take, judge: Judge
 ) -> None:
-    other = "0x" + "33" * 32
-    asked_another = told(cleaning, "bin/classification", model_sha256=other)
+    asked_another = told(cleaning, "bin/classification", model_sha256=OTHER)
     chain = cleaning_chain_record(asked_another)
     report = judge(asked_another, chain)
     assert (report.outcome, report.fault) == ("undecided", f"the bin {site.bins[0].name}")
-    kinds = [
-        one.model_copy(update={"models_sha256": [other]}) if one.name == chain.task.kind else one
-        for one in site.kinds
-    ]
-    listing = site.model_copy(update={"kinds": kinds})
-    assert judge(asked_another, chain, at=listing).accepted
+    assert judge(asked_another, chain, at=listed(site, OTHER)).accepted
 
 
 @pytest.mark.parametrize(("rises_m", "outcome"), [(-0.01, "accepted"), (0.03, "rejected")])

@@ -1,4 +1,4 @@
-"""The bin's picture in the proof: there or refused; what the network says of it is only shown."""
+"""The bin's picture in the proof: there or refused; and the bin said what its network says of it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from rodeo.checks.case import CaseError
 from rodeo.checks.report import Finding
 from rodeo.evidence import Proof, Recorder, open_proof
 from rodeo.ros2 import types
-from rodeo.vision.classification import model_sha256, thresholds_sha256
+from rodeo.vision.classification import UNKNOWN, combined, model_sha256, thresholds_sha256
+from rodeo.vision.classification import Classification as Answer
 from rodeo.witness.statement import Classification
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_kinds.waste_disposal.checks.picture import MAX_PICTURES
 from rodeo_testing.recordings import RENDERINGS
 from tests.unit.person.test_statement import ALICE, BINDING, NOW_NS, Clock
 
-CAN, PAPER = ((RENDERINGS / name).read_bytes() for name in ("metal_1.jpg", "paper_1.jpg"))
+CAN, TIN, PAPER = ((RENDERINGS / f"{name}.jpg").read_bytes() for name in ("metal_1", "metal_2", "paper_1"))
 OTHER = "0x" + "33" * 32
 TOPIC = "/" + topics.BIN_IMAGE.name(bin="itrash")
 
@@ -38,7 +39,7 @@ def said(image_sha256: str, label: str = "metal", **changed: Any) -> Classificat
     fields = {
         "chain_id": 1, "task_manager": address, "organization": address, "device": "itrash", "seq": 1,
         "previous": None, "time_s": 1.0, "inputs": "sensor", "number": 1, "class": label,
-        "probabilities": {label: 0.9}, "compartment": "yellow", "full": False, "image_sha256": image_sha256,
+        "probabilities": {label: 0.99}, "compartment": "yellow", "full": False, "image_sha256": image_sha256,
         "model_sha256": model_sha256(), "thresholds_sha256": thresholds_sha256(), "claimants": (),
         "shown_s": 1.0,
     }  # fmt: skip
@@ -68,13 +69,42 @@ def proof(folder: Path, *pictures: bytes) -> Proof:
 def test_the_picture_is_found_by_its_hash_and_the_network_heard_beside_the_bin(tmp_path: Path) -> None:
     found = shown(proof(tmp_path, PAPER, CAN), "itrash", said(digest(CAN)))
     assert (found.passed, found.measured) == (True, "metal")
-    assert "the bin said metal (0.90); the same network says metal" in found.detail
+    assert "the bin said metal (0.99); the same network says metal" in found.detail
 
 
-def test_another_answer_than_the_bins_is_shown_and_refuses_nothing(tmp_path: Path) -> None:
+def test_what_the_network_that_the_bin_names_does_not_say_of_the_picture_does_not_count(
+    tmp_path: Path,
+) -> None:
     found = shown(proof(tmp_path, PAPER), "itrash", said(digest(PAPER), "glass"))
+    assert found.undecided and found.fault == "the bin itrash"  # the executor could only follow
+    assert "it said glass, and the network that it names says paper" in found.detail
+
+
+def test_what_another_listed_network_says_is_shown_beside_the_bins_word_and_refuses_nothing(
+    tmp_path: Path,
+) -> None:
+    other = said(digest(PAPER), "glass", model_sha256=OTHER)
+    found = picture.shown(proof(tmp_path, PAPER), "itrash", other, [model_sha256(), OTHER])
     assert (found.passed, found.measured) == (True, "paper")
     assert "the bin said glass" in found.detail
+
+
+def answer(plastic: float, item: float = 1.0) -> Answer:
+    return Answer("", {"plastic": plastic, "paper": round(1 - plastic, 4)}, item, unknown_below=0.5)
+
+
+@pytest.mark.parametrize(
+    ("found", "may_be_said"),
+    [
+        (answer(0.9), {"plastic"}),
+        (answer(0.505), {"plastic", "paper", UNKNOWN}),
+        (answer(0.54), {"plastic"}),
+        (answer(0.9, item=0.5), {UNKNOWN}),
+        (answer(0.9, item=0.545), {"plastic", UNKNOWN}),
+    ],
+)
+def test_two_machines_may_differ_by_rounding(found: Answer, may_be_said: set[str]) -> None:
+    assert picture._may_be_said(found) == may_be_said
 
 
 def test_other_thresholds_are_named_and_refuse_nothing(tmp_path: Path) -> None:
@@ -158,21 +188,24 @@ def look(picture: bytes, taken_s: float = 0.5) -> dict[str, Any]:
 
 
 def test_all_pictures_that_were_combined_must_be_in_the_proof(tmp_path: Path) -> None:
-    both = said(digest(CAN), earlier=[look(PAPER)])
-    found = shown(proof(tmp_path, PAPER, CAN), "itrash", both)
+    both = said(digest(CAN), earlier=[look(TIN)])
+    found = shown(proof(tmp_path, TIN, CAN), "itrash", both)
     assert found.passed and "of 2 pictures; the same network says" in found.detail
     (tmp_path / "other").mkdir()
     with pytest.raises(CaseError) as refused:
         shown(proof(tmp_path / "other", CAN), "itrash", both)
-    assert refused.value.details["image_sha256"] == digest(PAPER)
+    assert refused.value.details["image_sha256"] == digest(TIN)
 
 
-def test_judges_see_that_the_named_pictures_do_not_make_the_signed_probabilities(tmp_path: Path) -> None:
-    file = proof(tmp_path, PAPER, CAN)
-    honest = picture.network().classify(CAN).told
-    assert "other probabilities" not in shown(file, "itrash", said(digest(CAN), probabilities=honest)).detail
-    padded = said(digest(CAN), probabilities=honest, earlier=[look(PAPER)])
-    assert "with other probabilities than the bin signed" in shown(file, "itrash", padded).detail
+def test_probabilities_that_the_named_pictures_do_not_make_do_not_count(tmp_path: Path) -> None:
+    """By them the site's costs choose the compartment."""
+    file = proof(tmp_path, TIN, CAN)
+    network = picture.network()
+    honest = combined([network.classify(one) for one in (TIN, CAN)]).told
+    assert shown(file, "itrash", said(digest(CAN), probabilities=honest, earlier=[look(TIN)])).passed
+    padded = shown(file, "itrash", said(digest(CAN), probabilities={"metal": 0.9, "glass": 0.1}))
+    assert padded.undecided and padded.fault == "the bin itrash"
+    assert "other probabilities" in padded.detail
 
 
 @pytest.mark.parametrize(
