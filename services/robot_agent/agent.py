@@ -59,7 +59,14 @@ from rodeo.witness import Inputs
 from rodeo.witness.witness import Witness
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.charging import Charging
-from services.robot_agent.decision import Intent, Situation, reasoned, require_time_for_verdict, takes_work
+from services.robot_agent.decision import (
+    Intent,
+    Situation,
+    reasoned,
+    require_time_for_verdict,
+    require_time_for_work,
+    takes_work,
+)
 from services.robot_agent.journal import Journal, Phase, recording_of
 from services.robot_agent.orders import Order, Orders
 from services.robot_agent.participant import RobotParticipant
@@ -428,7 +435,10 @@ class Agent:
     def _weigh(self, kind: str, task: Task | None, here: Pose2) -> Estimate | None:
         """What the task takes, or the longest one of its kind; None where it cannot be done."""
         try:
-            return self._behaviours[kind].weigh(task, here)
+            needs = self._behaviours[kind].weigh(task, here)
+            if task is not None:
+                require_time_for_work(task, needs.duration_s, self._clock.now_s())
+            return needs
         except (TaskFailed, ValidationError) as error:
             log.info("cannot do %s: %s", kind if task is None else f"task {task.id}", error)
             return None
@@ -658,7 +668,8 @@ class Agent:
         """Why this task cannot be done, as far as one can tell before moving."""
         try:
             require_time_for_verdict(task, self._site)
-            self._behaviours[task.kind].weigh(task, self._body.base_pose())
+            needs = self._behaviours[task.kind].weigh(task, self._body.base_pose())
+            require_time_for_work(task, needs.duration_s, self._clock.now_s())
         except TaskFailed as error:
             return error
         except ValidationError as error:

@@ -54,6 +54,22 @@ def require_time_for_verdict(task: Task, site: Site) -> None:
         )
 
 
+GRACE_SHARE = 4
+"""`GRACE_SHARE` of TaskManager: until the execution window divided by it a task is given back unpunished."""
+
+
+def require_time_for_work(task: Task, duration_s: float, now_s: float) -> None:
+    """While a task can be given back without a penalty: raises TaskFailed when the work is expected to take
+    longer than is left. Later the robot tries: the penalty is due either way."""
+    if task.assigned is None or task.execution_deadline is None:
+        return
+    left_s = task.execution_deadline - now_s
+    if now_s <= task.assigned + task.execution_window_s / GRACE_SHARE and duration_s > left_s:
+        raise TaskFailed(
+            "the task's execution window is too short", left_s=round(left_s), needs_s=round(duration_s)
+        )
+
+
 def takes_work(now: Situation) -> bool:
     """Whether the robot's service should be open to new tasks."""
     charging = now.charge is not None and now.charge.state != "submitted"

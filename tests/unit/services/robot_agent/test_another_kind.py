@@ -231,6 +231,19 @@ def test_what_it_can_tell_beforehand_it_cannot_do_it_abandons(mind: Any) -> None
     assert (mind._dao.abandoned, mind._dao.proofs, mind._body.drives) == ([7], [], [])
 
 
+def test_a_task_whose_time_is_too_short_is_given_back_although_the_battery_would_have_to_be_charged_first(
+    mind: Any,
+) -> None:
+    now_s = mind._clock.now_s()
+    short = {"assigned": now_s, "execution_deadline": now_s + 60, "execution_window_s": 60}
+    mind._behaviours["guarding"].weigh = lambda _task, here: Estimate(2000.0, 100.0, here)
+    mind._upkeep.enough_m = 100.0
+    mind._dao.assigned = [guarding(7).model_copy(update=short)]
+    mind._wait_for_news = lambda: None
+    mind._step()
+    assert (mind._dao.abandoned, mind._body.drives) == ([7], [])
+
+
 def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(mind: Any) -> None:
     mind._dao.assigned = [guarding(7)]
     mind._body.blocked = 10**6

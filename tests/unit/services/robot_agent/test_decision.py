@@ -7,7 +7,14 @@ import pytest
 from rodeo.config import AgentConfig, ClockConfig, Site
 from rodeo.messages import Task
 from rodeo.robot.errors import TaskFailed
-from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
+from services.robot_agent.decision import (
+    Intent,
+    Situation,
+    decide,
+    require_time_for_verdict,
+    require_time_for_work,
+    takes_work,
+)
 from tests.support.site import LAB
 from tests.support.tasks import task
 
@@ -139,6 +146,16 @@ def test_no_work_is_done_for_a_verdict_that_may_come_too_late(clock: ClockConfig
     with pytest.raises(TaskFailed) as refused:
         require_time_for_verdict(JOB.model_copy(update={"verdict_window_s": needs_s - 1}), site)
     assert refused.value.details == {"verdict_window_s": needs_s - 1, "needs_s": needs_s}
+
+
+def test_a_window_that_is_too_short_for_the_work_is_refused_while_that_costs_nothing() -> None:
+    """Whoever posts such a task would have the penalties of every robot that takes it."""
+    task = JOB.model_copy(update={"assigned": 1000.0, "execution_deadline": 1060.0, "execution_window_s": 60})
+    require_time_for_work(task, 50.0, now_s=1005.0)
+    with pytest.raises(TaskFailed) as refused:
+        require_time_for_work(task, 90.0, now_s=1005.0)
+    assert refused.value.details == {"left_s": 55, "needs_s": 90}
+    require_time_for_work(task, 90.0, now_s=1016.0)  # from here on it can only try
 
 
 def test_the_sites_own_tasks_leave_time_for_the_verdict() -> None:
