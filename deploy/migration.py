@@ -30,6 +30,7 @@ from rodeo.chain import (
     Policy,
     Role,
     ServiceState,
+    Silence,
     TaskState,
 )
 from rodeo.chain import events as chain_events
@@ -67,6 +68,10 @@ class JustMoved(RodeoError):
     """There is nothing to move."""
 
 
+class KeyRevoked(RodeoError):
+    """The new organization would trust a key again that the old one revoked."""
+
+
 class MembersDecide(RodeoError):
     """Nobody moves an organization whose members decide."""
 
@@ -74,13 +79,14 @@ class MembersDecide(RodeoError):
 def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     """Do what can be done now, and say it. The new organization's record.
 
-    Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, MembersDecide,
-    NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError, WalletError and KindError.
+    Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, KeyRevoked,
+    MembersDecide, NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError, WalletError, KindError.
     """
     administrator = wallets.load(site, "organization")
     former = _former(site, w3, administrator)
     client = ChainClient(site.chain.url, former)
     happened = list(_events(client))
+    _require_no_revoked_key(site, happened)
     _stop(client, administrator, happened, say)
     _require_none_runs(client)
     if lock_holder(site.data_dir / site.bridge.name) is not None:
@@ -157,6 +163,19 @@ def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: Lo
         raise JustMoved(
             "the organization has moved already, and has had no task since", organization=former.follows
         )
+
+
+def _require_no_revoked_key(site: Site, happened: list[Event]) -> None:
+    """The keys of the site's devices are registered in the new organization, which knows of no revocation."""
+    revoked = {one.device for one in happened if isinstance(one, chain_events.DeviceRevoked)}
+    for keystore, (_, name) in wallets.device_names(site).items():
+        address = wallets.address(site, keystore)
+        if address in revoked:
+            raise KeyRevoked(
+                f"the key of {name} was revoked: put another in its place before the organization moves",
+                keystore=keystore,
+                address=address,
+            )
 
 
 def _is_of_this_release(former: Deployment, w3: Web3) -> bool:
@@ -271,11 +290,26 @@ def _move_rules(
         budget, there = client.budget(role_), new.budget(role_)
         if budget.since and (budget.amount, budget.period) != (there.amount, there.period):
             wanted.append(calls.set_budget(role_, budget.amount, budget.period))
+    for kind in sorted({one.kind for one in happened if isinstance(one, chain_events.KindAllowed)}):
+        wanted += _windows(client, new, kind)
     policies = {old.contracts[name]: new.deployment.address(name) for name in Policy if name in old.contracts}
     policy = policies.get(client.policy(), client.policy())
     if policy != new.policy():
         wanted.append(calls.set_policy(policy))
     _send(new, administrator, wanted)
+
+
+def _windows(client: ChainClient, new: ChainClient, kind: str) -> Iterator[Call]:
+    """The bounds of the windows of a kind, and what counts when auditors are silent, as they were set."""
+    calls, there, here = new.organization_calls, client.kind(kind), new.kind(kind)
+    if there.min_window != here.min_window:
+        yield calls.set_min_window(kind, there.min_window)
+    bounds = there.min_verdict_window, there.max_verdict_window
+    if bounds[1] and bounds != (here.min_verdict_window, here.max_verdict_window):
+        yield calls.set_verdict_windows(kind, *bounds)
+    audit = there.audit_window, there.silence
+    if there.silence is not Silence.NONE and audit != (here.audit_window, here.silence):
+        yield calls.set_audit(kind, *audit)
 
 
 def _move_work(

@@ -18,6 +18,7 @@ from deploy.founding import OtherToken
 from deploy.migration import (
     Founded,
     JustMoved,
+    KeyRevoked,
     MembersDecide,
     NotAdministrator,
     SiteIsUp,
@@ -33,13 +34,16 @@ from rodeo.chain import (
     Deployment,
     NotDeployed,
     Policy,
+    Revocation,
     Role,
     ServiceState,
+    Silence,
     TaskState,
     Terms,
     Verdict,
     transactions,
 )
+from rodeo.chain.abi import KindRules
 from rodeo.chain.client import connect
 from rodeo.chain.registry import PROXY
 from rodeo.config import GovernanceConfig, Site, TokenConfig
@@ -80,6 +84,9 @@ class Lab(Organization):
             # Less than there is in the treasury.
             calls.set_budget(Role.TREASURER, IEC.to_units(Decimal(10)), 7200),
             calls.suspend_provider(BANNED),
+            calls.set_min_window(KIND, 300),
+            calls.set_verdict_windows(KIND, 1200, 86_400),
+            calls.set_audit(KIND, 3600, Silence.CREATOR),
         ):
             self.send(self.operator, call)
         offer = self.client.calls.register_service(KIND, IEC.to_units(Decimal(80)), 2**95, True, "")
@@ -167,6 +174,7 @@ def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
     assert new.terms() == old.terms() and new.members_only()
     assert new.policy() == new.deployment.address(Policy.SECOND_PRICE)
     assert new.budget(Role.OPERATOR).amount == IEC.to_units(Decimal(500))
+    assert _windows(new.kind(KIND)) == _windows(old.kind(KIND)) == (300, 1200, 86_400, 3600, Silence.CREATOR)
     assert new.is_suspended(BANNED) and not new.is_suspended(lab.robot.address)
     assert new.is_member(lab.robot.address) and new.is_member(lab.stranger.address)
     assert new.has_role(Role.AUDITOR, lab.stranger.address)
@@ -187,6 +195,26 @@ def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
     block = new.w3.eth.block_number
     lab.deploy()
     assert new.w3.eth.block_number == block and lab.record().is_same(new.deployment)
+
+
+def _windows(rules: KindRules) -> tuple[object, ...]:
+    verdict = rules.min_verdict_window, rules.max_verdict_window
+    return rules.min_window, *verdict, rules.audit_window, rules.silence
+
+
+def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> None:
+    """The new one knows of no revocation, and would trust it again."""
+    lab.judge()
+    device = wallets.address(lab.site, "itrash-device")
+    lab.send(lab.operator, lab.client.organization_calls.revoke_device(device, Revocation.COMPROMISED))
+    before = lab.record()
+    with pytest.raises(KeyRevoked, match="the key of itrash was revoked"):
+        lab.migrate()
+    assert lab.client.is_kind_allowed(KIND) and lab.record() == before
+    (lab.site.data_dir / "keys" / "itrash-device.json").unlink()
+    wallets.ensure_wallets(lab.site)
+    lab.migrate()
+    assert lab.new().device(wallets.address(lab.site, "itrash-device")).revoked_at == 0
 
 
 @pytest.mark.long
