@@ -1,4 +1,4 @@
-"""A verdict of several oracles that is challenged, through the bridge and from the command line."""
+"""A verdict of several oracles that is challenged: by the bridge, the command line and the console."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import expect
 from typer.testing import CliRunner
 
 from rodeo import votes, wallets
@@ -15,6 +16,9 @@ from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from rodeo.messages import Vote
 from rodeo_cli import app
+from services.console.roles import Role
+from tests.support.browser import chromium
+from tests.support.console import PASSPHRASE, Desk, open_page
 from tests.support.dao import Dao
 from tests.support.executor import Executor, Film, stored
 from tests.support.site import RunningSite, write_site
@@ -183,6 +187,50 @@ def test_who_challenges_what_is_right_pays_the_other(dao: Dao, tmp_path: Path) -
         rodeo(dao, "vote", str(task_id), "accepted", "--as", name, "--votes", file)
     ended(dao, task_id, "TaskSettled")
     assert dao.balances()["panther1"] == before - 50 + STAKE + 100
+
+
+@pytest.fixture(scope="module")
+def desk(dao: Dao) -> Iterator[Desk]:
+    dao.running.start("console")
+    with chromium() as browser:
+        desk = Desk(dao.running, browser)
+        for person, participant in (("olli", "panther1"), ("bea", "bert")):
+            desk.accounts.add_user(person, PASSPHRASE, [Role.EXECUTOR], participant)
+        yield desk
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("person", "participant", "first"), [("olli", "panther1", "rejected"), ("bea", "bert", "accepted")]
+)
+def test_a_party_and_a_judge_challenge_in_the_console(
+    dao: Dao, desk: Desk, tmp_path: Path, person: str, participant: str, first: str
+) -> None:
+    if participant != "panther1":
+        fund(dao, participant)
+    task_id = proven(dao)
+    rule(dao, task_id, first)
+    before = dao.balances()["panther1"]
+    page = desk.page(person)
+    open_page(page, f"/tasks/{task_id}")
+    expect(page.get_by_text(f"{first}; it can be challenged until")).to_be_visible()
+    page.get_by_role("button", name="Challenge").click()
+    asked = page.get_by_role("dialog")
+    expect(asked.get_by_text(f"{participant} loses 20 IEC if it is right")).to_be_visible()
+    asked.get_by_label("Why it is wrong").fill("the bin shows something else")
+    asked.get_by_role("button", name="Challenge").click()
+    expect(
+        page.get_by_text("challenged: the bin shows something else; the judges decide until")
+    ).to_be_visible()
+    assert dao.task(task_id)["dispute"]["challenger"] == wallets.address(dao.site, participant)
+    expect(page.get_by_role("button", name="Challenge")).to_have_count(0)
+    file = str(tmp_path / "votes.json")
+    for name in ("anna", "carl", "dora"):
+        rodeo(dao, "vote", str(task_id), "accepted", "--as", name, "--votes", file)
+    ended(dao, task_id, "TaskSettled")
+    expect(page.locator(".page-head .badge")).to_have_text("settled")
+    # Whoever was wrong pays the other.
+    assert dao.balances()["panther1"] == before + 100 + (0 if first == "rejected" else STAKE)
 
 
 def test_silent_judges_leave_the_verdict_and_give_the_stake_back(dao: Dao) -> None:

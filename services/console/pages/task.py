@@ -273,7 +273,7 @@ class TaskPage:
                     cancel = ui.button("Cancel", on_click=lambda: self._cancel(task))
                     cancel.props("outline color=negative")
                 ui.button("Post again").props(f'outline href="/tasks/new?like={task.id}"')
-            if (challenger := _may_challenge(task, user())) is not None:
+            if (challenger := self._may_challenge(task, user())) is not None:
                 ui.button("Challenge", on_click=lambda: self._challenge(task, challenger)).props("outline")
         if task.description:
             Text("p", task.description, "soft wrap")
@@ -286,6 +286,16 @@ class TaskPage:
         ]
         if await confirm("Cancel this task?", lines, "Cancel the task", danger=True):
             await act(self._console, "cancel_task", {"task_id": task.id}, f"Task {task.id} is cancelled")
+
+    def _may_challenge(self, task: Task, user: User) -> str | None:
+        """The party to the task, or the judge of challenges, that this person speaks for, if the verdict can
+        be challenged now."""
+        if task.dispute is None or task.dispute.challenger is not None or task.dispute.instance != 0:
+            return None
+        disputes = self._console.site.disputes
+        judges = () if disputes is None else disputes.judges
+        able = (one for one in (task.creator_name, task.executor_name, *judges) if one is not None)
+        return next((one for one in able if speaks_for(user, one)), None)
 
     @on_page
     async def _challenge(self, task: Task, participant: str) -> None:
@@ -429,14 +439,6 @@ def _audit_step(task: Task) -> list[tuple[str, float | None, str]]:
         return [("An auditor decides", None, "now")]
     silent = task.verdict == "undecided"
     return [("No auditor answered" if silent else "An auditor decided", None, "bad" if silent else "done")]
-
-
-def _may_challenge(task: Task, user: User) -> str | None:
-    """The party to the task that this person speaks for, if its verdict can be challenged now."""
-    if task.dispute is None or task.dispute.challenger is not None or task.dispute.instance != 0:
-        return None
-    parties = (one for one in (task.creator_name, task.executor_name) if one is not None)
-    return next((one for one in parties if speaks_for(user, one)), None)
 
 
 def _dispute(dispute: Dispute) -> str:
