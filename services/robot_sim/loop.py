@@ -190,7 +190,7 @@ class Loop:
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if skipping:
-                self.simulation.skip(self._stride_ns)
+                self.simulation.skip(self._stride_ns(idle_speed))
             else:
                 self.simulation.step()
             if power_only:
@@ -208,9 +208,11 @@ class Loop:
         if behind_s > _LATE_S and self._keeps_wall_time:
             self._skip(behind_s)
         elif self._speed != speed or behind_s > _LATE_S:
+            # What the clock is ahead is still waited for: a limit that changes with each jump would be none.
+            ahead_s = max(0.0, self._early_s(self._speed))
             self._speed, self._anchor_wall_s, self._anchor_ns = (
                 speed,
-                time.monotonic(),
+                time.monotonic() + ahead_s,
                 self.simulation.time_ns,
             )
         wait_s = self._early_s(speed)
@@ -232,10 +234,13 @@ class Loop:
         """Whether somebody has something to do now."""
         return self.holders is not None and self.holders.next_ns <= self.simulation.time_ns
 
-    @property
-    def _stride_ns(self) -> int:
-        """So much nothing is skipped at once: up to when somebody has something to do, in whole periods."""
+    def _stride_ns(self, speed: float) -> int:
+        """So much nothing is skipped at once at this speed: up to when somebody has something to do, in whole
+        periods."""
         most_ns = IDLE_PERIOD_NS if self.simulation.parked else JUMP_NS
+        if speed:
+            # No more than a period's wall time at once: a person's last minutes must not pass in one jump.
+            most_ns = min(most_ns, max(1, int(speed)) * PERIOD_NS)
         if self.holders is None:
             return most_ns
         left_ns = self.holders.next_ns - self.simulation.time_ns

@@ -10,17 +10,21 @@ import pytest
 
 from rodeo.config import ClockConfig
 from services.robot_sim.loop import Loop
+from services.robot_sim.people import PeoplesTime
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS
+from tests.unit.services.robot_sim.test_people import START_S, SilentBus, lab, task
 
 WALL_S = 1.5
+NEVER_NS = 2**63 - 1
 
 
 class World:
     """A parked robot that charges, and nothing else."""
 
-    parked = still = True
+    still = True
 
     def __init__(self) -> None:
+        self.parked = True
         self.time_ns = 0
         self.skipped = 0
 
@@ -137,6 +141,54 @@ def test_a_charge_is_told_each_second_and_at_each_time_that_somebody_named() -> 
     assert dock.due_ns == [round(time_s * 1e9) for time_s in (0.5, 4.0, 4.02, 10.0, 30.0)]
     strides_ns = [b - a for a, b in zip(dock.told_ns, dock.told_ns[1:], strict=False)]
     assert max(strides_ns) == second_ns
+
+
+class TellsTheEnd(Nothing):
+    """Notes when (monotonic) the site's time has come to `end_ns`."""
+
+    def __init__(self, world: World, end_ns: int) -> None:
+        self.world, self.end_ns = world, end_ns
+        self.ended_s: float | None = None
+
+    def publish(self, skipped: bool) -> None:
+        if self.ended_s is None and self.world.time_ns >= self.end_ns:
+            self.ended_s = time.monotonic()
+
+    publish_power = publish
+
+
+@pytest.mark.parametrize(
+    ("speeds", "parked", "window_s"),
+    [
+        pytest.param((10, 0), False, 7200.0, id="it would jump"),
+        pytest.param((0, 0), False, 7200.0, id="it would jump, and go as fast as it can"),
+        pytest.param((0, 0), False, WALL_S, id="in real time"),
+        pytest.param((10, 400), True, 12 * WALL_S, id="it would skip a charge"),
+    ],
+)
+def test_a_person_gets_the_least_wall_time_however_the_clock_would_skip(
+    speeds: tuple[float, float], parked: bool, window_s: float
+) -> None:
+    world, stop = World(), threading.Event()
+    world.parked, world.time_ns = parked, round(START_S * 1e9)
+    held = PeoplesTime(SilentBus(), lab(WALL_S, speeds), lambda: world.time_ns * 1e-9)  # type: ignore[arg-type]
+    clock = ClockConfig(speed=speeds[0], idle_speed=speeds[1])
+    loop = Loop(world, Nothing(), clock, stop, held.speed)  # type: ignore[arg-type]
+    loop.holders = Resting([NEVER_NS])  # type: ignore[assignment]
+    seen = TellsTheEnd(world, round((START_S + window_s) * 1e9))
+    begun_s = time.monotonic()
+    held.take([task(window_s=window_s)], [], begun_s)
+    held.adjust(begun_s)
+    thread = threading.Thread(target=loop.run, args=(seen,))
+    thread.start()
+    while seen.ended_s is None:
+        threading.Event().wait(0.1)
+        held.adjust(time.monotonic())
+    stop.set()
+    thread.join()
+    held.close()
+    # A machine that is late does not take anybody's time, so there is no bound above but the test's own.
+    assert seen.ended_s - begun_s >= WALL_S - PERIOD_NS * 1e-9
 
 
 def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
