@@ -98,6 +98,8 @@ class Loop:
     ) -> None:
         self.holders: Holders | None = None
         """For whom the clock waits; nobody where it is the wall's."""
+        self.stands: Callable[[], bool] = lambda: False
+        """Whether the clock has to stand, whoever holds it."""
         self.tell_time: Callable[[int], object] = lambda time_ns: None
         """Publishes the site's time (ns) on /clock."""
         self._turns: set[Turn] = set()
@@ -190,7 +192,8 @@ class Loop:
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if skipping:
-                self.simulation.skip(self._stride_ns(idle_speed))
+                # The limit may have changed while somebody held the clock.
+                self.simulation.skip(self._stride_ns(self._limited(self._clock.idle_speed)))
             else:
                 self.simulation.step()
             if power_only:
@@ -248,11 +251,8 @@ class Loop:
 
     def _held(self) -> bool:
         """Wait while somebody holds the clock; True when it has to be asked again."""
-        if self.holders is None:
-            return False
-        with self._turns_lock:
-            in_turn = any(turn.holds for turn in self._turns)
-        if not in_turn and self.holders.may_pass(self.simulation.time_ns, self._then):
+        # Asked last: what may make the clock stand arrives before its sender lets go of the clock.
+        if self._passed_by_holders() and not self.stands():
             return False
         try:
             function, done = self._jobs.get(timeout=_STOP_CHECK_S)
@@ -260,6 +260,13 @@ class Loop:
             return True
         self._do(function, done)
         return True
+
+    def _passed_by_holders(self) -> bool:
+        if self.holders is None:
+            return True
+        with self._turns_lock:
+            in_turn = any(turn.holds for turn in self._turns)
+        return not in_turn and self.holders.may_pass(self.simulation.time_ns, self._then)
 
     def _save(self) -> None:
         self._state.save(self.simulation.time_ns, self.simulation.row())
