@@ -10,13 +10,13 @@ from collections.abc import Callable
 import pytest
 
 from rodeo.config import ClockConfig
+from services.robot_sim.holders import NEVER_NS
 from services.robot_sim.loop import JUMP_NS, Loop
 from services.robot_sim.people import PeoplesTime
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS
 from tests.unit.services.robot_sim.test_people import START_S, SilentBus, lab, task
 
 WALL_S = 1.5
-NEVER_NS = 2**63 - 1
 
 
 class World:
