@@ -136,6 +136,36 @@ class RemoteError(RodeoError):
     def code(self) -> str:
         return self._code
 
+    @property
+    def passes(self) -> bool:
+        """Whether the responder, or the chain behind it, only cannot now, whatever was asked: that passes by
+        the wall's time. Anything else stays refused until something happens on chain, or time passes there.
+        """
+        return self._code in _PASSING
+
+
+_PASSING = frozenset(
+    {
+        "bridge_not_ready",
+        "chain_reorganized",
+        "chain_unavailable",
+        "deployment_mismatch",
+        "fee_too_high",
+        "index_damaged",
+        "index_unusable",
+        "internal",
+        "journal_damaged",
+        "journal_incomplete",
+        "journal_unwritable",
+        "not_deployed",
+        "rpc_failed",
+        "transaction_dropped",
+        "transaction_failed",
+        "transaction_timeout",
+        "wrong_chain",
+    }
+)
+
 
 class DiskFull(RodeoError):
     """There is no room for what must be written. Nothing was lost but that; once there is room it goes on."""

@@ -61,6 +61,8 @@ NOBODY = "nobody"
 
 _RETRY_S = 1.0
 """Wall time before something that is away is asked again."""
+_REFUSED_S = 10.0
+"""Simulated time until what the organization refused is tried again."""
 _CHAIN_WALL_S = 0.1
 _LOOK_S = 2.0
 """Wall time after which the index is asked for assignments even without an event."""
@@ -491,10 +493,19 @@ class Charger:
                 # Why it is not ready the bridge says itself, and once is enough.
                 away = error.code == "bridge_not_ready"
                 self._process.not_ready("waiting for the bridge" if away else f"{error.code}: {error}")
+                if not (error.passes or self._site.clock.keeps_wall_time):
+                    self._wait_refused()
+                    continue
             else:
                 self._update_readiness()
                 return
             self._pause(_RETRY_S)
+
+    def _wait_refused(self) -> None:
+        """Simulated time passes, or is jumped over: when it is tried again does not depend on the machine."""
+        clock = self._process.clock
+        until_s = clock.now_s() + _REFUSED_S
+        clock.wait_for(lambda: False, self._process.stop, until_s=until_s, resting=True)
 
     def _update_readiness(self) -> None:
         if time.monotonic() - self._heard_s > _SILENCE_S:

@@ -35,6 +35,7 @@ from rodeo.robot.errors import (
     AgentError,
     Blocked,
     Cancelled,
+    CapReached,
     Halted,
     JournalBroken,
     MotionFailed,
@@ -79,8 +80,12 @@ _RETRY_WALL_S = 1.0
 """Pause before asking again what just failed: the bridge, the store, the body."""
 _IDLE_WALL_S, _IDLE_S = 2.0, 600.0
 """Longest wall and site time without a look at chain and battery while nothing happens."""
-_REFUSED_WALL_S = 10.0
-"""Pause after the organization refused a request."""
+_REFUSED_WALL_S, _REFUSED_S = 10.0, 100.0
+"""Pause after the organization refused a request: wall time on a site that runs on it, or while the chain is
+away, and simulated time, where news end it."""
+_NEWS_AFTER_S = 1.0
+"""Simulated time that passes after a refusal even with news: a mind that repeats itself must not stop the
+clock."""
 _LAST_LOOK_S = 1.0
 """Site time for which the recording of a failed attempt goes on, so that it shows why."""
 _EVENTS_KEPT = 500
@@ -315,7 +320,10 @@ class Agent:
                 except RemoteError as error:
                     starting = error.code == "bridge_not_ready"
                     pause_s = _RETRY_WALL_S if starting else _REFUSED_WALL_S
-                    self._wait_out(f"refused: {error.message}", pause_s, error)
+                    wait = self._wait_out if error.passes else self._wait_refused
+                    wait(f"refused: {error.message}", pause_s, error)
+                except CapReached as error:
+                    self._wait_refused(f"failed, trying again: {error.message}", _RETRY_WALL_S, error)
                 except (AgentError, EvidenceError, DiskFull) as error:
                     full = is_full(error)
                     if full:
@@ -470,11 +478,26 @@ class Agent:
             self._body.emergency_stop(False)
 
     def _wait_out(self, activity: str, wall_s: float, error: Exception) -> None:
+        """For `wall_s`, in which what is away may come back."""
+        self._complain(activity, error)
+        self._clock.wait_for(lambda: False, self._stop, wall_s=wall_s)
+
+    def _wait_refused(self, activity: str, wall_s: float, error: Exception) -> None:
+        """Until something happens on chain, or for long: nothing else changes what was refused. A simulated
+        clock goes on meanwhile, or jumps, and when it is tried again does not depend on the machine."""
+        if self._site.clock.keeps_wall_time:
+            self._wait_out(activity, wall_s, error)
+            return
+        self._complain(activity, error)
+        now_s = self._clock.now_s()
+        self._clock.wait_for(lambda: False, self._stop, until_s=now_s + _NEWS_AFTER_S, resting=True)
+        self._clock.wait_for(self._wake.is_set, self._stop, until_s=now_s + _REFUSED_S, resting=True)
+
+    def _complain(self, activity: str, error: Exception) -> None:
         if str(error) != self._complaint:
             log.warning("%s", error)
         self._complaint = str(error)
         self._report(activity)
-        self._clock.wait_for(lambda: False, self._stop, wall_s=wall_s)
 
     def _report(self, text: str, progress: float | None = None, left_s: float | None = None) -> None:
         if self._attempt is not None and progress is not None:

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -130,10 +131,8 @@ class Actions:
                 # What the map alone forbids will not change; what was seen in the way may go.
                 if look == _BLOCKED_LOOKS or not self._possible(here, pose):
                     raise
-            self._loop.call(turn.pauses)
-            if not self._wait(goal):
+            if not self._wait(goal, turn):
                 return None
-            turn.goes_on()
         raise AssertionError("the last look returns or raises")
 
     def _look(self) -> tuple[Pose2, Map]:
@@ -148,13 +147,15 @@ class Actions:
             return False
         return True
 
-    def _wait(self, goal: ServerGoal) -> bool:
+    def _wait(self, goal: ServerGoal, turn: Turn) -> bool:
         """Let _BLOCKED_WAIT_S of site time pass; False when the goal is cancelled meanwhile."""
-        until_ns = self._simulation.time_ns + round(_BLOCKED_WAIT_S * 1e9)
-        while self._loop.call(lambda: self._simulation.time_ns) < until_ns:
-            if goal.cancel_requested.wait(_FEEDBACK_WALL_PERIOD_S / 10):
-                return False
-        return True
+
+        def begin() -> threading.Event:
+            until_ns = self._simulation.time_ns + round(_BLOCKED_WAIT_S * 1e9)
+            return turn.waits(until_ns, lambda: goal.is_cancel_requested)
+
+        self._loop.call(begin).wait()
+        return not goal.is_cancel_requested
 
     def _navigation_feedback(self, drive: Drive, started_ns: int, replans: int) -> Any:
         now_ns, at = self._simulation.time_ns, self._robot.body.pose

@@ -320,7 +320,7 @@ class Holders:
     @property
     def _next_ns(self) -> int:
         times = (one.hold.until_ns for one in self._seen.values())
-        return min((time_ns for time_ns in times if time_ns is not None), default=_NEVER_NS)
+        return min((time_ns for time_ns in times if time_ns is not None), default=NEVER_NS)
 
     @property
     def resting(self) -> bool:
@@ -367,4 +367,4 @@ class Holders:
             mark.undeclare()
 
 
-_NEVER_NS = 2**63 - 1
+NEVER_NS = 2**63 - 1

@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 
 from rodeo.config import ClockConfig
 from rodeo.errors import RodeoError
-from services.robot_sim.holders import Holders
+from services.robot_sim.holders import NEVER_NS, Holders
 from services.robot_sim.publish_queue import PublishQueue
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
@@ -60,14 +60,27 @@ class Turn:
 
     def __init__(self) -> None:
         self._running: threading.Event | None = None
+        self._cancelled: Callable[[], bool] = lambda: False
+        self.until_ns: int | None = None
+        """When its wait ends; None while it does not wait."""
 
     def begins(self, finished: threading.Event) -> None:
         """The motion is under way until `finished`."""
         self._running = finished
 
-    def pauses(self) -> None:
-        """Time has to pass until more is done."""
+    def waits(self, until_ns: int, cancelled: Callable[[], bool]) -> threading.Event:
+        """Nothing is done until `until_ns` (site time), or until it is `cancelled`. Then the event is set."""
+        self.until_ns, self._cancelled = until_ns, cancelled
         self._running = threading.Event()
+        return self._running
+
+    def end_wait(self, now_ns: int) -> None:
+        """At the first period that is late enough, by the loop: a thread that looked for itself would be late
+        by as much as the machine lets it."""
+        if self.until_ns is not None and (now_ns >= self.until_ns or self._cancelled()):
+            self.until_ns = None
+            assert self._running is not None
+            self._running.set()
 
     def goes_on(self) -> None:
         """What there is to do takes no time."""
@@ -98,6 +111,8 @@ class Loop:
     ) -> None:
         self.holders: Holders | None = None
         """For whom the clock waits; nobody where it is the wall's."""
+        self.stands: Callable[[], bool] = lambda: False
+        """Whether the clock has to stand, whoever holds it."""
         self.tell_time: Callable[[int], object] = lambda time_ns: None
         """Publishes the site's time (ns) on /clock."""
         self._turns: set[Turn] = set()
@@ -190,15 +205,18 @@ class Loop:
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if skipping:
-                self.simulation.skip(self._stride_ns)
+                # The limit may have changed while somebody held the clock.
+                self.simulation.skip(self._stride_ns(self._limited(self._clock.idle_speed)))
             else:
                 self.simulation.step()
+            self._end_waits(self.simulation.time_ns)
             if power_only:
                 show = partial(publisher.publish_power, self._due or not self.simulation.parked)
             else:
                 show = partial(publisher.publish, skipping)
             self.publish_queue.publish(show, self._ahead)
         self.simulation.halt()
+        self._end_waits(NEVER_NS)
         self._closed.set()
         self.publish_queue.flush()
 
@@ -208,9 +226,11 @@ class Loop:
         if behind_s > _LATE_S and self._keeps_wall_time:
             self._skip(behind_s)
         elif self._speed != speed or behind_s > _LATE_S:
+            # What the clock is ahead is still waited for: a limit that changes with each jump would be none.
+            ahead_s = max(0.0, self._early_s(self._speed))
             self._speed, self._anchor_wall_s, self._anchor_ns = (
                 speed,
-                time.monotonic(),
+                time.monotonic() + ahead_s,
                 self.simulation.time_ns,
             )
         wait_s = self._early_s(speed)
@@ -232,22 +252,34 @@ class Loop:
         """Whether somebody has something to do now."""
         return self.holders is not None and self.holders.next_ns <= self.simulation.time_ns
 
-    @property
-    def _stride_ns(self) -> int:
-        """So much nothing is skipped at once: up to when somebody has something to do, in whole periods."""
+    def _stride_ns(self, speed: float) -> int:
+        """So much nothing is skipped at once at this speed: up to when somebody has something to do, in whole
+        periods."""
         most_ns = IDLE_PERIOD_NS if self.simulation.parked else JUMP_NS
-        if self.holders is None:
-            return most_ns
-        left_ns = self.holders.next_ns - self.simulation.time_ns
+        if speed:
+            # No more than a period's wall time at once: a person's last minutes must not pass in one jump.
+            most_ns = min(most_ns, max(1, int(speed)) * PERIOD_NS)
+        left_ns = self._next_ns - self.simulation.time_ns
         return min(most_ns, max(1, math.ceil(left_ns / PERIOD_NS)) * PERIOD_NS)
+
+    @property
+    def _next_ns(self) -> int:
+        """Site time before which no holder and no action has anything to do."""
+        with self._turns_lock:
+            times_ns = [turn.until_ns for turn in self._turns if turn.until_ns is not None]
+        if self.holders is not None:
+            times_ns.append(self.holders.next_ns)
+        return min(times_ns, default=NEVER_NS)
+
+    def _end_waits(self, now_ns: int) -> None:
+        with self._turns_lock:
+            for turn in self._turns:
+                turn.end_wait(now_ns)
 
     def _held(self) -> bool:
         """Wait while somebody holds the clock; True when it has to be asked again."""
-        if self.holders is None:
-            return False
-        with self._turns_lock:
-            in_turn = any(turn.holds for turn in self._turns)
-        if not in_turn and self.holders.may_pass(self.simulation.time_ns, self._then):
+        # Asked last: what may make the clock stand arrives before its sender lets go of the clock.
+        if self._passed_by_holders() and not self.stands():
             return False
         try:
             function, done = self._jobs.get(timeout=_STOP_CHECK_S)
@@ -255,6 +287,13 @@ class Loop:
             return True
         self._do(function, done)
         return True
+
+    def _passed_by_holders(self) -> bool:
+        if self.holders is None:
+            return True
+        with self._turns_lock:
+            in_turn = any(turn.holds for turn in self._turns)
+        return not in_turn and self.holders.may_pass(self.simulation.time_ns, self._then)
 
     def _save(self) -> None:
         self._state.save(self.simulation.time_ns, self.simulation.row())

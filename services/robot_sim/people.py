@@ -1,8 +1,9 @@
 """How fast the clock may go for people's sake: they have a task, or a proof to judge, and live by the wall.
 
 The bridge's index knows who has what until when. It is asked after each event on chain, and now and then.
-What it said last holds while it is silent; before it has said anything, a site with participants goes at the
-wall's speed, because one of them may have been at work before this process started.
+From an event that may give a person something to do the clock stands until the index has answered, for some
+seconds at most. What it said last holds while it is silent. Before it has said anything, or where it is
+silent after such an event, a site with participants goes at the wall's speed: one of them may be at work.
 """
 
 from __future__ import annotations
@@ -27,6 +28,22 @@ log = logging.getLogger(__name__)
 
 ASK_S = 2.0
 """Wall time after which the index is asked even without an event."""
+_AGAIN_S = 0.2
+"""The same while the clock stands for the answer."""
+STANDS_S = 5.0
+"""Longest wall time for which the clock stands for an answer of the index."""
+GIVES_WORK = frozenset(
+    {
+        "TaskAssigned",
+        "ProofSubmitted",
+        "AuditRequested",
+        "Challenged",
+        "CaseVoided",
+        "KindAllowed",
+        "EventUndone",
+    }
+)
+"""Events after which a person may have a task, or a proof to judge, who had none before."""
 _QUERY_S = 2.0
 _PAGE = 500
 MARGIN = 0.97
@@ -51,6 +68,14 @@ class PeoplesTime:
         self._ends: dict[Key, tuple[float, float]] = {}
         """What a person has to do -> until when: site time, and the least monotonic wall time for it."""
         self._asked = False
+        self._lock = threading.Lock()
+        self._heard = 0
+        """Events that may have given a person something to do."""
+        self._unanswered_since_s: float | None = None
+        """When (monotonic) the first of them came that the index has not been asked about."""
+        self._warned = False
+        self.on_answer: Callable[[], object] = lambda: None
+        """Called when the clock need not stand any more."""
         self.limit = math.inf
         """Of the clock's speed, seconds of site time per second of wall time."""
         self.task_id: int | None = None
@@ -61,7 +86,8 @@ class PeoplesTime:
         if self._min_s > 0 and runs_fast(site):
             self.limit = 1.0 if site.participants else math.inf
             self._kinds = kinds_of(site)
-            self._events = bus.subscribe_json(topics.EVENT.pattern(org=site.org), lambda *_: self._wake.set())
+            # In the receiving thread: before the bridge, which publishes it first, lets go of the clock.
+            self._events = bus.subscribe_json(topics.EVENT.pattern(org=site.org), self._on_event, inline=True)
             self._thread = threading.Thread(target=self._follow, name="people", daemon=True)
             self._thread.start()
 
@@ -74,30 +100,73 @@ class PeoplesTime:
 
     def speed(self, wanted: float) -> float:
         """The speed that the clock may have; 0, as fast as the machine can, is a speed, too."""
-        limit = self.limit
+        limit = min(self.limit, 1.0) if self._may_be_at_work else self.limit
         return limit if limit < (wanted or math.inf) else wanted
+
+    @property
+    def stands(self) -> bool:
+        """Whether the clock has to stand: nobody knows yet whether an event gave a person something to do."""
+        return self._unanswered_since_s is not None and not self._silent
+
+    @property
+    def _silent(self) -> bool:
+        """Whether the index has been silent for too long after such an event."""
+        since_s = self._unanswered_since_s
+        return since_s is not None and time.monotonic() - since_s >= STANDS_S
+
+    @property
+    def _may_be_at_work(self) -> bool:
+        return self._silent and bool(self._site.participants)
 
     def activity(self, text: str) -> str:
         """`text`, with why the clock is slow where it is."""
         if self.task_id is not None:
             return f"{text}; slowly, because a person has task {self.task_id}"
-        if not self._asked and self.limit == 1.0:
+        if (not self._asked and self.limit == 1.0) or self._may_be_at_work:
             return f"{text}; slowly, because the bridge has not yet reported whether a person has a task"
         return text
+
+    def _on_event(self, _key: str, event: dict[str, Any]) -> None:
+        if event.get("name") in GIVES_WORK:
+            with self._lock:
+                self._heard += 1
+                if self._unanswered_since_s is None:
+                    self._unanswered_since_s = time.monotonic()
+        self._wake.set()
 
     def _follow(self) -> None:
         while not self._stop.is_set():
             self._wake.clear()
+            heard = self._heard
             try:
                 tasks, audited = self._ask()
             except (BusError, RemoteError) as error:
                 log.debug("cannot find out who has a task: %s", error)
+                self._warn_of_silence()
+                answered = False
             else:
-                self._asked = True
+                answered = self._asked = True
                 self.take(tasks, audited, time.monotonic())
             if self._asked:
                 self.adjust(time.monotonic())
-            self._wake.wait(ASK_S)
+            if answered:
+                # Not before the limit is set.
+                self._let_go(heard)
+            self._wake.wait(_AGAIN_S if self.stands else ASK_S)
+
+    def _let_go(self, heard: int) -> None:
+        """The index has answered, and knew of the first `heard` events."""
+        with self._lock:
+            self._unanswered_since_s = None if self._heard == heard else time.monotonic()
+        self._warned = False
+        self.on_answer()
+
+    def _warn_of_silence(self) -> None:
+        if self._silent and not self._warned:
+            self._warned = True
+            log.warning(
+                "the bridge has not said for %.0f s whether a person has a task: the clock goes on", STANDS_S
+            )
 
     def _ask(self) -> tuple[list[Task], list[str]]:
         """Everything that is in work, and the kinds that auditors judge. Raises BusError or RemoteError."""

@@ -136,6 +136,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             people = PeoplesTime(process.bus, site, lambda: simulation.time_s)
             keeps_wall_time = _keeps_wall_time(site, simulation)
             loop = Loop(simulation, state, site.clock, process.stop, people.speed, keeps_wall_time)
+            loop.stands, people.on_answer = (lambda: people.stands), loop.wake
             sessions = BodySessions(process.bus, site, list(simulation.robots), process.stop)
             mocap = MotionCapture(process.bus, site, process.data_dir / "mocap", list(simulation.captured))
             if not keeps_wall_time and site.clock.holders:

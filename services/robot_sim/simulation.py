@@ -40,6 +40,9 @@ IDLE_PERIOD_NS = 1_000_000_000
 _STALL_POWERED_S = 60.0
 """For so long of a stall power flows; who leaves a machine asleep does not drain the battery."""
 
+_SETTLE_PERIODS = 5
+"""Control periods at rest until something that was put somewhere counts as lying there: in the moment in
+which it is let go it has no speed."""
 _LOOK_PERIODS = 10
 """Control periods between two looks for obstacles on the way."""
 _MJ_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -190,6 +193,8 @@ class Simulation:
         self.site = site
         self.time_ns = time_ns
         self._stalled_ns = 0
+        self._to_settle = 0
+        """Control periods at rest that are still to come before the world is still."""
         self._stalls_ns: list[tuple[int, int]] = []
         bodies = [robot for robot in site.robots if robot.body == "sim"]
         elsewhere = [robot for robot in site.robots if robot.body != "sim"]
@@ -247,8 +252,10 @@ class Simulation:
                 robot.watch(self.map, self.time_ns)
             robot.step(now_s)
         if self.entities.advance(self.model, self.data, self.time_ns + PERIOD_NS):
-            self.steps.look_again()
+            self._moved_by_hand()
         self.steps.advance()
+        if self._to_settle and self.steps.rests:
+            self._to_settle -= 1
         self.time_ns += PERIOD_NS
         for robot in self.robots.values():
             robot.odometry.advance(robot.body.wheel_twist)
@@ -276,7 +283,7 @@ class Simulation:
     def still(self) -> bool:
         """Whether nothing moves and nothing is asked to."""
         idle = all(robot.idle for robot in self.robots.values())
-        return idle and self.steps.rests
+        return idle and self._to_settle == 0 and self.steps.rests
 
     @property
     def _gripping(self) -> bool:
@@ -342,9 +349,13 @@ class Simulation:
     def place(self, entity: str, state: EntityState) -> None:
         """Put an item, an obstacle or a robot that is not simulated somewhere. Raises UnknownEntity."""
         self.entities.place(self.model, self.data, entity, state, self.time_ns)
-        self.steps.look_again()
+        self._moved_by_hand()
         for robot in self.robots.values():
             robot.look_again()
+
+    def _moved_by_hand(self) -> None:
+        self.steps.look_again()
+        self._to_settle = _SETTLE_PERIODS
 
     def items_on_floor(self) -> list[tuple[float, float]]:
         """Where items lie that a base has to drive around."""
@@ -374,7 +385,7 @@ class Simulation:
         mujoco.mj_setState(self.model, self.data, row[:size].copy(), _MJ_STATE)
         self.entities.settle(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
-        self.steps.look_again()
+        self._moved_by_hand()
         switches, rest = np.split(row[size:], [2 * len(self.supplies)])
         for supply, (enabled, finished) in zip(self.supplies.values(), switches.reshape(-1, 2), strict=True):
             supply.enabled, supply.finished = bool(enabled), bool(finished)

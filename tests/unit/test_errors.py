@@ -2,7 +2,9 @@
 
 import pytest
 
-from rodeo.errors import InvalidRequest, snake_case
+from rodeo.chain import errors as chain_errors
+from rodeo.errors import _PASSING, InvalidRequest, RemoteError, snake_case
+from services.bridge import errors as bridge_errors
 
 
 @pytest.mark.parametrize(
@@ -26,3 +28,10 @@ def test_an_error_tells_its_code_sentence_and_values() -> None:
         "details": {"field": "reward_iec"},
     }
     assert str(error) == "wrong (field='reward_iec')"
+
+
+def test_what_passes_by_itself_are_errors_of_bridge_chain_and_bus() -> None:
+    known = {snake_case(name) for module in (bridge_errors, chain_errors) for name in vars(module)}
+    assert {"internal"} | known >= _PASSING
+    assert RemoteError("chain_unavailable", "the node does not answer").passes
+    assert not RemoteError("insufficient_funds", "the wallet has less").passes

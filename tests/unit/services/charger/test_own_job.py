@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rodeo.clock import WallClock
-from rodeo.config import Site
+from rodeo.config import ClockConfig, Site
 from rodeo.dao import Assignment
 from rodeo.errors import RemoteError
 from rodeo.kinds import providing_energy
@@ -141,3 +141,28 @@ def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_numbe
     charger._on_event(event(60, "0x01"))
     charger._on_event(event(7, "0x02"))
     assert [one.seq for one in charger._events[1]] == [7]
+
+
+@pytest.mark.parametrize(
+    ("code", "clock", "wait"),
+    [
+        ("insufficient_funds", ClockConfig(speed=0, idle_speed=0), {"until_s": 60.0, "resting": True}),
+        ("chain_unavailable", ClockConfig(speed=0, idle_speed=0), {"wall_s": 1.0}),
+        ("insufficient_funds", ClockConfig(), {"wall_s": 1.0}),
+    ],
+    ids=["refused", "away", "refused in real time"],
+)
+def test_what_is_refused_is_tried_again_by_the_sites_time_and_what_is_away_by_the_walls(
+    charger: Any, code: str, clock: ClockConfig, wait: dict[str, Any]
+) -> None:
+    waits: list[dict[str, Any]] = []
+    charger._site = charger._site.model_copy(update={"clock": clock})
+    charger._process.clock = SimpleNamespace(now_s=lambda: 50.0, wait_for=lambda *_, **how: waits.append(how))
+    attempts = iter([RemoteError(code, "no"), None])
+
+    def attempt() -> None:
+        if error := next(attempts):
+            raise error
+
+    charger._persist(attempt)
+    assert waits == [wait]

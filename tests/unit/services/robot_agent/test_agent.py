@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 
 from rodeo.clock import WallClock
-from rodeo.config import AgentConfig
+from rodeo.config import AgentConfig, ClockConfig
+from rodeo.errors import RemoteError
 from rodeo.lab.config import Pose2
 from rodeo.messages import DaoEvent, Task
 from rodeo.robot.behaviour import Estimate
-from rodeo.robot.errors import BodySilent, MotionFailed
+from rodeo.robot.errors import BodySilent, CapReached, MotionFailed
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import Battery
 from rodeo.schedule import Schedule
@@ -291,3 +292,86 @@ def test_the_offer_is_paused_before_the_verdict_on_work_that_ended_after_hours(
     agent._submit = lambda *_: done.append("submit")
     agent._advance(TASK, SimpleNamespace(phase=Phase.SEALED), None)
     assert done == (["pause", "submit"] if paused else ["submit"])
+
+
+# -- refusals ----------------------------------------------------------------------------------------------
+
+
+class Pauses:
+    """A clock that keeps the waits of a mind, each of which ends at once; the last one stops the mind.
+
+    Args:
+        waits: after so many the mind is asked to end.
+    """
+
+    def __init__(self, waits: int) -> None:
+        self.left = waits
+        self.site_s: list[float | None] = []
+        """How much site time each may last."""
+        self.wall_s: list[float | None] = []
+        self.resting: list[bool] = []
+
+    def now_s(self) -> float:
+        return MIDNIGHT_S
+
+    def wait_for(
+        self,
+        done: Callable[[], bool],
+        stop: threading.Event,
+        *,
+        until_s: float | None = None,
+        wall_s: float | None = None,
+        resting: bool = False,
+    ) -> bool:
+        self.site_s.append(None if until_s is None else until_s - MIDNIGHT_S)
+        self.wall_s.append(wall_s)
+        self.resting.append(resting)
+        self.left -= 1
+        if self.left == 0:
+            stop.set()
+        return done()
+
+
+def refused(error: Exception, clock: ClockConfig) -> Pauses:
+    """How a mind waits to which `error` happens."""
+    agent = Night(at(10)).mind()
+    agent._site.clock, agent._complaint = clock, ""
+    closing = ("_orders", "_copies", "_dao_events", "_receipts", "_witness", "_node")
+    for name in closing:
+        setattr(agent, name, SimpleNamespace(close=lambda: None, standing=Standing()))
+    agent._bins = {}
+
+    def step() -> None:
+        raise error
+
+    agent._step = step
+    pauses = agent._clock = Pauses(2)
+    agent._live()
+    return pauses
+
+
+NO_MONEY = RemoteError("insufficient_funds", "the wallet has less")
+AWAY = RemoteError("chain_unavailable", "the node does not answer")
+CAP = CapReached("the daily spending cap of 5 IEC does not allow a charge for 6 IEC")
+
+
+@pytest.mark.parametrize("error", [NO_MONEY, CAP], ids=["no money", "cap"])
+def test_a_refused_robot_rests_by_the_sites_time_so_that_nights_are_jumped_over(error: Exception) -> None:
+    pauses = refused(error, ClockConfig(speed=0, idle_speed=0))
+    assert pauses.resting == [True, True]
+    assert pauses.wall_s == [None, None]
+    assert pauses.site_s == [1.0, 100.0]
+
+
+@pytest.mark.parametrize("clock", [ClockConfig(source="wall"), ClockConfig()], ids=["real", "real time"])
+@pytest.mark.parametrize(("error", "wall_s"), [(NO_MONEY, 10.0), (CAP, 1.0)], ids=["no money", "cap"])
+def test_on_wall_time_a_refused_robot_tries_again_after_seconds(
+    clock: ClockConfig, error: Exception, wall_s: float
+) -> None:
+    pauses = refused(error, clock)
+    assert (pauses.resting, pauses.wall_s, pauses.site_s) == ([False] * 2, [wall_s] * 2, [None] * 2)
+
+
+def test_time_does_not_jump_while_the_chain_is_away() -> None:
+    pauses = refused(AWAY, ClockConfig(speed=0, idle_speed=0))
+    assert (pauses.resting, pauses.wall_s) == ([False] * 2, [10.0] * 2)

@@ -17,12 +17,13 @@ from rodeo.config import ClockConfig, Site
 from rodeo.lab.body import joint_names
 from rodeo.lab.world import WHEEL_JOINTS
 from rodeo.ros2 import LATCHED, ActionClient, Node, types
-from rodeo.ros2.errors import GoalAborted
+from rodeo.ros2.errors import GoalAborted, GoalCanceled
 from services.robot_sim import messages
 from services.robot_sim.actions import Actions
 from services.robot_sim.arm import TrajectoryError
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState
+from services.robot_sim.holders import NEVER_NS
 from services.robot_sim.loop import Loop
 from services.robot_sim.simulation import SimRobot, Simulation
 from services.robot_sim.state import StateFile
@@ -33,6 +34,20 @@ WALL_LIMIT_S = 120.0
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
+
+
+class OnlyTheActions:
+    """Nobody else holds the clock."""
+
+    resting = False
+    waited_s = 0.0
+    next_ns = NEVER_NS
+
+    def may_pass(self, _now_ns: int, _then: object) -> bool:
+        return True
+
+    def sent(self) -> None:
+        pass
 
 
 class Bench:
@@ -71,6 +86,15 @@ class Bench:
 
     def place(self, name: str, x_m: float, y_m: float) -> None:
         self._loop.call(lambda: self.simulation.place(name, EntityState(np.array([x_m, y_m, 0.0]), UPRIGHT)))
+
+    def block(self) -> None:
+        """All ways to the other half of the lab."""
+        self.place("obstacle1", 2.9, 0.6)
+        self.place("obstacle2", 2.9, 1.8)
+
+    def hold_the_clock(self) -> None:
+        """As on a site whose clock waits for its processes: here for the actions alone."""
+        self._loop.holders = OnlyTheActions()  # type: ignore[assignment]
 
     def drive(self, x_m: float, y_m: float, feedback: Callable[[Any], None] | None = None) -> Any:
         pose = types.new("geometry_msgs/msg/PoseStamped")
@@ -149,8 +173,7 @@ def test_a_route_that_is_blocked_on_the_way_is_planned_anew_and_published(bench:
 
 
 def test_a_robot_waits_for_a_way_that_becomes_free_again(bench: Bench) -> None:
-    bench.place("obstacle1", 2.9, 0.6)
-    bench.place("obstacle2", 2.9, 1.8)
+    bench.block()
     leaves_s = bench.simulation.time_s + 3.0
 
     def leave() -> None:
@@ -162,11 +185,43 @@ def test_a_robot_waits_for_a_way_that_becomes_free_again(bench: Bench) -> None:
 
 
 def test_a_way_that_stays_blocked_is_given_up_with_nav2s_code(bench: Bench) -> None:
-    bench.place("obstacle1", 2.9, 0.6)
-    bench.place("obstacle2", 2.9, 1.8)
+    bench.block()
     with pytest.raises(GoalAborted) as aborted:
         bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
     assert aborted.value.result.error_code == 208
+
+
+def test_a_blocked_way_is_looked_at_again_after_the_same_site_time_on_any_machine(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_ns: list[int] = []
+    look = Actions._look
+
+    def noted(actions: Actions) -> Any:
+        looked_ns.append(bench.simulation.time_ns)
+        return look(actions)
+
+    monkeypatch.setattr(Actions, "_look", noted)
+    bench.hold_the_clock()
+    bench.block()
+    with pytest.raises(GoalAborted):
+        bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
+    assert np.diff(looked_ns).tolist() == [2_000_000_000] * 3
+
+
+def test_a_goal_that_is_cancelled_while_its_way_is_blocked_ends_as_cancelled(bench: Bench) -> None:
+    bench.block()
+    goal = bench.drive(4.6, 1.3)
+    cancels_s = bench.simulation.time_s + 0.5
+
+    def cancel() -> None:
+        if bench.simulation.time_s > cancels_s:
+            bench.each_period = lambda: None
+            goal.cancel(WALL_LIMIT_S)
+
+    bench.each_period = cancel
+    with pytest.raises(GoalCanceled):
+        goal.result(WALL_LIMIT_S)
 
 
 def test_a_stop_engaged_in_the_middle_of_a_drive_aborts_it(bench: Bench) -> None:

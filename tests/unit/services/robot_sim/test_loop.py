@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -9,8 +10,11 @@ from collections.abc import Callable
 import pytest
 
 from rodeo.config import ClockConfig
-from services.robot_sim.loop import Loop
+from services.robot_sim.holders import NEVER_NS
+from services.robot_sim.loop import JUMP_NS, Loop
+from services.robot_sim.people import PeoplesTime
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS
+from tests.unit.services.robot_sim.test_people import START_S, SilentBus, lab, task
 
 WALL_S = 1.5
 
@@ -18,9 +22,10 @@ WALL_S = 1.5
 class World:
     """A parked robot that charges, and nothing else."""
 
-    parked = still = True
+    still = True
 
     def __init__(self) -> None:
+        self.parked = True
         self.time_ns = 0
         self.skipped = 0
 
@@ -137,6 +142,129 @@ def test_a_charge_is_told_each_second_and_at_each_time_that_somebody_named() -> 
     assert dock.due_ns == [round(time_s * 1e9) for time_s in (0.5, 4.0, 4.02, 10.0, 30.0)]
     strides_ns = [b - a for a, b in zip(dock.told_ns, dock.told_ns[1:], strict=False)]
     assert max(strides_ns) == second_ns
+
+
+class TellsTheEnd(Nothing):
+    """Notes when (monotonic) the site's time has come to `end_ns`."""
+
+    def __init__(self, world: World, end_ns: int) -> None:
+        self.world, self.end_ns = world, end_ns
+        self.ended_s: float | None = None
+
+    def publish(self, skipped: bool) -> None:
+        if self.ended_s is None and self.world.time_ns >= self.end_ns:
+            self.ended_s = time.monotonic()
+
+    publish_power = publish
+
+
+@pytest.mark.parametrize(
+    ("speeds", "parked", "window_s"),
+    [
+        pytest.param((10, 0), False, 7200.0, id="it would jump"),
+        pytest.param((0, 0), False, 7200.0, id="it would jump, and go as fast as it can"),
+        pytest.param((0, 0), False, WALL_S, id="in real time"),
+        pytest.param((10, 400), True, 12 * WALL_S, id="it would skip a charge"),
+    ],
+)
+def test_a_person_gets_the_least_wall_time_however_the_clock_would_skip(
+    speeds: tuple[float, float], parked: bool, window_s: float
+) -> None:
+    world, stop = World(), threading.Event()
+    world.parked, world.time_ns = parked, round(START_S * 1e9)
+    held = PeoplesTime(SilentBus(), lab(WALL_S, speeds), lambda: world.time_ns * 1e-9)  # type: ignore[arg-type]
+    clock = ClockConfig(speed=speeds[0], idle_speed=speeds[1])
+    loop = Loop(world, Nothing(), clock, stop, held.speed)  # type: ignore[arg-type]
+    loop.holders = Resting([NEVER_NS])  # type: ignore[assignment]
+    seen = TellsTheEnd(world, round((START_S + window_s) * 1e9))
+    begun_s = time.monotonic()
+    held.take([task(window_s=window_s)], [], begun_s)
+    held.adjust(begun_s)
+    thread = threading.Thread(target=loop.run, args=(seen,))
+    thread.start()
+    while seen.ended_s is None:
+        threading.Event().wait(0.1)
+        held.adjust(time.monotonic())
+    stop.set()
+    thread.join()
+    held.close()
+    # A machine that is late does not take anybody's time, so there is no bound above but the test's own.
+    assert seen.ended_s - begun_s >= WALL_S - PERIOD_NS * 1e-9
+
+
+class Assigning(Resting):
+    """Gives, when `at_ns` has come, a person a task before the clock may pass: `assign` is called then."""
+
+    def __init__(self, at_ns: int, assign: Callable[[], None]) -> None:
+        super().__init__([at_ns, NEVER_NS])
+        self.assign = assign
+
+    def may_pass(self, now_ns: int, _then: object) -> bool:
+        assigns = len(self.left_ns) > 1 and self.left_ns[0] <= now_ns
+        passes = super().may_pass(now_ns, _then)
+        if assigns:
+            self.assign()
+        return passes
+
+
+def up_to(limit: list[float]) -> Callable[[float], float]:
+    """What `PeoplesTime.speed` is, with `limit[0]`."""
+    return lambda speed: limit[0] if limit[0] < (speed or math.inf) else speed
+
+
+def test_a_clock_that_has_to_stand_does_not_jump_and_then_keeps_to_the_limit() -> None:
+    world, stop, known, limit = World(), threading.Event(), threading.Event(), [math.inf]
+    world.parked = False
+    assigned = threading.Event()
+    stood_ns: list[int] = []
+
+    def assign() -> None:
+        stood_ns.append(world.time_ns)
+        assigned.set()
+
+    loop = Loop(world, Nothing(), ClockConfig(speed=0, idle_speed=0), stop, up_to(limit))  # type: ignore[arg-type]
+    loop.holders = Assigning(JUMP_NS, assign)  # type: ignore[assignment]
+    loop.stands = lambda: assigned.is_set() and not known.is_set()
+    thread = threading.Thread(target=loop.run, args=(Nothing(),))
+    thread.start()
+    assert assigned.wait(30)
+    known.wait(0.3)  # long enough for a thousand jumps
+    stood_ns.append(world.time_ns)
+    limit[0] = 1.0
+    known.set()
+    loop.wake()
+    known_s = time.monotonic()
+    while world.time_ns == stood_ns[-1]:
+        threading.Event().wait(0.01)
+    stood_ns.append(world.time_ns)
+    passed_s = time.monotonic() - known_s
+    stop.set()
+    thread.join()
+    assert stood_ns[:2] == [JUMP_NS, JUMP_NS]
+    assert stood_ns[2] - JUMP_NS <= (passed_s + PERIOD_NS * 1e-9) * 1e9
+
+
+def test_a_limit_that_is_set_while_the_clock_was_held_counts_for_the_next_jump() -> None:
+    world, stop, limit = World(), threading.Event(), [math.inf]
+    world.parked = False
+
+    def assign() -> None:
+        limit[0] = 1.0
+
+    class Shows(Nothing):
+        def __init__(self) -> None:
+            self.told_ns: list[int] = []
+
+        def publish(self, skipped: bool) -> None:
+            self.told_ns.append(world.time_ns)
+            if limit[0] == 1.0:
+                stop.set()
+
+    shown = Shows()
+    loop = Loop(world, Nothing(), ClockConfig(speed=0, idle_speed=0), stop, up_to(limit))  # type: ignore[arg-type]
+    loop.holders = Assigning(JUMP_NS, assign)  # type: ignore[assignment]
+    loop.run(shown)
+    assert shown.told_ns == [JUMP_NS, JUMP_NS + PERIOD_NS]
 
 
 def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:

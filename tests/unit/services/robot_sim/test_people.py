@@ -11,11 +11,13 @@ from typing import Any
 
 import pytest
 
+from rodeo.chain import events
 from rodeo.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
 from rodeo.errors import NoResponder
 from rodeo.messages import Dispute, Task
 from rodeo_testing import answers
-from services.robot_sim.people import PeoplesTime
+from services.robot_sim import people as people_module
+from services.robot_sim.people import GIVES_WORK, PeoplesTime
 from tests.support.site import LAB
 
 HOUR_S = 3600.0
@@ -67,7 +69,10 @@ class SilentBus:
         self.answer: Callable[[str], dict[str, Any]] | None = None
         self.tell: Callable[[str, dict[str, Any]], None] = lambda *_: None
 
-    def subscribe_json(self, _key: str, callback: Callable[[str, dict[str, Any]], None]) -> SilentBus:
+    def subscribe_json(
+        self, _key: str, callback: Callable[[str, dict[str, Any]], None], *, inline: bool = False
+    ) -> SilentBus:
+        assert inline  # else the bridge may let go of the clock before
         self.tell = callback
         return self
 
@@ -224,13 +229,7 @@ def test_judges_have_time_to_decide_about_a_challenge_and_each_instance_its_own(
 
 def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_go() -> None:
     bus, tasks = SilentBus(), []
-
-    def answer(key: str) -> dict[str, Any]:
-        if key.endswith("tasks"):
-            return {"tasks": [one.model_dump(mode="json") for one in tasks], "total": len(tasks)}
-        return answers.organization()
-
-    bus.answer = answer
+    bus.answer = answering(tasks)
     held = PeoplesTime(bus, lab(), lambda: START_S)  # type: ignore[arg-type]
     until(lambda: math.isinf(held.limit))
     tasks.append(task())
@@ -241,6 +240,93 @@ def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_g
     threading.Event().wait(0.2)
     assert held.limit < 3
     held.close()
+
+
+def answering(tasks: list[Task]) -> Callable[[str], dict[str, Any]]:
+    """The index of an organization with these tasks."""
+
+    def answer(key: str) -> dict[str, Any]:
+        if key.endswith("tasks"):
+            return {"tasks": [one.model_dump(mode="json") for one in tasks], "total": len(tasks)}
+        return answers.organization()
+
+    return answer
+
+
+@pytest.fixture
+def bus() -> SilentBus:
+    """Of an organization without tasks, which answers."""
+    bus = SilentBus()
+    bus.answer = answering([])
+    return bus
+
+
+def test_from_an_assignment_the_clock_stands_until_it_is_known_whose_task_it_is(bus: SilentBus) -> None:
+    held, may_answer, limits = PeoplesTime(bus, lab(), lambda: START_S), threading.Event(), []  # type: ignore[arg-type]
+    until(lambda: math.isinf(held.limit))
+    answer = answering([task()])
+
+    def late(key: str) -> dict[str, Any]:
+        may_answer.wait()
+        return answer(key)
+
+    bus.answer = late
+    held.on_answer = lambda: limits.append(held.limit)
+    bus.tell("event", {"name": "TaskSettled"})
+    assert not held.stands  # it gives nobody anything to do
+    bus.tell("event", {"name": "TaskAssigned"})
+    assert held.stands
+    may_answer.set()
+    until(lambda: not held.stands)
+    assert limits[-1] < 3
+    held.close()
+
+
+def test_what_is_assigned_while_the_index_is_asked_is_asked_about_once_more(bus: SilentBus) -> None:
+    held, asked = PeoplesTime(bus, lab(), lambda: START_S), []  # type: ignore[arg-type]
+    until(lambda: math.isinf(held.limit))
+    empty, full = answering([]), answering([task()])
+
+    def answer(key: str) -> dict[str, Any]:
+        asked.append(key)
+        if len(asked) == 1:
+            bus.tell("event", {"name": "TaskAssigned"})
+            return empty(key)
+        return full(key)
+
+    bus.answer = answer
+    bus.tell("event", {"name": "TaskAssigned"})
+    until(lambda: not held.stands)
+    assert held.limit < 3
+    held.close()
+
+
+@pytest.mark.parametrize(("participants", "speed"), [(("alice",), 1.0), ((), 400.0)])
+def test_a_silent_bridge_does_not_stop_the_clock_and_is_named(
+    bus: SilentBus,
+    participants: tuple[str, ...],
+    speed: float,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(people_module, "STANDS_S", 0.3)
+    site = lab(participants=participants)
+    held = PeoplesTime(bus, site, lambda: START_S)  # type: ignore[arg-type]
+    until(lambda: math.isinf(held.limit))
+    bus.answer, answer = None, bus.answer
+    bus.tell("event", {"name": "TaskAssigned"})
+    assert held.stands
+    until(lambda: not held.stands)
+    assert held.speed(400) == speed  # somebody may be at work
+    assert ("the bridge has not yet reported" in held.activity("simulating")) == bool(participants)
+    until(lambda: "has not said for 0 s whether a person has a task: the clock goes on" in caplog.text)
+    bus.answer = answer
+    until(lambda: held.speed(400) == 400)
+    held.close()
+
+
+def test_what_gives_work_are_events_of_the_contracts() -> None:
+    assert GIVES_WORK - {"EventUndone"} <= {event.__name__ for event in events.Event.__subclasses__()}
 
 
 def until(holds: Callable[[], bool]) -> None:

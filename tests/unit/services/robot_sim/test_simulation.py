@@ -18,6 +18,7 @@ from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, SimRobot, S
 from tests.support.site import LAB
 
 START_NS = 1_800_000_000_000_000_000
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def site_with(**robot: object) -> Site:
@@ -34,6 +35,12 @@ def docked() -> Simulation:
     for _ in range(50):
         simulation.step()
     return simulation
+
+
+@pytest.fixture
+def free() -> Simulation:
+    """A robot with the whole lab around it."""
+    return Simulation(Site.load(LAB), START_NS)
 
 
 def the_robot(simulation: Simulation) -> SimRobot:
@@ -148,6 +155,42 @@ def test_a_restored_robot_is_off_or_stopped_as_it_was(stopped: bool, powered: bo
     second.restore(first.time_ns, first.row())
     robot = the_robot(second)
     assert (robot.stopped, robot.powered, robot.halted) == (stopped, powered, stopped or not powered)
+
+
+def until_still(simulation: Simulation, periods: int = 500) -> None:
+    for _ in range(periods):
+        simulation.step()
+        if simulation.still:
+            return
+    raise AssertionError("it never rests")
+
+
+def test_the_clock_does_not_jump_while_something_hangs_in_the_air(free: Simulation) -> None:
+    until_still(free)
+    lying_m = free.item_pose("item1")[0][2]
+    free.place("item1", EntityState(np.array([2.0, 2.0, 1.0]), UPRIGHT))
+    assert not free.still
+    until_still(free)
+    assert free.item_pose("item1")[0][2] == pytest.approx(lying_m, abs=0.05)
+
+
+def test_what_hung_in_the_air_when_a_simulator_was_killed_falls_in_the_next(free: Simulation) -> None:
+    until_still(free)
+    free.place("item1", EntityState(np.array([2.0, 2.0, 1.0]), UPRIGHT))
+    second = Simulation(Site.load(LAB), START_NS)
+    second.restore(free.time_ns, free.row())
+    assert not second.still
+
+
+def test_the_clock_does_not_jump_while_somebody_moves_an_obstacle(free: Simulation) -> None:
+    until_still(free)
+    for tenth in range(5):
+        at = EntityState(np.array([2.0 + 0.1 * tenth, 2.0, 0.0]), UPRIGHT, time_ns=free.time_ns)
+        free.place("obstacle1", at)
+        for _ in range(5):
+            free.step()
+            assert not free.still
+    until_still(free)
 
 
 def test_idle_time_is_skipped_only_while_nothing_is_asked_for(docked: Simulation) -> None:
