@@ -3,7 +3,8 @@
 While tasks are done everybody who works holds the clock: minds, bin, dock, bridge, oracle, chain, and this
 bench, which posts the tasks at the same site times.
 
-`sim_determinism` is 1 when the same commands at the same times give the same world to the last bit, and the
+`sim_determinism` is 1 when the simulator, sent the same commands at the same times (`bench.replay`), tells of
+the same motion to the last bit on a busy machine as on a quiet one, and the
 first cleaning comes to the same on a busy machine as on a quiet one: the same events in the same order, the
 same balances, and the same site time within 1 %.
 """
@@ -14,25 +15,20 @@ import math
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from bench.autonomy import SITE, TASK_WALL_S, post, starting_site, wait_ready
+from bench import replay
+from bench.autonomy import SITE, TASK_WALL_S, post
+from bench.held import held_site
 from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site
-from rodeo.lab.body import Twist2
-from rodeo.lab.config import ItemConfig, PosturesConfig
+from rodeo.lab.config import ItemConfig
 from rodeo.lab.items import rest_pose
 from rodeo.messages import DaoEvent
 from rodeo.ros2 import Node, types
 from rodeo.sim_clock import SimClock
-from services.robot_sim.arm import Motion, Waypoint
-from services.robot_sim.simulation import Simulation
 from tests.support.load import busy_machine
 
 CLEANINGS = 10
@@ -43,15 +39,6 @@ _NIGHT_S = 10 * 3600.0
 """Shorter than a rested battery lasts: a charge is measured by itself."""
 _NIGHT_WALL_S = 60.0
 _READY_S = 60.0
-_MEANWHILE_S, _ARRIVALS_S = 0.5, 99.5
-"""Site time between two looks whether everybody is ready, and after which the first task is posted: shortly
-before motion capture speaks, as every 10 s at rest. A recording begins with that, so that a cleaning may take
-up to 10 s longer than here."""
-HELD: dict[str, Any] = {
-    "clock.seed": 7,
-    "clock.start": "2026-05-04T08:00:00Z",
-    "clock.holders": ["robot_agent", "itrash", "charger", "bridge", "oracle", "chain", "arrivals"],
-}
 
 
 @dataclass
@@ -82,32 +69,13 @@ def run() -> dict[str, float]:
     fast = _cleanings(0.0, CLEANINGS)
     figures |= {"cleaning_site_s_fast": fast.site_s, **fast.figures}
     figures["charging_realtime_factor"] = _charging()
-    world = _world_after_commands()
+    commands = replay.record()
+    motion = replay.motion(commands)
     with busy_machine():
-        busy, same_world = _cleanings(0.0, 1), _world_after_commands() == world
+        busy, same_world = _cleanings(0.0, 1), replay.motion(commands) == motion
     print(f"  on a busy machine: {busy.site_s:.2f} s; the same world: {same_world}", flush=True)
     figures["sim_determinism"] = float(same_world and fast.equals(busy))
     return figures
-
-
-@contextmanager
-def held_site(speed: float, idle_speed: float, **more: Any) -> Iterator[tuple[Site, Bus, SimClock]]:
-    """At _ARRIVALS_S of its time, which this thread holds but for its waits."""
-    with starting_site({**HELD, "clock.idle_speed": idle_speed, **more}, speed) as (launcher, bus):
-        site = launcher.site
-        clock = SimClock(bus.session, site.bus.domain_id, (site.org, "arrivals"))
-        try:
-            with clock.acting():
-                assert site.clock.start is not None
-                start_s = site.clock.start.timestamp()
-                if not clock.wait_ready(threading.Event(), _READY_S):
-                    raise RuntimeError("the simulation's clock was not heard")
-                # A little at a time: who gets ready wants to hear sensors.
-                wait_ready(launcher, bus, lambda: clock.wait_until(clock.now_s() + _MEANWHILE_S))
-                clock.wait_until(start_s + _ARRIVALS_S)
-                yield site, bus, clock
-        finally:
-            clock.close()
 
 
 def _night() -> dict[str, float]:
@@ -148,20 +116,6 @@ def _charging() -> float:
             node.close()
         (begun_s, begun_wall_s), (ended_s, ended_wall_s) = flowing[0], flowing[-1]
         return (ended_s - begun_s) / (ended_wall_s - begun_wall_s)
-
-
-def _world_after_commands() -> bytes:
-    """Everything that changes in a simulated lab, after a curve and a motion of the arm."""
-    simulation = Simulation(Site.load(SITE), 0)
-    (robot,) = simulation.robots.values()
-    there = np.array(PosturesConfig().stowed_rad) + 0.2
-    motion = Motion([Waypoint(2.0, (there, np.zeros(6)))], lambda: False, np.full(6, 0.5), np.full(6, 0.05))
-    for period in range(500):
-        robot.command(Twist2(0.3, 0.4), simulation.moved_s)
-        if period == 250:
-            robot.arm.follow(motion)
-        simulation.step()
-    return simulation.row().tobytes()
 
 
 def _cleanings(speed: float, count: int) -> Cleanings:

@@ -26,7 +26,7 @@ from eth_account import Account
 
 from bench.autonomy import post
 from bench.cpu import cpu_s
-from bench.pace import HELD, held_site
+from bench.held import HELD, held_site
 from deploy import contracts
 from deploy.launcher import Launcher
 from rodeo import topics
@@ -108,6 +108,17 @@ def record() -> list[Command]:
 
 def replay(commands: Sequence[Command], robots: int = 1) -> dict[str, float]:
     """`sim_realtime_factor`, `sim_core_percent` and `sim_messages_per_s` while base or arm of one moves."""
+    return _replayed(commands, robots)[0]
+
+
+def motion(commands: Sequence[Command]) -> list[tuple[int, bytes]]:
+    """What the simulator tells of a robot's joints between the first command and the last: site time (ns),
+    and CDR with position, velocity and effort."""
+    return _replayed(commands, 1)[1]
+
+
+def _replayed(commands: Sequence[Command], robots: int) -> tuple[dict[str, float], list[tuple[int, bytes]]]:
+    """The figures, and the joints of all robots in the order of their times."""
     with _running(robots) as (site, bus, clock, pid), tempfile.TemporaryDirectory() as folder:
         listener = _Listener(site, bus, clock, Path(folder, "proof.mcap"))
         senders = [_Sender(bus, site, clock, number) for number in range(robots)]
@@ -124,7 +135,9 @@ def replay(commands: Sequence[Command], robots: int = 1) -> dict[str, float]:
         figures = listener.close(began_s)
         for sender in senders:
             sender.close()
-        return {**figures, "sim_core_percent": 100 * used_s / wall_s}
+        first_ns, last_ns = ((start_s + one.time_s) * 1e9 for one in (commands[0], commands[-1]))
+        told = listener.joints(first_ns, last_ns)
+        return {**figures, "sim_core_percent": 100 * used_s / wall_s}, told
 
 
 def _start_s(site: Site) -> float:
@@ -257,6 +270,10 @@ class _Listener:
                 )
 
         return take
+
+    def joints(self, first_ns: float, last_ns: float) -> list[tuple[int, bytes]]:
+        """What was told of joints in this time."""
+        return sorted((time_ns, cdr) for _, time_ns, cdr in self._joints if first_ns <= time_ns <= last_ns)
 
     def close(self, began_s: float) -> dict[str, float]:
         """What arrived since the wall time `began_s`, while base or arm of a robot moved."""

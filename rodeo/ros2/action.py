@@ -10,7 +10,8 @@ import uuid
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,10 @@ class ServerGoal:
         self.stamp_ns = stamp_ns
         self.status = GoalStatus.ACCEPTED
         self.cancel_requested = threading.Event()
+        self.around: Any = None
+        """What the server's `around` gave for it."""
+        self.over = threading.Event()
+        """Its thread has ended, and the next goal may be executed."""
         self._server = server
 
     @property
@@ -103,6 +108,7 @@ class ActionServer:
             `goal.is_cancel_requested`. A goal left open, or an exception, counts as aborted.
         accept: decides at once whether to take a goal (default: all).
         follows: whether to take goals of the client with this gid (default: of all).
+        around: entered before anybody hears that a goal is accepted, and left when it has ended.
     """
 
     def __init__(
@@ -113,6 +119,7 @@ class ActionServer:
         execute: Callable[[ServerGoal], None],
         accept: Callable[[Any], bool] | None = None,
         follows: Callable[[bytes], bool] | None = None,
+        around: Callable[[], AbstractContextManager[Any]] = nullcontext,
     ) -> None:
         self._node = node
         self._name = name
@@ -120,11 +127,12 @@ class ActionServer:
         self._execute = execute
         self._accept = accept or (lambda goal: True)
         self._follows = follows or (lambda gid: True)
+        self._around = around
         self._goals: OrderedDict[bytes, ServerGoal] = OrderedDict()
         self._results: dict[bytes, Any] = {}
         self._waiting: dict[bytes, list[PendingRequest]] = {}
         self._lock = threading.RLock()
-        self._executing = threading.Lock()
+        self._newest: ServerGoal | None = None
         self._closed = False
         self._feedback = node.publisher(_service_name(name, "feedback"), f"{typename}_FeedbackMessage")
         self._status = node.publisher(
@@ -148,9 +156,7 @@ class ActionServer:
         with self._lock:
             for goal in self._goals.values():
                 goal.cancel_requested.set()
-        if self._executing.acquire(timeout=_CLOSE_TIMEOUT_S):
-            self._executing.release()
-        else:
+        if self._newest is not None and not self._newest.over.wait(_CLOSE_TIMEOUT_S):
             log.warning("%s: the running goal does not stop", self._name)
 
     def _on_send_goal(self, pending: PendingRequest) -> None:
@@ -166,19 +172,30 @@ class ActionServer:
                         other.cancel_requested.set()
                 goal = ServerGoal(self, goal_id, pending.request.goal, stamp_ns)
                 self._goals[goal_id] = goal
-        pending.respond(types.new(response, accepted=accepted, stamp=types.time_message(stamp_ns)))
-        if accepted:
-            threading.Thread(target=self._run, args=(goal,), name=f"action {self._name}", daemon=True).start()
+                around = ExitStack()
+                goal.around = around.enter_context(self._around())
+                run = partial(self._run, goal, self._newest, around)
+                self._newest = goal
+        try:
+            pending.respond(types.new(response, accepted=accepted, stamp=types.time_message(stamp_ns)))
+        finally:
+            # What is around it has to be left, whoever heard of it.
+            if accepted:
+                threading.Thread(target=run, name=f"action {self._name}", daemon=True).start()
 
-    def _run(self, goal: ServerGoal) -> None:
+    def _run(self, goal: ServerGoal, before: ServerGoal | None, around: ExitStack) -> None:
         """A goal's thread. Once node or session are closed there is nobody to be told how the goal ended."""
         try:
-            with self._executing:
+            if before is not None:
+                before.over.wait()
+            with around:
                 self._carry_out(goal)
         except zenoh.ZError:
             if not self._gone:
                 raise
             log.info("%s: closed while a goal was running", self._name)
+        finally:
+            goal.over.set()
 
     def _carry_out(self, goal: ServerGoal) -> None:
         self._set_status(goal, GoalStatus.EXECUTING)

@@ -3,7 +3,8 @@
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import numpy as np
@@ -57,17 +58,28 @@ class Actions:
             (topics.GRIPPER_CMD, self._grip),
         ):
             name = action.name(ns=namespace)
-            ActionServer(node, name, action.type, self._in_turn(execute), self._accept, commander.follows)
+            run = self._in_turn(execute)
+            ActionServer(node, name, action.type, run, self._accept, commander.follows, self._turns())
 
     def _accept(self, _goal: Any) -> bool:
         return not self._robot.halted
 
-    def _in_turn(self, execute: Callable[[ServerGoal, Turn], None]) -> Callable[[ServerGoal], None]:
-        def run(goal: ServerGoal) -> None:
-            with self._loop.turn() as turn:
-                execute(goal, turn)
+    @staticmethod
+    def _in_turn(execute: Callable[[ServerGoal, Turn], None]) -> Callable[[ServerGoal], None]:
+        return lambda goal: execute(goal, goal.around)
 
-        return run
+    def _turns(self) -> Callable[[], AbstractContextManager[Turn]]:
+        """Gives turns to one action's goals, each after the one before."""
+        before: Turn | None = None
+
+        @contextmanager
+        def take() -> Iterator[Turn]:
+            nonlocal before
+            with self._loop.turn(before) as turn:
+                before = turn
+                yield turn
+
+        return take
 
     # -- NavigateToPose ----------------------------------------------------------------------------
 

@@ -1,5 +1,7 @@
 """The thread that owns the simulation: paces it, saves it, and does what other threads ask for in between."""
 
+from __future__ import annotations
+
 import logging
 import math
 import queue
@@ -56,9 +58,11 @@ class Publisher(Protocol):
 
 class Turn:
     """An action's say in the time: it does not go on before what was asked for has begun, nor from its end
-    until that is told."""
+    until that is told. What has to wait `after` another turn has no say before that is over."""
 
-    def __init__(self) -> None:
+    def __init__(self, after: Turn | None = None) -> None:
+        self.over = False
+        self._after = after
         self._running: threading.Event | None = None
         self._cancelled: Callable[[], bool] = lambda: False
         self.until_ns: int | None = None
@@ -88,6 +92,10 @@ class Turn:
 
     @property
     def holds(self) -> bool:
+        if self._after is not None:
+            if not self._after.over:
+                return False
+            self._after = None
         running = self._running
         return running is None or running.is_set()
 
@@ -161,15 +169,17 @@ class Loop:
             self.call(lambda: self._then(_nothing))
 
     @contextmanager
-    def turn(self) -> Iterator[Turn]:
-        """Around all that an action does for one goal."""
-        turn = Turn()
+    def turn(self, after: Turn | None = None) -> Iterator[Turn]:
+        """Around all that an action does for one goal, from before anybody hears that it is accepted: whoever
+        does lets go of the clock."""
+        turn = Turn(after)
         with self._turns_lock:
             self._turns.add(turn)
         try:
             yield turn
         finally:
             # One that stayed would stop the time for ever.
+            turn.over = True
             with self._turns_lock:
                 self._turns.discard(turn)
             self.sent()

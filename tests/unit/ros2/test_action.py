@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,48 @@ def test_feedback_reaches_the_goal_it_belongs_to(make_node: MakeNode) -> None:
     assert [got.get(timeout=WAIT_S) for _ in range(3)] == [0.05, 0.04, 0.03]
     seen.set()
     running.result(WAIT_S)
+
+
+def test_what_is_around_a_goal_begins_before_it_is_accepted_and_ends_after_it(make_node: MakeNode) -> None:
+    """Whoever hears that its goal is accepted lets time go on."""
+    told: list[str] = []
+
+    @contextmanager
+    def around() -> Iterator[str]:
+        told.append("around")
+        yield "its turn"
+        told.append("over")
+
+    proceed = threading.Event()
+
+    def execute(handle: ServerGoal) -> None:
+        proceed.wait(WAIT_S)
+        told.append(handle.around)
+        handle.succeed(result(0.0))
+
+    client = connect(make_node, execute, around=around)
+    running = client.send_goal(goal())
+    assert told == ["around"]
+    proceed.set()
+    running.result(WAIT_S)
+    client.send_goal(goal()).result(WAIT_S)  # executed after the first is over
+    assert told[:4] == ["around", "its turn", "over", "around"]
+
+
+def test_goals_are_executed_in_the_order_in_which_they_were_accepted(make_node: MakeNode) -> None:
+    executed: list[float] = []
+
+    def execute(handle: ServerGoal) -> None:
+        executed.append(handle.request.command.position)
+        handle.cancel_requested.wait(WAIT_S if len(executed) < 20 else 0)
+        handle.canceled(result(0.0))
+
+    client = connect(make_node, execute)
+    handles = [client.send_goal(goal(number / 1000)) for number in range(20)]
+    for handle in handles:
+        with pytest.raises(GoalCanceled):
+            handle.result(WAIT_S)
+    assert executed == [number / 1000 for number in range(20)]
 
 
 def test_a_cancelled_goal_says_what_was_reached(make_node: MakeNode) -> None:

@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 
 import pytest
 
@@ -265,6 +266,20 @@ def test_a_limit_that_is_set_while_the_clock_was_held_counts_for_the_next_jump()
     loop.holders = Assigning(JUMP_NS, assign)  # type: ignore[assignment]
     loop.run(shown)
     assert shown.told_ns == [JUMP_NS, JUMP_NS + PERIOD_NS]
+
+
+def test_a_turn_after_another_has_its_say_from_the_end_of_that_one() -> None:
+    """The first needs time to end; from then on time stands until what the second asked for has begun."""
+    loop = Loop(World(), Nothing(), ClockConfig(), threading.Event())  # type: ignore[arg-type]
+    with ExitStack() as around:
+        first = around.enter_context(loop.turn())
+        with loop.turn(first) as second:
+            first.begins(threading.Event())
+            assert not second.holds
+            around.close()
+            assert second.holds
+            second.begins(threading.Event())
+            assert not second.holds
 
 
 def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
