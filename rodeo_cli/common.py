@@ -185,14 +185,17 @@ def print_listing(
 ) -> None:
     """Print what a command found: `document` for programs with `--json`, else `rows` in a table for people.
 
-    `folds` are those of `print_table`, `after` is a sentence below it. With `--json`, `rows` are not read.
+    `folds` are those of `print_table`, `after` is a sentence below it, or instead of it where there are no rows.
+    With `--json`, `rows` are not read.
     """
     if as_json:
         print_json(document)
         return
-    print_table(columns, rows, folds)
-    if after:
-        say(after)
+    found = list(rows)
+    if found:
+        print_table(columns, found, folds)
+    if after or not found:
+        say(after or "There are none.")
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Row], folds: Sequence[int] = ()) -> None:

@@ -54,6 +54,8 @@ def report(
         raise InvalidRequest(
             "--to has to be after --from", first=f"{first:%Y-%m-%d}", last=f"{last:%Y-%m-%d}"
         )
+    if as_json + as_csv + as_html > 1:
+        raise InvalidRequest("name one of --json, --csv and --html")
     tasks, transactions, loaded = _known(site)
     tariffs, org = loaded.economy.electricity, loaded.org
     if participant or kind:

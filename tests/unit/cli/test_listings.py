@@ -173,6 +173,18 @@ def test_an_empty_listing_is_json_too(answered: dict[str, dict[str, Any]]) -> No
     )
 
 
+def test_an_empty_listing_is_a_sentence_and_no_bare_header(answered: dict[str, dict[str, Any]]) -> None:
+    answered["roots"] = {"roots": [], "total": 0}
+    assert "day" not in CliRunner().invoke(app, ["organization", "roots"]).stdout
+    answered["services"] = {"services": [], "total": 0}
+    assert CliRunner().invoke(app, ["service", "list"]).stdout.strip() == "There are none."
+
+
+def test_a_report_has_one_form(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["report", "--csv", "--json", "--site", str(LAB)])
+    assert done.exit_code == 1 and "name one of --json, --csv and --html" in done.output
+
+
 @pytest.mark.parametrize("command", [*LISTINGS, "wallet"])
 def test_into_a_pipe_nothing_is_folded_or_cut_at_any_width(
     answered: dict[str, dict[str, Any]], command: str
