@@ -185,8 +185,8 @@ def print_listing(
 ) -> None:
     """Print what a command found: `document` for programs with `--json`, else `rows` in a table for people.
 
-    `folds` are those of `print_table`, `after` is a sentence below it, or instead of it where there are no rows.
-    With `--json`, `rows` are not read.
+    `folds` are those of `print_table`, `after` is a sentence below it, or instead of it where there are no
+    rows. With `--json`, `rows` are not read.
     """
     if as_json:
         print_json(document)

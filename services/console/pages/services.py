@@ -318,7 +318,7 @@ class ServicesPage:
             fact("Suspended after", f"{failures} failures in a row" if failures else "never")
         table(
             "Kinds of work",
-            [("Kind of work", ""), ("Judged by", ""), ("Rules", "wide-only"), ("", "number")],
+            [("Kind of work", ""), ("Judged by", ""), ("Rules", "wide-only"), ("", "")],
             [
                 (
                     kind(one.kind),
