@@ -122,6 +122,25 @@ def test_what_two_people_signed_of_a_picture_teaches_once(own: Site) -> None:
     assert left_out == []
 
 
+def test_a_copy_of_a_correction_teaches_nothing_and_counts_for_nobody(own: Site) -> None:
+    path = correct(own, ANNA, CAN, "glass")
+    for number in range(4):
+        shutil.copy(path, path.with_name(f"{number}.json"))
+    (found,), left_out = gather(own, allowed())
+    assert (found.label, found.people) == ("glass", (ANNA.address,))
+    assert len(left_out) == 4 and all("another picture, or by somebody else" in one for one in left_out)
+
+
+def test_a_second_word_of_the_same_person_in_another_file_changes_nothing(own: Site) -> None:
+    """The bin refuses it (`AlreadyCorrected`), so it is nobody's disagreement."""
+    second = correct(own, ANNA, CAN, "plastic")
+    second.rename(second.with_name("second.json"))
+    correct(own, ANNA, CAN, "glass")
+    (found,), (reason,) = gather(own, allowed())
+    assert (found.label, found.people) == ("glass", (ANNA.address,))
+    assert "second.json" in reason
+
+
 def test_where_people_disagree_nothing_is_learnt(own: Site) -> None:
     correct(own, ANNA, CAN, "glass")
     correct(own, BERT, CAN, "plastic")
