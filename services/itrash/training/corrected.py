@@ -7,8 +7,8 @@ which no bin uses yet: its word counts once the organization lists its hash in t
 must run. Each signature is verified again, and whose it is: a correction counts if an auditor of the
 organization signed it, about what a key signed that was registered as the bin's then (`allowed.py`).
 
-The same fine-tuning is done to each cross-validated network. Where these name fewer of the photos of their
-own folds rightly than before, no model is written.
+The same fine-tuning is done to each cross-validated network, with the photos that it learnt from. Where these
+name fewer of the photos of their own folds rightly than before, no model is written.
 
     RodeoError
     ├── NoCorrections         there is nothing to learn from
@@ -49,6 +49,8 @@ from services.itrash.corrections import Kept, NotWhatItSays
 from services.itrash.training import crossed
 from services.itrash.training.allowed import Allowed
 from services.itrash.training.augment import SELDOM
+from services.itrash.training.compact import compact, is_compact
+from services.itrash.training.cross_validate import split
 from services.itrash.training.crossed import TRAINING, Crossed, Training
 from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.training.folds import FOLDS
@@ -301,7 +303,11 @@ def _cross_validated(
     training: Training,
     recipe: Recipe,
 ) -> Crossed:
-    """The answers of the cross-validated networks after the same fine-tuning, by their own thresholds."""
+    """The answers of the cross-validated networks after the same fine-tuning, by their own thresholds.
+
+    So that nothing but the corrections makes a difference, each learns again from the photos that it learnt
+    from, not from those that calibrated it, and its weights have as many bits as before.
+    """
     division = crossed.division_in(folds)
     assert division is not None
     out.mkdir(exist_ok=True)
@@ -309,10 +315,12 @@ def _cross_validated(
     for fold in range(FOLDS):
         source, folder = crossed.folder_of(folds, fold), crossed.folder_of(out, fold)
         folder.mkdir(exist_ok=True)
-        others = [photo for photo in photos if division.of(photo.name).fold != fold]
+        learnt, _ = split(photos, division, fold)
         log.info("network %d of %d learns from the corrections", fold + 1, FOLDS + 1)
-        network = tuned(source / WEIGHTS, others, corrected, rendered, world, recipe)
+        network = tuned(source / WEIGHTS, learnt, corrected, rendered, world, recipe)
         export(network, folder / WEIGHTS, recipe.input_px)
+        if is_compact((source / WEIGHTS).read_bytes()):
+            (folder / WEIGHTS).write_bytes(compact((folder / WEIGHTS).read_bytes()))
         write_preprocessing(folder, load_preprocessing(source))
         (folder / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     return crossed.measured(out, data)

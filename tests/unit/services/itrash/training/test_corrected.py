@@ -39,6 +39,7 @@ from services.itrash.training.corrected import (  # noqa: E402
     add_corrections,
     gather,
 )
+from services.itrash.training.cross_validate import split  # noqa: E402
 from services.itrash.training.crossed import Division, OtherRecipe  # noqa: E402
 from services.itrash.training.dataset import CLASSES, NoPhotos, Sample  # noqa: E402
 from services.itrash.training.network import exported  # noqa: E402
@@ -363,6 +364,36 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     text = "\n".join(report[start : report.index("", start)])
     listed = {one["name"]: one["models_sha256"] for one in tomllib.loads(text)["kinds"]}
     assert listed == {"waste_disposal": sorted([made.model_sha256, Classifier().model_sha256])}
+
+
+@pytest.mark.parametrize("small", [True, False])
+def test_nothing_but_the_corrections_makes_a_difference_between_before_and_after(
+    own: Site, data: Path, folds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small: bool
+) -> None:
+    """Each network learns on from the photos that it learnt from, and has weights of as many bits."""
+    correct(own, ANNA, CAN, "metal")
+    weights = (MODEL_DIR / WEIGHTS).read_bytes()
+    for fold in range(5):
+        (folds / f"fold{fold}" / WEIGHTS).write_bytes(compact(weights) if small else weights)
+    learnt: list[list[str]] = []
+
+    def unchanged(source: Path, photos: list[Sample], *_more: Any) -> Any:
+        learnt.append([photo.name for photo in photos])
+        return exported(source).eval()
+
+    monkeypatch.setattr(corrected, "tuned", unchanged)
+    out = tmp_path / "out"
+    add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, out, TINY)
+    photos, division = crossed.all_photos(data), crossed.division_in(folds)
+    assert division is not None
+    *of_folds, of_all = learnt
+    assert of_folds == [[one.name for one in split(photos, division, fold)[0]] for fold in range(5)]
+    assert of_all == [photo.name for photo in photos]
+    before, after = crossed.measured(folds, data), crossed.measured(out / "folds", data)
+    np.testing.assert_allclose(after.answers.logits, before.answers.logits, atol=0.05)
+    for fold in range(5):
+        was, now = ((one / f"fold{fold}" / WEIGHTS).stat().st_size for one in (folds, out / "folds"))
+        assert now == pytest.approx(was, rel=0.01)
 
 
 def test_a_model_that_names_fewer_photos_rightly_is_not_written(
