@@ -10,18 +10,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.vision.classification import UNKNOWN
+from rodeo.vision.classification import MODEL_DIR, UNKNOWN
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_cli import app
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import metrics, scenery
 from services.itrash.training.augment import augment, item_mask
-from services.itrash.training.card import calibration_picture, confusion_picture, describe
+from services.itrash.training.card import CARD, calibration_picture, confusion_picture, describe
 from services.itrash.training.corruptions import CORRUPTIONS, SEVERITIES
 from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.training.evaluation import grouped_accuracy, nothing_samples
 from services.itrash.training.metrics import Answers
+from services.itrash.training.trials import TRIALS
 
 PICTURE = decode_image((RENDERINGS / "metal_1.jpg").read_bytes())
 
@@ -134,6 +135,12 @@ def test_calibration_error_is_the_gap_between_confidence_and_accuracy() -> None:
         0.0
     )
     assert metrics.expected_calibration_error(probabilities, np.zeros(10, int)) == pytest.approx(0.2)
+
+
+def test_the_shipped_card_tells_how_the_recipe_was_chosen_and_what_failed() -> None:
+    told = (MODEL_DIR / CARD).read_text()
+    assert "\n## How it was chosen\n\nTemperature and threshold were chosen by the five" in told
+    assert told.endswith(f"\n\n{TRIALS}\n")
 
 
 def test_the_card_shows_pictures_and_words() -> None:
