@@ -1,4 +1,4 @@
-"""`python -m services.itrash.train --data DIR [--out FOLDER] [--add-corrections SITE]`
+"""`python -m services.itrash.train --data DIR --out FOLDER [--add-corrections SITE]`
 
 Without corrections it trains the bin's classifier from ImageNet's weights (`services.itrash.training.train`);
 with those that the bins of a site keep it fine-tunes the installed one

@@ -1,8 +1,8 @@
-"""Trains the bin's classifier on photos, renderings and pictures of nothing, and writes
-`rodeo/vision/model/`. CPU only.
+"""Trains the bin's classifier on photos, renderings and pictures of nothing, and writes it with its card. CPU
+only.
 
     python -m services.itrash.training.others
-    python -m services.itrash.training.train --data ../shared/data/trashnet
+    python -m services.itrash.training.train --data ../shared/data/trashnet --out FOLDER
 
 The first command fetches real photos of what is no waste. One core for under an hour. Needs the `train` extra
 (torch, onnx); nothing at run time does.
@@ -34,7 +34,7 @@ import torch
 from torch import nn
 
 from rodeo.errors import RodeoError
-from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing, load_preprocessing
+from rodeo.vision.classification import PREPROCESSING, WEIGHTS, Preprocessing, load_preprocessing
 from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import crossed, metrics, renderings, scenery
 from services.itrash.training.abstention import RISK, threshold
@@ -505,7 +505,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Train the bin's classifier.")
     parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
     parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
-    parser.add_argument("--out", type=Path, default=MODEL_DIR)
+    # Not the installed model unless it is named: it would be replaced.
+    parser.add_argument("--out", type=Path, required=True, help="folder for the model and its card")
     parser.add_argument(
         "--all", action="store_true", help="learn from the val list too; the networks in --folds measure"
     )
