@@ -51,6 +51,8 @@ log = logging.getLogger("itrash.train")
 OUTPUTS = len(CLASSES) + 1
 """The classes, and one for a picture without any of them."""
 LOG_EVERY_STEPS = 100
+_CHANNELS_LAST: dict[str, Any] = {"memory_format": torch.channels_last}
+"""For `Module.to`, in whose types it is missing."""
 MALLOPT = {-1: 2**31 - 1, -4: 0, -8: 1}
 """M_TRIM_THRESHOLD, M_MMAP_MAX and M_ARENA_MAX of glibc's malloc.h."""
 
@@ -279,15 +281,17 @@ def fit(
 ) -> Iterator[tuple[int, float, Network]]:
     """Yields (step, mean loss since the last, averaged network) now and then and at the end. The averaged
     network is the exponential moving average of the weights. Goes on from the checkpoint, if there is one."""
-    network = network.to(memory_format=torch.channels_last).train()
+    network = network.to(**_CHANNELS_LAST).train()
     average = torch.optim.swa_utils.AveragedModel(
         network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(ema_decay), use_buffers=True
     )
     optimizer = torch.optim.AdamW(_groups(network, recipe.rate_decay), weight_decay=recipe.weight_decay)
+    averaged = average.module
+    assert isinstance(averaged, Network)
     losses: list[float] = []
     done = checkpoint.load(draws, network, average, optimizer) if checkpoint else 0
     if done == len(schedule):
-        yield done, math.nan, average.module
+        yield done, math.nan, averaged
     for step, (side, rate) in enumerate(schedule[done:], done + 1):
         for group in optimizer.param_groups:
             group["lr"] = rate * group["share"]
@@ -304,7 +308,7 @@ def fit(
         if step % LOG_EVERY_STEPS == 0 or step == len(schedule):
             if checkpoint:
                 checkpoint.save(step, draws, network, average, optimizer)
-            yield step, float(np.mean(losses)), average.module
+            yield step, float(np.mean(losses)), averaged
             losses.clear()
 
 
@@ -316,7 +320,8 @@ def _bfloat16() -> torch.autocast:
 def prepare() -> None:
     """Set torch, OpenCV and the allocator up for training, for the whole process."""
     torch.use_deterministic_algorithms(True)
-    torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it, and filling takes time
+    deterministic: Any = torch.utils.deterministic  # torch's types do not have what follows
+    deterministic.fill_uninitialized_memory = False  # nothing reads it, and filling takes time
     torch.set_num_threads(1)  # the result must not depend on how many cores the machine has
     cv2.setNumThreads(1)
     libc = ctypes.CDLL(None)
