@@ -17,6 +17,7 @@ import json
 import logging
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -124,7 +125,7 @@ class Draws:
         self._photos = photos
         self._items = [sample for sample in rendered if sample.label is not None]
         self._empty = [sample for sample in rendered if sample.label is None]
-        self._photo_weights, self._item_weights = _balanced(self._photos), _balanced(self._items)
+        self._photo_weights, self._item_weights = balanced(self._photos), balanced(self._items)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -192,9 +193,14 @@ class Draws:
         return self._world.scene(rng) if rng.random() < 0.5 else drawn(rng)
 
 
-def _balanced(samples: list[Sample]) -> np.ndarray:
-    counts = {label: sum(s.label == label for s in samples) for label in {s.label for s in samples}}
-    weight = np.array([1 / np.sqrt(counts[s.label]) for s in samples])
+def balanced(samples: list[Sample]) -> np.ndarray:
+    """How often each is drawn, (n,): a class by the square root of its size.
+
+    A few pictures of no class, which people corrected, are not drawn more often than those of the rarest.
+    """
+    counts = Counter(sample.label for sample in samples)
+    rarest = min((count for label, count in counts.items() if label is not None), default=1)
+    weight = np.array([1 / np.sqrt(max(counts[sample.label], rarest)) for sample in samples])
     return weight / weight.sum()
 
 

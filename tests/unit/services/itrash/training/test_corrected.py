@@ -46,6 +46,7 @@ from services.itrash.training.dataset import CLASSES, NoPhotos, Sample  # noqa: 
 from services.itrash.training.held_out import HeldOut  # noqa: E402
 from services.itrash.training.network import exported  # noqa: E402
 from services.itrash.training.others import World  # noqa: E402
+from services.itrash.training.train import balanced  # noqa: E402
 
 ANNA, BERT, BIN = Account.create(), Account.create(), Account.create()
 SCOPE = {"chain_id": 1, "task_manager": "0x" + "11" * 20, "organization": "0x" + "22" * 20}
@@ -459,6 +460,15 @@ def test_each_share_that_fell_is_told_and_what_stayed_or_rose_is_not() -> None:
 @pytest.mark.parametrize(("corrections", "times"), [(1, 20), (10, 20), (100, 2), (1000, 1)])
 def test_a_single_correction_is_no_tenth_of_what_is_learnt(corrections: int, times: int) -> None:
     assert corrected.repeated(2091, corrections) == times
+
+
+def test_a_thing_that_is_no_waste_is_not_drawn_more_often_than_a_photo_of_the_rarest_class() -> None:
+    """The photos of waste have no such class, so it would count as a very rare one."""
+    nothing = Sample(np.zeros((8, 8, 3), np.uint8), None, "a hand")
+    photos = [*drawn() * 10, *[one for one in drawn() if one.label == "glass"] * 30]
+    alone, among = balanced(photos), balanced([*photos, nothing])
+    assert among[-1] == pytest.approx(among[:-1].max())
+    np.testing.assert_allclose(among[:-1] / among[:-1].sum(), alone)
 
 
 def test_a_correction_is_learnt_from_as_often_as_it_may_be_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
