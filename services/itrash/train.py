@@ -1,4 +1,4 @@
-"""`python -m services.itrash.train --data DIR [--out FOLDER] [--add-corrections SITE]`
+"""`python -m services.itrash.train --data DIR --out FOLDER [--add-corrections SITE]`
 
 Without corrections it trains the bin's classifier from ImageNet's weights (`services.itrash.training.train`);
 with those that the bins of a site keep it fine-tunes the installed one
@@ -21,11 +21,10 @@ if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
 
 from rodeo.config import Site
 from rodeo.errors import RodeoError
-from services.itrash.training import renderings
 from services.itrash.training.allowed import Allowed
 from services.itrash.training.card import FOLDS_DIR
-from services.itrash.training.corrected import GENTLE, add_corrections
-from services.itrash.training.others import FETCHED, World
+from services.itrash.training.corrected import GENTLE, Material, add_corrections
+from services.itrash.training.others import FETCHED
 from services.itrash.training.train import Recipe, main, prepare
 
 if __name__ == "__main__":
@@ -58,8 +57,7 @@ if __name__ == "__main__":
                 Allowed.at(site),
                 arguments.data,
                 arguments.folds,
-                lambda: renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class),
-                lambda: World.load(arguments.others),
+                lambda: Material.load(recipe, arguments.data, arguments.others),
                 arguments.out,
                 recipe,
             )

@@ -35,17 +35,17 @@ NOT_RUN: dict[str, str] = {
     "rodeo up --new-chain": "is for a site whose chain is lost",
     "rodeo up --new-journal": "is for a site whose journal is lost",
     "rodeo up --only oracle": "is for a site whose oracle does not run yet",
-    'pip install --constraint constraints.txt -e ".[train]"': "installs gigabytes",
+    'pip install --constraint constraints.txt -e ".[train,dev]"': "installs gigabytes",
     "pip wheel --no-deps .": "tests/integration/test_wheel.py builds the wheel",
     'pip install "rodeo_dao-0.1.0-py3-none-any.whl[site]"': "tests/integration/test_wheel.py installs it",
     "rodeo demo": f"{_MINUTES}: tests/integration/test_wheel.py runs it",
-    "python -m services.itrash.training.train --data ../shared/data/trashnet": (
+    "python -m services.itrash.training.train --data ../shared/data/trashnet --out ~/itrash-model": (
         f"{_MINUTES}, and needs the extra"
     ),
     "python -m services.itrash.training.others": (
         "downloads packages: tests/unit/services/itrash/training/test_others.py"
     ),
-    "python -m services.itrash.training.train --data ../shared/data/trashnet --all": (
+    "python -m services.itrash.training.train --data ../shared/data/trashnet --all --out ~/itrash-model": (
         "needs trained networks: tests/unit/services/itrash/training/test_cross_validate.py"
     ),
     "python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds": (

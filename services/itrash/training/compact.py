@@ -39,6 +39,12 @@ def compact(data: bytes) -> bytes:
     return bytes(model.SerializeToString())
 
 
+def is_compact(data: bytes) -> bool:
+    """Whether the weights of an ONNX file have 8 bits."""
+    stored = onnx.load_from_string(data).graph.initializer
+    return any(one.data_type == onnx.TensorProto.INT8 for one in stored)
+
+
 def _rounded(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """int8 of the same shape, and the scale (outputs, 1, ...) that makes weights of it."""
     scale = np.abs(weights).reshape(len(weights), -1).max(axis=1) / _LEVELS

@@ -195,7 +195,7 @@ def interval(found: Crossed, share: Callable[[Answers], float]) -> tuple[float, 
     drawn = []
     for _ in range(RESAMPLES):
         picked = rng.integers(len(members), size=len(members))
-        drawn.append(share(_of(found.answers, np.concatenate([members[one] for one in picked]))))
+        drawn.append(share(found.answers.chosen(np.concatenate([members[one] for one in picked]))))
     low, high = np.percentile(drawn, (2.5, 97.5))
     return float(low), float(high)
 
@@ -223,15 +223,12 @@ def _names(folder: Path) -> list[str]:
     return [f"{path.parent.name}/{path.name}" for path in sorted(folder.glob("*/*"))]
 
 
-def _of(answers: Answers, which: np.ndarray) -> Answers:
-    return Answers(answers.logits[which], answers.truth[which], answers.said[which])
-
-
 def _joined(answers: Sequence[Answers]) -> Answers:
     if not answers:
-        return Answers(np.empty((0, 0)), np.empty(0, int), np.empty(0, int))
+        return Answers(np.empty((0, 0)), np.empty(0, int), np.empty(0, int), np.empty(0, str))
     return Answers(
         np.concatenate([one.logits for one in answers]),
         np.concatenate([one.truth for one in answers]),
         np.concatenate([one.said for one in answers]),
+        np.concatenate([one.compartment for one in answers]),
     )

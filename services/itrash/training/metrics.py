@@ -9,16 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rodeo.lab.config import BinConfig
+from rodeo.lab.config import BinConfig, Pose2
 from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier
 from services.itrash.training.dataset import CLASSES, Sample
 
-_COMPARTMENT_OF = {
-    item_class.value: compartment
-    for compartment, classes in BinConfig.model_fields["compartments"].default.items()
-    for item_class in classes
-}
+BIN = BinConfig(pose=Pose2(x_m=0.0, y_m=0.0))
+"""A bin of whose compartments the site file says nothing."""
+_SAID = (*CLASSES, UNKNOWN)
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,15 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Answers(Outputs):
-    """What the bin answered: `said` (n,) are class indices, the number of classes for `unknown`.
+    """What the bin answered: `said` (n,) are class indices, the number of classes for `unknown`;
+    `compartment` (n,) are the names of those that it asked for.
 
-    An item that is called unknown counts as a wrong answer.
+    An item that is called unknown counts as a wrong answer. It still has a compartment, as trash has, and
+    where that is the item's own, the item is in the right one.
     """
 
     said: np.ndarray
+    compartment: np.ndarray
 
     def right(self) -> np.ndarray:
         return self.said == self.truth
@@ -58,9 +59,18 @@ class Answers(Outputs):
         return float(self.right().mean())
 
     def compartment_accuracy(self) -> float:
-        """Share of items that end in the right compartment under the default mapping."""
-        compartments = np.array([*(_COMPARTMENT_OF[name] for name in CLASSES), UNKNOWN])
-        return float((compartments[self.said] == compartments[self.truth]).mean())
+        """Share of items for which the bin asked for the right compartment."""
+        own = np.array([BIN.compartment_for(name, {}) for name in _SAID])
+        return float((self.compartment == own[self.truth]).mean())
+
+    def told(self) -> list[tuple[str, str]]:
+        """Class and compartment of each answer."""
+        return [(_SAID[one], str(name)) for one, name in zip(self.said, self.compartment, strict=True)]
+
+    def chosen(self, which: np.ndarray) -> Answers:
+        """Those of these indices, in their order."""
+        parts = (self.logits, self.truth, self.said, self.compartment)
+        return Answers(*(part[which] for part in parts))
 
     def unknown_share(self) -> float:
         """Share called unknown."""
@@ -73,14 +83,16 @@ def answers_to(classifier: Classifier, photos: Sequence[bytes], labels: Sequence
     The logits are those of the answers' probabilities: they differ from the network's by a constant per
     photo, which no figure sees.
     """
-    shares, said = [], []
+    shares, said, compartments = [], [], []
     for photo in photos:
         answer = classifier.classify(photo)
         classes = [answer.probabilities[name] * answer.item_probability for name in CLASSES]
         shares.append([*classes, 1 - answer.item_probability])
-        said.append(_index(None if answer.label == UNKNOWN else answer.label))
+        said.append(_SAID.index(answer.label))
+        compartments.append(BIN.compartment_for(answer.label, answer.told))
     logits = classifier.preprocessing.temperature * np.log(np.maximum(shares, np.finfo(float).tiny))
-    return Answers(logits, np.array([_index(label) for label in labels]), np.array(said))
+    truth = [_SAID.index(UNKNOWN if label is None else label) for label in labels]
+    return Answers(logits, np.array(truth), np.array(said), np.array(compartments))
 
 
 def answers_to_samples(classifier: Classifier, samples: Sequence[Sample]) -> Answers:
@@ -93,10 +105,6 @@ def answers_to_files(classifier: Classifier, folder: Path, photos: Sequence[Samp
     """The same for the files that `load_photos(folder)` read."""
     files = [(folder / photo.name).read_bytes() for photo in photos]
     return answers_to(classifier, files, [photo.label for photo in photos])
-
-
-def _index(label: str | None) -> int:
-    return len(CLASSES) if label is None else CLASSES.index(label)
 
 
 def softmax(logits: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -110,12 +111,20 @@ class Network(nn.Module):
         x = body._swish(body._bn1(body._conv_head(x)))
         return body._avg_pooling(x).flatten(1)
 
-    def _pool_of(self, index: int) -> nn.Module:
+    def _pool_of(self, index: int) -> nn.Conv2d:
         """The layer whose input is pooled."""
-        return self.body._blocks[index]._project_conv
+        layer: nn.Conv2d = self.body._blocks[index]._project_conv
+        return layer
 
     def _pool(self, index: int, _layer: nn.Module, inputs: tuple[torch.Tensor]) -> None:
         self._pooled[index] = inputs[0].mean((2, 3))
+
+
+def _statistics(norm: nn.BatchNorm2d) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean and variance, which all norms of this network track."""
+    mean, variance = norm.running_mean, norm.running_var
+    assert mean is not None and variance is not None
+    return mean, variance
 
 
 @torch.no_grad()
@@ -131,11 +140,12 @@ def exported(path: Path, drop_connect: float = 0.0) -> Network:
             weights = stored[f"{name}_fp16"] if f"{name}_fp16" in stored else stored[name]
         return torch.from_numpy(weights.astype(np.float32))
 
-    def conv(name: str, layer: nn.Module, norm: nn.BatchNorm2d) -> None:
+    def conv(name: str, layer: nn.Conv2d | Depthwise, norm: nn.BatchNorm2d) -> None:
         layer.weight.copy_(values(f"{name}_w"))
         norm.bias.copy_(values(f"{name}_b"))
-        norm.running_mean.zero_()
-        norm.running_var.fill_(1.0)
+        mean, variance = _statistics(norm)
+        mean.zero_()
+        variance.fill_(1.0)
         norm.weight.fill_(math.sqrt(1 + norm.eps))
 
     head = values("fc_w")
@@ -173,15 +183,16 @@ def export(network: Network, path: Path, input_px: int) -> None:
         nodes.append(helper.make_node("Cast", [stored], [name], to=TensorProto.FLOAT))
         return name
 
-    def node(kind: str, name: str, inputs: list[str], **attributes: object) -> str:
+    def node(kind: str, name: str, inputs: list[str], **attributes: Any) -> str:
         nodes.append(helper.make_node(kind, inputs, [name], name=name, **attributes))
         return name
 
-    def conv(name: str, x: str, layer: nn.Module, norm: nn.BatchNorm2d, side: int = 1) -> str:
+    def conv(name: str, x: str, layer: nn.Conv2d | Depthwise, norm: nn.BatchNorm2d, side: int = 1) -> str:
         """The input is `side` px wide."""
-        gain = (norm.weight / torch.sqrt(norm.running_var + norm.eps)).detach()
+        mean, variance = _statistics(norm)
+        gain = (norm.weight / torch.sqrt(variance + norm.eps)).detach()
         weight = layer.weight.detach() * gain[:, None, None, None]
-        bias = (norm.bias - norm.running_mean * gain).detach()
+        bias = (norm.bias - mean * gain).detach()
         outputs, _, kernel, _ = weight.shape
         stride = layer.stride if isinstance(layer, Depthwise) else layer.stride[0]
         before, behind = same_padding(side, kernel, stride)

@@ -1,8 +1,8 @@
-"""Trains the bin's classifier on photos, renderings and pictures of nothing, and writes
-`rodeo/vision/model/`. CPU only.
+"""Trains the bin's classifier on photos, renderings and pictures of nothing, and writes it with its card. CPU
+only.
 
     python -m services.itrash.training.others
-    python -m services.itrash.training.train --data ../shared/data/trashnet
+    python -m services.itrash.training.train --data ../shared/data/trashnet --out FOLDER
 
 The first command fetches real photos of what is no waste. One core for under an hour. Needs the `train` extra
 (torch, onnx); nothing at run time does.
@@ -17,6 +17,7 @@ import json
 import logging
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -34,7 +35,7 @@ import torch
 from torch import nn
 
 from rodeo.errors import RodeoError
-from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing, load_preprocessing
+from rodeo.vision.classification import PREPROCESSING, WEIGHTS, Preprocessing, load_preprocessing
 from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import crossed, metrics, renderings, scenery
 from services.itrash.training.abstention import RISK, threshold
@@ -51,6 +52,8 @@ log = logging.getLogger("itrash.train")
 OUTPUTS = len(CLASSES) + 1
 """The classes, and one for a picture without any of them."""
 LOG_EVERY_STEPS = 100
+_CHANNELS_LAST: dict[str, Any] = {"memory_format": torch.channels_last}
+"""For `Module.to`, in whose types it is missing."""
 MALLOPT = {-1: 2**31 - 1, -4: 0, -8: 1}
 """M_TRIM_THRESHOLD, M_MMAP_MAX and M_ARENA_MAX of glibc's malloc.h."""
 
@@ -122,7 +125,7 @@ class Draws:
         self._photos = photos
         self._items = [sample for sample in rendered if sample.label is not None]
         self._empty = [sample for sample in rendered if sample.label is None]
-        self._photo_weights, self._item_weights = _balanced(self._photos), _balanced(self._items)
+        self._photo_weights, self._item_weights = balanced(self._photos), balanced(self._items)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -190,9 +193,14 @@ class Draws:
         return self._world.scene(rng) if rng.random() < 0.5 else drawn(rng)
 
 
-def _balanced(samples: list[Sample]) -> np.ndarray:
-    counts = {label: sum(s.label == label for s in samples) for label in {s.label for s in samples}}
-    weight = np.array([1 / np.sqrt(counts[s.label]) for s in samples])
+def balanced(samples: list[Sample]) -> np.ndarray:
+    """How often each is drawn, (n,): a class by the square root of its size.
+
+    A few pictures of no class, which people corrected, are not drawn more often than those of the rarest.
+    """
+    counts = Counter(sample.label for sample in samples)
+    rarest = min((count for label, count in counts.items() if label is not None), default=1)
+    weight = np.array([1 / np.sqrt(max(counts[sample.label], rarest)) for sample in samples])
     return weight / weight.sum()
 
 
@@ -279,15 +287,17 @@ def fit(
 ) -> Iterator[tuple[int, float, Network]]:
     """Yields (step, mean loss since the last, averaged network) now and then and at the end. The averaged
     network is the exponential moving average of the weights. Goes on from the checkpoint, if there is one."""
-    network = network.to(memory_format=torch.channels_last).train()
+    network = network.to(**_CHANNELS_LAST).train()
     average = torch.optim.swa_utils.AveragedModel(
         network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(ema_decay), use_buffers=True
     )
     optimizer = torch.optim.AdamW(_groups(network, recipe.rate_decay), weight_decay=recipe.weight_decay)
+    averaged = average.module
+    assert isinstance(averaged, Network)
     losses: list[float] = []
     done = checkpoint.load(draws, network, average, optimizer) if checkpoint else 0
     if done == len(schedule):
-        yield done, math.nan, average.module
+        yield done, math.nan, averaged
     for step, (side, rate) in enumerate(schedule[done:], done + 1):
         for group in optimizer.param_groups:
             group["lr"] = rate * group["share"]
@@ -304,7 +314,7 @@ def fit(
         if step % LOG_EVERY_STEPS == 0 or step == len(schedule):
             if checkpoint:
                 checkpoint.save(step, draws, network, average, optimizer)
-            yield step, float(np.mean(losses)), average.module
+            yield step, float(np.mean(losses)), averaged
             losses.clear()
 
 
@@ -316,7 +326,8 @@ def _bfloat16() -> torch.autocast:
 def prepare() -> None:
     """Set torch, OpenCV and the allocator up for training, for the whole process."""
     torch.use_deterministic_algorithms(True)
-    torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it, and filling takes time
+    deterministic: Any = torch.utils.deterministic  # torch's types do not have what follows
+    deterministic.fill_uninitialized_memory = False  # nothing reads it, and filling takes time
     torch.set_num_threads(1)  # the result must not depend on how many cores the machine has
     cv2.setNumThreads(1)
     libc = ctypes.CDLL(None)
@@ -505,7 +516,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Train the bin's classifier.")
     parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
     parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
-    parser.add_argument("--out", type=Path, default=MODEL_DIR)
+    # Not the installed model unless it is named: it would be replaced.
+    parser.add_argument("--out", type=Path, required=True, help="folder for the model and its card")
     parser.add_argument(
         "--all", action="store_true", help="learn from the val list too; the networks in --folds measure"
     )

@@ -26,7 +26,7 @@ from services.itrash.behaviour import Attest, Bin, Memory, State, TakePhoto
 from services.itrash.pictures import Pictures
 from services.itrash.process import Itrash
 from services.itrash.training import metrics
-from services.itrash.training.dataset import CLASSES, Sample
+from services.itrash.training.dataset import Sample
 from services.itrash.web import make_api
 from tests.unit.rodeo_kinds.waste_disposal.test_picture import digest, proof, said
 from tests.unit.rodeo_kinds.waste_disposal.test_picture import shown as shown_to_the_oracle
@@ -85,7 +85,9 @@ def test_bin_command_line_page_oracle_bench_and_training_ask_one_function_and_ag
     # Bench and training count the same answers, and training calibrates by them.
     samples = [Sample(decode_image(data), None, str(file)) for file, data in zip(files, encoded, strict=True)]
     answers = metrics.answers_to_files(classifier, folder, samples)
-    assert [[*CLASSES, "unknown"][one] for one in answers.said] == [answer.label for answer in found]
+    assert answers.told() == [
+        (answer.label, BIN.compartment_for(answer.label, answer.told)) for answer in found
+    ]
     logits = np.stack([classifier.logits(sample.image_bgr) for sample in samples])
     shares = metrics.softmax(logits / classifier.preprocessing.temperature)
     np.testing.assert_allclose(

@@ -33,16 +33,20 @@ from services.itrash.training import corrected, crossed  # noqa: E402
 from services.itrash.training.allowed import Allowed, SiteSilent  # noqa: E402
 from services.itrash.training.compact import compact  # noqa: E402
 from services.itrash.training.corrected import (  # noqa: E402
+    Material,
     NoCorrections,
     NotCrossValidated,
     WorseThanBefore,
     add_corrections,
     gather,
 )
+from services.itrash.training.cross_validate import split  # noqa: E402
 from services.itrash.training.crossed import Division, OtherRecipe  # noqa: E402
 from services.itrash.training.dataset import CLASSES, NoPhotos, Sample  # noqa: E402
+from services.itrash.training.held_out import HeldOut  # noqa: E402
 from services.itrash.training.network import exported  # noqa: E402
 from services.itrash.training.others import World  # noqa: E402
+from services.itrash.training.train import balanced  # noqa: E402
 
 ANNA, BERT, BIN = Account.create(), Account.create(), Account.create()
 SCOPE = {"chain_id": 1, "task_manager": "0x" + "11" * 20, "organization": "0x" + "22" * 20}
@@ -120,6 +124,25 @@ def test_what_two_people_signed_of_a_picture_teaches_once(own: Site) -> None:
     found, left_out = gather(own, allowed())
     assert {(one.label, len(one.people)) for one in found} == {("glass", 2), (None, 1)}
     assert left_out == []
+
+
+def test_a_copy_of_a_correction_teaches_nothing_and_counts_for_nobody(own: Site) -> None:
+    path = correct(own, ANNA, CAN, "glass")
+    for number in range(4):
+        shutil.copy(path, path.with_name(f"{number}.json"))
+    (found,), left_out = gather(own, allowed())
+    assert (found.label, found.people) == ("glass", (ANNA.address,))
+    assert len(left_out) == 4 and all("another picture, or by somebody else" in one for one in left_out)
+
+
+def test_a_second_word_of_the_same_person_in_another_file_changes_nothing(own: Site) -> None:
+    """The bin refuses it (`AlreadyCorrected`), so it is nobody's disagreement."""
+    second = correct(own, ANNA, CAN, "plastic")
+    second.rename(second.with_name("second.json"))
+    correct(own, ANNA, CAN, "glass")
+    (found,), (reason,) = gather(own, allowed())
+    assert (found.label, found.people) == ("glass", (ANNA.address,))
+    assert "second.json" in reason
 
 
 def test_where_people_disagree_nothing_is_learnt(own: Site) -> None:
@@ -224,7 +247,7 @@ def test_what_was_exported_learns_on_from_where_it_was(tmp_path: Path, small: bo
 
 def test_the_same_corrections_make_the_same_network() -> None:
     one = corrected.Corrected(CAN, "metal", "a can", (ANNA.address,))
-    arguments = (MODEL_DIR / WEIGHTS, drawn(), [one], rendered(), WORLD, TINY)
+    arguments = (MODEL_DIR / WEIGHTS, drawn(), [one], material(), TINY)
     first, second = (corrected.tuned(*arguments).state_dict() for _ in range(2))
     assert all(torch.equal(value, second[name]) for name, value in first.items())
 
@@ -266,13 +289,19 @@ def rendered() -> list[Sample]:
     return [*drawn(), Sample(np.full((64, 64, 3), 90, np.uint8), None)]
 
 
+def material() -> Material:
+    nothing = (RENDERINGS / "unknown_1.jpg").read_bytes()
+    empty = Sample(decode_image(nothing), None)
+    return Material(rendered(), WORLD, HeldOut(drawn(), [empty], [nothing]))
+
+
 def too_early() -> Any:
     raise AssertionError("takes minutes, and there is nothing to learn")
 
 
 def test_a_site_without_corrections_is_told_so(own: Site, data: Path, folds: Path, tmp_path: Path) -> None:
     with pytest.raises(NoCorrections):
-        add_corrections(own, allowed(), data, folds, too_early, too_early, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, too_early, tmp_path / "out", TINY)
 
 
 def test_a_folder_without_photos_is_told_before_anything_is_rendered(
@@ -280,7 +309,7 @@ def test_a_folder_without_photos_is_told_before_anything_is_rendered(
 ) -> None:
     correct(own, ANNA, CAN, "metal")
     with pytest.raises(NoPhotos) as refused:
-        add_corrections(own, allowed(), tmp_path, folds, too_early, too_early, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), tmp_path, folds, too_early, tmp_path / "out", TINY)
     assert refused.value.details == {"folder": str(tmp_path / "train" / CLASSES[0])}
 
 
@@ -300,7 +329,7 @@ def test_without_all_cross_validated_networks_nothing_is_written(
     correct(own, ANNA, CAN, "metal")
     shutil.rmtree(folds / "fold4")
     with pytest.raises(NotCrossValidated) as refused:
-        add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
     assert refused.value.details["there"] == [0, 1, 2, 3]
     assert not (tmp_path / "out").exists()
 
@@ -312,7 +341,7 @@ def test_networks_of_another_recipe_than_the_installed_one_measure_nothing(
     path = folds / "fold2" / crossed.TRAINING
     path.write_text(path.read_text().replace('"seed": 8', '"seed": 9'))
     with pytest.raises(OtherRecipe):
-        add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
 
 
 def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
@@ -322,7 +351,7 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     correct(own, Account.create(), PAPER, "paper")
     caplog.set_level("INFO")
     out = tmp_path / "out"
-    report = add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, out, TINY)
+    report = add_corrections(own, allowed(), data, folds, material, out, TINY)
     (row,) = [line for line in report if line.startswith("| 0x")]
     assert row.count("metal (") == 2
     assert f"{ANNA.address} judged 1 picture" in report
@@ -346,6 +375,36 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     assert listed == {"waste_disposal": sorted([made.model_sha256, Classifier().model_sha256])}
 
 
+@pytest.mark.parametrize("small", [True, False])
+def test_nothing_but_the_corrections_makes_a_difference_between_before_and_after(
+    own: Site, data: Path, folds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small: bool
+) -> None:
+    """Each network learns on from the photos that it learnt from, and has weights of as many bits."""
+    correct(own, ANNA, CAN, "metal")
+    weights = (MODEL_DIR / WEIGHTS).read_bytes()
+    for fold in range(5):
+        (folds / f"fold{fold}" / WEIGHTS).write_bytes(compact(weights) if small else weights)
+    learnt: list[list[str]] = []
+
+    def unchanged(source: Path, photos: list[Sample], *_more: Any) -> Any:
+        learnt.append([photo.name for photo in photos])
+        return exported(source).eval()
+
+    monkeypatch.setattr(corrected, "tuned", unchanged)
+    out = tmp_path / "out"
+    add_corrections(own, allowed(), data, folds, material, out, TINY)
+    photos, division = crossed.all_photos(data), crossed.division_in(folds)
+    assert division is not None
+    *of_folds, of_all = learnt
+    assert of_folds == [[one.name for one in split(photos, division, fold)[0]] for fold in range(5)]
+    assert of_all == [photo.name for photo in photos]
+    before, after = crossed.measured(folds, data), crossed.measured(out / "folds", data)
+    np.testing.assert_allclose(after.answers.logits, before.answers.logits, atol=0.05)
+    for fold in range(5):
+        was, now = ((one / f"fold{fold}" / WEIGHTS).stat().st_size for one in (folds, out / "folds"))
+        assert now == pytest.approx(was, rel=0.01)
+
+
 def test_a_model_that_names_fewer_photos_rightly_is_not_written(
     own: Site, data: Path, folds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -358,6 +417,69 @@ def test_a_model_that_names_fewer_photos_rightly_is_not_written(
 
     monkeypatch.setattr(corrected, "tuned", spoilt)
     with pytest.raises(WorseThanBefore) as refused:
-        add_corrections(own, allowed(), data, folds, rendered, lambda: WORLD, tmp_path / "out", TINY)
-    assert refused.value.details["after"] < refused.value.details["before"]
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+    ((what, before),) = refused.value.details["before"].items()
+    after = refused.value.details["after"][what]
+    assert what.startswith("24 photos named rightly") and after < before
     assert not (tmp_path / "out" / WEIGHTS).exists()
+
+
+def test_a_model_that_takes_what_is_no_waste_for_waste_is_not_written(
+    own: Site, data: Path, folds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its photos are named as before, so the cross-validated networks do not show it."""
+    correct(own, ANNA, CAN, "metal")
+
+    def credulous(source: Path, *_more: Any) -> Any:
+        network = exported(source).eval()
+        if source.parent == MODEL_DIR:
+            with torch.no_grad():
+                network.body._fc.bias[-1] -= 100.0
+        return network
+
+    monkeypatch.setattr(corrected, "tuned", credulous)
+    monkeypatch.setattr(corrected, "calibrated", lambda *_: {"unknown_below": 0.01})
+    with pytest.raises(WorseThanBefore) as refused:
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+    counted = ("drawn pictures without an item called unknown", "real photos of other things called unknown")
+    assert refused.value.details == {
+        "before": dict.fromkeys(counted, 1.0),
+        "after": dict.fromkeys(counted, 0.0),
+    }
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["folds"]
+
+
+def test_each_share_that_fell_is_told_and_what_stayed_or_rose_is_not() -> None:
+    before = {"photos": 0.9, "renderings": 1.0, "drawn": 0.8}
+    corrected.refuse_worse(before, before | {"photos": 0.95})
+    with pytest.raises(WorseThanBefore) as refused:
+        corrected.refuse_worse(before, {"photos": 0.95, "renderings": 0.99, "drawn": 0.8})
+    assert refused.value.details == {"before": {"renderings": 1.0}, "after": {"renderings": 0.99}}
+
+
+@pytest.mark.parametrize(("corrections", "times"), [(1, 20), (10, 20), (100, 2), (1000, 1)])
+def test_a_single_correction_is_no_tenth_of_what_is_learnt(corrections: int, times: int) -> None:
+    assert corrected.repeated(2091, corrections) == times
+
+
+def test_a_thing_that_is_no_waste_is_not_drawn_more_often_than_a_photo_of_the_rarest_class() -> None:
+    """The photos of waste have no such class, so it would count as a very rare one."""
+    nothing = Sample(np.zeros((8, 8, 3), np.uint8), None, "a hand")
+    photos = [*drawn() * 10, *[one for one in drawn() if one.label == "glass"] * 30]
+    alone, among = balanced(photos), balanced([*photos, nothing])
+    assert among[-1] == pytest.approx(among[:-1].max())
+    np.testing.assert_allclose(among[:-1] / among[:-1].sum(), alone)
+
+
+def test_a_correction_is_learnt_from_as_often_as_it_may_be_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    learnt: list[str] = []
+
+    def draws(photos: list[Sample], *_more: Any) -> None:
+        learnt.extend(photo.name for photo in photos)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(corrected, "Draws", draws)
+    one = corrected.Corrected(CAN, "metal", "a can", (ANNA.address,))
+    with pytest.raises(KeyboardInterrupt):
+        corrected.tuned(MODEL_DIR / WEIGHTS, drawn() * 200, [one], material(), TINY)
+    assert learnt.count("a can") == corrected.MOST_REPEATED

@@ -14,13 +14,14 @@ from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import crossed
 from services.itrash.training.crossed import TRAINING, Crossed, Division, OtherPhotos
 from services.itrash.training.dataset import CLASSES
-from services.itrash.training.metrics import Answers
+from services.itrash.training.metrics import BIN, Answers
 
 
 def answers(right: np.ndarray) -> Answers:
     truth = np.zeros(len(right), int)
     logits = np.zeros((len(right), len(CLASSES) + 1))
-    return Answers(logits, truth, np.where(right, 0, 1))
+    said = np.where(right, 0, 1)
+    return Answers(logits, truth, said, np.array([BIN.compartment_for(CLASSES[one], {}) for one in said]))
 
 
 @pytest.fixture

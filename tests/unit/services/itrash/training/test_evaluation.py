@@ -10,18 +10,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.vision.classification import UNKNOWN
+from rodeo.vision.classification import MODEL_DIR, UNKNOWN
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_cli import app
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import metrics, scenery
 from services.itrash.training.augment import augment, item_mask
-from services.itrash.training.card import calibration_picture, confusion_picture, describe
+from services.itrash.training.card import CARD, calibration_picture, confusion_picture, describe
 from services.itrash.training.corruptions import CORRUPTIONS, SEVERITIES
 from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.training.evaluation import grouped_accuracy, nothing_samples
 from services.itrash.training.metrics import Answers
+from services.itrash.training.trials import TRIALS
 
 PICTURE = decode_image((RENDERINGS / "metal_1.jpg").read_bytes())
 
@@ -41,7 +42,8 @@ def answers(*said_and_true: tuple[int, int]) -> Answers:
     said, truth = map(np.array, zip(*said_and_true, strict=True))
     logits = np.full((len(said), len(CLASSES) + 1), -5.0)
     logits[np.arange(len(said)), said] = 5.0
-    return Answers(logits, truth, said)
+    compartments = [metrics.BIN.compartment_for([*CLASSES, UNKNOWN][one], {}) for one in said]
+    return Answers(logits, truth, said, np.array(compartments))
 
 
 @pytest.mark.parametrize("name", CORRUPTIONS)
@@ -106,6 +108,11 @@ def test_an_item_that_is_called_unknown_is_a_wrong_answer() -> None:
     assert (said.accuracy(), said.compartment_accuracy(), said.unknown_share()) == (0.5, 0.5, 0.5)
 
 
+def test_what_is_called_unknown_goes_where_trash_goes_which_is_right_for_trash() -> None:
+    said = answers((len(CLASSES), CLASSES.index("trash")), (len(CLASSES), CLASSES.index("glass")))
+    assert (said.accuracy(), said.compartment_accuracy()) == (0.0, 0.5)
+
+
 def test_figures_count_what_the_command_prints(tmp_path: Path) -> None:
     """For pictures that the network is sure of, is not sure of, and that show nothing."""
     snow = np.random.default_rng(5).integers(0, 256, PICTURE.shape).astype(np.uint8)
@@ -117,9 +124,9 @@ def test_figures_count_what_the_command_prints(tmp_path: Path) -> None:
         cv2.imwrite(str(photos[-1]), sample.image_bgr)
     counted = metrics.answers_to_samples(Classifier(), samples)
     printed = CliRunner().invoke(app, ["classify", "--json", *map(str, photos)])
-    labels = [answer["class"] for answer in json.loads(printed.stdout)]
-    assert labels == [[*CLASSES, UNKNOWN][said] for said in counted.said]
-    assert set(labels) >= {"metal", UNKNOWN}
+    told = [(answer["class"], answer["compartment"]) for answer in json.loads(printed.stdout)]
+    assert told == counted.told()
+    assert set(told) >= {("metal", "yellow"), (UNKNOWN, "grey")}
 
 
 def test_calibration_error_is_the_gap_between_confidence_and_accuracy() -> None:
@@ -128,6 +135,12 @@ def test_calibration_error_is_the_gap_between_confidence_and_accuracy() -> None:
         0.0
     )
     assert metrics.expected_calibration_error(probabilities, np.zeros(10, int)) == pytest.approx(0.2)
+
+
+def test_the_shipped_card_tells_how_the_recipe_was_chosen_and_what_failed() -> None:
+    told = (MODEL_DIR / CARD).read_text()
+    assert "\n## How it was chosen\n\nTemperature and threshold were chosen by the five" in told
+    assert told.endswith(f"\n\n{TRIALS}\n")
 
 
 def test_the_card_shows_pictures_and_words() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 WITHOUT_TORCH = """
 import importlib.util, runpy, sys
 find = importlib.util.find_spec
@@ -18,3 +20,10 @@ def test_training_without_its_packages_says_what_to_install() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_TORCH], capture_output=True, text=True, check=False)
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert 'pip install --constraint constraints.txt -e ".[train]"' in done.stderr
+
+
+def test_training_replaces_the_installed_model_only_where_it_is_named() -> None:
+    pytest.importorskip("torch", reason="needs the train extra: pip install -e '.[train]'")
+    command = [sys.executable, "-m", "services.itrash.training.train", "--data", "x"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "required: --out" in done.stderr
