@@ -208,11 +208,14 @@ class Loop:
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
             # With both as fast as can be, a charge is skipped as well.
             strides = idle_speed != speed or speed == 0
-            parked, resting = self.simulation.parked, self._resting
+            emptiness = parked, resting = self._emptiness
             skipping = (parked and strides) or resting
             # A person who has time to look is shown everything.
             power_only = parked and resting and idle_speed == 0
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
+                continue
+            if emptiness != self._emptiness:
+                # Something was asked for meanwhile, or whoever was waited for rests now.
                 continue
             if skipping:
                 # The limit may have changed while somebody held the clock.
@@ -250,6 +253,11 @@ class Loop:
             return wait_s > _STOP_CHECK_S
         self._do(function, done)
         return done is not None or wait_s * speed > PERIOD_NS * 1e-9
+
+    @property
+    def _emptiness(self) -> tuple[bool, bool]:
+        """Whether a robot only charges, and whether time may be jumped over."""
+        return self.simulation.parked, self._resting
 
     @property
     def _resting(self) -> bool:

@@ -23,10 +23,8 @@ WALL_S = 1.5
 class World:
     """A parked robot that charges, and nothing else."""
 
-    still = True
-
     def __init__(self) -> None:
-        self.parked = True
+        self.parked = self.still = True
         self.time_ns = 0
         self.skipped = 0
 
@@ -280,6 +278,46 @@ def test_a_turn_after_another_has_its_say_from_the_end_of_that_one() -> None:
             assert second.holds
             second.begins(threading.Event())
             assert not second.holds
+
+
+class FirstAdvance(Nothing):
+    """Ends the loop after it, and tells how far it went."""
+
+    def __init__(self, world: World, stop: threading.Event) -> None:
+        self.world, self.stop = world, stop
+        self.time_ns: int | None = None
+
+    def publish(self, skipped: bool) -> None:
+        self.time_ns = self.time_ns or self.world.time_ns
+        self.stop.set()
+
+
+def test_what_is_commanded_before_a_jump_is_not_jumped_over() -> None:
+    world, stop = World(), threading.Event()
+    world.parked = False
+    loop = Loop(world, Nothing(), ClockConfig(speed=0, idle_speed=0), stop)  # type: ignore[arg-type]
+    loop.holders = Resting([NEVER_NS])  # type: ignore[assignment]
+    loop.command(lambda: setattr(world, "still", False))
+    seen = FirstAdvance(world, stop)
+    loop.run(seen)
+    assert seen.time_ns == PERIOD_NS
+
+
+def test_who_was_waited_for_and_rests_now_keeps_no_period_from_being_jumped_over() -> None:
+    class GoesToRest(Resting):
+        resting = False
+
+        def may_pass(self, now_ns: int, _then: object) -> bool:
+            self.resting = True
+            return super().may_pass(now_ns, _then)
+
+    world, stop = World(), threading.Event()
+    world.parked = False
+    loop = Loop(world, Nothing(), ClockConfig(speed=0, idle_speed=0), stop)  # type: ignore[arg-type]
+    loop.holders = GoesToRest([NEVER_NS])  # type: ignore[assignment]
+    seen = FirstAdvance(world, stop)
+    loop.run(seen)
+    assert seen.time_ns == JUMP_NS
 
 
 def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
