@@ -116,5 +116,8 @@ def test_the_oracle_reports_what_the_bin_would_say_of_the_picture_in_a_proof(tmp
     encoded = [file.read_bytes() for file in sorted(RENDERINGS.glob("*.jpg"))]
     classifier, file = Classifier(), proof(tmp_path, *encoded)
     for data in encoded:
-        told = shown_to_the_oracle(file, "itrash", said(digest(data)))
-        assert told.measured == classifier.classify(data).label
+        answer = classifier.classify(data)
+        told = shown_to_the_oracle(
+            file, "itrash", said(digest(data), answer.label, probabilities=answer.told)
+        )
+        assert (told.passed, told.measured) == (True, answer.label)
