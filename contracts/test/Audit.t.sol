@@ -3,7 +3,15 @@ pragma solidity ^0.8.28;
 
 import {Review} from "../src/interfaces/IOrganization.sol";
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Cause, ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {
+    Cause,
+    ITaskManager,
+    Silence,
+    Task,
+    TaskRequest,
+    TaskState,
+    Verdict
+} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -205,16 +213,20 @@ contract AuditTest is Fixture {
     }
 
     function test_silentAuditorsLetTheCreatorWinWhereTheKindSaysSo() public {
+        judge(_taskId, true);
         _setSilence(Silence.Creator);
+        _taskId = post(bob, 100 ether);
+        submit(_taskId);
         _undecide();
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskFailed(_taskId, 100 ether, 1, Cause.AuditExpired);
         _expire();
         assertState(_taskId, TaskState.Failed);
-        assertEq(coin.balanceOf(robot1), 2000 ether);
-        assertEq(coin.balanceOf(alice), 2000 ether);
+        assertEq(coin.balanceOf(robot1), 2080 ether, "of the first task");
+        assertEq(coin.balanceOf(bob), 2000 ether);
         Service memory s = services.service(_serviceId);
-        assertEq(s.completed + s.rejected + s.expired + s.failures, 0);
+        assertEq(s.completed, 1, "the first task");
+        assertEq(s.rejected + s.expired + s.failures, 0);
     }
 
     function test_theAuditorsHaveTheirWholeWindow() public {
@@ -330,6 +342,52 @@ contract AuditTest is Fixture {
         _setSilence(Silence.Creator);
         _expire();
         assertEq(coin.balanceOf(robot1), 2080 ether);
+    }
+
+    function test_attack_theAdministratorChangesTheAuditWhileATaskRuns() public {
+        vm.prank(admin);
+        organization.setAudit(CLEANING, 1 minutes, Silence.Creator);
+        uint256 deadline = block.timestamp + AUDIT_WINDOW;
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.AuditRequested(_taskId, 1, deadline, Silence.Executor);
+        _undecide();
+        vm.warp(block.timestamp + 61);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.DeadlineNotPassed.selector, _taskId, deadline, block.timestamp
+            )
+        );
+        vm.prank(alice);
+        tasks.expireTask(_taskId);
+        _expire();
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+        assertEq(coin.balanceOf(alice), 1920 ether);
+    }
+
+    function test_attack_anAuditForATaskThatWasPostedWithoutOne() public {
+        judge(_taskId, true);
+        bytes32 painting = "painting";
+        vm.prank(admin);
+        organization.allowKind(painting, Review.Auditor, 0);
+        TaskRequest memory r = request(100 ether);
+        r.kind = painting;
+        vm.prank(alice);
+        _taskId = tasks.registerTask(r);
+        vm.prank(robot1);
+        services.registerService(painting, 80 ether, NO_LIMIT, true, "");
+        submit(_taskId);
+        vm.startPrank(admin);
+        organization.setAudit(painting, 1 minutes, Silence.Creator);
+        organization.allowKind(painting, Review.Oracle, RULES);
+        vm.stopPrank();
+        _assertRefused(
+            abi.encodeWithSelector(ITaskManager.AuditorMustDecide.selector, _taskId, oracle),
+            oracle,
+            Verdict.Undecided,
+            0
+        );
+        judgeAs(oracle, _taskId, Verdict.Accepted, 80 ether);
+        assertState(_taskId, TaskState.Settled);
     }
 
     function test_attack_aPenaltyAfterUndecided() public {

@@ -230,7 +230,8 @@ interface ITaskManager is IServiceListener {
     error SignatureExpired(TaskId taskId, uint256 deadline, uint256 time);
     /// @notice Whoever could not decide does not decide afterwards.
     error JudgedBefore(TaskId taskId, address caller);
-    /// @notice Only an oracle may leave a proof undecided, and only once: auditors accept or reject.
+    /// @notice Only an oracle may leave a proof undecided, only once, and only of a task whose kind had an audit when it
+    /// was posted: auditors accept or reject.
     error AuditorMustDecide(TaskId taskId, address caller);
     error NoVerdict(TaskId taskId);
     /// @notice Accepted work is paid more than nothing and at most its price, other verdicts pay nothing.
