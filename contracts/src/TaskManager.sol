@@ -193,7 +193,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         // The proof is not kept: nobody looks for it after this call.
         _submit(taskId, t, vote.attempt, vote.proofHash, proofUri);
         _requireRight(taskId, t, by.judge, vote.verdict);
-        if (by.judge == msg.sender) revert JudgeIsParty(taskId, by.judge);
         _requireContent(taskId, t, vote.verdict, vote.amount, by.reportUri, vote.reason);
         _requireSigned(vote, by);
         emit VerdictSigned(taskId, vote.attempt, by.judge, vote.rulesHash);
@@ -721,7 +720,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     {
         bool disputed = _requireRight(taskId, t, msg.sender, verdict);
         _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
-        if (msg.sender == services.providerOf(t.serviceId)) revert JudgeIsParty(taskId, msg.sender);
         bytes32 submitted = _proof(taskId, t);
         if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
         if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
@@ -737,7 +735,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool mayJudge =
             disputed ? organization.mayAudit(judge) : organization.mayJudgeNumbered(judge, t.kindId);
         if (!mayJudge) revert NotJudge(judge, _kindOf(t));
-        if (judge == t.creator) revert JudgeIsParty(taskId, judge);
+        if (services.isParty(judge, t.serviceId, t.creator)) revert JudgeIsParty(taskId, judge);
         // A task that was posted without an audit has no window for one, whatever its kind has now.
         if (
             verdict == Verdict.Undecided

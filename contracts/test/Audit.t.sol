@@ -15,6 +15,7 @@ import {
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
+import {Possession} from "./Possession.sol";
 
 /// @notice Verdicts with an amount, and what becomes of an attempt that the oracle could not decide.
 contract AuditTest is Fixture {
@@ -46,6 +47,16 @@ contract AuditTest is Fixture {
     function _grant(bytes32 role, address account) private {
         vm.prank(admin);
         organization.grantRole(role, account);
+    }
+
+    function _own(address device, address owner) private {
+        vm.prank(admin);
+        Possession.register(organization, device, "wallet", owner, bytes32(bytes20(device)));
+    }
+
+    function _assertIsParty(address who, Verdict verdict, uint256 amount) private {
+        bytes memory refusal = abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, _taskId, who);
+        _assertRefused(refusal, who, verdict, amount);
     }
 
     function _assertRefused(bytes memory refusal, address who, Verdict verdict, uint256 amount) private {
@@ -294,6 +305,45 @@ contract AuditTest is Fixture {
             Verdict.Accepted,
             80 ether
         );
+    }
+
+    function test_attack_ownersJudgeTheirDevices() public {
+        _own(robot1, stranger);
+        _own(alice, bob);
+        for (uint256 i = 0; i < 2; ++i) {
+            bytes32 role = i == 0 ? organization.ORACLE_ROLE() : organization.AUDITOR_ROLE();
+            _grant(role, stranger);
+            _grant(role, bob);
+            _grant(role, robot2);
+            if (i == 1) _undecide();
+            _assertIsParty(stranger, Verdict.Accepted, 80 ether);
+            _assertIsParty(bob, Verdict.Rejected, 0);
+        }
+        // Whom the device registry knows as nobody's.
+        judgeAs(robot2, _taskId, Verdict.Accepted, 80 ether);
+        assertState(_taskId, TaskState.Settled);
+    }
+
+    function test_attack_devicesJudgeTheirOwnersAndTheirOwnersOtherDevices() public {
+        address company = makeAddr("company");
+        address[3] memory owners = [robot1, alice, company];
+        _own(robot1, company);
+        for (uint256 i = 0; i < 2; ++i) {
+            bytes32 role = i == 0 ? organization.ORACLE_ROLE() : organization.AUDITOR_ROLE();
+            _grant(role, robot2);
+            _grant(role, robot3);
+            if (i == 1) _undecide();
+            for (uint256 j = 0; j < owners.length; ++j) {
+                uint256 snapshot = vm.snapshotState();
+                _own(robot2, owners[j]);
+                _assertIsParty(robot2, Verdict.Accepted, 80 ether);
+                vm.revertToState(snapshot);
+            }
+        }
+        // A device of somebody else.
+        _own(robot3, makeAddr("another company"));
+        judgeAs(robot3, _taskId, Verdict.Accepted, 80 ether);
+        assertState(_taskId, TaskState.Settled);
     }
 
     function test_attack_theExecutorLeavesItsOwnWorkUndecidedAndWaits() public {

@@ -236,7 +236,7 @@ interface ITaskManager is IServiceListener {
     error NoVerdict(TaskId taskId);
     /// @notice Accepted work is paid more than nothing and at most its price, other verdicts pay nothing.
     error InvalidAmount(TaskId taskId, uint256 amount, uint256 max);
-    /// @notice Neither the creator nor the executor judges.
+    /// @notice Neither the creator nor the executor judges, nor whoever owns one of them or has the same owner.
     error JudgeIsParty(TaskId taskId, address caller);
     error NotServiceManager(address caller);
     error NotOrganization(address caller);

@@ -809,7 +809,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
         amount = _amount(t, accepted, amount);
         _mustNot(_disputes[taskId].judge, taskId, t, verdict, amount, "who could not decide decided");
         _mustNot(t.creator, taskId, t, verdict, amount, "the creator judged");
-        _mustNot(_services.providerOf(t.serviceId), taskId, t, verdict, amount, "the executor judged");
+        address executor = _services.providerOf(t.serviceId);
+        _mustNot(executor, taskId, t, verdict, amount, "the executor judged");
+        _mustNot(_owners[executor], taskId, t, verdict, amount, "the executor's owner judged");
         _mustNot(_auditor, taskId, t, Verdict.Undecided, 0, "an auditor did not decide");
         if (bytes(violation).length != 0) return;
         _judge(_auditor, taskId, t, verdict, amount);
