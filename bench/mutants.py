@@ -1,4 +1,4 @@
-"""Bugs planted into the contracts, and how many of them the invariants and the solver find.
+"""Bugs planted into the contracts, and how many of them the invariants, the unit tests and the solver find.
 
 It takes about an hour on two cores: each bug is compiled.
 """

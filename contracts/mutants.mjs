@@ -1,5 +1,6 @@
-// Plants the bugs of contracts/test/mutants and contracts/symbolic/mutants, one at a time, into a copy of the contracts,
-// and fails unless the invariants, or the solver, find each of them (and nothing in the contracts as they are):
+// Plants bugs, one at a time, into a copy of the contracts, and fails unless each of them is found (and nothing in the
+// contracts as they are): those of contracts/test/mutants by the invariants, those of contracts/test/unit-mutants by the
+// unit tests, and those of contracts/symbolic/mutants by the solver.
 //   node contracts/mutants.mjs [NAME...]
 // As many bugs are looked for at a time as there are processors.
 import { execFile, spawnSync } from "node:child_process";
@@ -20,50 +21,53 @@ const wanted = argv.slice(2);
 /** A copy of the contracts, in which bugs can be planted. */
 function copied() {
   const copy = mkdtempSync(join(tmpdir(), "rodeo-mutants-"));
-  const support = ["Fixture.sol", "Committee.sol", "Instances.sol", "PlainToken.sol", "Possession.sol", "Signing.sol"];
-  const tests = [...support, "invariant"].map((path) => join("contracts", "test", path));
+  const folders = ["contracts/src", "contracts/symbolic", "contracts/test"];
   const programs = ["contracts/forge.mjs", "contracts/solc.mjs"];
-  for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/symbolic", ...tests, ...programs]) {
+  for (const path of ["foundry.toml", "package.json", ...folders, ...programs]) {
     cpSync(join(root, path), join(copy, path), { recursive: true });
   }
   symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
   return copy;
 }
 
-/** What forge says of the invariants of this copy in so many runs: exit status and output. */
-function invariants(copy, runs) {
-  const options = {
-    cwd: copy,
-    env: {
-      ...process.env,
-      FOUNDRY_OPTIMIZER: "false",
-      FOUNDRY_INVARIANT_RUNS: `${runs}`,
-      FOUNDRY_INVARIANT_SHRINK_RUN_LIMIT: "0",
-    },
-    timeout: LIMIT_MS,
-    maxBuffer: 1 << 28,
-  };
-  const forge = [join(copy, "contracts", "forge.mjs"), "test", "--fail-fast"];
+/** What forge says of some tests of this copy: exit status and output. */
+function forge(copy, args, env) {
+  const options = { cwd: copy, env: { ...process.env, ...env }, timeout: LIMIT_MS, maxBuffer: 1 << 28 };
   return new Promise((resolve, reject) => {
-    execFile("node", [...forge, "--match-path", "contracts/test/invariant/*"], options, (error, stdout, stderr) => {
+    execFile("node", [join(copy, "contracts", "forge.mjs"), "test", ...args], options, (error, stdout, stderr) => {
       if (error && typeof error.code !== "number") reject(error);
       else resolve({ status: error ? error.code : 0, stdout, stderr });
     });
   });
 }
 
-/** Which invariants of this copy fail, and how. Throws when the copy does not compile or run. */
+/** Which of these tests fail, and how. Throws when the copy does not compile or run. */
+async function failing(copy, args, env) {
+  const { status, stdout, stderr } = await forge(copy, args, env);
+  if (!/Ran \d+ test suite/.test(stdout)) throw new Error(`forge did not run:\n${stdout}\n${stderr}`);
+  const [results] = stdout.split("\nFailing tests:");
+  const failed = results.matchAll(/^\[FAIL(?:: (.*?))?\](?:\n\t.*)*\s+(\w+)\(\S*\) \((?:runs|gas)/gm);
+  const found = [...failed].map(([, reason, name]) => `${name}: ${reason ?? "no reason"}`);
+  if ((status === 0) !== (found.length === 0)) throw new Error(`forge ended with ${status}:\n${stdout.slice(0, 4000)}`);
+  return found;
+}
+
+/** Which invariants of this copy fail. */
 async function broken(copy) {
   for (const runs of RUNS) {
-    const { status, stdout, stderr } = await invariants(copy, runs);
-    if (!/Ran \d+ test suite/.test(stdout)) throw new Error(`forge did not run:\n${stdout}\n${stderr}`);
-    const [results] = stdout.split("\nFailing tests:");
-    const failed = results.matchAll(/^\[FAIL(?:: (.*?))?\](?:\n\t.*)*\s+(\w+)\(\) \(runs/gm);
-    const found = [...failed].map(([, reason, name]) => `${name}: ${reason ?? "no reason"}`);
-    if ((status === 0) !== (found.length === 0)) throw new Error(`forge ended with ${status}:\n${stdout.slice(0, 4000)}`);
+    const found = await failing(copy, ["--fail-fast", "--match-path", "contracts/test/invariant/*"], {
+      FOUNDRY_OPTIMIZER: "false",
+      FOUNDRY_INVARIANT_RUNS: `${runs}`,
+      FOUNDRY_INVARIANT_SHRINK_RUN_LIMIT: "0",
+    });
     if (found.length > 0) return found;
   }
   return [];
+}
+
+/** Which unit tests of this copy fail. They are optimized as always, because some of them measure gas. */
+function unitTests(copy) {
+  return failing(copy, ["--no-match-path", "contracts/test/invariant/*"], {});
 }
 
 /** What the solver finds in this copy: the names of the checks that do not hold. */
@@ -125,6 +129,7 @@ async function plant(patches, find, abreast) {
 
 const results = [
   await plant("contracts/test/mutants", broken, availableParallelism()),
+  await plant("contracts/test/unit-mutants", unitTests, availableParallelism()),
   await plant("contracts/symbolic/mutants", refuted, 1),
 ];
 const planted = results.reduce((sum, result) => sum + result.planted, 0);

@@ -24,7 +24,7 @@ _SENTENCES = {
     "not_device_owner": "only the device's owner may do this",
     "not_member": "only members may do this",
     "not_judge": "this participant does not judge tasks of this kind",
-    "judge_is_party": "the task's creator and executor may not judge it",
+    "judge_is_party": "a task's creator and executor, their owners and owners' devices may not judge it",
     "judged_before": "this auditor has already judged the task",
     "auditor_must_decide": "only an auditor may decide this now",
     "wrong_state": "the task's state does not allow this",

@@ -79,7 +79,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     {
         uint8 count = _count(judges);
         bool seated = _keys.length == MAX_JUDGES || judges >> _keys.length == 0;
-        // More than half, so that two verdicts on one proof need a judge who votes for both.
+        // More than half, so that two verdicts on one proof need a judge who votes for both. With a rotation that holds
+        // only while the panel is that small: it grows to all judges, of whom two groups may then have enough votes.
         if (uint256(votes) * 2 <= panel || votes > panel || panel > count || !seated) {
             revert InvalidQuorum(kind, votes, panel, count);
         }

@@ -398,7 +398,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy, bytes32, Silence, KindId) {
+    ) external view returns (IMatchingPolicy, bytes32, KindId, Silence, uint32) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
         Kind memory rules = _admit(kind, creator);
         if (executionWindow < rules.minWindow) revert WindowTooShort(kind, executionWindow, rules.minWindow);
@@ -408,7 +408,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
             revert InvalidVerdictWindow(kind, verdictWindow, min, max);
         }
         IMatchingPolicy matching = _firstCome ? IMatchingPolicy(address(0)) : policy;
-        return (matching, _rulesFor(kind, wantedRules), rules.silence, rules.number);
+        return (matching, _rulesFor(kind, wantedRules), rules.number, rules.silence, rules.auditWindow);
     }
 
     /// @inheritdoc IOrganization

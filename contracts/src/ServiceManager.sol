@@ -404,6 +404,20 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
+    function isParty(address account, ServiceId serviceId, address creator) external view returns (bool) {
+        address provider = _services[serviceId].provider;
+        if (account == creator || account == provider) return true;
+        Provider storage p = _providers[account];
+        // Most judges have nothing to do with devices: each verdict pays for one word.
+        if (!p.owned && !p.owns) return false;
+        address owner = _owners[account];
+        if (owner == address(0)) owner = account;
+        (address creatorsOwner, address providersOwner) = (_owners[creator], _owners[provider]);
+        return owner == creator || owner == creatorsOwner || owner == provider || owner == providersOwner
+            || account == creatorsOwner || account == providersOwner;
+    }
+
+    /// @inheritdoc IServiceManager
     function asleepUntil(address provider) external view returns (uint256) {
         return _providers[provider].asleepUntil;
     }

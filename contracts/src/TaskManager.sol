@@ -59,7 +59,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev An attempt that waits for the auditors. Its service is free, so the proof is kept here.
     struct Dispute {
         address judge;
-        Silence silence;
         bytes32 proofHash;
     }
 
@@ -194,7 +193,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         // The proof is not kept: nobody looks for it after this call.
         _submit(taskId, t, vote.attempt, vote.proofHash, proofUri);
         _requireRight(taskId, t, by.judge, vote.verdict);
-        if (by.judge == msg.sender) revert JudgeIsParty(taskId, by.judge);
         _requireContent(taskId, t, vote.verdict, vote.amount, by.reportUri, vote.reason);
         _requireSigned(vote, by);
         emit VerdictSigned(taskId, vote.attempt, by.judge, vote.rulesHash);
@@ -345,7 +343,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
-        (IMatchingPolicy policy, bytes32 rules, Silence silence, KindId kindId) = organization.admitTask(
+        // slither-disable-next-line uninitialized-local
+        Record memory t;
+        IMatchingPolicy policy;
+        bytes32 rules;
+        (policy, rules, t.kindId, t.silence, t.auditWindow) = organization.admitTask(
             request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
         );
         _requireWindow(request.executionWindow);
@@ -354,9 +356,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
         Texts.requireParams(request.params);
         taskId = TaskId.wrap(++_totals.tasks);
-        // slither-disable-next-line uninitialized-local
-        Record memory t;
-        (t.creator, t.reward, t.kindId, t.silence) = (creator, request.reward.toUint88(), kindId, silence);
+        (t.creator, t.reward) = (creator, request.reward.toUint88());
         t.executionWindow = request.executionWindow;
         t.verdictWindow = uint256(request.verdictWindow).toUint24();
         (t.maxAttempts, t.state) = (request.maxAttempts, TaskState.Open);
@@ -570,13 +570,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
     function _askAuditors(TaskId taskId, Record memory t, address judge, bytes32 proofHash) private {
-        Kind memory rules = _rulesOf(t);
-        // Kept as it is now: nobody changes who wins while the window runs.
-        _disputes[taskId] = Dispute(judge, rules.silence, proofHash);
-        uint256 deadline = block.timestamp + rules.auditWindow;
+        _disputes[taskId] = Dispute(judge, proofHash);
+        uint256 deadline = block.timestamp + t.auditWindow;
         (t.state, t.deadline) = (TaskState.Undecided, deadline.toUint32());
         _tasks.save(taskId, t, _unit);
-        emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
+        emit AuditRequested(taskId, t.attempt, deadline, t.silence);
         Release memory r = _release(t, t.serviceId, Outcome.Unjudged, 0);
         if (r.available) _place(t.serviceId, t.kindId, r.price, r.named);
         _pay(r.payout, r.bond);
@@ -584,7 +582,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The auditors were silent.
     function _endAudit(TaskId taskId, Record memory t) private {
-        if (_disputes[taskId].silence == Silence.Executor) {
+        if (t.silence == Silence.Executor) {
             _payAudited(taskId, t, t.price);
         } else {
             _end(taskId, t, TaskState.Failed);
@@ -722,7 +720,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     {
         bool disputed = _requireRight(taskId, t, msg.sender, verdict);
         _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
-        if (msg.sender == services.providerOf(t.serviceId)) revert JudgeIsParty(taskId, msg.sender);
         bytes32 submitted = _proof(taskId, t);
         if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
         if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
@@ -738,8 +735,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool mayJudge =
             disputed ? organization.mayAudit(judge) : organization.mayJudgeNumbered(judge, t.kindId);
         if (!mayJudge) revert NotJudge(judge, _kindOf(t));
-        if (judge == t.creator) revert JudgeIsParty(taskId, judge);
-        if (verdict == Verdict.Undecided && (disputed || _rulesOf(t).review != Review.Oracle)) {
+        if (services.isParty(judge, t.serviceId, t.creator)) revert JudgeIsParty(taskId, judge);
+        // A task that was posted without an audit has no window for one, whatever its kind has now.
+        if (
+            verdict == Verdict.Undecided
+                && (disputed || t.auditWindow == 0 || _rulesOf(t).review != Review.Oracle)
+        ) {
             revert AuditorMustDecide(taskId, judge);
         }
     }

@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {Vm} from "forge-std/Vm.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
@@ -13,6 +14,7 @@ import {
     TaskState,
     Verdict
 } from "../src/interfaces/ITaskManager.sol";
+import {Units} from "../src/libraries/Units.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -504,6 +506,44 @@ contract AttackTest is Fixture {
         uint256 before = gasleft();
         post(alice, 150 ether);
         assertLt(before - gasleft(), 600_000);
+    }
+
+    /// @dev The services that make the way to the honest one longest: their levels differ from its level in one bit.
+    function test_attack_servicesThatNobodyPaysMakeTasksDearer() public {
+        assertLt(Units.levelFor(Units.max(1 gwei), 1 gwei), 1 << 14, "levels of a kind");
+        offer(robot1, 80 ether);
+        attempt(post(alice, 100 ether), true);
+        uint256 alone = _gasOfOne();
+        uint64 level = Units.levelFor(80 ether, 1 gwei);
+        for (uint160 i = 0; i < 66; ++i) {
+            uint64 near = i < 13 ? level ^ uint64(1 << i) : uint64(uint256(keccak256(abi.encode(i))) % 13_000);
+            offer(address(0xbad00 + i / 8), Math.min(Units.priceOf(near, 1 gwei), Units.max(1 gwei)));
+        }
+        // The first pays for what the others changed.
+        _gasOfOne();
+        assertLt(_gasOfOne(), alone * 7 / 4);
+    }
+
+    function _gasOfOne() private returns (uint256 gas) {
+        gas = gasleft();
+        attempt(post(alice, 80 ether), true);
+        gas -= gasleft();
+    }
+
+    function test_attack_whoGivesUpItsMembershipKeepsItsPlaceInLine() public {
+        bytes32 role = organization.MEMBER_ROLE();
+        vm.startPrank(admin);
+        organization.setMembersOnly(true);
+        organization.admit(robot1);
+        organization.admit(robot2);
+        organization.admit(alice);
+        vm.stopPrank();
+        ServiceId gone = offer(robot1, 1 ether);
+        ServiceId here = offer(robot2, 1 ether);
+        vm.prank(robot1);
+        organization.renounceRole(role, robot1);
+        assertEq(uint8(services.service(gone).state), uint8(ServiceState.Suspended));
+        assertAssigned(post(alice, 10 ether), here);
     }
 
     function test_attack_someoneElseOccupiesAService() public {

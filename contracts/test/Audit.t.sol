@@ -3,10 +3,19 @@ pragma solidity ^0.8.28;
 
 import {Review} from "../src/interfaces/IOrganization.sol";
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Cause, ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {
+    Cause,
+    ITaskManager,
+    Silence,
+    Task,
+    TaskRequest,
+    TaskState,
+    Verdict
+} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
+import {Possession} from "./Possession.sol";
 
 /// @notice Verdicts with an amount, and what becomes of an attempt that the oracle could not decide.
 contract AuditTest is Fixture {
@@ -38,6 +47,16 @@ contract AuditTest is Fixture {
     function _grant(bytes32 role, address account) private {
         vm.prank(admin);
         organization.grantRole(role, account);
+    }
+
+    function _own(address device, address owner) private {
+        vm.prank(admin);
+        Possession.register(organization, device, "wallet", owner, bytes32(bytes20(device)));
+    }
+
+    function _assertIsParty(address who, Verdict verdict, uint256 amount) private {
+        bytes memory refusal = abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, _taskId, who);
+        _assertRefused(refusal, who, verdict, amount);
     }
 
     function _assertRefused(bytes memory refusal, address who, Verdict verdict, uint256 amount) private {
@@ -205,16 +224,20 @@ contract AuditTest is Fixture {
     }
 
     function test_silentAuditorsLetTheCreatorWinWhereTheKindSaysSo() public {
+        judge(_taskId, true);
         _setSilence(Silence.Creator);
+        _taskId = post(bob, 100 ether);
+        submit(_taskId);
         _undecide();
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskFailed(_taskId, 100 ether, 1, Cause.AuditExpired);
         _expire();
         assertState(_taskId, TaskState.Failed);
-        assertEq(coin.balanceOf(robot1), 2000 ether);
-        assertEq(coin.balanceOf(alice), 2000 ether);
+        assertEq(coin.balanceOf(robot1), 2080 ether, "of the first task");
+        assertEq(coin.balanceOf(bob), 2000 ether);
         Service memory s = services.service(_serviceId);
-        assertEq(s.completed + s.rejected + s.expired + s.failures, 0);
+        assertEq(s.completed, 1, "the first task");
+        assertEq(s.rejected + s.expired + s.failures, 0);
     }
 
     function test_theAuditorsHaveTheirWholeWindow() public {
@@ -284,6 +307,45 @@ contract AuditTest is Fixture {
         );
     }
 
+    function test_attack_ownersJudgeTheirDevices() public {
+        _own(robot1, stranger);
+        _own(alice, bob);
+        for (uint256 i = 0; i < 2; ++i) {
+            bytes32 role = i == 0 ? organization.ORACLE_ROLE() : organization.AUDITOR_ROLE();
+            _grant(role, stranger);
+            _grant(role, bob);
+            _grant(role, robot2);
+            if (i == 1) _undecide();
+            _assertIsParty(stranger, Verdict.Accepted, 80 ether);
+            _assertIsParty(bob, Verdict.Rejected, 0);
+        }
+        // Whom the device registry knows as nobody's.
+        judgeAs(robot2, _taskId, Verdict.Accepted, 80 ether);
+        assertState(_taskId, TaskState.Settled);
+    }
+
+    function test_attack_devicesJudgeTheirOwnersAndTheirOwnersOtherDevices() public {
+        address company = makeAddr("company");
+        address[3] memory owners = [robot1, alice, company];
+        _own(robot1, company);
+        for (uint256 i = 0; i < 2; ++i) {
+            bytes32 role = i == 0 ? organization.ORACLE_ROLE() : organization.AUDITOR_ROLE();
+            _grant(role, robot2);
+            _grant(role, robot3);
+            if (i == 1) _undecide();
+            for (uint256 j = 0; j < owners.length; ++j) {
+                uint256 snapshot = vm.snapshotState();
+                _own(robot2, owners[j]);
+                _assertIsParty(robot2, Verdict.Accepted, 80 ether);
+                vm.revertToState(snapshot);
+            }
+        }
+        // A device of somebody else.
+        _own(robot3, makeAddr("another company"));
+        judgeAs(robot3, _taskId, Verdict.Accepted, 80 ether);
+        assertState(_taskId, TaskState.Settled);
+    }
+
     function test_attack_theExecutorLeavesItsOwnWorkUndecidedAndWaits() public {
         _grant(organization.ORACLE_ROLE(), robot1);
         _assertRefused(
@@ -330,6 +392,52 @@ contract AuditTest is Fixture {
         _setSilence(Silence.Creator);
         _expire();
         assertEq(coin.balanceOf(robot1), 2080 ether);
+    }
+
+    function test_attack_theAdministratorChangesTheAuditWhileATaskRuns() public {
+        vm.prank(admin);
+        organization.setAudit(CLEANING, 1 minutes, Silence.Creator);
+        uint256 deadline = block.timestamp + AUDIT_WINDOW;
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.AuditRequested(_taskId, 1, deadline, Silence.Executor);
+        _undecide();
+        vm.warp(block.timestamp + 61);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.DeadlineNotPassed.selector, _taskId, deadline, block.timestamp
+            )
+        );
+        vm.prank(alice);
+        tasks.expireTask(_taskId);
+        _expire();
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+        assertEq(coin.balanceOf(alice), 1920 ether);
+    }
+
+    function test_attack_anAuditForATaskThatWasPostedWithoutOne() public {
+        judge(_taskId, true);
+        bytes32 painting = "painting";
+        vm.prank(admin);
+        organization.allowKind(painting, Review.Auditor, 0);
+        TaskRequest memory r = request(100 ether);
+        r.kind = painting;
+        vm.prank(alice);
+        _taskId = tasks.registerTask(r);
+        vm.prank(robot1);
+        services.registerService(painting, 80 ether, NO_LIMIT, true, "");
+        submit(_taskId);
+        vm.startPrank(admin);
+        organization.setAudit(painting, 1 minutes, Silence.Creator);
+        organization.allowKind(painting, Review.Oracle, RULES);
+        vm.stopPrank();
+        _assertRefused(
+            abi.encodeWithSelector(ITaskManager.AuditorMustDecide.selector, _taskId, oracle),
+            oracle,
+            Verdict.Undecided,
+            0
+        );
+        judgeAs(oracle, _taskId, Verdict.Accepted, 80 ether);
+        assertState(_taskId, TaskState.Settled);
     }
 
     function test_attack_aPenaltyAfterUndecided() public {

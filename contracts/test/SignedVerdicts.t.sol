@@ -15,6 +15,7 @@ import {
 import {SignedVerdicts} from "../src/libraries/SignedVerdicts.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "./Committee.sol";
+import {Possession} from "./Possession.sol";
 
 /// @notice A wallet that takes every call, and answers with a word if it is told to.
 contract Wallet {
@@ -368,6 +369,14 @@ contract SignedVerdictsTest is Committee {
         _grant(organization.ORACLE_ROLE(), judges[0]);
         by.judge = judges[0];
         _expectNotSigned(judges[0]);
+        _submit(vote, by);
+    }
+
+    function test_attack_theExecutorBringsTheVerdictOfItsOwner() public {
+        (Vote memory vote, SignedBy memory by) = _signed();
+        vm.prank(admin);
+        Possession.register(organization, robot1, "wallet", _signer, "robot1");
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, _taskId, _signer));
         _submit(vote, by);
     }
 

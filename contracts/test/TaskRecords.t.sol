@@ -35,6 +35,7 @@ contract TaskRecordsTest is Fixture {
         (t.verdictWindow, t.kindId, t.maxAttempts) = (uint24(numbers[1]), KindId.wrap(bytes_[0]), bytes_[1]);
         (t.attempt, t.state, t.accepted) = (bytes_[2] & 15, TaskState(1 + bytes_[3] % 7), accepted);
         (t.silence, t.hired) = (Silence(bytes_[4] % 3), Hire(bytes_[3] % 3));
+        t.auditWindow = uint24(numbers[2]);
         _store.keepConditions(taskNo(7), t);
         _store.save(taskNo(7), t, UNIT);
         assertEq(keccak256(abi.encode(_store.load(taskNo(7), UNIT))), keccak256(abi.encode(t)));
@@ -131,6 +132,6 @@ contract TaskRecordsTest is Fixture {
     }
 
     function _matching() private view returns (IMatchingPolicy matching) {
-        (matching,,,) = organization.admitTask(CLEANING, alice, WINDOW, WINDOW, 0);
+        (matching,,,,) = organization.admitTask(CLEANING, alice, WINDOW, WINDOW, 0);
     }
 }

@@ -66,9 +66,9 @@ interface IOracleCommittee is IVoteCounter {
 
     /// @notice Say who judges `kind` from now on, also what was submitted before.
     /// @param kind what is to be done, ASCII
-    /// @param votes how many equal votes make a verdict
+    /// @param votes how many equal votes make a verdict, of all judges whom the panel has grown to
     /// @param panel how many may vote at once
-    /// @param rotation seconds after which one more may vote; 0 for never
+    /// @param rotation seconds after which one more may vote, until all may; 0 for never
     /// @param judges one bit for each seat
     function setQuorum(bytes32 kind, uint8 votes, uint8 panel, uint32 rotation, uint64 judges) external;
 

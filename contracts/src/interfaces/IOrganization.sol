@@ -145,8 +145,9 @@ interface IOrganization is IDeviceRegistry {
     /// the judges and the rules that they have.
     function disallowKind(bytes32 kind) external;
 
-    /// @notice What becomes of proofs of `kind` that an oracle leaves undecided from now on: auditors decide within
-    /// `auditWindow` seconds, and `silence` says who wins if they do not. Without penalty and failure either way.
+    /// @notice What becomes of proofs of tasks of `kind` that are posted from now on, and that an oracle leaves undecided:
+    /// auditors decide within `auditWindow` seconds, and `silence` says who wins if they do not. Without penalty and
+    /// failure either way. A task that was posted before keeps what it had.
     function setAudit(bytes32 kind, uint32 auditWindow, Silence silence) external;
 
     /// @notice Refuse tasks of `kind` that leave less time for the work, from now on. Where failures cost a bond,
@@ -308,15 +309,19 @@ interface IOrganization is IDeviceRegistry {
     /// @param wantedRules the rules that the creator names; 0 for the newest
     /// @return matching what matches it; 0 for the service that has waited longest, as FirstComeFirstServed chooses
     /// @return rules by which it is judged; 0 where people judge and no rules were named
-    /// @return silence who wins a proof that nobody judges
     /// @return kindId the number of the kind
+    /// @return silence who wins when judges or auditors are silent
+    /// @return auditWindow seconds that auditors have to decide what an oracle could not
     function admitTask(
         bytes32 kind,
         address creator,
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy matching, bytes32 rules, Silence silence, KindId kindId);
+    )
+        external
+        view
+        returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, Silence silence, uint32 auditWindow);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @return agreed what it agrees to

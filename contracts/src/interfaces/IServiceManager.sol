@@ -213,6 +213,13 @@ interface IServiceManager {
         view
         returns (address provider, address providersOwner, address creatorsOwner);
 
+    /// @notice Whether `account` would profit from a verdict on a task, as far as the organization's device registry knows:
+    /// it, or its owner, is the creator or the provider, or owns one of them.
+    /// @param account who judges
+    /// @param serviceId the service that does the task
+    /// @param creator who posted it
+    function isParty(address account, ServiceId serviceId, address creator) external view returns (bool);
+
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services
     function asleepUntil(address provider) external view returns (uint256);

@@ -230,12 +230,13 @@ interface ITaskManager is IServiceListener {
     error SignatureExpired(TaskId taskId, uint256 deadline, uint256 time);
     /// @notice Whoever could not decide does not decide afterwards.
     error JudgedBefore(TaskId taskId, address caller);
-    /// @notice Only an oracle may leave a proof undecided, and only once: auditors accept or reject.
+    /// @notice Only an oracle may leave a proof undecided, only once, and only of a task whose kind had an audit when it
+    /// was posted: auditors accept or reject.
     error AuditorMustDecide(TaskId taskId, address caller);
     error NoVerdict(TaskId taskId);
     /// @notice Accepted work is paid more than nothing and at most its price, other verdicts pay nothing.
     error InvalidAmount(TaskId taskId, uint256 amount, uint256 max);
-    /// @notice Neither the creator nor the executor judges.
+    /// @notice Neither the creator nor the executor judges, nor whoever owns one of them or has the same owner.
     error JudgeIsParty(TaskId taskId, address caller);
     error NotServiceManager(address caller);
     error NotOrganization(address caller);

@@ -17,7 +17,8 @@ import {TaskId} from "../types/TaskId.sol";
 /// @param attempt the running (or last) one, 1 for the first
 /// @param conditions the first task that had the creator's conditions, which are the members below
 /// @param executionWindow has 24 bits in storage, and so has `verdictWindow`
-/// @param silence who wins a proof that nobody judges, as the kind had it when the task was posted
+/// @param auditWindow how long the auditors have for an undecided attempt, in 24 bits, too
+/// @param silence who wins at the silence of judges or auditors. Both are as the kind had them when the task was posted
 /// @param hired only `serviceId`, or only its provider, may do the task, because its creator named it
 struct Record {
     uint256 reward;
@@ -31,6 +32,7 @@ struct Record {
     address creator;
     uint32 executionWindow;
     uint32 verdictWindow;
+    uint32 auditWindow;
     KindId kindId;
     uint8 maxAttempts;
     Silence silence;
@@ -64,10 +66,11 @@ library TaskRecords {
         t.creator = address(uint160(wanted >> 96));
         t.executionWindow = uint24(wanted >> 72);
         t.verdictWindow = uint24(wanted >> 48);
-        t.kindId = KindId.wrap(uint8(wanted >> 40));
-        t.maxAttempts = uint8(wanted >> 32);
-        t.silence = Silence(uint8(wanted >> 24));
-        t.hired = Hire(uint8(wanted));
+        t.auditWindow = uint24(wanted >> 24);
+        t.kindId = KindId.wrap(uint8(wanted >> 16));
+        t.maxAttempts = uint8(wanted >> 8);
+        t.silence = Silence(uint8(wanted >> 4) & 15);
+        t.hired = Hire(uint8(wanted) & 15);
     }
 
     /// @notice Write what changes in the life of a task.
@@ -79,9 +82,10 @@ library TaskRecords {
 
     /// @notice Keep the conditions of a new task, unless an earlier one had them, and note which did.
     function keepConditions(Store storage store, TaskId taskId, Record memory t) internal {
-        uint256 windows = uint256(t.executionWindow) << 72 | uint256(t.verdictWindow) << 48;
+        uint256 windows =
+            uint256(t.executionWindow) << 72 | uint256(t.verdictWindow) << 48 | uint256(t.auditWindow) << 24;
         uint256 rest =
-            uint256(KindId.unwrap(t.kindId)) << 40 | uint256(t.maxAttempts) << 32 | uint256(t.silence) << 24;
+            uint256(KindId.unwrap(t.kindId)) << 16 | uint256(t.maxAttempts) << 8 | uint256(t.silence) << 4;
         uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired);
         t.conditions = store.firsts[wanted];
         if (t.conditions != 0) return;

@@ -49,7 +49,6 @@ struct Work {
 /// @notice An attempt that waits for the auditors.
 struct Disputed {
     address judge;
-    Silence silence;
     bytes32 proofHash;
 }
 
@@ -112,7 +111,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
     /// @dev The provider that the task names.
     mapping(TaskId taskId => address) private _hiredFrom;
     mapping(TaskId taskId => Disputed) private _disputes;
-    /// @dev Who wins a proof that nobody judges, as it was when the task was posted.
+    /// @dev Who wins at the silence of judges or auditors, as it was when the task was posted.
     mapping(TaskId taskId => Silence) private _silence;
     mapping(bytes32 kind => Judged) private _judged;
     mapping(address creator => mapping(uint256 nonce => bool)) private _usedNonces;
@@ -783,9 +782,8 @@ contract Handler is CommonBase, StdUtils, Numbers {
         if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
-        Silence silence = _organization.kindOf(CLEANING).silence;
         _judge(_oracle, taskId, t, Verdict.Undecided, 0);
-        _disputes[taskId] = Disputed(_oracle, silence, t.proofHash);
+        _disputes[taskId] = Disputed(_oracle, t.proofHash);
         _expectRelease(t.serviceId);
     }
 
@@ -811,7 +809,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
         amount = _amount(t, accepted, amount);
         _mustNot(_disputes[taskId].judge, taskId, t, verdict, amount, "who could not decide decided");
         _mustNot(t.creator, taskId, t, verdict, amount, "the creator judged");
-        _mustNot(_services.providerOf(t.serviceId), taskId, t, verdict, amount, "the executor judged");
+        address executor = _services.providerOf(t.serviceId);
+        _mustNot(executor, taskId, t, verdict, amount, "the executor judged");
+        _mustNot(_owners[executor], taskId, t, verdict, amount, "the executor's owner judged");
         _mustNot(_auditor, taskId, t, Verdict.Undecided, 0, "an auditor did not decide");
         if (bytes(violation).length != 0) return;
         _judge(_auditor, taskId, t, verdict, amount);
@@ -938,7 +938,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
             _expectRelease(t.serviceId);
         } else if (running != TaskState.Undecided) {
             _expectFailure(t, running == TaskState.Assigned && _hasAccepted(taskId, t));
-        } else if (_disputes[taskId].silence == Silence.Executor) {
+        } else if (_silence[taskId] == Silence.Executor) {
             _expectPayment(t, t.price);
         } else {
             expected[t.creator] += t.reward;
