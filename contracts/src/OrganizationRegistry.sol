@@ -13,6 +13,7 @@ contract Cradle {
     error NotRegistry(address caller);
 
     /// @notice Reverts with what the constructor reverts with.
+    /// @param initCode creation code with its arguments
     function create(bytes calldata initCode) external returns (address created) {
         if (msg.sender != _registry) revert NotRegistry(msg.sender);
         bytes memory code = initCode;

@@ -19,6 +19,7 @@ contract OrganizationTimelock is TimelockController {
     {}
 
     /// @notice Take over from an administrator who has named this contract as the next one.
+    /// @param organization which is governed from now on
     function acceptAdministration(AccessControlDefaultAdminRules organization) external {
         organization.acceptDefaultAdminTransfer();
     }

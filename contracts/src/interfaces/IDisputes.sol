@@ -105,6 +105,7 @@ interface IDisputes {
     function close(Vote calldata vote, string calldata reportUri) external;
 
     /// @notice Pay `account`, or its payout address, what the token refused before.
+    /// @param account whose money waits
     function withdrawPayments(address account) external;
 
     // -- a party or a judge -------------------------------------------------------------------------------
@@ -118,13 +119,17 @@ interface IDisputes {
 
     function organization() external view returns (IOrganization);
     function tasks() external view returns (ITaskManager);
+    /// @notice Who judges `kind`, in the order of the instances.
+    /// @param kind what is to be done, ASCII
     function instancesOf(bytes32 kind) external view returns (Instance[] memory);
 
     /// @notice How long a case of this kind lasts at most after the first verdict, s. It has to fit into the verdict
     /// window together with the judges' work.
+    /// @param kind what is to be done, ASCII
     function longestCase(bytes32 kind) external view returns (uint256);
 
     /// @notice The verdicts so far on the running case; none where there is none.
+    /// @param taskId whose verdicts
     /// @return rulings in the order of the instances
     /// @return challenged whether the last of them is before the next instance
     /// @return until the end of the running window
@@ -134,5 +139,6 @@ interface IDisputes {
         returns (Ruling[] memory rulings, bool challenged, uint256 until);
 
     /// @notice What waits for `account` in withdrawPayments.
+    /// @param account whose money waits
     function pendingPayments(address account) external view returns (uint256);
 }

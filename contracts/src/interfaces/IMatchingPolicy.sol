@@ -11,6 +11,7 @@ interface IMatchingPolicy {
     /// @notice The idle service that gets a task of `kind` that pays `reward`. A task that names a service, and a
     /// service that becomes free while tasks wait, need no policy.
     /// @param services the contract that holds the queue of idle services
+    /// @param kind what is to be done, ASCII
     /// @param reward the most the service may cost, in the token's smallest unit
     /// @return serviceId 0 if no idle service of that kind costs at most `reward`
     /// @return price what it is paid, at most `reward`; never less than the service's own price, which 0 stands for

@@ -94,13 +94,18 @@ interface IOracleCommittee is IVoteCounter {
     function tasks() external view returns (ITaskManager);
 
     /// @notice The judge who signs with `key`; an owner of 0 where nobody does.
+    /// @param key what it signs with
     function judge(address key) external view returns (Judge memory);
 
     /// @notice The key of a seat; 0 where nobody sits.
+    /// @param seatNumber see seat
     function keyOf(uint8 seatNumber) external view returns (address);
 
+    /// @notice Who judges `kind`, and how many have to agree.
+    /// @param kind what is to be done, ASCII
     function quorumOf(bytes32 kind) external view returns (Quorum memory);
 
     /// @notice What a judge signs for `vote`: the EIP-712 digest, of this chain and this contract alone.
+    /// @param vote what it says of a proof
     function digestOf(Vote calldata vote) external view returns (bytes32);
 }

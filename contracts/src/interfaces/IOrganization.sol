@@ -143,15 +143,21 @@ interface IOrganization is IDeviceRegistry {
 
     /// @notice Accept no tasks and services of `kind` from now on, and retire all its rules. Live tasks go on, with
     /// the judges and the rules that they have.
+    /// @param kind what is to be done, ASCII
     function disallowKind(bytes32 kind) external;
 
     /// @notice What becomes of proofs of tasks of `kind` that are posted from now on, and that an oracle leaves undecided:
     /// auditors decide within `auditWindow` seconds, and `silence` says who wins if they do not. Without penalty and
     /// failure either way. A task that was posted before keeps what it had.
+    /// @param kind what is to be done, ASCII
+    /// @param auditWindow s, from the undecided verdict
+    /// @param silence who wins when nobody decided
     function setAudit(bytes32 kind, uint32 auditWindow, Silence silence) external;
 
     /// @notice Refuse tasks of `kind` that leave less time for the work, from now on. Where failures cost a bond,
     /// nobody can make others fail with a window in which the work cannot be done.
+    /// @param kind what is to be done, ASCII
+    /// @param minWindow s, from assignment to proof; at most MAX_MIN_WINDOW
     function setMinWindow(bytes32 kind, uint32 minWindow) external;
 
     /// @notice Refuse tasks of `kind` whose verdict window is shorter than `min` or longer than `max`, from now on.
@@ -167,18 +173,23 @@ interface IOrganization is IDeviceRegistry {
     function rescueTokens(IERC20 token_, address to) external;
 
     /// @notice What services agree to that are registered from now on. Those that are there keep their terms.
+    /// @param terms_ bond, penalty and failures in a row, for services that are registered from now on
     function setTerms(Terms calldata terms_) external;
 
     /// @notice Take tasks and services from members only, or from everyone. Live ones go on.
+    /// @param membersOnly_ whether nobody else may post and offer
     function setMembersOnly(bool membersOnly_) external;
 
     /// @notice Make `account` a member: it gets MEMBER_ROLE.
+    /// @param account who is a member from now on
     function admit(address account) external;
 
     /// @notice End the membership. Where only members take part, its services are suspended. Running tasks go on.
+    /// @param account who is none any more
     function dismiss(address account) external;
 
     /// @notice No new task for the service; a running one goes on.
+    /// @param serviceId see registerService
     function suspendService(ServiceId serviceId) external;
 
     /// @notice Suspend all services of a provider, and let it register none. A running task goes on, and a service
@@ -193,9 +204,11 @@ interface IOrganization is IDeviceRegistry {
 
     /// @notice Forgive a suspended service its failures. Its provider finds it paused. A provider that is suspended is
     /// reinstated first.
+    /// @param serviceId see registerService
     function reinstateService(ServiceId serviceId) external;
 
     /// @notice Replace the matching policy. Queues and live tasks stay as they are.
+    /// @param policy_ what matches from now on; 0: the service that has waited longest
     function setPolicy(IMatchingPolicy policy_) external;
 
     /// @notice Limit what all holders of `role` together take out of the treasury. The first period begins now.
@@ -209,6 +222,7 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Take no new tasks for `duration` seconds, MAX_PAUSE at most. Everything else goes on: running windows,
     /// proofs, verdicts, expiry, refunds and withdrawals, and tasks that wait still find services. After a pause no
     /// guardian can pause for MAX_PAUSE, so that new tasks are taken at least half of the time.
+    /// @param duration s
     function pauseTasks(uint32 duration) external;
 
     /// @notice End the pause now: a guardian, or the administrator.
@@ -217,21 +231,36 @@ interface IOrganization is IDeviceRegistry {
     // -- operator -----------------------------------------------------------------------------------------
 
     /// @notice ITaskManager.registerTask in the organization's name.
+    /// @param request see there
     function registerTask(TaskRequest calldata request) external returns (TaskId taskId);
 
     /// @notice ITaskManager.cancelTask in the organization's name.
+    /// @param taskId see registerTask
     function cancelTask(TaskId taskId) external;
 
     /// @notice ITaskManager.acceptTask in the organization's name.
+    /// @param taskId see registerTask
+    /// @param attempt the running one, from 1
     function acceptTask(TaskId taskId, uint8 attempt) external;
 
     /// @notice ITaskManager.abandonTask in the organization's name.
+    /// @param taskId see registerTask
+    /// @param attempt the running one, from 1
     function abandonTask(TaskId taskId, uint8 attempt) external;
 
     /// @notice ITaskManager.submitProof in the organization's name.
+    /// @param taskId see registerTask
+    /// @param attempt the running one, from 1
+    /// @param proofHash SHA-256 of the recording
+    /// @param uri where it lies
     function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
     /// @notice IServiceManager.registerService in the organization's name.
+    /// @param kind what is to be done, ASCII
+    /// @param price at least, for one task, in the token's smallest unit
+    /// @param maxBond the most that is locked for it
+    /// @param autoAccept whether each task is accepted when it is assigned
+    /// @param description as people read it
     function registerService(
         bytes32 kind,
         uint256 price,
@@ -241,14 +270,20 @@ interface IOrganization is IDeviceRegistry {
     ) external returns (ServiceId serviceId);
 
     /// @notice IServiceManager.updateService in the organization's name.
+    /// @param serviceId see registerService
+    /// @param price at least, for one task, in the token's smallest unit
+    /// @param state Active, Paused or Retired
     function updateService(ServiceId serviceId, uint256 price, ServiceState state) external;
 
     // -- treasurer ----------------------------------------------------------------------------------------
 
     /// @notice Move `amount` of the caller's tokens into the treasury; the caller approved it before.
+    /// @param amount in the token's smallest unit
     function deposit(uint256 amount) external;
 
     /// @notice Pay `amount` out of the treasury. What is in escrow is out of reach.
+    /// @param to who gets it
+    /// @param amount in the token's smallest unit
     function withdraw(address to, uint256 amount) external;
 
     // -- views --------------------------------------------------------------------------------------------
@@ -269,19 +304,27 @@ interface IOrganization is IDeviceRegistry {
     function pausedUntil() external view returns (uint40);
 
     /// @notice The budget of `role`: OPERATOR_ROLE or TREASURER_ROLE.
+    /// @param role OPERATOR_ROLE or TREASURER_ROLE
     function budgetOf(bytes32 role) external view returns (Budget memory);
 
     /// @notice The rules for work of `kind`.
+    /// @param kind what is to be done, ASCII
     function kindOf(bytes32 kind) external view returns (Kind memory);
 
     /// @notice SHA-256 of each of the rules under which tasks of `kind` may be posted now, the newest last.
     /// @param kind what is to be done, ASCII
     function currentRules(bytes32 kind) external view returns (bytes32[] memory);
 
+    /// @notice Whether tasks of `kind` may be posted.
+    /// @param kind what is to be done, ASCII
     function isKindAllowed(bytes32 kind) external view returns (bool);
+    /// @notice Whether `account` is a member.
+    /// @param account any account
     function isMember(address account) external view returns (bool);
 
     /// @notice Whether `account` may post verdicts on submitted proofs of `kind`.
+    /// @param account who would judge
+    /// @param kind what is to be done, ASCII
     function mayJudge(address account, bytes32 kind) external view returns (bool);
 
     /// @notice mayJudge for a kind that is given by its number.
@@ -298,6 +341,7 @@ interface IOrganization is IDeviceRegistry {
     function kindNumbered(KindId number) external view returns (bytes32);
 
     /// @notice Whether `account` may decide what an oracle left undecided.
+    /// @param account who would decide
     function mayAudit(address account) external view returns (bool);
 
     /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, WindowTooShort, InvalidVerdictWindow or
@@ -324,6 +368,8 @@ interface IOrganization is IDeviceRegistry {
         returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, Silence silence, uint32 auditWindow);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
+    /// @param kind what is to be done, ASCII
+    /// @param provider who offers it
     /// @return agreed what it agrees to
     /// @return kindId the number of the kind
     function admitService(bytes32 kind, address provider)

@@ -41,26 +41,37 @@ interface IOrganizationRegistry {
     /// is left as it is, so that a transaction that may have been lost can be sent again.
     /// @param name ASCII
     /// @param number tells organizations of the caller with this name apart
+    /// @param parts creation code and arguments of each contract, and its name
     function create(bytes32 name, uint32 number, Part[] calldata parts) external;
 
     /// @notice Where a part of an organization is, or will be.
+    /// @param founder who creates them
+    /// @param name of the organization, ASCII
+    /// @param number tells organizations of the founder with this name apart
+    /// @param part name of the contract, ASCII
     function addressOf(address founder, bytes32 name, uint32 number, bytes32 part)
         external
         view
         returns (address);
 
     /// @notice Hash of creation code and arguments of a contract that was created here; 0 for any other.
+    /// @param created address of a contract
     function initCodeHashOf(address created) external view returns (bytes32);
 
     /// @notice Hash of the creation code, without arguments, of the part of this name; 0 if there is none.
+    /// @param part name of a contract, ASCII
     function codeHashOf(bytes32 part) external view returns (bytes32);
 
     /// @notice The block of the organization's first contract; 0 if it has none.
+    /// @param founder who created it
+    /// @param name ASCII
+    /// @param number tells organizations of the founder with this name apart
     function foundedIn(address founder, bytes32 name, uint32 number) external view returns (uint64);
 
     /// @notice How many organizations were founded.
     function organizationCount() external view returns (uint256);
 
     /// @notice In the order of their founding, from 0.
+    /// @param index below organizationCount
     function organization(uint256 index) external view returns (Founding memory);
 }
