@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from rodeo.lab.items import shape_of
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
 from rodeo.messages import DaoEvent
+from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
@@ -45,6 +47,19 @@ shape = "can"
 pose = { x_m = 4.3, y_m = 2.0 }
 mass_kg = 0.03
 """
+BESIDE = """
+[[items]]
+id = "item2"
+class = "metal"
+shape = "can"
+pose = { x_m = 2.4, y_m = 3.4 }
+mass_kg = 0.05
+
+[[robots]]
+name = "panther1"
+pose = { x_m = 1.2, y_m = 3.4 }
+"""
+"""One of ours, with an item of its own."""
 
 
 def imports_of(path: Path) -> Iterator[str]:
@@ -100,20 +115,26 @@ class ForeignRobot:
         self._log.close()
 
 
-@pytest.fixture
-def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
-    (tmp_path / "arthur.urdf").write_text(to_urdf(robot_model(), "arthur"))
-    running = RunningSite(write_site(tmp_path, chain_backend, SITE))
+@contextmanager
+def running_site(folder: Path, chain_backend: str, site: str, *minds: str) -> Iterator[RunningSite]:
+    (folder / "arthur.urdf").write_text(to_urdf(robot_model(), "arthur"))
+    running = RunningSite(write_site(folder, chain_backend, site))
     running.start("router", "chain")
     running.deploy_contracts()
     running.start("robot_sim")
     foreign = ForeignRobot(running)
     try:
-        running.start("bridge", "oracle", "itrash", "robot_agent")
+        running.start("bridge", "oracle", "itrash", *minds)
         yield running
     finally:
         foreign.stop()
         running.stop()
+
+
+@pytest.fixture
+def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
+    with running_site(tmp_path, chain_backend, SITE, "robot_agent") as running:
+        yield running
 
 
 @pytest.mark.timeout(300)
@@ -137,3 +158,28 @@ def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite
     names = [event.name for event in events]
     why = f"{names}\n{running.log('robot_agent')}\n{running.log('oracle')}\n{foreign}"
     assert came and "TaskSettled" in names, why
+
+
+@pytest.mark.timeout(600)
+def test_one_of_ours_works_beside_it_on_a_clock_that_waits_for_minds_and_jumps_where_nobody_works(
+    tmp_path: Path, chain_backend: str
+) -> None:
+    """What the foreign robot does nobody here simulates, and time is not jumped over while it does it."""
+    with running_site(tmp_path, chain_backend, f"clock.idle_speed = 0\n{SITE}{BESIDE}") as running:
+        organization = Organization(running, wait_s=WAIT_S)
+        try:
+            # Before there are minds: this robot lives through the time that is jumped over, and is late then.
+            tasks = [organization.post("item1")]
+            running.start("robot_agent.arthur")
+            organization.wait_for_event("TaskAssigned", tasks[0])
+            running.start("robot_agent.panther1")
+            settled = [organization.wait_for_event("TaskSettled", tasks[0])]
+            tasks.append(organization.post("item2", provider="panther1"))
+            settled.append(organization.wait_for_event("TaskSettled", tasks[1]))
+            for number, executor in enumerate(("arthur", "panther1")):
+                task = organization.task(tasks[number])
+                assert (task["verdict"], task["attempt"], task["executor_name"]) == ("accepted", 1, executor)
+                # Minutes of work: had the clock jumped meanwhile, it would be hours.
+                assert 20 < settled[number].time_s - task["assigned"] < 900
+        finally:
+            organization.close()

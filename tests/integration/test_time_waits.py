@@ -13,6 +13,7 @@ import pytest
 
 from rodeo import topics
 from rodeo.chain import ChainClient, Deployment, events
+from rodeo.checks.report import Report
 from rodeo.evidence import Store, open_proof
 from tests.integration.test_agent import Organization
 from tests.support.load import busy_machine
@@ -20,14 +21,15 @@ from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
 
-SITE = """clock.speed = 0
-clock.idle_speed = 0
-clock.seed = 7
+FULL_SPEED = "clock.speed = 0\nclock.idle_speed = 0\n"
+REAL_TIME = "clock.speed = 1\nclock.idle_speed = 1\n"
+SITE = """clock.seed = 7
 clock.holders = ["robot_agent", "itrash", "charger", "bridge", "oracle", "chain"]
 agent.explore_when_idle = false
 agent.charge_below = 0.1
 """
 CHAIN_ID = 31_337
+CLEANING_WALL_S = 300.0
 WINDOW_S, LATE_S = 7200, 2
 """Of site time: a window in which nobody does anything, and by how much it may end late."""
 STOPPED_S = 20.0
@@ -86,7 +88,7 @@ def balances_iec(running: RunningSite, block: int) -> dict[str, int]:
 
 def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]:
     """What one cleaning came to."""
-    running = RunningSite(write_site(folder, chain_backend, SITE))
+    running = RunningSite(write_site(folder, chain_backend, FULL_SPEED + SITE))
     running.start("router", "chain")
     running.deploy_contracts()
     running.start("bridge", "oracle", "itrash", "charger", "robot_sim")
@@ -123,3 +125,36 @@ def test_a_busy_machine_and_a_process_that_stands_still_change_nothing(
         busy = run(tmp_path / "busy", chain_backend, "itrash")
     assert (quiet["state"], quiet["verdict"], quiet["attempt"]) == ("settled", "accepted", 1)
     assert busy == quiet
+
+
+def checked(folder: Path, chain_backend: str, clock: str) -> list[tuple[str, bool | None]]:
+    """The checks of one cleaning's recording, in their order, and whether it passed them."""
+    folder.mkdir()
+    running = RunningSite(write_site(folder, chain_backend, clock + SITE))
+    running.start("router", "chain")
+    running.deploy_contracts()
+    running.start("bridge", "oracle", "itrash", "robot_sim")
+    organization = Organization(running, wait_s=CLEANING_WALL_S)
+    try:
+        task_id = organization.post("item1")
+        running.start("robot_agent")
+        organization.wait_for_event("TaskSettled", task_id)
+        task = organization.task(task_id)
+        path = Store(running.site).fetch(task["report_uri"], task["report_sha256"], folder=folder / "report")
+        report = Report.model_validate_json(path.read_bytes())
+        assert report.accepted and task["attempt"] == 1
+        return [(check.name, check.passed) for check in report.checks]
+    finally:
+        organization.close()
+        running.stop()
+
+
+@pytest.mark.timeout(900)
+def test_a_recording_made_at_full_speed_verifies_like_one_made_in_real_time(
+    tmp_path: Path, chain_backend: str
+) -> None:
+    fast, slow = (
+        checked(tmp_path / name, chain_backend, clock)
+        for name, clock in (("fast", FULL_SPEED), ("slow", REAL_TIME))
+    )
+    assert fast == slow and len(fast) > 20
