@@ -44,8 +44,8 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
 
     Undecided where the bin asked a network that is not `listed`, or said what that network does not say: its
     word does not count, and the executor did not choose it; also where the network's file here is not the
-    one in the rules any more. Raises
-    CaseError where the picture is missing, LayoutChanged where its topic holds something else.
+    one in the rules any more. Raises CaseError where the picture is missing, LayoutChanged where its topic
+    holds something else.
     """
     topic = "/" + topics.BIN_IMAGE.name(bin=bin_name)
     count = proof.count(topic)
@@ -79,7 +79,7 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
             source=_SOURCE,
         )
     if not same_network:
-        told = f"it used another model; this oracle's model says {answer}"
+        told = f"it used another model; this oracle's model says {answer}, for information only"
     elif said.thresholds_sha256 != thresholds_sha256():
         told = f"it used other thresholds; with this oracle's thresholds the answer is {answer}"
     else:
@@ -90,7 +90,7 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         passed=True,
         measured=found.label,
         source=_SOURCE,
-        detail=f"the bin said {said.item_class} ({sure:.2f}){of_several}; {told}; for information only",
+        detail=f"the bin said {said.item_class} ({sure:.2f}){of_several}; {told}",
     )
 
 
