@@ -18,6 +18,8 @@ import {KindId, NO_KIND} from "./types/KindId.sol";
 import {ServiceId} from "./types/ServiceId.sol";
 import {TaskId} from "./types/TaskId.sol";
 
+// The mapping `kindNumbered` implements the function of that name, which Slither does not see through KindId.
+// slither-disable-next-line unimplemented-functions
 contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdminRules, Multicall {
     using SafeERC20 for IERC20;
 
