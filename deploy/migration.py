@@ -36,7 +36,7 @@ from rodeo.chain import (
 from rodeo.chain import events as chain_events
 from rodeo.chain.errors import translated
 from rodeo.config import Site
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, WalletError
 from rodeo.instance import lock_holder
 
 Say = Callable[[str], object]
@@ -169,7 +169,10 @@ def _require_no_revoked_key(site: Site, happened: list[Event]) -> None:
     """The keys of the site's devices are registered in the new organization, which knows of no revocation."""
     revoked = {one.device for one in happened if isinstance(one, chain_events.DeviceRevoked)}
     for keystore, (_, name) in wallets.device_names(site).items():
-        address = wallets.address(site, keystore)
+        try:
+            address = wallets.address(site, keystore)
+        except WalletError:
+            continue  # the setup says so, and registers no key that it cannot read
         if address in revoked:
             raise KeyRevoked(
                 f"the key of {name} was revoked: put another in its place before the organization moves",
