@@ -112,6 +112,7 @@ class Oracle:
         )
         self._judging = Judging(process.site, self._clock, partial(self._enqueue, word=True), self._waits)
         self._told: list[str] = []
+        """What is open, as told last."""
         self._reports = process.data_dir / "reports"
         """Own copies: a store that loses one must not keep anybody waiting."""
         self._scrub = Scrub(
@@ -200,8 +201,7 @@ class Oracle:
         else:
             self._process.ready()
         self._process.concern("rules", self._judging.lacking())
-        if (summary := [*self._missing.summary(), *self._judging.summary()]) != self._told:
-            self._told = summary
+        if self._open() != self._told:
             self._set_activity(None, None)
 
     def _sweep(self) -> None:
@@ -517,6 +517,10 @@ class Oracle:
         until_s = None if task is None or is_due(task, self._site, self._clock) else due_s(task, self._site)
         self._clock.wait_for(lambda: False, self._stop, until_s=until_s, wall_s=RETRY_S, resting=True)
 
+    def _open(self) -> list[str]:
+        """A sentence for each proof that is looked for, and for the open tasks of each of the rules."""
+        return [*self._missing.summary(), *self._judging.summary()]
+
     def _set_activity(self, key: tuple[int, int] | None, activity: str | None) -> None:
         """What is done about the submission `key` now; None of either where nothing is."""
         with self._telling:
@@ -528,7 +532,8 @@ class Oracle:
                 for_auditors = len(self._for_auditors)
                 running = list(self._running.values())
             votes = self._votes
-            said = [*running, *self._missing.summary(), *self._judging.summary()]
+            self._told = self._open()
+            said = [*running, *self._told]
             if votes is not None:
                 said += votes.summary()
             details = {} if votes is None else {"votes": votes.held()}

@@ -473,6 +473,29 @@ def test_an_older_account_of_open_tasks_does_not_stay(oracle: Callable[[], Oracl
     assert [text.partition(" of ")[0] for text in told] == ["idle", "1 open task"]
 
 
+def test_a_task_that_is_posted_right_after_another_ended_is_told_of(
+    oracle: Callable[[], Oracle], bridge: Bridge
+) -> None:
+    """What is open is the same at both looks, and between them it was told that nothing is."""
+    judge = oracle()
+    told: list[str] = []
+    judge._process.activity = lambda text, *_, **__: told.append(text)  # type: ignore[method-assign]
+    judge._process.ready = lambda: None  # type: ignore[method-assign]
+
+    def tell(seq: int, name: str, task: Task, **args: Any) -> None:
+        judge._on_event(event(task, seq, name, **args))
+
+    terms = {"kind": "waste_disposal", "rules": RULES}
+    tell(1, "TaskRegistered", bridge.current, **terms)
+    judge._update_status()
+    tell(2, "TaskSettled", bridge.current)
+    judge._set_activity((bridge.current.id, 1), None)
+    tell(3, "TaskRegistered", bridge.other(), **terms)
+    judge._update_status()
+    judge._update_status()
+    assert [text.partition(" of ")[0] for text in told] == ["1 open task", "idle", "1 open task"]
+
+
 def wait_until(condition: Callable[[], bool]) -> None:
     deadline_s = time.monotonic() + WAIT_S
     while not condition():
