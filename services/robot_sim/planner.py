@@ -8,7 +8,8 @@ checked with its true rectangle.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +33,8 @@ STRAIGHT_IN_M = 0.45
 LONGEST_STRAIGHT_M = 2.0
 ITEM_RADIUS_M = 0.05
 """How far a piece of trash may reach from its centre, for driving around it."""
+_FIRST_COST = 1.5
+"""Of the ways that are looked for first, per cell of the straight line: only their window is searched."""
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(1, -1, 2)
 """(1, 25, 2) cells around one that an item in it may reach."""
 _ROUNDED_M = -CELL_M
@@ -84,13 +87,13 @@ class Map:
     """The lab's floor in cells of CELL_M; row = y, column = x."""
 
     occupied: np.ndarray
-    distance_m: np.ndarray = field(init=False)
-    """To the nearest occupied cell."""
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def distance_m(self) -> np.ndarray:
+        """To the nearest occupied cell."""
         # The room's edge is a wall, so cells outside count as occupied.
         padded = np.pad(self.occupied, 1, constant_values=True)
-        self.distance_m = distance_transform_edt(~padded)[1:-1, 1:-1] * CELL_M
+        return distance_transform_edt(~padded)[1:-1, 1:-1] * CELL_M
 
     @classmethod
     def of(cls, site: LabSite) -> "Map":
@@ -151,8 +154,10 @@ class Map:
         corners = [ahead(pose, sx * half_x, sy * half_y) for sx in (-1, 1) for sy in (-1, 1)]
         if not all(self.inside(*corner) for corner in corners):
             return False
-        rows, columns = np.nonzero(self.occupied)
-        dx, dy = (columns + 0.5) * CELL_M - pose.x_m, (rows + 0.5) * CELL_M - pose.y_m
+        first, last = self.cell(*np.min(corners, axis=0)), self.cell(*np.max(corners, axis=0))
+        rows, columns = np.nonzero(self.occupied[first[0] : last[0] + 1, first[1] : last[1] + 1])
+        dx = (first[1] + columns + 0.5) * CELL_M - pose.x_m
+        dy = (first[0] + rows + 0.5) * CELL_M - pose.y_m
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         return not bool(np.any((np.abs(c * dx + s * dy) < half_x) & (np.abs(c * dy - s * dx) < half_y)))
 
@@ -220,36 +225,66 @@ def _straight(
 
 def _shortest(lab: Map, start: Point2, goal: Point2) -> list[Point2] | None:
     """Cheapest way for a disc of the robot's size, straightened; None if there is none."""
+    most = _FIRST_COST * (1 + math.dist(start, goal) / CELL_M)
+    while True:
+        window = _window(lab, start, goal, most)
+        is_whole = window == (slice(0, lab.occupied.shape[0]), slice(0, lab.occupied.shape[1]))
+        path = _cheapest(lab, start, goal, window, math.inf if is_whole else most)
+        if path is not None:
+            return _straighten(lab, path)
+        if is_whole:
+            return None
+        most *= 2
+
+
+def _window(lab: Map, start: Point2, goal: Point2, most: float) -> tuple[slice, slice]:
+    """Rows and columns that a way of at most this cost can touch: a cell of it costs at least 1, so none of
+    its points is further than half the cost from the middle between its ends."""
+    middle = lab.cell((start[0] + goal[0]) / 2, (start[1] + goal[1]) / 2)
+    reach = math.ceil(most / 2) + 1
+    rows, columns = (
+        slice(max(0, at - reach), min(size, at + reach + 1))
+        for at, size in zip(middle, lab.occupied.shape, strict=True)
+    )
+    return rows, columns
+
+
+def _cheapest(
+    lab: Map, start: Point2, goal: Point2, window: tuple[slice, slice], most: float
+) -> list[Point2] | None:
+    """Cheapest way from cell to cell within the window; None if there is none of at most this cost."""
     needed_m = FOOTPRINT_RADIUS_M + CLEARANCE_M
-    free = lab.distance_m > needed_m
+    distance_m = lab.distance_m[window]
+    free = distance_m > needed_m
     index = np.full(free.shape, -1)
     index[free] = np.arange(np.count_nonzero(free))
-    cost = 1 + 3 * np.clip(1 - (lab.distance_m - needed_m) / COMFORT_M, 0, 1)
+    cost = 1 + 3 * np.clip(1 - (distance_m - needed_m) / COMFORT_M, 0, 1)
     rows, columns, weights = [], [], []
     for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        a_r, a_c = np.nonzero(free)
-        b_r, b_c = a_r + dr, a_c + dc
-        ok = (b_r < free.shape[0]) & (b_c >= 0) & (b_c < free.shape[1])
-        a_r, a_c, b_r, b_c = a_r[ok], a_c[ok], b_r[ok], b_c[ok]
-        ok = free[b_r, b_c]
-        a_r, a_c, b_r, b_c = a_r[ok], a_c[ok], b_r[ok], b_c[ok]
-        rows.append(index[a_r, a_c])
-        columns.append(index[b_r, b_c])
-        weights.append(math.hypot(dr, dc) * (cost[a_r, a_c] + cost[b_r, b_c]) / 2)
-    n = int(index.max()) + 1
+        height, width = free.shape
+        a = slice(0, height - dr), slice(max(0, -dc), width - max(0, dc))
+        b = slice(dr, height), slice(max(0, dc), width - max(0, -dc))
+        ok = free[a] & free[b]
+        rows.append(index[a][ok])
+        columns.append(index[b][ok])
+        weights.append(math.hypot(dr, dc) * (cost[a][ok] + cost[b][ok]) / 2)
+    n = np.count_nonzero(free)
     edges = (np.concatenate(rows), np.concatenate(columns))
-    graph = coo_matrix((np.concatenate(weights), edges), (n, n))
-    source, target = index[lab.cell(*start)], index[lab.cell(*goal)]
-    reached, before = dijkstra(graph.tocsr(), directed=False, indices=source, return_predecessors=True)
+    graph = coo_matrix((np.concatenate(weights), edges), (n, n)).tocsr()
+    first_row, first_column = window[0].start, window[1].start
+    source, target = (
+        index[row - first_row, column - first_column] for row, column in (lab.cell(*start), lab.cell(*goal))
+    )
+    reached, before = dijkstra(graph, directed=False, indices=source, return_predecessors=True, limit=most)
     if not np.isfinite(reached[target]):
         return None
-    cells = np.argwhere(free)
+    cells = np.argwhere(free) + np.array([first_row, first_column])
     path = [goal]
     node = int(target)
     while node != source:
         node = int(before[node])
         path.append(lab.centre(*cells[node]))
-    return _straighten(lab, [start, *path[-2:0:-1], goal])
+    return [start, *path[-2:0:-1], goal]
 
 
 def _straighten(lab: Map, path: list[Point2]) -> list[Point2]:
@@ -257,12 +292,17 @@ def _straighten(lab: Map, path: list[Point2]) -> list[Point2]:
     kept = [path[0]]
     here = 0
     while here < len(path) - 1:
-        last = max(k for k in range(here + 1, len(path)) if k == here + 1 or _clear(lab, path[here], path[k]))
-        kept.append(path[last])
-        here = last
+        further = range(len(path) - 1, here + 1, -1)
+        here = next((k for k in further if _clear(lab, path[here], path[k])), here + 1)
+        kept.append(path[here])
     return kept
 
 
 def _clear(lab: Map, a: Point2, b: Point2) -> bool:
+    """Whether the robot can turn all along the line: both ends are on the map."""
     n = max(2, math.ceil(math.dist(a, b) / (CELL_M / 2)))
-    return all(lab.can_turn(a[0] + (b[0] - a[0]) * k / n, a[1] + (b[1] - a[1]) * k / n) for k in range(n + 1))
+    k = np.arange(n + 1)
+    rows, columns = (
+        np.floor((a[axis] + (b[axis] - a[axis]) * k / n) / CELL_M).astype(int) for axis in (1, 0)
+    )
+    return bool((lab.distance_m[rows, columns] > FOOTPRINT_RADIUS_M + CLEARANCE_M).all())

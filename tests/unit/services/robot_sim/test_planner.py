@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from rodeo.config import Site
@@ -45,6 +46,17 @@ def test_a_way_around_furniture_is_longer_than_the_straight_line(site: Site) -> 
     before, behind = Pose2(x_m=desk.x_m, y_m=desk.y_m - 1.2), Pose2(x_m=desk.x_m, y_m=desk.y_m + 1.2)
     route = plan(Map.of(site), before, behind)
     assert route.length_m > 1.3 * math.dist((before.x_m, before.y_m), (behind.x_m, behind.y_m))
+
+
+def test_a_way_that_leads_far_around_is_found_and_it_is_the_shortest() -> None:
+    """A long wall with one gap at each end, of which the further one would be 2 m longer."""
+    length_m, width_m, wall_m, gap_m = 40.0, 6.0, 3.0, 1.5
+    occupied = np.zeros((round(width_m / CELL_M), round(length_m / CELL_M)), dtype=bool)
+    occupied[round(wall_m / CELL_M), round(gap_m / CELL_M) : round((length_m - gap_m) / CELL_M)] = True
+    start, goal = Pose2(x_m=19.5, y_m=1.5), Pose2(x_m=19.5, y_m=4.5)
+    route = plan(Map(occupied), start, goal)
+    assert min(x for x, _ in route.way) < gap_m
+    assert 2 * (19.5 - gap_m) < route.length_m < 2 * 19.5 + 3.0
 
 
 def test_the_bin_is_approached_straight_and_left_backwards(site: Site, lab: Map) -> None:
