@@ -36,6 +36,13 @@ class Currency:
         """What each price is a multiple of, in the token's smallest unit, as `Units.unitOf` on chain."""
         return int(10 ** max(0, self.decimals - 9))
 
+    def reward_for(self, price: int) -> int:
+        """The least reward for which a service of this price is found among those that wait: three digits
+        count, as `Units.levelFor` on chain."""
+        units = -(-price // self.price_unit)
+        step = 10 ** max(0, len(str(units)) - 3)
+        return -(-units // step) * step * self.price_unit
+
     def to_units(self, amount: Decimal) -> int:
         """In the smallest unit. Raises InvalidAmount."""
         if not amount.is_finite() or amount < 0:

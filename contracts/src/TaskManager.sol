@@ -445,7 +445,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         taskId = unpackTask(_open[queue].first(minimum));
         while (named != 0) {
             uint256 own = _queueOf(named, kindId);
-            TaskId first = unpackTask(_open[own].first(minimum));
+            // Who names whom it wants may pay its price exactly, which is between two levels: the oldest such task counts.
+            TaskId first = unpackTask(_open[own].first(Units.levelOf(price, _unit)));
+            if (first != NO_TASK && _tasks.load(first, _unit).reward < price) {
+                first = unpackTask(_open[own].first(minimum));
+            }
             if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) (queue, taskId) = (own, first);
             named = named == ServiceId.unwrap(serviceId) ? 0 : ServiceId.unwrap(serviceId);
         }
@@ -614,7 +618,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
     function _endAttempt(TaskId taskId, Record memory t, Cause cause) private returns (bool last) {
-        last = t.attempt == t.maxAttempts;
+        // Who was named has said no, and would get it again at once.
+        last = t.attempt == t.maxAttempts || (cause == Cause.Abandoned && t.hired != Hire.None);
         if (last) {
             _end(taskId, t, TaskState.Failed);
             emit TaskFailed(taskId, t.reward, t.attempt, cause);

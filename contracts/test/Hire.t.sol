@@ -3,7 +3,15 @@ pragma solidity ^0.8.28;
 
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Hire, ITaskManager, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {
+    Cause,
+    Hire,
+    ITaskManager,
+    Task,
+    TaskRequest,
+    TaskState,
+    Verdict
+} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -94,6 +102,43 @@ contract HireTest is Fixture {
         assertAssigned(taskId, first);
         assertEq(tasks.task(taskId).attempt, 2);
         assertEq(services.service(other).taskId, 0);
+    }
+
+    function test_aTaskThatPaysThePriceOfWhomItNamesExactlyWaitsForIt() public {
+        ServiceId busy = offer(robot1, 12.345 ether);
+        TaskId running = post(bob, 100 ether);
+        TaskId taskId = _hire(busy, 12.345 ether);
+        TaskId ofProvider = _hireFrom(robot1, 12.345 ether);
+        attempt(running, true);
+        assertAssigned(taskId, busy);
+        attempt(taskId, true);
+        assertAssigned(ofProvider, busy);
+        assertEq(tasks.task(ofProvider).price, 12.345 ether);
+    }
+
+    function test_aTaskThatPaysTooLittleKeepsNoServiceFromItsNext() public {
+        ServiceId busy = offer(robot1, 12.345 ether);
+        TaskId running = post(bob, 100 ether);
+        TaskId cheap = _hire(busy, 12.34 ether); // of the level that 12.345 is of
+        TaskId taskId = _hire(busy, 12.4 ether);
+        attempt(running, true);
+        assertAssigned(taskId, busy);
+        assertState(cheap, TaskState.Open);
+    }
+
+    function test_whoIsNamedAndGivesTheTaskBackDoesNotGetItAgain() public {
+        ServiceId named = offer(robot1, 80 ether);
+        for (uint256 i = 0; i < 2; ++i) {
+            TaskId taskId = i == 0 ? _hire(named, 100 ether) : _hireFrom(robot1, 100 ether);
+            vm.expectEmit();
+            emit ITaskManager.TaskFailed(taskId, 100 ether, 1, Cause.Abandoned);
+            vm.prank(robot1);
+            tasks.abandonTask(taskId, 1);
+            assertState(taskId, TaskState.Failed);
+            assertEq(coin.balanceOf(alice), 2000 ether, "the reward is back");
+            assertEq(services.service(named).taskId, 0);
+            assertEq(services.service(named).expired, 0, "nobody failed");
+        }
     }
 
     function test_aTaskWaitsForAPausedServiceAndItsCreatorCancelsIt() public {

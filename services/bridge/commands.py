@@ -930,7 +930,9 @@ class Wallet:
             prices = [offer["price"] for offer in offers if offer["state"] == "active"]
             which = f"every service of {command.provider}"
         elif command.service_id is None:
-            prices, which = self.index.active_prices(command.kind), "every service of this kind"
+            # Who names nobody is compared in levels, who names somebody exactly.
+            prices = [self._currency.reward_for(price) for price in self.index.active_prices(command.kind)]
+            which = "every service of this kind"
         else:
             service = self.index.service(command.service_id)
             if service is None:

@@ -61,6 +61,23 @@ def test_prices_are_multiples_of_a_billionth_or_of_the_smallest_unit(decimals: i
     assert Currency(decimals).price_unit == unit
 
 
+@pytest.mark.parametrize(
+    ("price", "reward"),
+    [
+        ("0", "0"),
+        ("100", "100"),
+        ("99.71", "99.8"),
+        ("1001", "1010"),
+        ("999.000000001", "1000"),
+        ("0.000000999", "0.000000999"),
+        ("0.000001001", "0.00000101"),
+    ],
+)
+def test_three_digits_of_a_price_count_for_who_names_nobody(price: str, reward: str) -> None:
+    assert IEC.reward_for(IEC.to_units(Decimal(price))) == IEC.to_units(Decimal(reward))
+    assert DOLLAR.reward_for(DOLLAR.to_units(Decimal("12.345"))) == DOLLAR.to_units(Decimal("12.4"))
+
+
 @pytest.mark.parametrize("decimals", [2, 6, 9, 18])
 def test_the_same_work_makes_the_same_name_in_each_token(decimals: int) -> None:
     currency = Currency(decimals)

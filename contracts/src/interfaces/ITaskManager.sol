@@ -289,7 +289,8 @@ interface ITaskManager is IServiceListener {
     /// @notice The executor gives the assigned task back, and the attempt ends. This costs it nothing in the first
     /// quarter of the execution window, nor later if it has not accepted the task. Otherwise it counts as an attempt
     /// without a proof. In the grace period it counts toward MAX_MISSED only if another provider then does the task,
-    /// see IServiceManager.countAbandoned; later it does.
+    /// see IServiceManager.countAbandoned; later it does. A task that named who gives it back in the grace period has
+    /// failed: it would be offered to nobody else.
     /// @param taskId an assigned task
     /// @param attempt the running attempt
     function abandonTask(TaskId taskId, uint8 attempt) external;
