@@ -80,15 +80,15 @@ Say = Callable[[str], object]
 class _Sender:
     """Sends what sets the organization up.
 
-    Where members decide, the timelock is the administrator from the beginning, and does at once what its
-    founder schedules, until the founder ends that. What the site file says later takes a vote.
+    Where the administrator is a timelock, it is so from the beginning, and does at once what its founder
+    schedules, until the founder ends that. What the site file says later has to be proposed.
     """
 
     def __init__(self, client: ChainClient, administrator: str, names: dict[str, str], say: Say) -> None:
         self._client, self._names, self._say = client, names, say
         self._administrator = administrator
-        self._by_vote = client.deployment.decides_by_vote
-        self.is_founding = self._by_vote and client.decision_delay_s() == 0
+        self._by_timelock = client.deployment.has_timelock
+        self.is_founding = self._by_timelock and client.decision_delay_s() == 0
         self._waiting: list[Call] = []
         """Of the administrator to the organization."""
         self.sent: Counter[str] = Counter()
@@ -98,8 +98,8 @@ class _Sender:
         """At once, but for what the administrator sends to the organization: that waits for what follows."""
         if account.address != self._administrator:
             self._send(account, call)
-        elif self._by_vote and not self.is_founding:
-            self._say(f"{call.name} of the site file is not on chain: it takes a vote of the members")
+        elif self._by_timelock and not self.is_founding:
+            self._say(f"{call.name} of the site file is not on chain: it takes {self._way}")
             return
         elif call.to == self._client.organization:
             if len(self._waiting) == _MOST_TOGETHER:
@@ -122,28 +122,42 @@ class _Sender:
             self._say(f"{calls} sent by {self._names[administrator.address]}")
 
     def end_founding(self, founder: LocalAccount, delay_s: int) -> None:
-        """From now on the members decide, and nobody else."""
+        """From now on nothing that an administrator may do happens without the delay."""
         self.flush(founder)
-        self._found(founder, self._client.governance_calls.end_founding(founder.address, delay_s))
+        for left in self._client.pending_operations():
+            # Of an attempt that was interrupted: otherwise anybody could have it done again at any time.
+            self._send(founder, self._client.governance_calls.cancel(left))
+        self._administer(founder, self._client.governance_calls.end_founding(founder.address, delay_s))
         self.is_founding = False
-        self._say(f"from now on the members decide by vote, with a delay of {delay_s} s")
+        decides = "the members decide by vote" if self._by_vote else "the administrator's key proposes"
+        self._say(f"from now on {decides}, with a delay of {delay_s} s")
+
+    @property
+    def _by_vote(self) -> bool:
+        return self._client.deployment.decides_by_vote
+
+    @property
+    def _way(self) -> str:
+        """In which the organization is changed once it is founded."""
+        return "a vote of the members" if self._by_vote else "a proposal of the administrator"
 
     def _administer(self, administrator: LocalAccount, calls: Sequence[Call]) -> None:
-        if self._by_vote:
-            self._found(administrator, calls)
-        elif len(calls) == 1:
-            self._send(administrator, calls[0])
-        else:
-            data = [to_bytes(hexstr=call.data) for call in calls]
-            self._send(administrator, self._client.organization_calls.multicall(data))
-
-    def _found(self, founder: LocalAccount, calls: Sequence[Call]) -> None:
-        for call in self._client.governance_calls.found(calls, os.urandom(32)):
-            self._send(founder, call)
+        for call in at_once(self._client, calls):
+            self._send(administrator, call)
 
     def _send(self, account: LocalAccount, call: Call) -> None:
         self._client.send(account, call)
         self.sent[account.address] += 1
+
+
+def at_once(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
+    """What the administrator's key sends so that the organization is told `calls`: several are all to its own
+    contract. Where a timelock is the administrator, that works until the founding ends."""
+    if client.deployment.has_timelock:
+        return client.governance_calls.found(calls, os.urandom(32))
+    if len(calls) < 2:
+        return calls
+    return [client.organization_calls.multicall([to_bytes(hexstr=call.data) for call in calls])]
 
 
 def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
@@ -201,6 +215,8 @@ def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAcc
         for call in _missing_members(site, client):
             sender.send(administrator, call)
         sender.end_founding(administrator, site.governance.delay_s)
+    elif (told := _other_delay(site, client)) is not None:
+        say(told)
     # Only now, so that whoever finds the record finds an organization that works.
     deployment = deployment.model_copy(
         update={
@@ -393,8 +409,8 @@ def _missing_rules(
         (Role.ORACLE, _judge(site, client)),
         (Role.AUDITOR, administrator.address),
     ]
-    if client.deployment.decides_by_vote:
-        # So that decisions set the prices of the organization's services.
+    if client.deployment.has_timelock:
+        # So that proposals set the prices of the organization's services.
         roles.append((Role.OPERATOR, client.deployment.address("OrganizationTimelock")))
     for former in _former_oracles(site, client):
         yield administrator, calls.revoke_role(Role.ORACLE, former)
@@ -439,6 +455,24 @@ def _missing_rules(
         if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
             spender = wallets.load(site, robot.name)
             yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
+
+
+def _other_delay(site: Site, client: ChainClient) -> str | None:
+    """What to say where the organization was founded with another delay than the site file's."""
+    wanted_s = site.governance.delay_s
+    if not client.deployment.has_timelock:
+        if not wanted_s:
+            return None
+        return (
+            "the administrator's key acts at once in this organization, which was founded so: "
+            "governance.delay_s of the site file counts for another organization"
+        )
+    if (there_s := client.decision_delay_s()) == wanted_s:
+        return None
+    return (
+        f"governance.delay_s of the site file is {wanted_s} and not {there_s} as on chain: `rodeo "
+        "organization propose delay` changes it"
+    )
 
 
 def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:

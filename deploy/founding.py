@@ -206,9 +206,12 @@ def _batches(parts: Sequence[Part]) -> Iterator[list[Part]]:
 
 def _names(site: Site, own_token: bool) -> list[str]:
     """What the registry creates of the site's organization, in an order in which it can."""
+    governance = site.governance
+    deciding = artifacts.governance(governance.votes) if governance.kind == "vote" else ()
     wanted = {
         *artifacts.CONTRACTS,
-        *(artifacts.governance(site.governance.votes) if site.governance.kind == "vote" else ()),
+        *(("OrganizationTimelock",) if governance.delay_s else ()),
+        *deciding,
         *(artifacts.DISPUTES if site.disputes is not None else ()),
     }
     if not own_token:
@@ -232,7 +235,7 @@ def _parts(
             tasks,
             addresses[Policy.FIRST_COME],
             # From the beginning: a handover takes a later block, and a chain at rest has none.
-            addresses["OrganizationTimelock"] if by_vote else founder,
+            addresses.get("OrganizationTimelock", founder),
             governance.delay_s,
             (currency.to_units(terms.bond_iec), currency.to_units(terms.penalty_iec), terms.max_failures),
         ),
@@ -244,16 +247,17 @@ def _parts(
     }
     if "IECoin" in names:
         arguments["IECoin"] = _first_holders(site, organization, founder)
+    if "OrganizationTimelock" in names:
+        deciders = [addresses["OrganizationGovernor"]] if by_vote else []
+        arguments["OrganizationTimelock"] = (0, [*deciders, founder])
     if by_vote:
-        timelock, governor = addresses["OrganizationTimelock"], addresses["OrganizationGovernor"]
         by_tokens = governance.votes == "tokens"
         arguments |= {
             "MemberVotes": (organization,),
             "WrappedVotes": (coin,),
-            "OrganizationTimelock": (0, [governor, founder]),
             "OrganizationGovernor": (
                 addresses[artifacts.VOTES[governance.votes]],
-                timelock,
+                addresses["OrganizationTimelock"],
                 governance.voting_period_s,
                 currency.to_units(governance.proposal_iec) if by_tokens else 1,
                 governance.quorum_percent,

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from eth_account.signers.local import LocalAccount
-from eth_utils import to_bytes
 from web3 import Web3
 
 from deploy import contracts
@@ -41,8 +40,6 @@ from rodeo.instance import lock_holder
 
 Say = Callable[[str], object]
 
-_PAGE_BLOCKS = 2_000
-"""Of events that a node is asked for at once."""
 _MOST_TOGETHER = 100
 """Providers in one transaction: each costs some 30,000 gas."""
 _RUNNING = (TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
@@ -76,16 +73,21 @@ class MembersDecide(RodeoError):
     """Nobody moves an organization whose members decide."""
 
 
+class AdministratorWaits(RodeoError):
+    """Nobody moves an organization at once whose administrator proposes and waits."""
+
+
 def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     """Do what can be done now, and say it. The new organization's record.
 
     Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, KeyRevoked,
-    MembersDecide, NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError, WalletError, KindError.
+    MembersDecide, AdministratorWaits, NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError,
+    WalletError, KindError.
     """
     administrator = wallets.load(site, "organization")
     former = _former(site, w3, administrator)
     client = ChainClient(site.chain.url, former)
-    happened = list(_events(client))
+    happened = [log.event for log in client.history()]
     _require_no_revoked_key(site, happened)
     _stop(client, administrator, happened, say)
     _require_none_runs(client)
@@ -144,8 +146,8 @@ def _former(site: Site, w3: Web3, administrator: LocalAccount) -> Deployment:
 
 
 def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: LocalAccount) -> None:
-    """Raises MembersDecide, NotAdministrator, OtherToken, and JustMoved: whoever runs the command once too
-    often does not want to move again."""
+    """Raises MembersDecide, AdministratorWaits, NotAdministrator, OtherToken, and JustMoved: whoever runs the
+    command once too often does not want to move again."""
     if former.decides_by_vote or site.governance.kind == "vote":
         raise MembersDecide(
             "the members decide about the organization: propose what its contracts are to be told, and "
@@ -153,6 +155,13 @@ def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: Lo
         )
     token_of(former, site)
     client = ChainClient(site.chain.url, former)
+    if former.has_timelock:
+        raise AdministratorWaits(
+            "what the administrator does waits for a delay here, and moving takes all of it at once: propose "
+            "what the organization is to be told (`rodeo organization propose`), and found another one under "
+            "another name",
+            delay_s=client.decision_delay_s(),
+        )
     if not client.has_role(Role.ADMINISTRATOR, administrator.address):
         raise NotAdministrator(
             "the organization's wallet of this site is not its administrator",
@@ -189,19 +198,11 @@ def _is_of_this_release(former: Deployment, w3: Web3) -> bool:
     return True
 
 
-def _events(client: ChainClient) -> Iterator[Event]:
-    with translated():
-        head = client.w3.eth.block_number
-    for first in range(client.deployment.block, head + 1, _PAGE_BLOCKS):
-        for log in client.logs(first, min(first + _PAGE_BLOCKS - 1, head)):
-            yield log.event
-
-
 def _send(client: ChainClient, administrator: LocalAccount, calls: list[Call]) -> None:
-    """To the organization, in one transaction."""
+    """Several are all to the organization, in one transaction."""
     if calls:
-        data = [to_bytes(hexstr=call.data) for call in calls]
-        client.send(administrator, client.organization_calls.multicall(data))
+        for call in contracts.at_once(client, calls):
+            client.send(administrator, call)
 
 
 def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say) -> None:
@@ -328,7 +329,7 @@ def _move_work(
     services = client.deployment.address("ServiceManager")
     for first in range(0, len(known), _MOST_TOGETHER):
         some = known[first : first + _MOST_TOGETHER]
-        new.send(administrator, new.calls.adopt_work(services, some))
+        _send(new, administrator, [new.calls.adopt_work(services, some)])
         for provider in some:
             say(f"{provider} is known for its work")
 

@@ -232,8 +232,8 @@ class GovernanceConfig(_Table):
     """Who decides about the organization, and how fast."""
 
     kind: Literal["administrator", "vote"] = "administrator"
-    """Whose decisions they are: those of the key of `organization`, or of the members by vote. It counts when
-    the contracts are deployed."""
+    """Whose decisions they are: those of the key of `organization`, which proposes them, or of the members by
+    vote. It counts when the contracts are deployed."""
     votes: Literal["members", "tokens"] = "members"
     """What votes where members decide: each member once, or each IEC that its owner has wrapped. It counts
     when the contracts are deployed."""
@@ -241,9 +241,9 @@ class GovernanceConfig(_Table):
     """Wrapped IEC that a proposal takes where tokens vote. The quorum is a share of what is wrapped: while
     nobody else wraps, whoever has so much decides alone."""
     delay_s: int = Field(default=2 * 24 * 3600, ge=0, le=30 * 24 * 3600)
-    """Time between the announcement of another administrator and the handover, s: everybody can see it
-    coming. 0 hands over at once. Where members decide, also the time between a decision and its execution,
-    and then more than 0."""
+    """Time between a proposal of the administrator, or a decision of the members, and its execution, s:
+    everybody can see it coming. 0, which only an administrator may have: its key acts at once. It counts when
+    the contracts are deployed; `rodeo organization propose delay` changes it later."""
     members: list[str] = []
     """The first members where members decide, by the names of robots and participants: one vote each."""
     voting_period_s: int = Field(default=3 * 24 * 3600, gt=0, lt=2**32)

@@ -493,19 +493,20 @@ class RevokeRole(Command):
 
 
 Proposable = Literal[
-    "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "register_device",
+    "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "hand_over", "register_device",
     "reinstate_provider", "reinstate_service", "rescue_tokens", "resume_tasks", "retire_rules",
     "revoke_device", "revoke_role",
-    "seat_judge", "set_budget", "set_members_only", "set_policy", "set_quorum", "set_terms",
+    "seat_judge", "set_budget", "set_delay", "set_members_only", "set_policy", "set_quorum", "set_terms",
     "suspend_provider", "suspend_service", "unseat_judge", "update_service",
 ]  # fmt: skip
-"""Commands of the organization that its members can decide about."""
+"""Commands of the organization that its members can decide about, or that its administrator proposes."""
 
 Support = Literal["for", "against", "abstain"]
 
 
 class Propose(Command):
-    """Let the members vote on a command of the organization. Each can read what it would call on chain."""
+    """Let the members vote on a command of the organization, or where its administrator decides, start the
+    delay of one. Everybody can read what it would call on chain."""
 
     command: Proposable
     request: dict[str, Any] = {}
@@ -542,6 +543,25 @@ class ExecuteProposal(Command):
     """Do what was decided, after the delay. Anybody may."""
 
     proposal: Id
+
+
+class CancelProposal(Command):
+    """Withdraw what the administrator proposed, before it is executed. Where members decide, nobody can."""
+
+    proposal: Id
+
+
+class HandOver(Command):
+    """Let another key propose and cancel in place of all that may now. It can only be proposed, and only
+    where the administrator decides."""
+
+    account: Party
+
+
+class SetDelay(Command):
+    """Change the time between a proposal, or a decision, and its execution. It can only be proposed."""
+
+    delay_s: Annotated[int, Field(gt=0, le=30 * 24 * 3600)]
 
 
 class ChangeJudgeKey(Command):
@@ -696,6 +716,9 @@ COMMANDS: dict[str, type[Command]] = {
     "cast_vote": CastVote,
     "queue_proposal": QueueProposal,
     "execute_proposal": ExecuteProposal,
+    "cancel_proposal": CancelProposal,
+    "hand_over": HandOver,
+    "set_delay": SetDelay,
     "relay": Relay,
     "allow_payments": AllowPayments,
     "revoke_request": RevokeRequest,

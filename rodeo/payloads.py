@@ -327,6 +327,7 @@ _VALUES: dict[str, Any] = {
     "description": "a bond, so that robots take only what they can do",
     "nonce": 4711,
     "proposal": 3,
+    "delay_s": 172_800,
     "votes": 3,
     "judges": ["anna", "bert", "carl", "dora"],
     "support": "for",

@@ -381,6 +381,9 @@ class Organization(Answer):
     decided_by: Literal["administrator", "vote"] = "administrator"
     votes_by: Literal["members", "tokens"] | None = None
     """What votes: each member once, or each wrapped IEC. None where an administrator decides."""
+    delay_s: int = 0
+    """Block time between a proposal of the administrator, or a decision of the members, and its execution. 0
+    where the administrator's key acts at once."""
     judges: list[Judge] = []
     """Of the committee of oracles, by their seats."""
     roles: dict[str, list[Holder]]
@@ -410,23 +413,34 @@ class Ballot(Answer):
 
 
 ProposalState = Literal[
-    "pending", "active", "canceled", "defeated", "succeeded", "queued", "expired", "executed"
+    "pending",
+    "active",
+    "canceled",
+    "defeated",
+    "succeeded",
+    "queued",
+    "expired",
+    "waiting",
+    "ready",
+    "executed",
 ]
-"""Active while members vote; queued until the delay has passed and somebody executes it."""
+"""Active while members vote; queued until the delay has passed and somebody executes it. Where the
+administrator decides, waiting until the delay has passed, and ready until somebody executes it."""
 
 
 class Proposal(Answer):
     number: int
     id: str
-    """The governor's number of it, in hex."""
-    proposer: str
+    """The governor's number of it, or the timelock's where the administrator decides, in hex."""
+    proposer: str | None
+    """None where the administrator decides: the roles of the organization say who may propose."""
     proposer_name: str | None
     description: str
     calls: list[ProposedCall]
     state: ProposalState
     created_s: float
-    vote_end_s: float
-    """Last block time at which votes count."""
+    vote_end_s: float | None
+    """Last block time at which votes count; None where the administrator decides."""
     ready_s: float | None
     """Block time from which it can be executed; None before it is queued."""
     votes: dict[Support, Votes]
@@ -494,7 +508,7 @@ ORGANIZATION = Query(
     "organization", Nothing, Organization, "the organization's rules, and the holders of its roles"
 )
 PROPOSALS = Query(
-    "proposals", ProposalFilters, Proposals, "what the members vote on or decided, the newest first"
+    "proposals", ProposalFilters, Proposals, "what was proposed and what became of it, the newest first"
 )
 CHAIN = Query("chain", Nothing, Chain, "the chain, and the newest block in the index")
 EVENTS = Query("events", EventRange, Events, "events after a number, each as a DaoEvent below")

@@ -61,7 +61,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
                 else "never suspended"
             ),
         ),
-        ("decided by", _DECIDES[state.votes_by]),
+        ("decided by", _decides_in_words(state)),
         ("open to", "members" if state.members_only else "everybody"),
         *(("suspended provider", one.name or one.address) for one in state.suspended_providers),
         ("new tasks", _pause_in_words(state, loaded)),
@@ -172,6 +172,14 @@ def migrate(
     migrate_site(site, say, threading.Event())
 
 
+def _decides_in_words(state: queries.Organization) -> str:
+    """Who decides about the organization, and how long everybody can see it coming."""
+    by = _DECIDES[state.votes_by]
+    if not state.delay_s:
+        return f"{by}, at once"
+    return f"{by}, {span(state.delay_s)} after {'a vote' if state.votes_by else 'a proposal'}"
+
+
 _DECIDES = {
     None: "the administrator",
     "members": "the members, by vote",
@@ -187,8 +195,10 @@ _ROLES = {
     "AUDITOR_ROLE": "auditors",
     "MEMBER_ROLE": "members",
     "GUARDIAN_ROLE": "guardians",
+    "PROPOSER_ROLE": "may propose",
+    "CANCELLER_ROLE": "may cancel proposals",
 }
-"""Holders of a role that the contract knows by this name."""
+"""Holders of a role that the contract, or its timelock, knows by this name."""
 
 
 def _pause_in_words(state: queries.Organization, site: Site) -> str:

@@ -1,4 +1,5 @@
-"""Decisions by vote: propose what the organization should do, vote, queue and execute it."""
+"""Decisions after a delay: propose what the organization should do, vote and queue where members decide, and
+execute it."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ import typer
 
 from rodeo import queries, topics
 from rodeo.config import Site
+from rodeo.durations import span
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -28,7 +30,7 @@ from services.console.formatting import calls_in_words, number
 ProposalArgument = Annotated[int, typer.Argument(help="Its number: `rodeo organization proposals`.")]
 
 propose = typer.Typer(
-    help="Propose to the members what the organization should do. Options of `propose` come first.",
+    help="Propose what the organization should do. Options of `propose` come first.",
     no_args_is_help=True,
 )
 
@@ -38,8 +40,8 @@ _WHY: ContextVar[str | None] = ContextVar("why", default=None)
 
 
 def send(site: Path, participant: str, command: str, done: str, **fields: Any) -> None:
-    """Do it, and say the sentence `done` when it is; below `propose`, let the members vote on it. Fields that
-    are None are left out."""
+    """Do it, and say the sentence `done` when it is; below `propose`, propose it. Fields that are None are
+    left out."""
     request = {name: value for name, value in fields.items() if value is not None}
     why = _WHY.get()
     if why is not None:
@@ -48,15 +50,23 @@ def send(site: Path, participant: str, command: str, done: str, **fields: Any) -
     with connected(site) as (loaded, bus):
         key = topics.COMMAND.name(org=loaded.org, participant=participant, command=command)
         reply = bus.query(key, request, timeout_s=30)
-    say(done if why is None else f"Proposal {reply['proposal']}: the members can vote on it.")
+        if why is not None:
+            state = queries.ask(bus, loaded.org, queries.ORGANIZATION)
+            next_ = (
+                "the members can vote on it"
+                if state.decided_by == "vote"
+                else f"anybody can execute it in {span(state.delay_s)}"
+            )
+            done = f"Proposal {reply['proposal']}: {next_}."
+    say(done)
 
 
 @propose.callback()
 def _why(
     context: typer.Context,
-    text: Annotated[str, typer.Option("--why", help="What the members read. They see the calls, too.")],
+    text: Annotated[str, typer.Option("--why", help="What everybody reads. They see the calls, too.")],
 ) -> None:
-    """Propose one of these commands. `--as` names the member who proposes it."""
+    """Propose one of these commands. `--as` names who proposes it: a member, or the administrator."""
     told = _WHY.set(text)
     context.call_on_close(lambda: _WHY.reset(told))
 
@@ -74,8 +84,30 @@ def price(
     send(site, participant, "update_service", "", **fields)
 
 
+@propose.command("hand-over")
+@reports_errors
+def hand_over(
+    account: Annotated[str, typer.Argument(help="Who proposes from then on: a participant or an address.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let another key propose and cancel in place of the administrator's, where no members decide."""
+    send(site, participant, "hand_over", "", account=account)
+
+
+@propose.command("delay")
+@reports_errors
+def delay(
+    seconds: Annotated[int, typer.Argument(min=1, help="From a proposal, or decision, to its execution.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Change the delay of everything that is proposed later."""
+    send(site, participant, "set_delay", "", delay_s=seconds)
+
+
 def proposals(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
-    """List what the members vote on or decided, the newest first."""
+    """List what was proposed and what became of it, the newest first."""
     with connected(site) as (loaded, bus):
         reply = queries.ask(bus, loaded.org, queries.PROPOSALS, limit=100)
     rows = [
@@ -83,7 +115,11 @@ def proposals(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> N
             (
                 str(one.number),
                 one.state,
-                " / ".join(number(Decimal(one.votes[support])) for support in ("for", "against", "abstain")),
+                ""
+                if one.vote_end_s is None
+                else " / ".join(
+                    number(Decimal(one.votes[support])) for support in ("for", "against", "abstain")
+                ),
                 when(one, loaded),
                 one.description,
             ),
@@ -97,9 +133,9 @@ def proposals(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> N
 
 def when(one: queries.Proposal, site: Site) -> str:
     """Until when it stays as it is."""
-    if one.state == "active":
+    if one.state == "active" and one.vote_end_s is not None:
         return f"vote until {moment(one.vote_end_s, site)}"
-    if one.state == "queued" and one.ready_s is not None:
+    if one.state in ("queued", "waiting", "ready") and one.ready_s is not None:
         return f"not before {moment(one.ready_s, site)}"
     return ""
 
@@ -130,8 +166,17 @@ def execute(
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Do what was decided, after the delay."""
+    """Do what was decided or proposed, after the delay. Anybody may."""
     send(site, participant, "execute_proposal", f"Proposal {number} is executed.", proposal=number)
+
+
+def cancel(
+    number: ProposalArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Withdraw a proposal of the administrator before it is executed."""
+    send(site, participant, "cancel_proposal", f"Proposal {number} is cancelled.", proposal=number)
 
 
 def register(organization: typer.Typer, proposable: dict[str, Any]) -> None:
@@ -139,5 +184,5 @@ def register(organization: typer.Typer, proposable: dict[str, Any]) -> None:
     for name, command in proposable.items():
         propose.command(name)(command)
     organization.add_typer(propose, name="propose")
-    for command in (proposals, vote, queue, execute):
+    for command in (proposals, vote, queue, execute, cancel):
         organization.command(command.__name__)(reports_errors(command))

@@ -53,6 +53,7 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "paused_until_s": 0,
         "decided_by": "administrator",
         "votes_by": None,
+        "delay_s": 0,
         "judges": [],
         "suspended_providers": [],
         "budgets": {},

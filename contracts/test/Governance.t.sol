@@ -7,7 +7,7 @@ import {TimelockController} from "@openzeppelin/contracts/governance/TimelockCon
 import {MemberVotes} from "../src/governance/MemberVotes.sol";
 import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
 import {OrganizationTimelock} from "../src/governance/OrganizationTimelock.sol";
-import {Terms} from "../src/interfaces/IOrganization.sol";
+import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -266,5 +266,182 @@ contract GovernanceTest is Fixture {
             )
         );
         young.schedule(address(organization), 0, calldatas[0], 0, 0, DELAY);
+    }
+}
+
+/// @notice An organization whose administrator proposes and waits: a timelock, to which the key of `admin` speaks.
+contract WaitingAdministratorTest is Fixture {
+    uint256 private constant DELAY = 2 days;
+
+    OrganizationTimelock private timelock;
+
+    // What the tests propose.
+    address[] private targets = new address[](1);
+    uint256[] private values = new uint256[](1);
+    bytes[] private calls = new bytes[](1);
+
+    function setUp() public override {
+        super.setUp();
+        address[] memory proposers = new address[](1);
+        proposers[0] = admin;
+        timelock = new OrganizationTimelock(0, proposers);
+        vm.prank(admin);
+        organization.beginDefaultAdminTransfer(address(timelock));
+        vm.warp(block.timestamp + 1);
+        timelock.acceptAdministration(organization);
+        // The founder's last act, which is done at once.
+        _propose(address(timelock), abi.encodeCall(timelock.updateDelay, (DELAY)), 0, 0);
+        _execute(0);
+        assertEq(timelock.getMinDelay(), DELAY);
+        (targets[0], calls[0]) = (address(organization), abi.encodeCall(organization.setMembersOnly, (true)));
+    }
+
+    function _propose(address target, bytes memory call, bytes32 salt, uint256 delay) private {
+        (targets[0], calls[0]) = (target, call);
+        vm.prank(admin);
+        timelock.scheduleBatch(targets, values, calls, 0, salt, delay);
+    }
+
+    function _proposeMembersOnly(bytes32 salt) private {
+        _propose(address(organization), abi.encodeCall(organization.setMembersOnly, (true)), salt, DELAY);
+    }
+
+    function _execute(bytes32 salt) private {
+        vm.prank(stranger);
+        timelock.executeBatch(targets, values, calls, 0, salt);
+    }
+
+    function _expectUnauthorized(address account, bytes32 role) private {
+        vm.expectRevert(
+            abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, account, role)
+        );
+    }
+
+    function test_whatIsProposedIsDoneByAnybodyAfterTheDelayAndNotBefore() public {
+        _proposeMembersOnly(0);
+        vm.warp(block.timestamp + DELAY - 1);
+        vm.expectPartialRevert(TimelockController.TimelockUnexpectedOperationState.selector);
+        _execute(0);
+        vm.warp(block.timestamp + 1);
+        _execute(0);
+        assertTrue(organization.membersOnly());
+    }
+
+    function test_aBystanderNeitherProposesNorCancels() public {
+        (bytes32 proposer, bytes32 canceller) = (timelock.PROPOSER_ROLE(), timelock.CANCELLER_ROLE());
+        _expectUnauthorized(stranger, proposer);
+        vm.prank(stranger);
+        timelock.scheduleBatch(targets, values, calls, 0, 0, DELAY);
+        _proposeMembersOnly(0);
+        bytes32 id = timelock.hashOperationBatch(targets, values, calls, 0, 0);
+        _expectUnauthorized(stranger, canceller);
+        vm.prank(stranger);
+        timelock.cancel(id);
+        assertTrue(timelock.isOperationPending(id));
+    }
+
+    function test_theAdministratorsKeyDoesNothingAtOnce() public {
+        bytes32 administrator = organization.DEFAULT_ADMIN_ROLE();
+        bytes32 treasurer = organization.TREASURER_ROLE();
+        bytes32 proposer = timelock.PROPOSER_ROLE();
+        vm.startPrank(admin);
+        _expectUnauthorized(admin, administrator);
+        organization.setMembersOnly(true);
+        _expectUnauthorized(admin, administrator);
+        organization.grantRole(treasurer, admin);
+        _expectUnauthorized(admin, administrator);
+        organization.beginDefaultAdminTransfer(admin);
+        _expectUnauthorized(admin, administrator);
+        timelock.grantRole(proposer, stranger);
+        vm.expectRevert(abi.encodeWithSelector(TimelockController.TimelockUnauthorizedCaller.selector, admin));
+        timelock.updateDelay(0);
+        vm.expectRevert(
+            abi.encodeWithSelector(TimelockController.TimelockInsufficientDelay.selector, DELAY - 1, DELAY)
+        );
+        timelock.scheduleBatch(targets, values, calls, 0, 0, DELAY - 1);
+        vm.stopPrank();
+        // Not even by a proposal does it become the administrator at once.
+        vm.expectPartialRevert(bytes4(keccak256("AccessControlEnforcedDefaultAdminRules()")));
+        vm.prank(address(timelock));
+        organization.grantRole(administrator, admin);
+    }
+
+    function test_theDelayIsShortenedAfterTheDelayAndShortensNothingThatWaits() public {
+        _proposeMembersOnly(0);
+        bytes32 waits = timelock.hashOperationBatch(targets, values, calls, 0, 0);
+        uint256 ready = timelock.getTimestamp(waits);
+        vm.warp(block.timestamp + 1);
+        _propose(address(timelock), abi.encodeCall(timelock.updateDelay, (1)), 0, DELAY);
+        vm.expectPartialRevert(TimelockController.TimelockUnexpectedOperationState.selector);
+        _execute(0);
+        assertEq(timelock.getMinDelay(), DELAY);
+        vm.warp(block.timestamp + DELAY);
+        _execute(0);
+        assertEq(timelock.getMinDelay(), 1);
+        assertEq(timelock.getTimestamp(waits), ready);
+    }
+
+    function test_equalProposalsAreToldApartByTheirSalt() public {
+        _proposeMembersOnly(0);
+        vm.expectPartialRevert(TimelockController.TimelockUnexpectedOperationState.selector);
+        _proposeMembersOnly(0);
+        _proposeMembersOnly(bytes32(uint256(1)));
+        vm.warp(block.timestamp + DELAY);
+        _execute(0);
+        _execute(bytes32(uint256(1)));
+        vm.expectPartialRevert(TimelockController.TimelockUnexpectedOperationState.selector);
+        _execute(0);
+    }
+
+    function test_aProposalWhoseCallsRevertStaysPendingAndSaysWhy() public {
+        _propose(
+            address(organization),
+            abi.encodeCall(organization.setTerms, (Terms(1 ether, 2 ether, 3))),
+            0,
+            DELAY
+        );
+        bytes32 id = timelock.hashOperationBatch(targets, values, calls, 0, 0);
+        vm.warp(block.timestamp + DELAY);
+        vm.expectPartialRevert(IOrganization.InvalidTerms.selector);
+        _execute(0);
+        assertTrue(timelock.isOperationReady(id));
+    }
+
+    function test_whatIsCancelledIsNotDone() public {
+        _proposeMembersOnly(0);
+        bytes32 id = timelock.hashOperationBatch(targets, values, calls, 0, 0);
+        vm.warp(block.timestamp + DELAY);
+        vm.prank(admin);
+        timelock.cancel(id);
+        vm.expectPartialRevert(TimelockController.TimelockUnexpectedOperationState.selector);
+        _execute(0);
+        assertFalse(organization.membersOnly());
+    }
+
+    function test_theKeyThatProposesIsReplacedByAProposal() public {
+        bytes32 proposer = timelock.PROPOSER_ROLE();
+        targets = new address[](2);
+        values = new uint256[](2);
+        calls = new bytes[](2);
+        targets[1] = address(timelock);
+        calls[1] = abi.encodeCall(timelock.revokeRole, (proposer, admin));
+        _propose(address(timelock), abi.encodeCall(timelock.grantRole, (proposer, alice)), 0, DELAY);
+        vm.warp(block.timestamp + DELAY);
+        _execute(0);
+        assertTrue(timelock.hasRole(proposer, alice));
+        _expectUnauthorized(admin, proposer);
+        _proposeMembersOnly(bytes32(uint256(1)));
+    }
+
+    /// @dev The text of a proposal is a call to the precompile `identity`, which does nothing.
+    function test_aTextAmongTheCallsDoesNothing() public {
+        targets = new address[](2);
+        values = new uint256[](2);
+        calls = new bytes[](2);
+        (targets[1], calls[1]) = (address(4), "members only, because we are full");
+        _proposeMembersOnly(0);
+        vm.warp(block.timestamp + DELAY);
+        _execute(0);
+        assertTrue(organization.membersOnly());
     }
 }

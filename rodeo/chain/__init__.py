@@ -3,7 +3,7 @@
     deployment.py   Deployment: which contracts are where, one record per chain
     client.py       ChainClient: views, events and transactions of one deployment on one node
     calls.py        what to send to do something: Calls, and OrganizationCalls in the organization's name
-    governance.py   decisions by vote: proposals, and what their calls would do
+    governance.py   decisions after a delay, with votes or without: proposals, and what their calls would do
     registry.py     where organizations are founded, at addresses known beforehand, and listed
     logs.py         events as the chain logs them
     abi.py          the contracts' enums, structs and calls, generated
@@ -52,7 +52,7 @@ from rodeo.chain.errors import (
     WrongChain,
 )
 from rodeo.chain.logs import Log
-from rodeo.chain.types import Event, Policy, Role
+from rodeo.chain.types import Event, Policy, Role, TimelockRole
 
 __all__ = [
     "NOBODY",
@@ -89,6 +89,7 @@ __all__ = [
     "TaskRequest",
     "TaskState",
     "Terms",
+    "TimelockRole",
     "TransactionFailed",
     "TransactionTimeout",
     "Verdict",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rodeo.chain.encoding import Call, ContractCalls
-from rodeo.chain.types import ContractEnum, Role, Struct
+from rodeo.chain.types import ContractEnum, Role, Struct, TimelockRole
 
 
 class Cause(ContractEnum):
@@ -408,6 +408,12 @@ class OrganizationGovernorCalls(ContractCalls):
 
 
 class OrganizationTimelockCalls(ContractCalls):
+    def cancel(self, id: bytes) -> Call:
+        return self._call("OrganizationTimelock", "cancel", id)
+
+    def execute(self, target: str, value: int, payload: bytes, predecessor: bytes, salt: bytes) -> Call:
+        return self._call("OrganizationTimelock", "execute", target, value, payload, predecessor, salt)
+
     def execute_batch(
         self, targets: list[str], values: list[int], payloads: list[bytes], predecessor: bytes, salt: bytes
     ) -> Call:
@@ -415,7 +421,10 @@ class OrganizationTimelockCalls(ContractCalls):
             "OrganizationTimelock", "executeBatch", targets, values, payloads, predecessor, salt
         )
 
-    def revoke_role(self, role: Role, account: str) -> Call:
+    def grant_role(self, role: TimelockRole, account: str) -> Call:
+        return self._call("OrganizationTimelock", "grantRole", role, account)
+
+    def revoke_role(self, role: TimelockRole, account: str) -> Call:
         return self._call("OrganizationTimelock", "revokeRole", role, account)
 
     def schedule_batch(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
@@ -11,7 +12,7 @@ from web3 import HTTPProvider, Web3
 from web3.contract import Contract
 from web3.types import BlockIdentifier, TxReceipt
 
-from rodeo.chain import artifacts, transactions
+from rodeo.chain import artifacts, events, transactions
 from rodeo.chain.abi import (
     Budget,
     Device,
@@ -28,13 +29,16 @@ from rodeo.chain.calls import Calls, DisputeCommitteeCalls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated
-from rodeo.chain.governance import STATES, GovernanceCalls
+from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls
 from rodeo.chain.logs import Log, decode_log, event_topics
 from rodeo.chain.types import Role, kind_to_bytes32, value
 from rodeo.config import ChainConfig
 from rodeo.currency import Currency
 
 NOBODY = "0x" + "00" * 20
+
+_PAGE_BLOCKS = 2_000
+"""Of events that a node is asked for at once."""
 
 
 def connect(url: str, timeout_s: float = 10.0) -> Web3:
@@ -72,7 +76,7 @@ class ChainClient:
         """Where verdicts can be challenged, as is `dispute_committee_calls`."""
         self.dispute_committee_calls = DisputeCommitteeCalls(deployment)
         self.governance_calls = GovernanceCalls(deployment)
-        """Where members decide by votes."""
+        """Where the administrator is a timelock."""
         self._contracts: dict[str, Contract] = {
             name: self.w3.eth.contract(address=deployment.address(name), abi=artifacts.load(name).abi)
             for name in deployment.contracts
@@ -252,7 +256,12 @@ class ChainClient:
     def total_supply(self) -> int:
         return self._view("IECoin", "totalSupply")
 
-    # -- where members decide by votes -------------------------------------------------------------------
+    # -- where the administrator is a timelock -----------------------------------------------------------
+
+    def operation_state(self, operation_id: bytes) -> str:
+        """One of `governance.OPERATION_STATES`, as of a block that would be mined now."""
+        state: int = self._view("OrganizationTimelock", "getOperationState", operation_id, block="pending")
+        return OPERATION_STATES[state]
 
     def proposal_state(self, proposal_id: int) -> str:
         """One of `governance.STATES`, as of a block that would be mined now."""
@@ -265,8 +274,18 @@ class ChainClient:
         )
 
     def decision_delay_s(self) -> int:
-        """Between a decision's place in the queue and its execution, s; 0 while somebody sets it all up."""
+        """Between a proposal, or a decision's place in the queue, and its execution, s; 0 while somebody sets
+        it all up."""
         return self._view("OrganizationTimelock", "getMinDelay")
+
+    def pending_operations(self) -> list[bytes]:
+        """Ids of what the timelock was told and has neither done nor cancelled, as they were scheduled."""
+        scheduled = dict.fromkeys(
+            log.event.id
+            for log in self.history([self.deployment.address("OrganizationTimelock")])
+            if isinstance(log.event, events.CallScheduled)
+        )
+        return [one for one in scheduled if self.operation_state(one) in ("waiting", "ready")]
 
     def _view(self, contract: str, function: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
         bound = self._contracts[contract].functions[function]
@@ -277,14 +296,24 @@ class ChainClient:
 
     # -- events --------------------------------------------------------------------------------------------
 
-    def logs(self, first_block: int, last_block: int) -> list[Log]:
-        """Events of the contracts in the inclusive range of blocks, in chain order."""
+    def history(self, sources: Sequence[ChecksumAddress] | None = None) -> Iterator[Log]:
+        """All events until now, of `sources` or of `Deployment.event_sources`, in chain order."""
+        with translated():
+            head = self.w3.eth.block_number
+        for first in range(self.deployment.block, head + 1, _PAGE_BLOCKS):
+            yield from self.logs(first, min(first + _PAGE_BLOCKS - 1, head), sources)
+
+    def logs(
+        self, first_block: int, last_block: int, sources: Sequence[ChecksumAddress] | None = None
+    ) -> list[Log]:
+        """Events in the inclusive range of blocks, of `sources` or of `Deployment.event_sources`, in chain
+        order."""
         with translated(self.currency):
             found = self.w3.eth.get_logs(
                 {
                     "fromBlock": first_block,
                     "toBlock": last_block,
-                    "address": self.deployment.event_sources,
+                    "address": list(self.deployment.event_sources if sources is None else sources),
                     "topics": [event_topics()],
                 }
             )

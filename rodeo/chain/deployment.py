@@ -28,7 +28,8 @@ class Deployment(BaseModel):
     """No event of the contracts is in an earlier block."""
     contracts: dict[str, str]
     """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version, those of
-    `artifacts.governance` if it decides by votes, and `artifacts.DISPUTES` if verdicts can be challenged."""
+    `artifacts.governance` if it decides by votes, the timelock alone if its administrator's key proposes, and
+    `artifacts.DISPUTES` if verdicts can be challenged."""
     decimals: int = IEC.decimals
     """Of the payment token, which stands among the contracts as IECoin, as it says itself."""
     is_token_foreign: bool = False
@@ -73,16 +74,23 @@ class Deployment(BaseModel):
         return self.votes_by is not None
 
     @property
+    def has_timelock(self) -> bool:
+        """Whether the administrator is a timelock: what it is to do is proposed, and done after a delay."""
+        return "OrganizationTimelock" in self.contracts
+
+    @property
     def has_disputes(self) -> bool:
         """Whether the contracts are there by which verdicts can be challenged."""
         return "Disputes" in self.contracts
 
     @property
     def event_sources(self) -> list[ChecksumAddress]:
-        """The contracts whose events tell the organization's state. The timelock has roles of its own, which
-        are not the organization's. Whether a member has a vote is in the organization's events, and wrapped
-        tokens are no payments. The committee that decides about challenges has seats of its own."""
-        others = (*artifacts.VOTES.values(), "OrganizationTimelock", "DisputeCommittee")
+        """The contracts whose events tell the organization's state. Where members decide, the governor's tell
+        of proposals, and not the timelock's. Whether a member has a vote is in the organization's events, and
+        wrapped tokens are no payments. The committee that decides about challenges has seats of its own."""
+        others = {*artifacts.VOTES.values(), "DisputeCommittee"}
+        if self.decides_by_vote:
+            others.add("OrganizationTimelock")
         return [self.address(name) for name in self.contracts if name not in others]
 
     @staticmethod

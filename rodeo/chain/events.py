@@ -483,6 +483,43 @@ class StakePaid(Event):
 
 
 @dataclass(frozen=True)
+class CallExecuted(Event):
+    id: bytes
+    index: int
+    target: str
+    value: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class CallSalt(Event):
+    id: bytes
+    salt: bytes
+
+
+@dataclass(frozen=True)
+class CallScheduled(Event):
+    id: bytes
+    index: int
+    target: str
+    value: int
+    data: bytes
+    predecessor: bytes
+    delay: int
+
+
+@dataclass(frozen=True)
+class Cancelled(Event):
+    id: bytes
+
+
+@dataclass(frozen=True)
+class MinDelayChange(Event):
+    old_duration: int
+    new_duration: int
+
+
+@dataclass(frozen=True)
 class ProposalCanceled(Event):
     proposal_id: int
 

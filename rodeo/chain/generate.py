@@ -28,7 +28,13 @@ BETWEEN_CONTRACTS = frozenset(
 OF_GOVERNANCE = {
     "MemberVotes": frozenset({"sync"}),
     "WrappedVotes": frozenset({"depositFor", "withdrawTo"}),
-    "OrganizationTimelock": frozenset({"scheduleBatch", "executeBatch", "updateDelay", "revokeRole"}),
+    "OrganizationTimelock": frozenset(
+        {
+            *("scheduleBatch", "executeBatch", "execute", "cancel"),
+            *("updateDelay", "grantRole", "revokeRole"),
+            *("CallScheduled", "CallSalt", "CallExecuted", "Cancelled", "MinDelayChange"),
+        }
+    ),
     "OrganizationGovernor": frozenset(
         {
             *("propose", "castVote", "queue", "execute"),
@@ -93,7 +99,7 @@ def generated() -> dict[str, str]:
             "from __future__ import annotations\n",
             "from dataclasses import dataclass\n",
             "from rodeo.chain.encoding import Call, ContractCalls",
-            "from rodeo.chain.types import ContractEnum, Role, Struct\n",
+            "from rodeo.chain.types import ContractEnum, Role, Struct, TimelockRole\n",
             *(_enum(name, members) for name, members in sorted(enums.items())),
             *(_record(name, "Struct", parameters) for name, parameters in sorted(structs.items())),
             *(f"class {name}Calls(ContractCalls):\n" + "\n".join(calls[name]) for name in sorted(calls)),
@@ -146,6 +152,8 @@ def _record(name: str, base: str, parameters: list[Mapping[str, Any]]) -> str:
 def _method(contract: str, entry: Mapping[str, Any]) -> str:
     names = [field_name(p) for p in entry["inputs"]]
     typed = [f"{name}: {_type(p, entry['name'])}" for name, p in zip(names, entry["inputs"], strict=True)]
+    if contract == "OrganizationTimelock":
+        typed = [one.replace(": Role", ": TimelockRole") for one in typed]
     given = ", ".join([f'"{contract}"', f'"{entry["name"]}"', *names])
     return (
         f"    def {snake_case(entry['name'])}({', '.join(['self', *typed])}) -> Call:\n"

@@ -1,19 +1,19 @@
-"""Decisions by vote: what the governor and its timelock are sent, and what a proposal would do."""
+"""Decisions after a delay: what a governor and a timelock are sent, and what a proposal would do."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eth_abi import decode
+from eth_abi import decode, encode
 from eth_abi.exceptions import DecodingError
-from eth_utils import keccak, to_bytes
+from eth_utils import keccak, to_bytes, to_checksum_address
 
 from rodeo.chain import abi
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call, functions
-from rodeo.chain.types import to_json, values
+from rodeo.chain.types import TimelockRole, to_json, values
 
 SUPPORT = ("against", "for", "abstain")
 """By the number that stands for it in a ballot (OpenZeppelin's GovernorCountingSimple)."""
@@ -21,8 +21,12 @@ SUPPORT = ("against", "for", "abstain")
 STATES = ("pending", "active", "canceled", "defeated", "succeeded", "queued", "expired", "executed")
 """By OpenZeppelin's IGovernor.ProposalState."""
 
-_FOUNDERS = (keccak(text="PROPOSER_ROLE"), keccak(text="CANCELLER_ROLE"))
-"""Roles of the timelock that whoever sets the organization up has until it ends."""
+OPERATION_STATES = ("canceled", "waiting", "ready", "executed")
+"""By OpenZeppelin's TimelockController.OperationState; what it does not know any more was cancelled."""
+
+WHY = to_checksum_address("0x0000000000000000000000000000000000000004")
+"""The call of a proposal to here has its text as data. A timelock has no place for a text, and this contract,
+which every chain has, only returns what it is sent (`identity`, Ethereum Yellow Paper, appendix E)."""
 
 _MOST_NESTED = 4
 """Calls in calls that are taken apart; what is deeper is shown as bytes. Nobody needs more, and a proposal
@@ -40,6 +44,25 @@ class Proposed:
 
 
 @dataclass(frozen=True)
+class Operation:
+    """What the timelock was told to do after its delay; its id on chain is made of these."""
+
+    targets: list[str]
+    values: list[int]
+    calldatas: list[bytes]
+    predecessor: bytes
+    """The operation that has to be executed before; zeros for none."""
+    salt: bytes
+
+    @property
+    def batch_id(self) -> bytes:
+        """Its id, unless it was scheduled as a single call."""
+        types = ["address[]", "uint256[]", "bytes[]", "bytes32", "bytes32"]
+        made_of = [self.targets, self.values, self.calldatas, self.predecessor, self.salt]
+        return keccak(encode(types, made_of))
+
+
+@dataclass(frozen=True)
 class Described:
     """One call of a proposal, in names."""
 
@@ -51,9 +74,10 @@ class Described:
 
 
 class GovernanceCalls:
-    """Calls of an organization whose members decide."""
+    """Calls of an organization whose administrator is a timelock: members decide, or a key proposes."""
 
     def __init__(self, deployment: Deployment) -> None:
+        self._by_vote = deployment.decides_by_vote
         self._timelock = abi.OrganizationTimelockCalls(deployment)
         self._governor = abi.OrganizationGovernorCalls(deployment)
         self.votes = abi.MemberVotesCalls(deployment)
@@ -78,6 +102,35 @@ class GovernanceCalls:
     def execute(self, one: Proposed) -> Call:
         return self._governor.execute(one.targets, one.values, one.calldatas, one.description_hash)
 
+    # -- where a key proposes, without votes -------------------------------------------------------------
+
+    def schedule(self, calls: Sequence[Call], description: str, salt: bytes, delay_s: int) -> Call:
+        """`salt` is used once: the same calls may be proposed again."""
+        targets: list[str] = [*(call.to for call in calls), WHY]
+        data = [*(to_bytes(hexstr=call.data) for call in calls), description.encode()]
+        return self._timelock.schedule_batch(targets, [0] * len(data), data, bytes(32), salt, delay_s)
+
+    def perform(self, one: Operation, operation_id: bytes) -> Call:
+        if one.batch_id == operation_id:
+            return self._timelock.execute_batch(
+                one.targets, one.values, one.calldatas, one.predecessor, one.salt
+            )
+        (target,), (value,), (data,) = one.targets, one.values, one.calldatas
+        return self._timelock.execute(target, value, data, one.predecessor, one.salt)
+
+    def cancel(self, operation_id: bytes) -> Call:
+        return self._timelock.cancel(operation_id)
+
+    def hand_over(self, former: Iterable[str], to: str) -> list[Call]:
+        """What the timelock does so that `to` proposes and cancels, and none of the `former` keys."""
+        given = [self._timelock.grant_role(role, to) for role in TimelockRole]
+        return given + [
+            self._timelock.revoke_role(role, one) for one in former if one != to for role in TimelockRole
+        ]
+
+    def set_delay(self, delay_s: int) -> Call:
+        return self._timelock.update_delay(delay_s)
+
     # -- while the organization is set up ----------------------------------------------------------------
 
     def found(self, calls: Sequence[Call], salt: bytes) -> tuple[Call, Call]:
@@ -90,9 +143,16 @@ class GovernanceCalls:
         )
 
     def end_founding(self, founder: str, delay_s: int) -> list[Call]:
-        """What the timelock does last at once: from then on `founder` has no role in it."""
-        given_up = [self._timelock.revoke_role(role, founder) for role in _FOUNDERS]  # type: ignore[arg-type]
-        return [self._timelock.update_delay(delay_s), *given_up]
+        """What the timelock does last at once. Where members decide, `founder` then has no role in it any
+        more; otherwise `founder` is the administrator's key, and may propose and cancel."""
+        given_up = [self._timelock.revoke_role(role, founder) for role in TimelockRole]
+        return [self.set_delay(delay_s), *(given_up if self._by_vote else ())]
+
+
+def text_of(targets: Sequence[str], calldatas: Sequence[bytes]) -> str:
+    """The text among the calls of an operation; anybody who schedules it may have written any bytes."""
+    texts = [data for target, data in zip(targets, calldatas, strict=True) if target == WHY]
+    return "\n".join(text.decode(errors="replace") for text in texts)
 
 
 def described(deployment: Deployment, target: str, calldata: bytes, depth: int = 0) -> Described:

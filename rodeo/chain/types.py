@@ -55,6 +55,18 @@ class Role(StrEnum):
         return bytes(32) if self is Role.ADMINISTRATOR else keccak(text=self.value)
 
 
+class TimelockRole(StrEnum):
+    """Roles of the timelock, where that is the organization's administrator."""
+
+    PROPOSER = "PROPOSER_ROLE"
+    CANCELLER = "CANCELLER_ROLE"
+
+    @property
+    def id(self) -> bytes:
+        """The 32 bytes that stand for the role on chain."""
+        return keccak(text=self.value)
+
+
 class Policy(StrEnum):
     """The matching policies that come with the contracts, by contract name."""
 
@@ -90,7 +102,7 @@ TEXTS = frozenset({"kind", "role", "name", "deviceName", "neededRole"})
 RENAMED = {"Kind": "KindRules"}
 """Structs of the contracts that have another name here."""
 
-_ROLES = {role.id: role.value for role in Role}
+_ROLES = {role.id: role.value for role in (*Role, *TimelockRole)}
 
 
 @cache
@@ -146,7 +158,7 @@ def _raw(parameter: Mapping[str, Any], given: Any) -> Any:
         return raw_values(parts, [getattr(given, field_name(part)) for part in parts])
     if isinstance(given, list):
         return [_raw(parameter, one) for one in given]
-    if isinstance(given, Role):
+    if isinstance(given, Role | TimelockRole):
         return given.id
     return kind_to_bytes32(given) if parameter["type"] == "bytes32" and isinstance(given, str) else given
 

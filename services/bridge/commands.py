@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from hashlib import sha256
-from typing import Any
+from typing import Any, get_args
 
 from eth_account import Account
 from eth_utils import is_address, to_checksum_address
@@ -29,10 +30,11 @@ from rodeo.chain import (
     Silence,
     TaskRequest,
     Terms,
+    TimelockRole,
     Verdict,
     Vote,
 )
-from rodeo.chain.governance import Proposed
+from rodeo.chain.governance import Operation, Proposed
 from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
@@ -45,6 +47,7 @@ from rodeo.messages import (
     AllowKind,
     AllowPayments,
     Broadcast,
+    CancelProposal,
     CancelTask,
     CastVote,
     ChallengeVerdict,
@@ -58,12 +61,14 @@ from rodeo.messages import (
     ExecuteProposal,
     ExpireTask,
     GrantRole,
+    HandOver,
     MatchTask,
     PauseTasks,
     PostRoot,
     PostVerdict,
     PostVotes,
     Prepare,
+    Proposable,
     Propose,
     QueueProposal,
     RaiseReward,
@@ -81,6 +86,7 @@ from rodeo.messages import (
     RevokeRole,
     SeatJudge,
     SetBudget,
+    SetDelay,
     SetMembersOnly,
     SetPayout,
     SetPolicy,
@@ -103,15 +109,18 @@ from rodeo.messages import (
 )
 from rodeo.signed_requests import UNLIMITED
 from services.bridge.errors import (
+    ActsAtOnce,
     AlreadyOffered,
     AssignmentChanged,
     CannotDo,
     CannotRaise,
     CannotSign,
+    HasToBeProposed,
     InsufficientFunds,
     InvalidQuorum,
     KindWithoutChecks,
     KindWithoutRules,
+    MembersDecide,
     NoDispute,
     NotAJudge,
     NotThisWallets,
@@ -119,6 +128,7 @@ from services.bridge.errors import (
     ProviderWithoutService,
     RewardBelowPrice,
     RulesNotCurrent,
+    UnexpectedProposalState,
     UnknownCommand,
     UnknownKind,
     UnknownParticipant,
@@ -218,6 +228,8 @@ class Wallet:
 
     def _orders(self, name: str, command: Command, build: Build) -> list[Order]:
         """What is to be sent one after the other; the last is the command's own."""
+        if name in _OF_ADMINISTRATOR:
+            self._require_no_timelock(name)
         *before, call = build(self, command)
         return [
             *(Order(self.participant, one.name, one) for one in before),
@@ -813,15 +825,18 @@ class Wallet:
             raise UnknownParticipant("no judge votes with this key", who=who)
         return 1 << sitting.seat
 
-    # -- decisions by vote ---------------------------------------------------------------------------------
+    # -- decisions after a delay ---------------------------------------------------------------------------
 
     def _propose(self, command: Propose) -> list[Call]:
-        self._require_votes()
+        self._require_timelock()
         proposed, build = self._parse(command.command, command.request)
         calls = build(replace(self, participant=ORGANIZATION), proposed)
         if isinstance(proposed, Admit | Dismiss) and self.client.deployment.votes_by == "members":
             # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.
             calls.append(self.client.governance_calls.votes.sync(self.names.address(proposed.account)))
+        if not self.client.deployment.decides_by_vote:
+            salt, delay_s = os.urandom(32), self.client.decision_delay_s()
+            return [self.client.governance_calls.schedule(calls, command.description, salt, delay_s)]
         return [self.client.governance_calls.propose(calls, command.description)]
 
     def _wrap_tokens(self, command: WrapTokens) -> list[Call]:
@@ -840,14 +855,71 @@ class Wallet:
         return [self.client.governance_calls.tokens.withdraw_to(self.key_address, amount)]
 
     def _cast_vote(self, command: CastVote) -> list[Call]:
+        self._require_votes()
         key = self._proposal(command.proposal)["id"]
         return [self.client.governance_calls.cast_vote(int(key, 16), command.support)]
 
     def _queue_proposal(self, command: QueueProposal) -> list[Call]:
+        self._require_votes()
         return [self.client.governance_calls.queue(_proposed(self._proposal(command.proposal)))]
 
     def _execute_proposal(self, command: ExecuteProposal) -> list[Call]:
-        return [self.client.governance_calls.execute(_proposed(self._proposal(command.proposal)))]
+        row = self._proposal(command.proposal)
+        if self.client.deployment.decides_by_vote:
+            return [self.client.governance_calls.execute(_proposed(row))]
+        self._require_state(row, "ready")
+        return [self.client.governance_calls.perform(_operation(row), _bytes32(row["id"]))]
+
+    def _cancel_proposal(self, command: CancelProposal) -> list[Call]:
+        row = self._proposal(command.proposal)
+        self._require_no_votes("a proposal is decided by votes, and nobody withdraws it")
+        self._require_state(row, "waiting", "ready")
+        return [self.client.governance_calls.cancel(_bytes32(row["id"]))]
+
+    def _hand_over(self, command: HandOver) -> list[Call]:
+        self._require_timelock()
+        self._require_no_votes("the members decide, and no key proposes in their place")
+        holders = self.index.roles()
+        former = sorted({one for role in TimelockRole for one in holders.get(role, ())})
+        to = self.names.key_address(command.account)
+        return self.client.governance_calls.hand_over(former, to)
+
+    def _set_delay(self, command: SetDelay) -> list[Call]:
+        self._require_timelock()
+        return [self.client.governance_calls.set_delay(command.delay_s)]
+
+    def _require_no_timelock(self, command: str) -> None:
+        """Raises HasToBeProposed where the administrator is one: it does `command` after a proposal alone."""
+        if not self.client.deployment.has_timelock:
+            return
+        if self.client.administrator() == self.client.deployment.address("OrganizationTimelock"):
+            raise HasToBeProposed(
+                "no key does this at once in this organization: propose it with `rodeo organization propose "
+                "--why TEXT`, followed by the command",
+                command=command,
+                delay_s=self.client.decision_delay_s(),
+            )
+
+    def _require_timelock(self) -> None:
+        if not self.client.deployment.has_timelock:
+            raise ActsAtOnce(
+                "the administrator's key acts at once in this organization, and nothing is proposed"
+            )
+
+    def _require_state(self, row: Row, *wanted: str) -> None:
+        """Of a proposal where nobody votes. Raises UnexpectedProposalState."""
+        state = self.client.operation_state(_bytes32(row["id"]))
+        if state not in wanted:
+            raise UnexpectedProposalState(
+                "this cannot be done to the proposal in its state; `rodeo organization proposals` shows it",
+                proposal=row["number"],
+                state=state,
+                wanted=" or ".join(wanted),
+            )
+
+    def _require_no_votes(self, problem: str) -> None:
+        if self.client.deployment.decides_by_vote:
+            raise MembersDecide(problem)
 
     def _require_votes(self) -> None:
         if not self.client.deployment.decides_by_vote:
@@ -860,7 +932,7 @@ class Wallet:
             )
 
     def _proposal(self, number: int) -> Row:
-        self._require_votes()
+        self._require_timelock()
         found = self.index.proposal(number)
         if found is None:
             raise UnknownProposal("no such proposal", proposal=number)
@@ -1029,12 +1101,18 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "cast_vote": (CastVote, Wallet._cast_vote),
     "queue_proposal": (QueueProposal, Wallet._queue_proposal),
     "execute_proposal": (ExecuteProposal, Wallet._execute_proposal),
+    "cancel_proposal": (CancelProposal, Wallet._cancel_proposal),
+    "hand_over": (HandOver, Wallet._hand_over),
+    "set_delay": (SetDelay, Wallet._set_delay),
     "collect": (Collect, Wallet._collect),
     "relay": (Relay, Wallet._relay),
     "allow_payments": (AllowPayments, Wallet._allow_payments),
     "revoke_request": (RevokeRequest, Wallet._revoke_request),
 }
 
+
+_OF_ADMINISTRATOR = frozenset(get_args(Proposable)) - {"change_judge_key", "resume_tasks", "update_service"}
+"""Commands of the administrator alone; the others may be those of judges, guardians and operators, too."""
 
 KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast", "sign", "sign_vote"})
 """Names of all commands."""
@@ -1064,6 +1142,16 @@ def _proposed(row: Row) -> Proposed:
         values=[int(one) for one in row["values"]],
         calldatas=[bytes.fromhex(one[2:]) for one in row["calldatas"]],
         description_hash=_bytes32(row["description_hash"]),
+    )
+
+
+def _operation(row: Row) -> Operation:
+    return Operation(
+        targets=row["targets"],
+        values=[int(one) for one in row["values"]],
+        calldatas=[bytes.fromhex(one[2:]) for one in row["calldatas"]],
+        predecessor=_bytes32(row["predecessor"]),
+        salt=_bytes32(row["salt"]),
     )
 
 

@@ -20,7 +20,11 @@
     │   ├── DailyLimitReached     the wallet has reached its daily spending limit
     │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
     │   ├── NoVotes               nobody votes here, or not in this way
+    │   ├── HasToBeProposed       the administrator is a timelock, which does nothing at once
+    │   ├── ActsAtOnce            the administrator's key proposes nothing
+    │   ├── MembersDecide         no key alone may do this where members decide
     │   ├── UnknownProposal
+    │   ├── UnexpectedProposalState  its delay runs, or it was executed or cancelled
     │   ├── NoDispute             no verdict waits to be challenged, or it was challenged before
     │   ├── CannotSign            the participant signs nothing for others to send
     │   ├── NoPermit              the payment token takes no signed permits
@@ -133,8 +137,25 @@ class NoVotes(RequestError):
     """Nobody votes in this organization, which has an administrator, or wrapped tokens do not."""
 
 
+class HasToBeProposed(RequestError):
+    """The organization's administrator is a timelock: it does this after a proposal and a delay, and no key
+    does it at once."""
+
+
+class ActsAtOnce(RequestError):
+    """The key that administers this organization acts at once, and proposes nothing."""
+
+
+class MembersDecide(RequestError):
+    """The members decide in this organization: no key alone may do this."""
+
+
 class UnknownProposal(RequestError):
     """No such proposal was ever made."""
+
+
+class UnexpectedProposalState(RequestError):
+    """The delay of the administrator's proposal runs, or it was executed or cancelled before."""
 
 
 class WalletElsewhere(RequestError):

@@ -530,7 +530,8 @@ class Index:
     def proposals(self, page: Page) -> tuple[list[Row], int]:
         """The newest first, each with its `ballots`."""
         proposals = schema.proposals.c
-        rows, total = self._page(select(schema.proposals).order_by(proposals.number.desc()), page)
+        made = select(schema.proposals).where(proposals.number.is_not(None))
+        rows, total = self._page(made.order_by(proposals.number.desc()), page)
         cast = self._rows(
             select(schema.ballots).where(schema.ballots.c.proposal.in_([row["id"] for row in rows]))
         )

@@ -14,7 +14,7 @@ from services.bridge.chain import Chain
 from services.bridge.errors import JournalUnwritable, TransactionDropped
 from services.bridge.journal import Entry
 from services.bridge.orders import Job, Orders, Reply
-from services.bridge.projection import proposal_key
+from services.bridge.projection import operation_key, proposal_key
 from services.bridge.signer import Signer
 
 log = logging.getLogger(__name__)
@@ -313,6 +313,8 @@ class Outcomes:
                     reply["service_id"] = event.service_id
                 elif isinstance(event, events.ProposalCreated):
                     reply["proposal"] = self._index.proposal_number(proposal_key(event.proposal_id))
+                elif isinstance(event, events.CallScheduled):
+                    reply["proposal"] = self._index.proposal_number(operation_key(event.id))
         return reply
 
     def _reason(self, entry: Entry, receipt: dict[str, Any]) -> RodeoError:

@@ -10,8 +10,8 @@ from typing import Any
 from eth_utils import keccak
 
 from rodeo.bus import decode_json
-from rodeo.chain import Cause, Log, Vote, events
-from rodeo.chain.governance import SUPPORT
+from rodeo.chain import Cause, Log, TimelockRole, Vote, events
+from rodeo.chain.governance import SUPPORT, text_of
 from rodeo.chain.reputation import Work, is_own
 from rodeo.currency import Currency
 from rodeo.errors import MalformedJson
@@ -24,6 +24,11 @@ ZERO_ADDRESS = "0x" + "00" * 20
 def proposal_key(proposal_id: int) -> str:
     """How the index writes the governor's number of a proposal."""
     return f"0x{proposal_id:064x}"
+
+
+def operation_key(operation_id: bytes) -> str:
+    """How the index writes the timelock's id of an operation, or any other 32 bytes of it."""
+    return "0x" + operation_id.hex()
 
 
 def vote_json(vote: Vote, currency: Currency) -> dict[str, Any]:
@@ -334,17 +339,15 @@ class Projection:
                 rows.put(schema.settings, name="paused_until_s", value=0)
             case events.PolicyChanged():
                 rows.put(schema.settings, name="policy", value=event.policy)
-            case events.RoleGranted():
+            case events.RoleGranted() if self._counts(log.contract, event.role):
                 rows.put(schema.roles, role=event.role, address=event.account, held=True)
-            case events.RoleRevoked():
+            case events.RoleRevoked() if self._counts(log.contract, event.role):
                 rows.put(schema.roles, role=event.role, address=event.account, held=False)
             case events.ProposalCreated():
-                number = self._proposal_count() + 1
-                rows.put(schema.settings, name="proposals", value=number)
                 rows.add(
                     schema.proposals,
                     id=proposal_key(event.proposal_id),
-                    number=number,
+                    number=self._next_proposal(),
                     proposer=event.proposer,
                     description=event.description,
                     description_hash="0x" + keccak(text=event.description).hex(),
@@ -371,12 +374,85 @@ class Projection:
                 rows.change(schema.proposals, proposal_key(event.proposal_id), ended="executed")
             case events.ProposalCanceled():
                 rows.change(schema.proposals, proposal_key(event.proposal_id), ended="canceled")
+            case events.CallScheduled():
+                self._schedule(event, time_s)
+            case events.CallSalt():
+                self._change_operation(event.id, salt="0x" + event.salt.hex())
+            case events.Cancelled():
+                self._change_operation(event.id, ended="canceled")
+            case events.CallExecuted():
+                self._change_operation(event.id, ended="executed")
+                self._hide_founding(event.id, log.tx_hash)
+            case events.MinDelayChange():
+                if event.new_duration and rows.find(schema.settings, "founded") is None:
+                    rows.put(schema.settings, name="founded", value=log.tx_hash)
             case events.PaymentDeferred():
                 self._change_balance(event.account, owed=event.amount)
             case events.PaymentCollected():
                 self._change_balance(event.account, owed=-event.amount)
             case events.Transfer():
                 self._transfer(seq, log, event, time_s)
+
+    def _counts(self, contract: str, role: str) -> bool:
+        """Whether this contract knows this role: the timelock has those who propose, the organization all
+        others. Each may hand out any 32 bytes as a role."""
+        is_timelock = contract == self.contracts.get("OrganizationTimelock")
+        return is_timelock == (role in list(TimelockRole))
+
+    def _schedule(self, event: events.CallScheduled, time_s: int) -> None:
+        """The next call of an operation of the timelock."""
+        key = operation_key(event.id)
+        if not event.index:
+            # After it was cancelled it may be scheduled again, and begins anew.
+            self.rows.put(
+                schema.proposals,
+                id=key,
+                number=self._next_proposal(),
+                description="",
+                targets=[],
+                values=[],
+                calldatas=[],
+                predecessor=operation_key(event.predecessor),
+                salt=operation_key(bytes(32)),
+                created=time_s,
+                ready=time_s + event.delay,
+                **dict.fromkeys(SUPPORT, 0),
+            )
+        before = self.rows.get(schema.proposals, key)
+        targets, calldatas = (
+            [*before["targets"], event.target],
+            [*before["calldatas"], "0x" + event.data.hex()],
+        )
+        self.rows.change(
+            schema.proposals,
+            key,
+            targets=targets,
+            values=[*before["values"], str(event.value)],
+            calldatas=calldatas,
+            description=text_of(targets, [bytes.fromhex(one[2:]) for one in calldatas]),
+        )
+
+    def _change_operation(self, operation_id: bytes, **values: Any) -> None:
+        key = operation_key(operation_id)
+        # One without calls logs no call, and does nothing.
+        if self.rows.find(schema.proposals, key) is not None:
+            self.rows.change(schema.proposals, key, **values)
+
+    def _hide_founding(self, operation_id: bytes, tx_hash: str) -> None:
+        """What the founder has the organization told at once is no proposal. What it schedules and does not
+        execute before the delay is set stays one: that can be executed at any time."""
+        key, founded = operation_key(operation_id), self.rows.find(schema.settings, "founded")
+        number = (self.rows.find(schema.proposals, key) or {}).get("number")
+        is_last = number is not None and number == self._proposal_count()
+        if is_last and (founded is None or founded["value"] == tx_hash):
+            self.rows.change(schema.proposals, key, number=None)
+            self.rows.put(schema.settings, name="proposals", value=self._proposal_count() - 1)
+
+    def _next_proposal(self) -> int:
+        """The number of a new one."""
+        number = self._proposal_count() + 1
+        self.rows.put(schema.settings, name="proposals", value=number)
+        return number
 
     def _proposal_count(self) -> int:
         row = self.rows.find(schema.settings, "proposals")

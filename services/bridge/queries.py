@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from eth_typing import HexStr
 from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
 from rodeo.chain import ChainClient, Role
-from rodeo.chain.governance import SUPPORT, described
+from rodeo.chain.governance import SUPPORT, WHY, described
 from rodeo.chain.reputation import Work
 from rodeo.currency import Currency
 from rodeo.messages import Message, TaskState
@@ -337,6 +338,7 @@ class Queries:
             ],
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
             "votes_by": self._deployment.votes_by,
+            "delay_s": self._client.decision_delay_s() if self._deployment.has_timelock else 0,
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
                 for role, holders in self._index.roles().items()
@@ -350,7 +352,9 @@ class Queries:
         return {"proposals": [self._proposal_json(row) for row in rows], "total": total}
 
     def _proposal_json(self, row: Mapping[str, Any]) -> Json:
-        calls = zip(row["targets"], row["calldatas"], strict=True)
+        calls = list(zip(row["targets"], row["calldatas"], strict=True))
+        if not self._deployment.decides_by_vote:
+            calls = [call for call in calls if call[0] != WHY]  # the description
         return {
             **{key: row[key] for key in ("number", "id", "proposer", "description")},
             "proposer_name": self._names.name(row["proposer"]),
@@ -358,7 +362,7 @@ class Queries:
                 asdict(described(self._deployment, target, to_bytes(hexstr=data))) for target, data in calls
             ],
             # What has ended stays so; the rest changes with time.
-            "state": row["ended"] or self._client.proposal_state(int(row["id"], 16)),
+            "state": row["ended"] or self._proposal_state(row["id"]),
             "created_s": row["created"],
             "vote_end_s": row["vote_end"],
             "ready_s": row["ready"],
@@ -373,6 +377,11 @@ class Queries:
                 for one in row["ballots"]
             ],
         }
+
+    def _proposal_state(self, key: str) -> str:
+        if self._deployment.decides_by_vote:
+            return self._client.proposal_state(int(key, 16))
+        return self._client.operation_state(to_bytes(hexstr=HexStr(key)))
 
     def _weight(self, votes: int) -> int | str:
         return self._iec(votes) if self._deployment.votes_by == "tokens" else votes

@@ -1,4 +1,5 @@
-"""Members, or owners of tokens, decide by vote, with real processes: propose, vote, queue, wait, execute."""
+"""Members, or owners of tokens, decide by vote, with real processes: propose, vote, queue, wait, execute.
+An administrator who waits proposes, waits and executes."""
 
 from __future__ import annotations
 
@@ -27,6 +28,13 @@ members = ["alice", "bob", "panther1"]
 OWNERS = SITE.replace('members = ["alice", "bob", "panther1"]', 'votes = "tokens"\nproposal_iec = 200')
 
 
+WAITING = f"""participants = [{{ name = "alice" }}]
+
+[governance]
+delay_s = {DELAY_S}
+"""
+
+
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
     yield from running_site(tmp_path_factory, chain_backend, SITE)
@@ -35,6 +43,11 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
 @pytest.fixture(scope="module")
 def owned(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
     yield from running_site(tmp_path_factory, chain_backend, OWNERS)
+
+
+@pytest.fixture(scope="module")
+def waiting(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    yield from running_site(tmp_path_factory, chain_backend, WAITING)
 
 
 def running_site(tmp_path_factory: pytest.TempPathFactory, chain_backend: str, site: str) -> Iterator[Dao]:
@@ -160,3 +173,26 @@ def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) 
     rodeo(owned, "execute", "1", "--as", "carla")
     assert proposals(owned)[1]["state"] == "executed"
     assert owned.state("services")["services"][0]["price_iec"] == "8"
+
+
+def test_what_an_administrator_who_waits_proposes_is_executed_after_the_delay(waiting: Dao) -> None:
+    now_s = float(waiting.client().w3.eth.get_block("latest")["timestamp"]) + 10
+    waiting.set_clock(now_s)
+    assert "the administrator, 1 h 0 min after a proposal" in rodeo(waiting, "show")
+    assert "has_to_be_proposed" in rodeo(waiting, "terms", "--bond", "1", status=1)
+    bond = ("propose", "--why", "only a better lid", "terms", "--bond", "1")
+    assert "needed role: PROPOSER_ROLE" in rodeo(waiting, *bond, "--as", "alice", status=1)
+    assert "Proposal 1: anybody can execute it in 1 h 0 min" in rodeo(waiting, *bond)
+    assert "Proposal 2" in rodeo(waiting, *bond)  # once more
+    assert "CANCELLER_ROLE" in rodeo(waiting, "cancel", "2", "--as", "alice", status=1)
+    assert "Proposal 2 is cancelled" in rodeo(waiting, "cancel", "2")
+    for refused in (("vote", "1", "for"), ("queue", "1")):
+        assert "no_votes" in rodeo(waiting, *refused, status=1)
+    assert "state: waiting" in rodeo(waiting, "execute", "1", "--as", "alice", status=1)
+    # What it would do is shown beside what its text says.
+    listed = rodeo(waiting, "proposals")
+    assert "only a better lid" in listed and "Organization.setTerms" in listed and "not before" in listed
+    waiting.set_clock(now_s + DELAY_S + 60)
+    assert {one["number"]: one["state"] for one in proposals(waiting).values()} == {1: "ready", 2: "canceled"}
+    rodeo(waiting, "execute", "1", "--as", "alice")
+    assert waiting.state("organization")["terms"]["bond_iec"] == "1"

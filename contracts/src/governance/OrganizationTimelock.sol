@@ -6,14 +6,14 @@ import {
 } from "@openzeppelin/contracts/access/extensions/AccessControlDefaultAdminRules.sol";
 import {TimelockController} from "@openzeppelin/contracts/governance/TimelockController.sol";
 
-/// @title The administrator of an organization that decides by votes: what was decided happens after a delay, which
-/// everybody can see running.
-/// @notice Only its proposers schedule and cancel: in the end the governor alone. Anybody executes. Nobody administers
-/// it but itself.
+/// @title The administrator of an organization that waits: what was decided by votes, or proposed by the one key that
+/// may, happens after a delay, which everybody can see running.
+/// @notice Only its proposers schedule and cancel: in the end the governor alone, or that key. Anybody executes. Nobody
+/// administers it but itself.
 contract OrganizationTimelock is TimelockController {
     /// @param delay s
     /// @param proposers the governor, and at first whoever sets the organization up without a delay. In its last act
-    /// that one sets the delay and gives up its roles.
+    /// that one sets the delay, and gives up its roles unless it is the key that goes on to propose.
     constructor(uint256 delay, address[] memory proposers)
         TimelockController(delay, proposers, _anybody(), address(0))
     {}

@@ -32,7 +32,8 @@ VOTES = {"members": "MemberVotes", "tokens": "WrappedVotes"}
 
 _GOVERNORS = ("OrganizationTimelock", "OrganizationGovernor")
 GOVERNANCE = (*VOTES.values(), *_GOVERNORS)
-"""Contracts that an organization has, too, if it decides by votes: one of VOTES, and all others."""
+"""Contracts that an organization has, too, if it decides by votes: one of VOTES, and all others. If its
+administrator proposes and waits, it has the timelock alone."""
 
 
 def governance(votes: str) -> tuple[str, ...]:

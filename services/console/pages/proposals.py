@@ -1,4 +1,4 @@
-"""What the members vote on or decided, with the calls that each proposal would make."""
+"""What was proposed and what became of it, with the calls that each proposal would make."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ class ProposalsPage:
 
     def _draw(self, proposals: list[queries.Proposal]) -> None:
         if not proposals:
-            empty("Nothing was proposed yet. Members propose with `rodeo organization propose`.")
+            empty(
+                "Nothing was proposed yet. Members, or an administrator who waits, propose with "
+                "`rodeo organization propose`."
+            )
         for one in proposals:
             with card(f"Proposal {one.number}"):
                 self._draw_one(one)
@@ -54,11 +57,14 @@ class ProposalsPage:
         Text("p", one.description, "wrap")
         with facts():
             fact("Would call", calls_in_words(one.calls), "wrap")
-            fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {moment(one.created_s)}")
-            for support in get_args(Support):
-                voters = [party(b.voter_name, b.voter) for b in one.ballots if b.support == support]
-                fact(support.capitalize(), f"{number(Decimal(one.votes[support]))} {', '.join(voters)}")
-            fact("Votes count until", moment(one.vote_end_s))
+            if one.vote_end_s is None:
+                fact("Proposed", moment(one.created_s))
+            else:
+                fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {moment(one.created_s)}")
+                for support in get_args(Support):
+                    voters = [party(b.voter_name, b.voter) for b in one.ballots if b.support == support]
+                    fact(support.capitalize(), f"{number(Decimal(one.votes[support]))} {', '.join(voters)}")
+                fact("Votes count until", moment(one.vote_end_s))
             if one.ready_s is not None:
                 fact("Can be executed from", moment(one.ready_s))
         voted = {ballot.voter_name for ballot in one.ballots}

@@ -9,6 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import pytest
+from eth_utils import to_bytes
 
 from deploy import contracts
 from deploy.contracts import WithoutGasMoney
@@ -28,10 +29,11 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
+from rodeo.chain.governance import WHY, Operation
 from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from rodeo.currency import IEC
 from rodeo.kinds import kinds_of
-from tests.support.organization import CHAIN_ID, Organization, running_chain
+from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
 
 CONTRACTS = (*artifacts.CONTRACTS, "Disputes", *artifacts.GOVERNANCE, artifacts.REGISTRY)
 
@@ -65,7 +67,8 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
 def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_default(
     tmp_path: Path,
 ) -> None:
-    with running_chain("eth-tester", tmp_path) as lab:
+    now_s, day_s = GENESIS_S, 24 * 3600
+    with running_chain("eth-tester", tmp_path, lambda: now_s) as lab:
         alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)  # signs with a wallet of her own
         site = lab.model_copy(
             update={"governance": GovernanceConfig(guardian="alice"), "participants": [alice]}
@@ -73,18 +76,53 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         organization = Organization(site)
         organization.deploy()
         client = organization.client
-        assert client.handover_delay_s() == 2 * 24 * 3600
-        day_s = 24 * 3600
+        assert client.administrator() == client.deployment.address("OrganizationTimelock")
+        assert client.decision_delay_s() == client.handover_delay_s() == 2 * day_s
         for role, iec in ((Role.OPERATOR, 1000), (Role.TREASURER, 200)):
             budget = client.budget(role)
             assert (budget.amount, budget.period) == (IEC.to_units(Decimal(iec)), day_s)
         assert client.has_role(Role.GUARDIAN, "0x" + "a1" * 20)
         assert client.terms() == Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(5)), 3)
-        # What the administrator changes stays, however often the site is prepared.
-        calls = client.organization_calls
-        organization.send(organization.operator, calls.set_budget(Role.OPERATOR, 0, 0))
-        organization.deploy()
-        assert client.budget(Role.OPERATOR).period == 0
+        assert client.pending_operations() == []
+        # The key that founded it tells it nothing at once any more.
+        unlimited, key = client.organization_calls.set_budget(Role.OPERATOR, 0, 0), organization.operator
+        schedule = client.governance_calls.schedule
+        for call, reason in (
+            (unlimited, "AccessControlUnauthorizedAccount"),
+            (schedule([unlimited], "now", bytes(32), 2 * day_s - 1), "TimelockInsufficientDelay"),
+        ):
+            with pytest.raises(ContractReverted) as refused:
+                organization.send(key, call)
+            assert refused.value.name == reason
+        organization.send(key, schedule([unlimited], "no limits", bytes(32), 2 * day_s))
+        data = [to_bytes(hexstr=unlimited.data), b"no limits"]
+        proposed = Operation([client.organization, WHY], [0, 0], data, bytes(32), bytes(32))
+        assert client.pending_operations() == [proposed.batch_id]
+        perform = client.governance_calls.perform(proposed, proposed.batch_id)
+        with pytest.raises(ContractReverted) as early:
+            organization.send(organization.robot, perform)
+        assert early.value.name == "TimelockUnexpectedOperationState"
+        now_s += 2 * day_s + 1
+        organization.send(organization.robot, perform)
+        # What the administrator changes stays, however often the site is prepared, and nothing else is sent.
+        block, said = client.w3.eth.block_number, list[str]()
+        more = site.governance.model_copy(update={"guardian": "panther1", "delay_s": 60})
+        contracts.run(site.model_copy(update={"governance": more}), threading.Event(), said.append)
+        assert client.budget(Role.OPERATOR).period == 0 and client.w3.eth.block_number == block
+        assert "grantRole of the site file is not on chain: it takes a proposal of the administrator" in said
+        assert any(f"is 60 and not {2 * day_s} as on chain" in one for one in said)
+
+
+def test_an_organization_whose_administrator_acts_at_once_stays_so(
+    organization: Organization,
+) -> None:
+    client, said = organization.client, list[str]()
+    waits = organization.site.governance.model_copy(update={"delay_s": 60})
+    block = client.w3.eth.block_number
+    site = organization.site.model_copy(update={"governance": waits})
+    contracts.run(site, threading.Event(), said.append)
+    assert client.w3.eth.block_number == block and client.administrator() == organization.operator.address
+    assert any("the administrator's key acts at once in this organization" in one for one in said)
 
 
 def test_the_demos_site_says_that_it_has_neither_delay_nor_budgets(organization: Organization) -> None:

@@ -44,14 +44,14 @@ ACTS = {
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "migrate", "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
-        "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "judge-key",
+        "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
         "seat", "unseat", "quorum", "wrap", "unwrap",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
-        "price", "judge-key", "seat", "unseat", "quorum",
+        "price", "judge-key", "seat", "unseat", "quorum", "hand-over", "delay",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""

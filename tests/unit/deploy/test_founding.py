@@ -14,11 +14,20 @@ from web3.types import TxReceipt
 
 from deploy import contracts, founding
 from rodeo import wallets
-from rodeo.chain import ChainUnavailable, ContractReverted, Deployment, artifacts, registry, transactions
+from rodeo.chain import (
+    ChainClient,
+    ChainUnavailable,
+    ContractReverted,
+    Deployment,
+    artifacts,
+    registry,
+    transactions,
+)
 from rodeo.chain.client import connect
 from rodeo.chain.registry import Registry
 from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, Site
 from rodeo.errors import ConfigError
+from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
 
@@ -122,6 +131,42 @@ def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
     told(site)
     assert sent(site, w3) == 4
     assert len(Registry(w3, registry.known_address()).organizations()) == 1
+
+
+@pytest.mark.parametrize("before", [6, 8])
+def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_later(
+    site: Site, monkeypatch: pytest.MonkeyPatch, before: int
+) -> None:
+    """`before`: the transaction that does not get to the chain. It executes what the timelock was told to do
+    in the one before: what the site file says, or its delay."""
+    slow = site.model_copy(update={"governance": GovernanceConfig(delay_s=60)})
+    wallets.ensure_wallets(slow)
+    w3, count, send = connect(slow.chain.url), 0, transactions.send
+
+    def fail_once(*args: Any, **options: Any) -> Any:
+        nonlocal count
+        count += 1
+        if count == before:
+            raise ChainUnavailable("gone")
+        return send(*args, **options)
+
+    monkeypatch.setattr(transactions, "send", fail_once)
+    with pytest.raises(ChainUnavailable):
+        told(slow)
+    unfinished = contracts.unfinished(slow, CHAIN_ID)
+    assert unfinished is not None
+    there = ChainClient(slow.chain.url, unfinished)
+    # Until the end it is the founder's, as an organization without a delay is, and nobody else's.
+    assert there.administrator() == there.deployment.address("OrganizationTimelock")
+    assert there.decision_delay_s() == 0
+    assert any("with a delay of 60 s" in one for one in told(slow))
+    client = Organization(slow).client
+    assert client.organization == there.organization and client.decision_delay_s() == 60
+    assert all(client.is_kind_allowed(kind) for kind in kinds_of(slow))
+    assert client.pending_operations() == []
+    done = sent(slow, w3)
+    told(slow)
+    assert sent(slow, w3) == done
 
 
 def test_an_organization_whose_record_is_lost_is_found_again(site: Site) -> None:

@@ -16,6 +16,7 @@ from eth_account.signers.local import LocalAccount
 from deploy import contracts
 from deploy.founding import OtherToken
 from deploy.migration import (
+    AdministratorWaits,
     Founded,
     JustMoved,
     KeyRevoked,
@@ -356,6 +357,27 @@ def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
     os.close(lock)
     assert lab.record().follows is None
     lab.migrate()
+
+
+@pytest.mark.long
+def test_the_new_organization_may_have_a_delay_and_then_nobody_moves_it(lab: Lab) -> None:
+    lab.judge()
+    governance = lab.site.governance.model_copy(update={"delay_s": 3600})
+    lab.site = lab.site.model_copy(update={"governance": governance})
+    lab.migrate()
+    new = lab.new()
+    assert new.administrator() == new.deployment.address("OrganizationTimelock")
+    assert new.decision_delay_s() == 3600
+    # What was told the old one by its key, its founder had the timelock tell the new one.
+    assert new.terms() == lab.client.terms() and new.is_suspended(BANNED) and new.members_only()
+    assert new.work(lab.robot.address) == lab.client.work(lab.robot.address)
+    assert new.balance(new.organization) > 0 == lab.client.balance(lab.client.organization)
+    with pytest.raises(AdministratorWaits) as refused:
+        lab.migrate()
+    assert refused.value.details == {"delay_s": 3600}
+    assert "found another one under another name" in str(refused.value)
+    assert new.is_kind_allowed(KIND)
+    assert not Deployment.path(contracts.left_folder(lab.site), CHAIN_ID).exists()
 
 
 @pytest.mark.long

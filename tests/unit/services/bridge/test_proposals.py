@@ -1,0 +1,325 @@
+"""An administrator who waits: what its key proposes in the bridge, and what everybody sees of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, get_args
+
+import pytest
+from eth_account.signers.local import LocalAccount
+from eth_utils import to_bytes
+
+from deploy import contracts, founding
+from rodeo import wallets
+from rodeo.bus import Request
+from rodeo.chain import Call, ChainClient, ContractReverted, Role, TimelockRole, abi
+from rodeo.chain.client import connect
+from rodeo.chain.governance import WHY
+from rodeo.config import GovernanceConfig, ParticipantConfig
+from rodeo.messages import CancelProposal, HandOver, Proposable
+from services.bridge.commands import _OF_ADMINISTRATOR, Wallet
+from services.bridge.errors import (
+    ActsAtOnce,
+    HasToBeProposed,
+    MembersDecide,
+    NoVotes,
+    UnexpectedProposalState,
+    UnknownProposal,
+)
+from services.bridge.index import Index, Position, TimedLog, sqlite_url
+from services.bridge.names import Names
+from services.bridge.queries import Queries
+from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
+
+DELAY_S = 3600
+TERMS = {"bond_iec": "3", "penalty_iec": "1", "max_failures": 2}
+VOTING = dict.fromkeys(("OrganizationTimelock", "OrganizationGovernor", "MemberVotes"), f"0x{7:040}")
+
+
+class Office:
+    """An organization whose administrator waits, and a bridge's wallets and index, without its processes."""
+
+    def __init__(self, organization: Organization, folder: Path) -> None:
+        self.organization, self.client = organization, organization.client
+        self.now_s = GENESIS_S
+        deployment = self.client.deployment
+        self.index = Index(
+            sqlite_url(folder / "index.sqlite"), CHAIN_ID, deployment.genesis_hash, deployment.contracts
+        )
+        self.names = Names(organization.site, deployment)
+        chain: Any = SimpleNamespace(index=self.index, deployment=deployment, node=None)
+        self.queries = Queries(chain, self.names, self.client, "", [])
+
+    def account(self, who: str) -> LocalAccount:
+        return wallets.load(self.organization.site, who)
+
+    def wallet(self, who: str) -> Wallet:
+        unused: Any = SimpleNamespace()
+        return Wallet(
+            who, self.client, unused, self.index, self.names, unused, self.organization.site.economy, unused
+        )
+
+    def command(self, who: str, name: str, **fields: Any) -> None:
+        """Checked and built as the bridge does it, and sent."""
+        wallet = self.wallet(who)
+        for order in wallet._orders(name, *wallet._parse(name, fields)):
+            self.send(who, order.call)
+
+    def propose(
+        self, command: str, request: dict[str, Any], why: str = "why", who: str = "organization"
+    ) -> int:
+        self.command(who, "propose", command=command, request=request, description=why)
+        return int(self.proposals()[0]["number"])
+
+    def send(self, who: str, call: Call) -> None:
+        self.organization.send(self.account(who), call)
+        self.read()
+
+    def read(self) -> None:
+        """Take in the blocks that the index lacks."""
+        eth = self.client.w3.eth
+        for number in range(self.index.position.block + 1, eth.block_number + 1):
+            block = eth.get_block(number)
+            logs = [TimedLog(log, block["timestamp"]) for log in self.client.logs(number, number)]
+            self.index.apply(logs, Position(number, block["hash"].to_0x_hex(), block["timestamp"]))
+
+    def proposals(self) -> list[dict[str, Any]]:
+        return list(self.queries._proposals(Request("state/proposals", {}, {}))["proposals"])
+
+    def state(self, number: int) -> str:
+        return str(next(one["state"] for one in self.proposals() if one["number"] == number))
+
+
+@pytest.fixture(scope="module")
+def office(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Office]:
+    held, folder = list[Office](), tmp_path_factory.mktemp("office")
+    with running_chain("eth-tester", folder, lambda: held[0].now_s if held else GENESIS_S) as lab:
+        site = lab.model_copy(
+            update={
+                "governance": GovernanceConfig(delay_s=DELAY_S),
+                "participants": [ParticipantConfig(name="alice")],
+            }
+        )
+        organization = Organization(site)
+        organization.deploy()
+        held.append(Office(organization, folder))
+        held[0].read()
+        assert held[0].proposals() == []  # what the founder was told at once is none
+        yield held[0]
+        held[0].index.close()
+
+
+def test_what_the_administrator_proposes_is_seen_by_all_and_done_by_anybody_after_the_delay(
+    office: Office,
+) -> None:
+    first = office.propose("set_terms", TERMS, "a bond")
+    # Equal ones may be proposed again.
+    second = office.propose("set_terms", TERMS, "a bond")
+    assert second == first + 1
+    shown = office.proposals()[1]
+    assert (shown["description"], shown["state"]) == ("a bond", "waiting")
+    assert shown["proposer"] is None and shown["vote_end_s"] is None
+    assert shown["ready_s"] - shown["created_s"] == DELAY_S
+    (call,) = shown["calls"]
+    assert (call["contract"], call["function"]) == ("Organization", "setTerms")
+    assert call["args"]["terms"]["bond"] == 3 * 10**18
+    with pytest.raises(UnexpectedProposalState) as early:
+        office.command("alice", "execute_proposal", proposal=first)
+    assert early.value.details == {"proposal": first, "state": "waiting", "wanted": "ready"}
+    office.now_s += DELAY_S + 1
+    assert office.state(first) == "ready"
+    office.command("alice", "execute_proposal", proposal=first)
+    assert office.client.terms().bond == 3 * 10**18
+    assert (office.state(first), office.state(second)) == ("executed", "ready")
+    with pytest.raises(UnexpectedProposalState):
+        office.command("organization", "cancel_proposal", proposal=first)
+    office.command("organization", "cancel_proposal", proposal=second)
+    assert office.state(second) == "canceled"
+    with pytest.raises(UnexpectedProposalState):
+        office.command("alice", "execute_proposal", proposal=second)
+    with pytest.raises(UnknownProposal):
+        office.command("alice", "execute_proposal", proposal=second + 1)
+
+
+def test_nobody_else_proposes_or_cancels_and_the_administrators_key_does_nothing_at_once(
+    office: Office,
+) -> None:
+    made = office.propose("set_members_only", {"enabled": True})
+    for name, fields, role in (
+        ("propose", {"command": "set_terms", "request": TERMS, "description": "mine"}, "PROPOSER_ROLE"),
+        ("cancel_proposal", {"proposal": made}, "CANCELLER_ROLE"),
+    ):
+        with pytest.raises(ContractReverted) as refused:
+            office.command("alice", name, **fields)
+        assert refused.value.args_by_name["needed_role"] == role
+    for name, fields in (
+        ("set_terms", TERMS),
+        ("grant_role", {"role": "treasurer", "account": "alice"}),
+        ("set_delay", {"delay_s": 1}),
+        ("hand_over", {"account": "alice"}),
+    ):
+        with pytest.raises(HasToBeProposed) as at_once:
+            office.command("organization", name, **fields)
+        assert at_once.value.details == {"command": name, "delay_s": DELAY_S}
+        assert "rodeo organization propose --why" in str(at_once.value)
+    for name, fields in (
+        ("cast_vote", {"proposal": made, "support": "for"}),
+        ("queue_proposal", {"proposal": made}),
+    ):
+        with pytest.raises(NoVotes):
+            office.command("alice", name, **fields)
+    # The guardian and the operators wait for nothing.
+    office.command("organization", "pause_tasks", duration_s=600)
+    office.command("organization", "resume_tasks")
+    office.command(
+        "organization", "register_service", kind="battery_charging", price_iec="5", auto_accept=True
+    )
+
+
+def test_the_administrator_hands_over_and_changes_the_delay_by_proposals_only(office: Office) -> None:
+    faster = office.propose("set_delay", {"delay_s": 60})
+    given = office.propose("hand_over", {"account": "alice"}, "she is the administrator now")
+    functions = [(one["contract"], one["function"]) for one in office.proposals()[0]["calls"]]
+    assert functions == [("OrganizationTimelock", did) for did in ("grantRole",) * 2 + ("revokeRole",) * 2]
+    # It is shown who may propose, and who the organization's own administrator is.
+    keys, timelock = office.names.keys, office.client.deployment.address("OrganizationTimelock")
+    roles = office.index.roles()
+    assert roles["PROPOSER_ROLE"] == roles["CANCELLER_ROLE"] == [keys["organization"]]
+    assert roles[Role.ADMINISTRATOR] == [timelock]
+    office.now_s += DELAY_S + 1
+    for number in (faster, given):
+        office.command("alice", "execute_proposal", proposal=number)
+    roles = office.index.roles()
+    assert roles["PROPOSER_ROLE"] == roles["CANCELLER_ROLE"] == [keys["alice"]]
+    with pytest.raises(ContractReverted):
+        office.propose("set_members_only", {"enabled": True})
+    last = office.propose("set_members_only", {"enabled": True}, who="alice")
+    office.now_s += 61
+    office.command("organization", "execute_proposal", proposal=last)
+    assert office.client.members_only()
+    back = office.propose("hand_over", {"account": "organization"}, who="alice")
+    slower = office.propose("set_delay", {"delay_s": DELAY_S}, who="alice")
+    office.now_s += 61
+    for number in (back, slower):
+        office.command("alice", "execute_proposal", proposal=number)
+    assert office.index.roles()["PROPOSER_ROLE"] == [keys["organization"]]
+    assert office.client.decision_delay_s() == DELAY_S
+
+
+def test_a_proposal_that_cannot_be_carried_out_stays_and_says_why(office: Office) -> None:
+    number = office.propose(
+        "revoke_role", {"role": "administrator", "account": office.client.administrator()}
+    )
+    office.now_s += DELAY_S + 1
+    with pytest.raises(ContractReverted) as refused:
+        office.command("alice", "execute_proposal", proposal=number)
+    assert refused.value.name == "AccessControlEnforcedDefaultAdminRules"
+    assert office.state(number) == "ready"
+
+
+def test_what_is_scheduled_past_the_bridge_is_listed_too_with_the_calls_beside_its_text(
+    office: Office,
+) -> None:
+    """The administrator is an adversary here, and speaks to the timelock itself."""
+    client, timelock = office.client, abi.OrganizationTimelockCalls(office.client.deployment)
+    alice = office.names.keys["alice"]
+    grant = client.organization_calls.grant_role(Role.TREASURER, alice)
+    # The organization hands out any role, and that of the timelock's proposers means nothing in it.
+    other = client.organization_calls.grant_role(TimelockRole.PROPOSER, alice)  # type: ignore[arg-type]
+    data, nothing = to_bytes(hexstr=grant.data), bytes(32)
+    lie = [b"nothing", b"\xff happens"]
+    office.send(
+        "organization",
+        timelock.schedule_batch(
+            [WHY, grant.to, WHY], [0] * 3, [lie[0], data, lie[1]], nothing, nothing, DELAY_S
+        ),
+    )
+    shown, *_earlier = office.proposals()
+    last = shown["number"]
+    assert shown["description"] == "nothing\n\ufffd happens"
+    (call,) = shown["calls"]
+    assert (call["function"], call["args"]["role"]) == ("grantRole", "TREASURER_ROLE")
+    # As one call and not as a batch, in which it has another id, and after another operation.
+    first = to_bytes(hexstr=shown["id"])
+    single = timelock._call(
+        "OrganizationTimelock", "schedule", grant.to, 0, data, first, b"\x07" * 32, DELAY_S
+    )
+    office.send("organization", single)
+    office.send("organization", client.governance_calls.schedule([other], "c", bytes(32), DELAY_S))
+    # One without calls does nothing, and is no proposal.
+    office.send("organization", timelock.schedule_batch([], [], [], nothing, b"\x01" * 32, DELAY_S))
+    assert [one["number"] for one in office.proposals()][:4] == [last + 2, last + 1, last, last - 1]
+    office.now_s += DELAY_S + 1
+    with pytest.raises(ContractReverted) as order:
+        office.command("alice", "execute_proposal", proposal=last + 1)
+    assert order.value.name == "TimelockUnexecutedPredecessor"
+    for number in (last, last + 1, last + 2):
+        office.command("alice", "execute_proposal", proposal=number)
+    assert [one["state"] for one in office.proposals()[:3]] == ["executed"] * 3
+    assert client.has_role(Role.TREASURER, alice)
+    assert office.index.roles()["PROPOSER_ROLE"] == [office.names.keys["organization"]]
+
+
+def test_what_a_founder_leaves_to_be_done_later_is_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An adversary founds with other software, which cancels nothing that was scheduled without a delay."""
+    with running_chain("eth-tester", tmp_path) as lab:
+        site = lab.model_copy(update={"governance": GovernanceConfig(delay_s=DELAY_S)})
+        wallets.ensure_wallets(site)
+        w3, founder = connect(site.chain.url), wallets.load(site, "organization")
+        contracts._fund(w3, [wallets.address(site, name) for name in wallets.wallet_names(site)])
+        deployment = founding.create_contracts(site, w3, founder, lambda _text: None)
+        client = ChainClient(site.chain.url, deployment)
+        grant = client.organization_calls.grant_role(Role.TREASURER, founder.address)
+        client.send(founder, client.governance_calls.found([grant], bytes(32))[0])
+        monkeypatch.setattr(ChainClient, "pending_operations", lambda _client: [])
+        contracts.set_up(site, w3, deployment, founder, lambda _text: None)
+        office = Office(Organization(site), tmp_path)
+        office.read()
+        (shown,) = office.proposals()
+        assert (shown["number"], shown["state"], shown["calls"][0]["function"]) == (1, "ready", "grantRole")
+        office.command("organization", "execute_proposal", proposal=1)
+        assert office.state(1) == "executed"
+        office.index.close()
+
+
+def test_where_nothing_is_proposed_or_members_decide_the_bridge_says_so(tmp_path: Path) -> None:
+    proposal = {"command": "set_terms", "request": TERMS, "description": "why"}
+    with running_chain("eth-tester", tmp_path) as lab:
+        organization = Organization(lab)
+        organization.deploy()
+        office = Office(organization, tmp_path)
+        for name, fields in (
+            ("propose", proposal),
+            ("execute_proposal", {"proposal": 1}),
+            ("cancel_proposal", {"proposal": 1}),
+            ("hand_over", {"account": "panther1"}),
+            ("set_delay", {"delay_s": 5}),
+        ):
+            with pytest.raises(ActsAtOnce):
+                office.command("organization", name, **fields)
+        office.command("organization", "set_terms", **TERMS)
+        # As where members decide, without founding one more.
+        decided = office.client.deployment.model_copy(
+            update={"contracts": {**office.client.deployment.contracts, **VOTING}}
+        )
+        client: Any = SimpleNamespace(deployment=decided)
+        wallet = replace(office.wallet("panther1"), client=client)
+        with pytest.raises(MembersDecide):
+            wallet._hand_over(HandOver(account="panther1"))
+        known: Any = SimpleNamespace(proposal=lambda _number: {"number": 1, "id": "0x01"})
+        with pytest.raises(MembersDecide):
+            replace(wallet, index=known)._cancel_proposal(CancelProposal(proposal=1))
+        office.index.close()
+
+
+def test_what_only_the_administrator_may_do_has_to_be_proposed() -> None:
+    assert set(get_args(Proposable)) - _OF_ADMINISTRATOR == {
+        "change_judge_key",
+        "resume_tasks",
+        "update_service",
+    }
