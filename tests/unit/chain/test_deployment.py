@@ -152,7 +152,13 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
             ParticipantConfig(name="alice", address="0x" + "a1" * 20),
             ParticipantConfig(name="bob", address="0x" + "b0" * 20),
         ]
-        wanted = DisputesConfig(judges=["alice", "bob", "panther1"], votes=3, window_s=600, decision_s=900)
+        wanted = DisputesConfig(
+            judges=["alice", "bob", "panther1"],
+            votes=3,
+            window_s=600,
+            decision_s=900,
+            judge_stake_iec=Decimal(5),
+        )
         without = lab.model_copy(
             update={"oracles": [JudgeConfig(name=name) for name in ("anna", "bert")], "participants": people}
         )
@@ -164,9 +170,17 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         assert disputes is not None and client.has_role(Role.ORACLE, disputes)
         assert not client.has_role(Role.ORACLE, client.committee)
         assert client.instances(kind) == [
-            Instance(deployment.address("OracleCommittee"), 600, 0, IEC.to_units(Decimal(20))),
-            Instance(deployment.address("DisputeCommittee"), 0, 900, 0),
+            Instance(
+                deployment.address("OracleCommittee"),
+                600,
+                0,
+                IEC.to_units(Decimal(20)),
+                IEC.to_units(Decimal(5)),
+            ),
+            Instance(deployment.address("DisputeCommittee"), 0, 900, 0, 0),
         ]
+        assert [client.stake(seat) for seat in range(3)] == [IEC.to_units(Decimal(5))] * 2 + [0]
+        assert client.balance(disputes) == IEC.to_units(Decimal(10))
         quorum = client.dispute_quorum(kind)
         assert (quorum.votes, quorum.panel, quorum.judges) == (3, 3, 0b111)
         assert client.dispute_judge("0x" + "a1" * 20) is not None and client.judge("0x" + "a1" * 20) is None
