@@ -193,6 +193,54 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         assert client.has_role(Role.ORACLE, client.committee) and not client.has_role(Role.ORACLE, disputes)
 
 
+def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
+        wanted = DisputesConfig(judges=["alice", "panther1"], votes=2, window_s=600, decision_s=900)
+        site = lab.model_copy(
+            update={
+                "oracles": [JudgeConfig(name="anna")],
+                "participants": [alice],
+                "disputes": wanted,
+                "governance": GovernanceConfig(kind="vote", delay_s=60, members=["panther1"]),
+            }
+        )
+        organization = Organization(site)
+        organization.deploy()
+        client, disputes = organization.client, organization.client.disputes
+        assert disputes is not None
+        assert client.stake(0) == client.balance(disputes) == IEC.to_units(wanted.judge_stake_iec)
+        (kind, *_) = kinds_of(site)
+        assert client.instances(kind)[0].judge_stake == client.stake(0)
+
+
+def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
+        wanted = DisputesConfig(
+            judges=["alice", "panther1"],
+            votes=2,
+            window_s=600,
+            decision_s=900,
+            judge_stake_iec=lab.economy.supply_iec,
+        )
+        site = lab.model_copy(
+            update={
+                "oracles": [JudgeConfig(name="anna")],
+                "participants": [alice],
+                "disputes": wanted,
+            }
+        )
+        organization = Organization(site)
+        organization.deploy()
+        (kind, *_) = kinds_of(site)
+        assert organization.client.stake(0) == 0
+        assert organization.client.instances(kind)[0].judge_stake > 0
+        assert "the stakes of 1 oracles take" in caplog.text
+
+
 def test_disputes_are_not_added_to_an_organization_that_has_none(organization: Organization) -> None:
     site = organization.site.model_copy(update={"disputes": DisputesConfig(judges=["panther1"], votes=1)})
     with pytest.raises(contracts.WithoutDisputes):
