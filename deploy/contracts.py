@@ -57,6 +57,8 @@ _GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
 _MOST_TOGETHER = 60
 """Calls in one transaction: a device's registration, the most expensive of them, takes 120,000 gas."""
+_PAYMENTS = frozenset({"approve", "depositStake"})
+"""What the founder sends for itself even where the timelock administers: the tokens are the founder's."""
 _LONGEST_VERDICT_S = 7 * 24 * 3600
 """The contracts' default for the longest verdict window."""
 
@@ -97,6 +99,10 @@ class _Sender:
     def send(self, account: LocalAccount, call: Call) -> None:
         """At once, but for what the administrator sends to the organization: that waits for what follows."""
         if account.address != self._administrator:
+            self._send(account, call)
+        elif call.name in _PAYMENTS:
+            # It may be for a judge that was seated before.
+            self.flush(account)
             self._send(account, call)
         elif self._by_timelock and not self.is_founding:
             self._say(f"{call.name} of the site file is not on chain: it takes {self._way}")
@@ -442,7 +448,7 @@ def _missing_rules(
                 yield administrator, call
             for call in _missing_judges(site, client, kind):
                 yield administrator, call
-            for call in _missing_instances(site, client, kind):
+            for call in _missing_instances(site, client, administrator.address, kind):
                 yield administrator, call
     for keystore, (device_role, name) in wallets.device_names(site).items():
         device = _told(site, keystore)
@@ -532,7 +538,7 @@ def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call
     yield client.calls.set_quorum(kind, votes, panel(site), site.oracle.rotation_s, seats)
 
 
-def _missing_instances(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
+def _missing_instances(site: Site, client: ChainClient, administrator: str, kind: str) -> Iterator[Call]:
     """What lets verdicts on `kind` be challenged. What is on chain stays, as a quorum does."""
     wanted = site.disputes
     if wanted is None or client.instances(kind) or not client.quorum(kind).votes:
@@ -552,15 +558,39 @@ def _missing_instances(site: Site, client: ChainClient, kind: str) -> Iterator[C
     if rules.min_verdict_window < shortest_s:
         longest_s = max(rules.max_verdict_window, site.economy.verdict_window_s, _LONGEST_VERDICT_S)
         yield client.organization_calls.set_verdict_windows(kind, shortest_s, longest_s)
-    address = client.deployment.address
-    stake = site.economy.currency.to_units(wanted.stake_iec)
+    address, to_units = client.deployment.address, site.economy.currency.to_units
+    stake, judge_stake = to_units(wanted.stake_iec), to_units(wanted.judge_stake_iec)
+    if not any(client.instances(one) for one in kinds_of(site)):
+        # Later on a stake that is too low was lost or withdrawn.
+        yield from _missing_stakes(client, administrator, client.quorum(kind).judges, judge_stake)
     yield client.dispute_calls.set_instances(
         kind,
         [
-            Instance(address("OracleCommittee"), wanted.window_s, 0, stake),
-            Instance(address("DisputeCommittee"), 0, wanted.decision_s, 0),
+            Instance(address("OracleCommittee"), wanted.window_s, 0, stake, judge_stake),
+            Instance(address("DisputeCommittee"), 0, wanted.decision_s, 0, 0),
         ],
     )
+
+
+def _missing_stakes(client: ChainClient, administrator: str, judges: int, wanted: int) -> Iterator[Call]:
+    """What the administrator deposits for the oracles in these seats; nothing where its tokens do not do."""
+    disputes, seats = client.disputes, [seat for seat in range(64) if judges >> seat & 1]
+    assert disputes is not None
+    missing = {seat: wanted - stake for seat in seats if (stake := client.stake(seat)) < wanted}
+    needed = sum(missing.values())
+    if needed > (balance := client.balance(administrator)):
+        log.warning(
+            "the stakes of %d oracles take %s IEC, of which the organization's wallet has %s: their votes "
+            "count once `rodeo organization deposit-stake` has deposited them",
+            len(missing),
+            client.currency.text(needed),
+            client.currency.text(balance),
+        )
+        return
+    if client.allowance(administrator, disputes) < needed:
+        yield client.calls.approve(disputes, needed)
+    for seat, amount in missing.items():
+        yield client.dispute_calls.deposit_stake(client.committee, seat, amount)
 
 
 def _missing_hash(client: ChainClient, kind: Kind, known: Sequence[str]) -> Iterator[Call]:

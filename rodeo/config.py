@@ -275,6 +275,9 @@ class DisputesConfig(_Table):
     """How long the judges may take, s. After it the verdict stands."""
     stake_iec: Decimal = Field(default=Decimal(20), gt=0, max_digits=36, decimal_places=18)
     """What a challenge costs whoever is wrong."""
+    judge_stake_iec: Decimal = Field(default=Decimal(20), ge=0, max_digits=36, decimal_places=18)
+    """What each oracle must have deposited for its vote to count, and loses if a challenge overturns the
+    verdict; 0 for none. The organization's administrator deposits it when the contracts are deployed."""
 
     @property
     def longest_s(self) -> int:

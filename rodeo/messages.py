@@ -590,6 +590,30 @@ class UnseatJudge(Command):
     """Its name, or the address of its key."""
 
 
+class DepositStake(Command):
+    """Add to the stake of a judge of the committee, from this wallet. It is the judge's from then on."""
+
+    judge: Party
+    """Its name, or the address of its key."""
+    amount_iec: Payment
+
+
+class AnnounceWithdrawal(Command):
+    """Begin to take the stake of a judge back, for whom it works. It counts for no vote any more, and can
+    still be lost until `withdraw_stake` pays it, 30 days later."""
+
+    judge: Party
+    """Its name, or the address of its key."""
+    amount_iec: Payment
+
+
+class WithdrawStake(Command):
+    """Pay the stake of a judge that was announced to whom it works for. Anybody may."""
+
+    judge: Party
+    """Its name, or the address of its key."""
+
+
 class SetQuorum(Command):
     """Set which judges of the committee judge a kind, and how many have to agree. This also applies to proofs
     that wait."""
@@ -710,6 +734,9 @@ COMMANDS: dict[str, type[Command]] = {
     "seat_judge": SeatJudge,
     "unseat_judge": UnseatJudge,
     "set_quorum": SetQuorum,
+    "deposit_stake": DepositStake,
+    "announce_withdrawal": AnnounceWithdrawal,
+    "withdraw_stake": WithdrawStake,
     "wrap_tokens": WrapTokens,
     "unwrap_tokens": UnwrapTokens,
     "propose": Propose,

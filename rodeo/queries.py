@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Annotated, Any, Generic, Literal, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
@@ -316,6 +317,8 @@ class KindRules(Answer):
     """Time after which one more judge may vote; 0 for never."""
     seats: list[int] = []
     """Of the judges who judge the kind."""
+    judge_stake_iec: Amount = Decimal(0)
+    """What the stake of each of them must be for its vote to count."""
 
 
 class Judge(Answer):
@@ -328,6 +331,12 @@ class Judge(Answer):
     """Its name in the device registry."""
     owner: str
     owner_name: str | None
+    stake_iec: Amount = Decimal(0)
+    """What is deposited for it and counts for its votes. It loses by a vote for what is overturned."""
+    leaving_iec: Amount = Decimal(0)
+    """What is being withdrawn, and can be lost, too."""
+    leaving_until_s: int = 0
+    """Block time after which that is paid."""
 
 
 class Terms(Answer):

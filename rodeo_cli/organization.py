@@ -74,6 +74,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             (
                 f"judge in seat {one.seat}",
                 f"{one.name or 'unnamed'}, for {one.owner_name or one.owner}, {one.key}"
+                + _stake_in_words(one, loaded)
                 + ("" if any(one.seat in kind.seats for kind in state.kinds) else ", judges nothing"),
             )
             for one in state.judges
@@ -206,12 +207,21 @@ def _pause_in_words(state: queries.Organization, site: Site) -> str:
     return f"none before {moment(state.paused_until_s, site)}" if state.paused_until_s else ""
 
 
+def _stake_in_words(judge: queries.Judge, site: Site) -> str:
+    told = f", stake {iec(judge.stake_iec)}" if judge.stake_iec or judge.leaving_iec else ""
+    if judge.leaving_iec:
+        told += f", {iec(judge.leaving_iec)} leave after {moment(judge.leaving_until_s, site)}"
+    return told
+
+
 def _kind_in_words(kind: queries.KindRules) -> str:
     if not kind.allowed:
         return "not accepted"
     told = f"judged by {'an auditor' if kind.review == 'auditor' else 'the oracle'}"
     if kind.review == "oracle" and kind.votes:
         told = f"judged by {quorum_in_words(kind)}"
+        if kind.judge_stake_iec:
+            told += f" with a stake of {iec(kind.judge_stake_iec)} each"
     if kind.min_window_s:
         told += f"; at least {span(kind.min_window_s)} to work"
     if kind.max_verdict_window_s:
@@ -659,6 +669,44 @@ def unseat(
 ) -> None:
     """Let a judge of the committee judge no kind of work any more. As many votes are needed as before."""
     send(site, participant, "unseat_judge", f"{judge} judges nothing any more.", judge=judge)
+
+
+@organization.command("deposit-stake")
+@reports_errors
+def deposit_stake(
+    judge: JudgeArgument,
+    amount: AmountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Add to the stake of a judge of the committee, without which its votes do not count. Anybody may pay."""
+    done = f"{participant} deposited {amount} IEC for {judge}."
+    send(site, participant, "deposit_stake", done, judge=judge, amount_iec=amount)
+
+
+@organization.command("announce-withdrawal")
+@reports_errors
+def announce_withdrawal(
+    judge: JudgeArgument,
+    amount: AmountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Begin to take the stake of a judge back, as whom it works for. It does not count for votes any more."""
+    done = f"{amount} IEC of {judge} leave. In 30 days `rodeo organization withdraw-stake` pays them."
+    send(site, participant, "announce_withdrawal", done, judge=judge, amount_iec=amount)
+
+
+@organization.command("withdraw-stake")
+@reports_errors
+def withdraw_stake(
+    judge: JudgeArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Pay the stake of a judge that was announced to whom it works for."""
+    done = f"The stake of {judge} that was announced is paid."
+    send(site, participant, "withdraw_stake", done, judge=judge)
 
 
 @organization.command("quorum")

@@ -41,7 +41,7 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "max_verdict_window_s": 0,
     }
     windows |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
-    windows |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": []}
+    windows |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}
     kinds = [(kind, "auditor") for kind in audited] + [(kind, "oracle") for kind in measured]
     return {
         "address": ADDRESS,

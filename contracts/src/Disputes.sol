@@ -31,12 +31,24 @@ contract Disputes is IDisputes {
         Ruling[3] rulings;
     }
 
+    /// @dev What is deposited for a judge; see stakeOf.
+    struct Deposit {
+        uint96 stake;
+        uint96 leaving;
+        uint40 until;
+    }
+
     /// @notice A committee, the one above it, and one appeal: as many as a Case has rulings.
     uint256 public constant MAX_INSTANCES = 3;
     /// @notice In a shorter window nobody can answer.
     uint32 public constant MIN_WINDOW = 1 minutes;
     /// @notice A longer one freezes service and bond.
     uint32 public constant MAX_WINDOW = 7 days;
+    /// @notice How long a judge's stake can still be lost after it was announced to leave: the longest time from a vote to
+    /// the end of its case. MAX_INSTANCES of MAX_WINDOW each, and as long for their decisions, would be longer. But a case
+    /// that overturns anything ends before the deadline of its task, whose verdict window is at most
+    /// Organization.MAX_VERDICT_WINDOW.
+    uint32 public constant UNBONDING = 30 days;
 
     bytes32 private constant ADMINISTRATOR = 0;
     bytes32 private constant OPERATOR = keccak256("OPERATOR_ROLE");
@@ -50,6 +62,7 @@ contract Disputes is IDisputes {
 
     mapping(bytes32 kind => Instance[][]) private _instances;
     mapping(TaskId taskId => Case) private _cases;
+    mapping(IOracleCommittee committee => mapping(uint8 seat => Deposit)) private _deposits;
     /// @inheritdoc IDisputes
     mapping(address account => uint256) public pendingPayments;
 
@@ -88,8 +101,8 @@ contract Disputes is IDisputes {
         Instance[] storage all = c.count == 0 ? _begin(vote.taskId, t, c) : _go(vote, c, t.kind);
         uint8 number = c.count;
         IOracleCommittee committee = all[number].committee;
-        // slither-disable-next-line unused-return
-        committee.countVotes(vote, committee.digestOf(vote), signatures);
+        uint64 voters = committee.countVoters(vote, committee.digestOf(vote), signatures);
+        _requireStakes(committee, voters, all[number].judgeStake);
         if (number + 1 == all.length || vote.verdict == Verdict.Undecided || t.verdictWindow < _longest(all))
         {
             _end(vote, reportUri, t, c, all);
@@ -97,7 +110,7 @@ contract Disputes is IDisputes {
         }
         uint256 until = block.timestamp + all[number].window;
         c.rulings[number] =
-            Ruling(_content(vote, reportUri), vote.verdict, vote.amount.toUint96(), address(0));
+            Ruling(_content(vote, reportUri), vote.verdict, vote.amount.toUint96(), voters, address(0));
         (c.count, c.challenged, c.until) = (number + 1, false, until.toUint40());
         emit Ruled(vote.taskId, number, vote, reportUri, until);
     }
@@ -156,6 +169,43 @@ contract Disputes is IDisputes {
     }
 
     /// @inheritdoc IDisputes
+    function depositStake(IOracleCommittee committee, uint8 seat, uint256 amount) external {
+        _ownerOf(committee, seat);
+        Deposit storage d = _deposits[committee][seat];
+        // All that a seat has fits into one word, whatever part of it leaves.
+        d.stake = (amount + d.stake + d.leaving).toUint96() - d.leaving;
+        emit StakeDeposited(committee, seat, msg.sender, amount);
+        _token.safeTransferFrom(msg.sender, address(this), amount);
+    }
+
+    /// @inheritdoc IDisputes
+    function announceWithdrawal(IOracleCommittee committee, uint8 seat, uint256 amount) external {
+        address owner = _ownerOf(committee, seat);
+        if (msg.sender != owner) revert NotOwner(msg.sender, owner);
+        Deposit storage d = _deposits[committee][seat];
+        if (amount > d.stake) revert StakeTooLow(committee, seat, d.stake, amount);
+        uint256 until = block.timestamp + UNBONDING;
+        (d.stake, d.leaving, d.until) =
+        (d.stake - uint96(amount), d.leaving + uint96(amount), until.toUint40());
+        emit WithdrawalAnnounced(committee, seat, amount, until);
+    }
+
+    /// @inheritdoc IDisputes
+    function withdrawStake(IOracleCommittee committee, uint8 seat) external {
+        address owner = _ownerOf(committee, seat);
+        Deposit storage d = _deposits[committee][seat];
+        uint256 amount = d.leaving;
+        if (amount == 0) revert NoWithdrawal(committee, seat);
+        if (block.timestamp <= d.until) {
+            revert WithdrawalTooEarly(committee, seat, d.until, block.timestamp);
+        }
+        (d.leaving, d.until) = (0, 0);
+        address to = _services.payoutOf(owner);
+        emit StakeWithdrawn(committee, seat, to, amount);
+        _send(to, amount);
+    }
+
+    /// @inheritdoc IDisputes
     function instancesOf(bytes32 kind) external view returns (Instance[] memory none) {
         uint256 versions = _instances[kind].length;
         return versions == 0 ? none : _instances[kind][versions - 1];
@@ -179,6 +229,16 @@ contract Disputes is IDisputes {
             rulings[i] = c.rulings[i];
         }
         return (rulings, c.challenged, c.until);
+    }
+
+    /// @inheritdoc IDisputes
+    function stakeOf(IOracleCommittee committee, uint8 seat)
+        external
+        view
+        returns (uint256 stake, uint256 leaving, uint256 until)
+    {
+        Deposit storage d = _deposits[committee][seat];
+        return (d.stake, d.leaving, d.until);
     }
 
     /// @dev The first ruling on an attempt, early enough for all that may follow. A task that was posted when its kind
@@ -221,10 +281,12 @@ contract Disputes is IDisputes {
         for (uint256 i = 0; i < count; ++i) {
             Ruling storage ruling = c.rulings[i];
             challengers[i] = ruling.challenger;
-            right[i] = ruling.verdict != vote.verdict || ruling.amount != vote.amount;
+            right[i] = _isOverturned(ruling, vote);
             if (right[i] && challengers[i] != address(0)) winner = challengers[i];
         }
+        uint256 lost = _takeStakes(vote, c, all);
         _forget(c);
+        if (lost != 0) _pay(vote.taskId, address(organization), lost);
         for (uint256 i = 0; i < count; ++i) {
             address challenger = challengers[i];
             if (challenger == address(0)) continue;
@@ -234,6 +296,38 @@ contract Disputes is IDisputes {
         }
         emit CaseClosed(vote.taskId, vote.attempt, vote.verdict, vote.amount);
         _post(vote, reportUri);
+    }
+
+    /// @dev Who voted for what was overturned loses its stake, or what is left of it: first what counts for votes.
+    /// @return lost by all of them together
+    function _takeStakes(Vote calldata vote, Case storage c, Instance[] storage all)
+        private
+        returns (uint256 lost)
+    {
+        for (uint256 i = 0; i < c.count; ++i) {
+            uint96 judgeStake = all[i].judgeStake;
+            if (judgeStake == 0 || !_isOverturned(c.rulings[i], vote)) continue;
+            uint64 voters = c.rulings[i].voters;
+            for (uint8 seat = 0; voters >> seat != 0; ++seat) {
+                if ((voters >> seat) & 1 == 1) {
+                    lost += _takeStake(vote.taskId, all[i].committee, seat, judgeStake);
+                }
+            }
+        }
+    }
+
+    function _takeStake(TaskId taskId, IOracleCommittee committee, uint8 seat, uint96 judgeStake)
+        private
+        returns (uint96 amount)
+    {
+        Deposit storage d = _deposits[committee][seat];
+        uint96 staked = judgeStake < d.stake ? judgeStake : d.stake;
+        uint96 rest = judgeStake - staked;
+        uint96 leaving = rest < d.leaving ? rest : d.leaving;
+        amount = staked + leaving;
+        if (amount == 0) return 0;
+        (d.stake, d.leaving) = (d.stake - staked, d.leaving - leaving);
+        emit StakeLost(taskId, committee, seat, amount);
     }
 
     function _post(Vote calldata vote, string calldata reportUri) private {
@@ -271,10 +365,14 @@ contract Disputes is IDisputes {
         (c.attempt, c.version, c.count, c.challenged, c.until) = (0, 0, 0, false, 0);
     }
 
-    /// @dev A token that refuses holds up no case.
     function _pay(TaskId taskId, address account, uint256 amount) private {
         address to = _services.payoutOf(account);
         emit StakePaid(taskId, to, amount);
+        _send(to, amount);
+    }
+
+    /// @dev A token that refuses holds up no case.
+    function _send(address to, uint256 amount) private {
         if (_token.trySafeTransfer(to, amount)) return;
         pendingPayments[to] += amount;
         emit StakeDeferred(to, amount);
@@ -306,7 +404,7 @@ contract Disputes is IDisputes {
         Instance calldata one = instances[i];
         bool last = i + 1 == instances.length;
         bool windows = last
-            ? one.window == 0 && one.stake == 0
+            ? one.window == 0 && one.stake == 0 && one.judgeStake == 0
             : one.stake != 0 && one.window >= MIN_WINDOW && one.window <= MAX_WINDOW;
         bool decision = i == 0 ? one.decision == 0 : one.decision >= MIN_WINDOW && one.decision <= MAX_WINDOW;
         bool ours = one.committee.organization() == organization;
@@ -332,6 +430,23 @@ contract Disputes is IDisputes {
             address key = one.keyOf(seat);
             if (other.judge(key).owner != address(0)) revert JudgesTwice(kind, key);
         }
+    }
+
+    /// @dev Each of the seats `voters` has staked what its vote needs.
+    function _requireStakes(IOracleCommittee committee, uint64 voters, uint96 needed) private view {
+        if (needed == 0) return;
+        for (uint8 seat = 0; voters >> seat != 0; ++seat) {
+            if ((voters >> seat) & 1 == 0) continue;
+            uint256 stake = _deposits[committee][seat].stake;
+            if (stake < needed) revert StakeTooLow(committee, seat, stake, needed);
+        }
+    }
+
+    /// @dev For whom the judge works who has this seat, as `committee` says. Whoever deposits for a judge of a contract that
+    /// is no committee of the organization has that contract decide about this deposit, and about no other.
+    function _ownerOf(IOracleCommittee committee, uint8 seat) private view returns (address owner) {
+        owner = committee.judge(committee.keyOf(seat)).owner;
+        if (owner == address(0)) revert NoJudge(committee, seat);
     }
 
     /// @dev Whether the attempt that the case is about waits for a verdict no more.
@@ -374,6 +489,11 @@ contract Disputes is IDisputes {
             time += uint256(all[i].window) + all[i].decision;
         }
         time += all[0].window;
+    }
+
+    /// @dev Another amount is another verdict.
+    function _isOverturned(Ruling storage ruling, Vote calldata end) private view returns (bool) {
+        return ruling.verdict != end.verdict || ruling.amount != end.amount;
     }
 
     function _content(Vote calldata vote, string calldata reportUri) private pure returns (bytes32) {

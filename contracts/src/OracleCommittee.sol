@@ -55,6 +55,14 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         _;
     }
 
+    /// @dev The task manager, or a contract that may itself judge the kind of the task.
+    modifier onlyJudging(TaskId taskId) {
+        if (msg.sender != address(tasks) && !organization.mayJudge(msg.sender, tasks.task(taskId).kind)) {
+            revert NotTaskManager(msg.sender);
+        }
+        _;
+    }
+
     constructor(IOrganization organization_) EIP712("RODEO OracleCommittee", "1") {
         organization = organization_;
         tasks = organization_.tasks();
@@ -111,14 +119,20 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     /// @inheritdoc IVoteCounter
     function countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures)
         external
+        onlyJudging(vote.taskId)
         returns (bytes4)
     {
-        if (msg.sender != address(tasks) && !organization.mayJudge(msg.sender, tasks.task(vote.taskId).kind))
-        {
-            revert NotTaskManager(msg.sender);
-        }
         _countVotes(vote, digest, signatures);
         return this.countVotes.selector;
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function countVoters(Vote calldata vote, bytes32 digest, bytes calldata signatures)
+        external
+        onlyJudging(vote.taskId)
+        returns (uint64)
+    {
+        return _countVotes(vote, digest, signatures);
     }
 
     /// @inheritdoc IOracleCommittee
@@ -155,8 +169,11 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         );
     }
 
-    function _countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures) private {
-        uint64 voters = _voters(vote, _waiting(vote.taskId), digest, signatures);
+    function _countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures)
+        private
+        returns (uint64 voters)
+    {
+        voters = _voters(vote, _waiting(vote.taskId), digest, signatures);
         emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
     }
 

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
+import {OracleCommittee} from "../src/OracleCommittee.sol";
 import {IDisputes, Instance, Ruling} from "../src/interfaces/IDisputes.sol";
-import {IOracleCommittee, Vote} from "../src/interfaces/IOracleCommittee.sol";
+import {IOracleCommittee, Judge, Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Instances} from "./Instances.sol";
@@ -52,7 +54,7 @@ contract DisputesTest is Instances {
 
     function test_oneInstanceAloneJudgesAtOnce() public {
         Instance[] memory one = new Instance[](1);
-        one[0] = Instance(committee, 0, 0, 0);
+        one[0] = Instance(committee, 0, 0, 0, 0);
         setInstances(one);
         Vote memory vote = ruled(Verdict.Accepted);
         assertState(vote.taskId, TaskState.Settled);
@@ -407,7 +409,7 @@ contract DisputesTest is Instances {
     function test_aRunningCaseKeepsItsInstances() public {
         Vote memory vote = ruled(Verdict.Accepted);
         Instance[] memory one = new Instance[](1);
-        one[0] = Instance(committee, 0, 0, 0);
+        one[0] = Instance(committee, 0, 0, 0, 0);
         setInstances(one);
         challenge(alice, vote.taskId);
         decide(second, secondKeys, 4, vote.taskId, Verdict.Rejected);
@@ -443,7 +445,7 @@ contract DisputesTest is Instances {
     }
 
     function test_laterInstancesAreOthersAndMore() public {
-        for (uint256 part = 0; part < 9; ++part) {
+        for (uint256 part = 0; part < 10; ++part) {
             Instance[] memory some = three();
             if (part == 0) some[0].window = 59;
             if (part == 1) some[0].stake = 0;
@@ -454,6 +456,7 @@ contract DisputesTest is Instances {
             if (part == 6) (some[1].committee, some[2].committee) = (third, second);
             if (part == 7) some[0].window = 7 days + 1;
             if (part == 8) some[2].stake = 1;
+            if (part == 9) some[2].judgeStake = 1;
             vm.prank(admin);
             vm.expectPartialRevert(IDisputes.InvalidInstances.selector);
             disputes.setInstances(CLEANING, some);
@@ -489,7 +492,7 @@ contract DisputesTest is Instances {
     function test_aTaskWithAnEarlierShorterWindowIsJudgedAtOnce() public {
         Instance[] memory wanted = three();
         Instance[] memory one = new Instance[](1);
-        one[0] = Instance(committee, 0, 0, 0);
+        one[0] = Instance(committee, 0, 0, 0, 0);
         setInstances(one);
         vm.prank(admin);
         organization.setVerdictWindows(CLEANING, 15 minutes, 1 days);
@@ -554,5 +557,486 @@ contract DisputesTest is Instances {
         }
         assertEmpty(vote.taskId);
         assertEq(everything(), total);
+    }
+}
+
+/// @notice A contract that calls itself a committee. Whoever made it says at any time who owns its only judge.
+contract PretendedCommittee {
+    IDisputes private immutable _disputes;
+    address public owner;
+
+    constructor(IDisputes disputes) {
+        _disputes = disputes;
+    }
+
+    function setOwner(address owner_) external {
+        owner = owner_;
+    }
+
+    function keyOf(uint8) external pure returns (address) {
+        return address(1);
+    }
+
+    /// @dev Takes the stake once more while it is paid out, if it can.
+    function judge(address) external returns (Judge memory) {
+        try _disputes.withdrawStake{gas: 200_000}(IOracleCommittee(address(this)), 0) {} catch {}
+        return Judge(owner, 0);
+    }
+}
+
+contract JudgeStakesTest is Instances {
+    address private immutable owner = makeAddr("owner");
+
+    function setUp() public override {
+        super.setUp();
+        deal(address(coin), stranger, 1000 ether);
+        setInstances(threeWithStakes());
+        for (uint8 seat = 0; seat < JUDGES; ++seat) {
+            deposit(committee, seat);
+        }
+        for (uint8 seat = 0; seat < 7; ++seat) {
+            deposit(second, seat);
+        }
+    }
+
+    // -- votes ------------------------------------------------------------------------------------------------
+
+    function test_eachVoteNeedsTheStakeOfItsJudge() public {
+        announce(2, 1);
+        Vote memory vote = voteOf(waiting(), Verdict.Accepted);
+        bytes memory votes = signatures(vote, 3);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IDisputes.StakeTooLow.selector, committee, 2, JUDGE_STAKE - 1, uint256(JUDGE_STAKE)
+            )
+        );
+        disputes.postVotes(vote, REPORT_URI, votes);
+        votes = abi.encodePacked(signatures(vote, 2), sign(judgeKeys[3], vote));
+        disputes.postVotes(vote, REPORT_URI, votes);
+        (Ruling[] memory rulings,,) = disputes.caseOf(vote.taskId);
+        assertEq(rulings[0].voters, 11);
+    }
+
+    function test_oneStakeStandsForAllCasesOfItsJudge() public {
+        for (uint256 i = 0; i < 3; ++i) {
+            ruled(Verdict.Accepted);
+        }
+        assertStake(committee, 0, JUDGE_STAKE, 0);
+    }
+
+    function test_nobodyElseLearnsWhoVoted() public {
+        Vote memory vote = voteOf(waiting(), Verdict.Accepted);
+        vm.prank(stranger);
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.NotTaskManager.selector, stranger));
+        committee.countVoters(vote, 0, "");
+    }
+
+    // -- what a verdict that is overturned costs ----------------------------------------------------------------
+
+    function test_whoVotedForWhatIsOverturnedLosesItsStake() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        uint256 treasury = coin.balanceOf(address(organization));
+        challenge(alice, vote.taskId);
+        decide(second, secondKeys, 4, vote.taskId, Verdict.Rejected);
+        skip(CHALLENGE + 1);
+        for (uint8 seat = 0; seat < 3; ++seat) {
+            vm.expectEmit(address(disputes));
+            emit IDisputes.StakeLost(vote.taskId, committee, seat, JUDGE_STAKE);
+        }
+        vm.expectEmit(address(disputes));
+        emit IDisputes.StakePaid(vote.taskId, address(organization), 3 * uint256(JUDGE_STAKE));
+        disputes.close(voteOf(vote.taskId, Verdict.Rejected), REPORT_URI);
+        for (uint8 seat = 0; seat < JUDGES; ++seat) {
+            assertStake(committee, seat, seat < 3 ? 0 : JUDGE_STAKE, 0);
+        }
+        assertStake(second, 0, JUDGE_STAKE, 0);
+        assertEq(coin.balanceOf(address(organization)), treasury + 3 * JUDGE_STAKE);
+        assertKept();
+        // Its votes do not count until somebody adds to it.
+        vote = voteOf(vote.taskId, Verdict.Accepted);
+        submit(vote.taskId);
+        vote.attempt = 2;
+        bytes memory votes = signatures(vote, 3);
+        vm.expectPartialRevert(IDisputes.StakeTooLow.selector);
+        disputes.postVotes(vote, REPORT_URI, votes);
+        for (uint8 seat = 0; seat < 3; ++seat) {
+            deposit(committee, seat);
+        }
+        disputes.postVotes(vote, REPORT_URI, votes);
+    }
+
+    function test_anotherAmountCostsThemToo() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        challenge(alice, vote.taskId);
+        vote.amount = 30 ether;
+        disputes.postVotes(vote, REPORT_URI, by(second, secondKeys, 4, vote));
+        skip(CHALLENGE + 1);
+        disputes.close(vote, REPORT_URI);
+        assertStake(committee, 0, 0, 0);
+        assertKept();
+    }
+
+    function test_whoIsRightAtTheEndLosesNothing() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        challenge(alice, vote.taskId);
+        decide(second, secondKeys, 4, vote.taskId, Verdict.Rejected);
+        challenge(robot1, vote.taskId);
+        decide(third, thirdKeys, 5, vote.taskId, Verdict.Accepted);
+        assertStake(committee, 0, JUDGE_STAKE, 0);
+        for (uint8 seat = 0; seat < 7; ++seat) {
+            assertStake(second, seat, seat < 4 ? 0 : JUDGE_STAKE, 0);
+        }
+        assertKept();
+    }
+
+    function test_bothLoseWhatTheLastOverturns() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        challenge(alice, vote.taskId);
+        decide(second, secondKeys, 4, vote.taskId, Verdict.Rejected);
+        challenge(robot1, vote.taskId);
+        uint256 treasury = coin.balanceOf(address(organization));
+        decide(third, thirdKeys, 5, vote.taskId, Verdict.Impossible);
+        assertEq(coin.balanceOf(address(organization)), treasury + 7 * JUDGE_STAKE);
+        assertKept();
+    }
+
+    function test_whatStandsBySilenceCostsNothing() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        challenge(alice, vote.taskId);
+        skip(DECISION + 1);
+        disputes.close(vote, REPORT_URI);
+        assertNothingLost();
+    }
+
+    function test_aCaseThatIsVoidCostsNothing() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        challenge(alice, vote.taskId);
+        decide(second, secondKeys, 4, vote.taskId, Verdict.Rejected);
+        vm.warp(tasks.task(vote.taskId).deadline + 1);
+        disputes.close(vote, REPORT_URI);
+        assertNothingLost();
+    }
+
+    function test_whatIsLeftUndecidedCostsNothing() public {
+        ruled(Verdict.Undecided);
+        assertNothingLost();
+    }
+
+    function test_manyCasesCostNoMoreThanThereIs() public {
+        Vote[2] memory votes = [ruled(Verdict.Accepted), ruled(Verdict.Accepted)];
+        uint256 treasury = coin.balanceOf(address(organization));
+        for (uint256 i = 0; i < 2; ++i) {
+            challenge(alice, votes[i].taskId);
+            votes[i] = decide(second, secondKeys, 4, votes[i].taskId, Verdict.Rejected);
+        }
+        vm.prank(stranger);
+        disputes.depositStake(committee, 1, 2 ether);
+        skip(CHALLENGE + 1);
+        disputes.close(votes[0], REPORT_URI);
+        disputes.close(votes[1], REPORT_URI);
+        assertEq(coin.balanceOf(address(organization)), treasury + 3 * JUDGE_STAKE + 2 ether);
+        assertKept();
+    }
+
+    function test_aRunningCaseKeepsItsStakes() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        Instance[] memory others = threeWithStakes();
+        (others[0].judgeStake, others[1].judgeStake) = (1 ether, 0);
+        setInstances(others);
+        for (uint8 seat = 0; seat < 4; ++seat) {
+            vm.prank(vm.addr(secondKeys[seat]));
+            disputes.announceWithdrawal(second, seat, JUDGE_STAKE);
+        }
+        challenge(alice, vote.taskId);
+        Vote memory other = voteOf(vote.taskId, Verdict.Rejected);
+        bytes memory votes = by(second, secondKeys, 4, other);
+        vm.expectPartialRevert(IDisputes.StakeTooLow.selector);
+        disputes.postVotes(other, REPORT_URI, votes);
+        for (uint8 seat = 0; seat < 4; ++seat) {
+            deposit(second, seat);
+        }
+        disputes.postVotes(other, REPORT_URI, votes);
+        skip(CHALLENGE + 1);
+        disputes.close(other, REPORT_URI);
+        assertStake(committee, 0, 0, 0);
+    }
+
+    function test_aJudgeOfNoQuorumAnyMoreLosesAllTheSame() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        setQuorum(2, 3, 0, 0x1c); // without judges 0 and 1
+        overturn(vote.taskId);
+        assertStake(committee, 0, 0, 0);
+    }
+
+    function test_anotherKeyChangesNothing() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        vm.prank(judges[0]);
+        committee.changeKey(judges[0], makeAddr("another"));
+        assertStake(committee, 0, JUDGE_STAKE, 0);
+        overturn(vote.taskId);
+        assertStake(committee, 0, 0, 0);
+    }
+
+    function test_aTokenThatRefusesTheTreasuryHoldsUpNoCase() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        uint256 lost = 3 * uint256(JUDGE_STAKE);
+        vm.mockCall(
+            address(coin), abi.encodeCall(coin.transfer, (address(organization), lost)), abi.encode(false)
+        );
+        overturn(vote.taskId);
+        vm.clearMockedCalls();
+        assertEq(disputes.pendingPayments(address(organization)), lost);
+        assertEq(coin.balanceOf(address(disputes)), deposited() + lost);
+        uint256 treasury = coin.balanceOf(address(organization));
+        disputes.withdrawPayments(address(organization));
+        assertEq(coin.balanceOf(address(organization)), treasury + lost);
+        assertKept();
+    }
+
+    // -- deposits ---------------------------------------------------------------------------------------------
+
+    function test_anybodyDepositsForAJudge() public {
+        uint256 before = coin.balanceOf(alice);
+        vm.expectEmit(address(disputes));
+        emit IDisputes.StakeDeposited(committee, 0, alice, 3 ether);
+        vm.prank(alice);
+        disputes.depositStake(committee, 0, 3 ether);
+        assertStake(committee, 0, JUDGE_STAKE + 3 ether, 0);
+        assertEq(coin.balanceOf(alice), before - 3 ether);
+        vm.prank(alice);
+        vm.expectRevert(abi.encodeWithSelector(IDisputes.NotOwner.selector, alice, judges[0]));
+        disputes.announceWithdrawal(committee, 0, 3 ether);
+    }
+
+    function test_aSeatWithoutJudgeHasNoStake() public {
+        vm.startPrank(stranger);
+        bytes memory none = abi.encodeWithSelector(IDisputes.NoJudge.selector, committee, JUDGES);
+        vm.expectRevert(none);
+        disputes.depositStake(committee, JUDGES, 1 ether);
+        vm.expectRevert(none);
+        disputes.announceWithdrawal(committee, JUDGES, 0);
+        vm.expectRevert(none);
+        disputes.withdrawStake(committee, JUDGES);
+        vm.expectRevert();
+        disputes.depositStake(IOracleCommittee(stranger), 0, 1 ether);
+        vm.stopPrank();
+    }
+
+    function test_aStakeFitsIntoItsWord() public {
+        announce(0, JUDGE_STAKE);
+        uint256 room = type(uint96).max - JUDGE_STAKE;
+        deal(address(coin), stranger, room + 1);
+        vm.startPrank(stranger);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                SafeCast.SafeCastOverflowedUintDowncast.selector, 96, uint256(type(uint96).max) + 1
+            )
+        );
+        disputes.depositStake(committee, 0, room + 1);
+        disputes.depositStake(committee, 0, room);
+        vm.stopPrank();
+        announce(0, room);
+        assertStake(committee, 0, 0, type(uint96).max);
+    }
+
+    function test_withoutTokensThereIsNoDeposit() public {
+        vm.prank(bob); // approved nothing
+        vm.expectRevert();
+        disputes.depositStake(committee, 0, 1 ether);
+        assertStake(committee, 0, JUDGE_STAKE, 0);
+    }
+
+    // -- withdrawals ------------------------------------------------------------------------------------------
+
+    function test_aStakeLeavesAfterTheLongestCase() public {
+        vm.prank(judges[0]);
+        services.setPayout(judges[0], owner);
+        uint256 until = block.timestamp + disputes.UNBONDING();
+        vm.expectEmit(address(disputes));
+        emit IDisputes.WithdrawalAnnounced(committee, 0, 2 ether, until);
+        announce(0, 2 ether);
+        assertStake(committee, 0, JUDGE_STAKE - 2 ether, 2 ether);
+        vm.warp(until);
+        vm.expectRevert(
+            abi.encodeWithSelector(IDisputes.WithdrawalTooEarly.selector, committee, 0, until, until)
+        );
+        disputes.withdrawStake(committee, 0);
+        vm.warp(until + 1);
+        vm.expectEmit(address(disputes));
+        emit IDisputes.StakeWithdrawn(committee, 0, owner, 2 ether);
+        vm.prank(alice); // anybody
+        disputes.withdrawStake(committee, 0);
+        assertEq(coin.balanceOf(owner), 2 ether);
+        assertStake(committee, 0, JUDGE_STAKE - 2 ether, 0);
+        assertKept();
+        vm.expectRevert(abi.encodeWithSelector(IDisputes.NoWithdrawal.selector, committee, 0));
+        disputes.withdrawStake(committee, 0);
+    }
+
+    function test_announcingAgainBeginsTheTimeAnew() public {
+        announce(0, 2 ether);
+        skip(disputes.UNBONDING());
+        announce(0, 1 ether);
+        skip(1);
+        vm.expectPartialRevert(IDisputes.WithdrawalTooEarly.selector);
+        disputes.withdrawStake(committee, 0);
+        assertStake(committee, 0, JUDGE_STAKE - 3 ether, 3 ether);
+    }
+
+    function test_nobodyWithdrawsMoreThanThereIs() public {
+        vm.prank(judges[0]);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IDisputes.StakeTooLow.selector, committee, 0, uint256(JUDGE_STAKE), JUDGE_STAKE + 1
+            )
+        );
+        disputes.announceWithdrawal(committee, 0, JUDGE_STAKE + 1);
+    }
+
+    function test_whoLeavesBeforeItIsOverturnedLosesItsStakeAllTheSame() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        announce(0, JUDGE_STAKE - 1 ether);
+        announce(1, JUDGE_STAKE);
+        vm.prank(stranger);
+        disputes.depositStake(committee, 0, 1 ether);
+        overturn(vote.taskId);
+        assertStake(committee, 0, 0, 1 ether); // first what counts
+        assertStake(committee, 1, 0, 0);
+        skip(disputes.UNBONDING());
+        vm.expectRevert(abi.encodeWithSelector(IDisputes.NoWithdrawal.selector, committee, 1));
+        disputes.withdrawStake(committee, 1);
+        assertKept();
+    }
+
+    function test_noCaseLastsLongerThanAStakeIsKept() public {
+        uint32 longest = organization.MAX_VERDICT_WINDOW();
+        assertEq(disputes.UNBONDING(), longest);
+        vm.prank(admin);
+        organization.setVerdictWindows(CLEANING, 2 hours, longest);
+        offer(robot1, 80 ether);
+        TaskRequest memory wanted = request(100 ether);
+        wanted.verdictWindow = longest;
+        vm.prank(alice);
+        TaskId taskId = tasks.registerTask(wanted);
+        submit(taskId);
+        Vote memory vote = voteOf(taskId, Verdict.Accepted);
+        disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        announce(0, JUDGE_STAKE);
+        challenge(alice, taskId);
+        vote = decide(second, secondKeys, 4, taskId, Verdict.Rejected);
+        vm.warp(tasks.task(taskId).deadline);
+        vm.expectPartialRevert(IDisputes.WithdrawalTooEarly.selector);
+        disputes.withdrawStake(committee, 0);
+        disputes.close(vote, REPORT_URI);
+        assertStake(committee, 0, 0, 0);
+    }
+
+    function test_whoTakesAJudgesKeyDoesNotTakeItsStake() public {
+        (address key, uint256 secret) = makeAddrAndKey("key");
+        vm.prank(admin);
+        committee.seat(key, owner);
+        deposit(committee, JUDGES);
+        vm.startPrank(vm.addr(secret));
+        committee.changeKey(key, stranger);
+        vm.expectRevert(abi.encodeWithSelector(IDisputes.NotOwner.selector, key, owner));
+        disputes.announceWithdrawal(committee, JUDGES, JUDGE_STAKE);
+        vm.stopPrank();
+        vm.prank(stranger);
+        vm.expectRevert(abi.encodeWithSelector(IDisputes.NotOwner.selector, stranger, owner));
+        disputes.announceWithdrawal(committee, JUDGES, JUDGE_STAKE);
+        vm.prank(owner);
+        disputes.announceWithdrawal(committee, JUDGES, JUDGE_STAKE);
+        skip(disputes.UNBONDING() + 1);
+        disputes.withdrawStake(committee, JUDGES);
+        assertEq(coin.balanceOf(owner), JUDGE_STAKE);
+    }
+
+    function test_aStakeThatTheTokenRefusesToPayWaits() public {
+        announce(0, JUDGE_STAKE);
+        skip(disputes.UNBONDING() + 1);
+        vm.mockCall(address(coin), abi.encodeCall(coin.transfer, (judges[0], JUDGE_STAKE)), abi.encode(false));
+        disputes.withdrawStake(committee, 0);
+        vm.clearMockedCalls();
+        assertEq(disputes.pendingPayments(judges[0]), JUDGE_STAKE);
+        assertStake(committee, 0, 0, 0);
+        uint256 before = coin.balanceOf(judges[0]);
+        disputes.withdrawPayments(judges[0]);
+        assertEq(coin.balanceOf(judges[0]), before + JUDGE_STAKE);
+        assertKept();
+    }
+
+    function test_aPretendedCommitteeTakesNothingOfOthers() public {
+        PretendedCommittee made = new PretendedCommittee(disputes);
+        IOracleCommittee pretended = IOracleCommittee(address(made));
+        made.setOwner(stranger);
+        uint256 before = coin.balanceOf(stranger);
+        vm.startPrank(stranger);
+        disputes.depositStake(pretended, 0, 2 ether);
+        vm.expectPartialRevert(IDisputes.StakeTooLow.selector);
+        disputes.announceWithdrawal(pretended, 0, 2 ether + 1);
+        disputes.announceWithdrawal(pretended, 0, 2 ether);
+        vm.stopPrank();
+        skip(disputes.UNBONDING() + 1);
+        disputes.withdrawStake(pretended, 0);
+        vm.expectPartialRevert(IDisputes.NoWithdrawal.selector);
+        disputes.withdrawStake(pretended, 0);
+        assertEq(coin.balanceOf(stranger), before);
+        assertNothingLost();
+    }
+
+    // -- whatever they do -------------------------------------------------------------------------------------
+
+    /// @dev Each step is one byte: a judge that pays, leaves or takes, or a case that is decided.
+    function testFuzz_nothingIsKeptOrMade(bytes32 steps) public {
+        for (uint256 i = 0; i < 32; ++i) {
+            uint8 step = uint8(steps[i]);
+            uint8 seat = (step / 4) % JUDGES;
+            if (step % 4 == 0) {
+                deposit(committee, seat);
+            } else if (step % 4 == 1) {
+                vm.prank(judges[seat]);
+                try disputes.announceWithdrawal(committee, seat, (step / 16) * 1 ether) {} catch {}
+            } else if (step % 4 == 2) {
+                skip((step / 16) * 2 days);
+                try disputes.withdrawStake(committee, seat) {} catch {}
+            } else if (i % 4 == 0) {
+                Vote memory vote = voteOf(waiting(), Verdict.Accepted);
+                try disputes.postVotes(vote, REPORT_URI, signatures(vote, 3)) {} catch {}
+                (Ruling[] memory rulings,,) = disputes.caseOf(vote.taskId);
+                if (rulings.length != 0) overturn(vote.taskId);
+            }
+            assertKept();
+        }
+    }
+
+    // -- helpers ----------------------------------------------------------------------------------------------
+
+    function announce(uint8 seat, uint256 amount) private {
+        vm.prank(judges[seat]);
+        disputes.announceWithdrawal(committee, seat, amount);
+    }
+
+    /// @dev What the first instance said of the task is not what it ends with.
+    function overturn(TaskId taskId) private {
+        challenge(alice, taskId);
+        Vote memory vote = decide(second, secondKeys, 4, taskId, Verdict.Impossible);
+        skip(CHALLENGE + 1);
+        disputes.close(vote, REPORT_URI);
+    }
+
+    function assertStake(OracleCommittee who, uint8 seat, uint256 stake, uint256 leaving) private view {
+        (uint256 stakes, uint256 leaves,) = disputes.stakeOf(who, seat);
+        assertEq(stakes, stake, "what counts");
+        assertEq(leaves, leaving, "what leaves");
+    }
+
+    /// @dev No case runs: the contract has the deposits, and nothing else.
+    function assertKept() private view {
+        assertEq(coin.balanceOf(address(disputes)), deposited());
+    }
+
+    function assertNothingLost() private view {
+        assertEq(deposited(), 12 * uint256(JUDGE_STAKE));
+        assertKept();
     }
 }

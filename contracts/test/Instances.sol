@@ -16,6 +16,7 @@ abstract contract Instances is Committee {
     uint32 internal constant VERDICT_WINDOW = 4 hours;
     uint96 internal constant STAKE = 10 ether;
     uint96 internal constant APPEAL = 30 ether;
+    uint96 internal constant JUDGE_STAKE = 5 ether;
     string internal constant REPORT_URI = "https://store/report.json";
 
     Disputes internal disputes;
@@ -59,9 +60,35 @@ abstract contract Instances is Committee {
 
     function three() internal view returns (Instance[] memory all) {
         all = new Instance[](3);
-        all[0] = Instance(committee, CHALLENGE, 0, STAKE);
-        all[1] = Instance(second, CHALLENGE, DECISION, APPEAL);
-        all[2] = Instance(third, 0, DECISION, 0);
+        all[0] = Instance(committee, CHALLENGE, 0, STAKE, 0);
+        all[1] = Instance(second, CHALLENGE, DECISION, APPEAL, 0);
+        all[2] = Instance(third, 0, DECISION, 0, 0);
+    }
+
+    /// @dev The judges of all instances but the last need a stake.
+    function threeWithStakes() internal view returns (Instance[] memory all) {
+        all = three();
+        (all[0].judgeStake, all[1].judgeStake) = (JUDGE_STAKE, JUDGE_STAKE);
+    }
+
+    /// @dev What the stranger adds so that the judge has its stake.
+    function deposit(OracleCommittee who, uint8 seat) internal returns (uint256 missing) {
+        (uint256 stake,,) = disputes.stakeOf(who, seat);
+        if (stake >= JUDGE_STAKE) return 0;
+        missing = JUDGE_STAKE - stake;
+        vm.prank(stranger);
+        disputes.depositStake(who, seat, missing);
+    }
+
+    /// @dev What judges of these committees have deposited.
+    function deposited() internal view returns (uint256 all) {
+        OracleCommittee[2] memory committees = [committee, second];
+        for (uint256 i = 0; i < 2; ++i) {
+            for (uint8 seat = 0; seat < 7; ++seat) {
+                (uint256 stake, uint256 leaving,) = disputes.stakeOf(committees[i], seat);
+                all += stake + leaving;
+            }
+        }
     }
 
     function setInstances(Instance[] memory instances) internal {

@@ -98,6 +98,7 @@ class Instance(Struct):
     window: int
     decision: int
     stake: int
+    judge_stake: int
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,7 @@ class Ruling(Struct):
     content: bytes
     verdict: Verdict
     amount: int
+    voters: int
     challenger: str
 
 
@@ -214,11 +216,17 @@ class Vote(Struct):
 
 
 class DisputesCalls(ContractCalls):
+    def announce_withdrawal(self, committee: str, seat: int, amount: int) -> Call:
+        return self._call("Disputes", "announceWithdrawal", committee, seat, amount)
+
     def challenge(self, task_id: int, reason: str) -> Call:
         return self._call("Disputes", "challenge", task_id, reason)
 
     def close(self, vote: Vote, report_uri: str) -> Call:
         return self._call("Disputes", "close", vote, report_uri)
+
+    def deposit_stake(self, committee: str, seat: int, amount: int) -> Call:
+        return self._call("Disputes", "depositStake", committee, seat, amount)
 
     def post_votes(self, vote: Vote, report_uri: str, signatures: bytes) -> Call:
         return self._call("Disputes", "postVotes", vote, report_uri, signatures)
@@ -228,6 +236,9 @@ class DisputesCalls(ContractCalls):
 
     def withdraw_payments(self, account: str) -> Call:
         return self._call("Disputes", "withdrawPayments", account)
+
+    def withdraw_stake(self, committee: str, seat: int) -> Call:
+        return self._call("Disputes", "withdrawStake", committee, seat)
 
 
 class IECoinCalls(ContractCalls):

@@ -232,6 +232,13 @@ class ChainClient:
         """Who judges `kind` one after the other; none where its verdicts cannot be challenged."""
         return self._view("Disputes", "instancesOf", kind_to_bytes32(kind))
 
+    def stake(self, seat: int) -> int:
+        """What counts for the votes of the judge in this seat of the committee of oracles, wei."""
+        raw = self._contracts["Disputes"].functions.stakeOf(self.committee, seat)
+        with translated(self.currency):
+            stake, _leaving, _until = raw.call()
+        return int(stake)
+
     def policy(self) -> ChecksumAddress:
         return self._view("Organization", "policy")
 

@@ -476,10 +476,42 @@ class StakeDeferred(Event):
 
 
 @dataclass(frozen=True)
+class StakeDeposited(Event):
+    committee: str
+    seat: int
+    payer: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class StakeLost(Event):
+    task_id: int
+    committee: str
+    seat: int
+    amount: int
+
+
+@dataclass(frozen=True)
 class StakePaid(Event):
     task_id: int
     account: str
     amount: int
+
+
+@dataclass(frozen=True)
+class StakeWithdrawn(Event):
+    committee: str
+    seat: int
+    account: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class WithdrawalAnnounced(Event):
+    committee: str
+    seat: int
+    amount: int
+    until: int
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from rodeo.errors import snake_case
 
 BETWEEN_CONTRACTS = frozenset(
     {
-        *("countVotes", "enqueue", "holdBond", "onServiceFree", "recordOwner", "reserve"),
+        *("countVoters", "countVotes", "enqueue", "holdBond", "onServiceFree", "recordOwner", "reserve"),
         *("reinstate", "release", "returnBond", "suspend", "suspendServicesOf"),
     }
 )

@@ -12,6 +12,7 @@ from hashlib import sha256
 from typing import Any, get_args
 
 from eth_account import Account
+from eth_typing import ChecksumAddress
 from eth_utils import is_address, to_checksum_address
 
 from rodeo import messages, signed_requests, votes
@@ -46,6 +47,7 @@ from rodeo.messages import (
     Admit,
     AllowKind,
     AllowPayments,
+    AnnounceWithdrawal,
     Broadcast,
     CancelProposal,
     CancelTask,
@@ -56,6 +58,7 @@ from rodeo.messages import (
     Collect,
     Command,
     Deposit,
+    DepositStake,
     Dismiss,
     Dispute,
     ExecuteProposal,
@@ -105,6 +108,7 @@ from rodeo.messages import (
     UnwrapTokens,
     UpdateService,
     Withdraw,
+    WithdrawStake,
     WrapTokens,
 )
 from rodeo.signed_requests import UNLIMITED
@@ -820,10 +824,39 @@ class Wallet:
 
     def _judges_bit(self, who: str) -> int:
         """The bit that stands for a judge's seat. Raises UnknownParticipant."""
+        return 1 << self._judges_seat(who)
+
+    def _judges_seat(self, who: str) -> int:
+        """Raises UnknownParticipant."""
         sitting = self.client.judge(self._judges_key(who))
         if sitting is None:
             raise UnknownParticipant("no judge votes with this key", who=who)
-        return 1 << sitting.seat
+        return sitting.seat
+
+    def _deposit_stake(self, command: DepositStake) -> list[Call]:
+        disputes, amount = self._disputes(), self._currency.to_units(command.amount_iec)
+        seat = self._judges_seat(command.judge)
+        self._require_funds(self.key_address, amount)
+        return [
+            *self._approval(disputes, amount),
+            self.client.dispute_calls.deposit_stake(self.client.committee, seat, amount),
+        ]
+
+    def _announce_withdrawal(self, command: AnnounceWithdrawal) -> list[Call]:
+        self._disputes()
+        seat, amount = self._judges_seat(command.judge), self._currency.to_units(command.amount_iec)
+        return [self.client.dispute_calls.announce_withdrawal(self.client.committee, seat, amount)]
+
+    def _withdraw_stake(self, command: WithdrawStake) -> list[Call]:
+        self._disputes()
+        seat = self._judges_seat(command.judge)
+        return [self.client.dispute_calls.withdraw_stake(self.client.committee, seat)]
+
+    def _disputes(self) -> ChecksumAddress:
+        """Where judges have stakes. Raises NoDispute."""
+        if self.client.disputes is None:
+            raise NoDispute("verdicts cannot be challenged here, so judges have no stake")
+        return self.client.disputes
 
     # -- decisions after a delay ---------------------------------------------------------------------------
 
@@ -1095,6 +1128,9 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "seat_judge": (SeatJudge, Wallet._seat_judge),
     "unseat_judge": (UnseatJudge, Wallet._unseat_judge),
     "set_quorum": (SetQuorum, Wallet._set_quorum),
+    "deposit_stake": (DepositStake, Wallet._deposit_stake),
+    "announce_withdrawal": (AnnounceWithdrawal, Wallet._announce_withdrawal),
+    "withdraw_stake": (WithdrawStake, Wallet._withdraw_stake),
     "wrap_tokens": (WrapTokens, Wallet._wrap_tokens),
     "unwrap_tokens": (UnwrapTokens, Wallet._unwrap_tokens),
     "propose": (Propose, Wallet._propose),

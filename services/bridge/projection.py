@@ -288,7 +288,7 @@ class Projection:
                 self._change_kind(event.kind, **bounds)
             case events.JudgeSeated():
                 judge = {"seat": event.seat, "key": event.key, "first_key": event.key, "owner": event.owner}
-                rows.add(schema.judges, **judge)
+                rows.add(schema.judges, **judge, stake=0, leaving=0, leaving_until_s=0)
             case events.JudgeKeyChanged():
                 rows.change(schema.judges, event.seat, key=event.key)
             case events.QuorumChanged():
@@ -299,6 +299,22 @@ class Projection:
                     rotation_s=event.rotation,
                     seats=[seat for seat in range(64) if event.judges >> seat & 1],
                 )
+            case events.InstancesChanged():
+                first = event.instances[0]
+                needed = first.judge_stake if self._is_oracles(first.committee) else 0
+                self._change_kind(event.kind, judge_stake=needed)
+            case events.StakeDeposited() if self._is_oracles(event.committee):
+                self._change_stake(event.seat, stake=event.amount)
+            case events.WithdrawalAnnounced() if self._is_oracles(event.committee):
+                self._change_stake(event.seat, stake=-event.amount, leaving=event.amount)
+                rows.change(schema.judges, event.seat, leaving_until_s=event.until)
+            case events.StakeWithdrawn() if self._is_oracles(event.committee):
+                self._change_stake(event.seat, leaving=-event.amount)
+                rows.change(schema.judges, event.seat, leaving_until_s=0)
+            case events.StakeLost() if self._is_oracles(event.committee):
+                # First what counts for votes, as the contract takes it.
+                counted = min(event.amount, rows.get(schema.judges, event.seat)["stake"])
+                self._change_stake(event.seat, stake=-counted, leaving=counted - event.amount)
             case events.Ruled():
                 dispute = {
                     "instance": event.instance,
@@ -483,6 +499,15 @@ class Projection:
     def _change_kind(self, kind: str, **values: Any) -> None:
         self.rows.put(schema.kinds, **{**self._kind(kind), **values})
 
+    def _is_oracles(self, committee: str) -> bool:
+        """Whether it is the committee of oracles, which alone has its judges here: anybody may deposit for
+        the seats of another one."""
+        return committee == self.contracts.get("OracleCommittee")
+
+    def _change_stake(self, seat: int, **by: int) -> None:
+        row = self.rows.get(schema.judges, seat)
+        self.rows.change(schema.judges, seat, **{name: row[name] + change for name, change in by.items()})
+
     def _change_rules(self, kind: str, rules: bytes, *, current: bool) -> None:
         """They are the newest now, or current no longer."""
         named = "0x" + rules.hex()
@@ -504,6 +529,7 @@ class Projection:
             "panel": 0,
             "rotation_s": 0,
             "seats": [],
+            "judge_stake": 0,
         }
         return self.rows.find(schema.kinds, kind) or unknown
 
@@ -611,6 +637,12 @@ class Projection:
             case events.StakePaid():
                 disputes = self.contracts.get("Disputes")
                 return [_Reason("stake_paid", event.task_id, disputes, event.account, event.amount)]
+            case events.StakeDeposited():
+                disputes = self.contracts.get("Disputes")
+                return [_Reason("judge_stake", None, event.payer, disputes, event.amount)]
+            case events.StakeWithdrawn():
+                disputes = self.contracts.get("Disputes")
+                return [_Reason("judge_stake_paid", None, disputes, event.account, event.amount)]
             case events.Deposited():
                 return [_Reason("deposit", None, event.sender, organization, event.amount)]
             case events.Withdrawn():

@@ -315,7 +315,13 @@ class Queries:
             "address": address,
             "treasury_iec": self._iec(self._balances([address])[address]),
             "policy": self._names.policy(self._index.setting("policy") or self._client.policy()),
-            "kinds": [{key: row[key] for key in _OF_KIND} for row in self._index.all_kinds()],
+            "kinds": [
+                {
+                    **{key: row[key] for key in _OF_KIND},
+                    "judge_stake_iec": self._iec(row["judge_stake"]),
+                }
+                for row in self._index.all_kinds()
+            ],
             "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
             "members_only": bool(self._index.setting("members_only")),
             "suspended_providers": [
@@ -331,8 +337,10 @@ class Queries:
             "paused_until_s": self._index.setting("paused_until_s") or 0,
             "judges": [
                 {
-                    **{key: row[key] for key in ("seat", "key", "name", "owner")},
+                    **{key: row[key] for key in ("seat", "key", "name", "owner", "leaving_until_s")},
                     "owner_name": self._names.name(row["owner"]),
+                    "stake_iec": self._iec(row["stake"]),
+                    "leaving_iec": self._iec(row["leaving"]),
                 }
                 for row in self._index.judges()
             ],

@@ -229,6 +229,7 @@ kinds = Table(
     Column("panel", Integer, nullable=False, doc="how many judges may vote at once"),
     Column("rotation_s", BigInteger, nullable=False, doc="after which one more judge may vote; 0 for never"),
     Column("seats", JSON, nullable=False, doc="of its judges"),
+    Column("judge_stake", Wei, nullable=False, doc="which the vote of each of them needs"),
 )
 
 judges = Table(
@@ -238,6 +239,9 @@ judges = Table(
     Column("key", String(42), nullable=False),
     Column("first_key", String(42), nullable=False, doc="by which the device registry names the judge"),
     Column("owner", String(42), nullable=False),
+    Column("stake", Wei, nullable=False, doc="what counts for its votes"),
+    Column("leaving", Wei, nullable=False, doc="what is being withdrawn"),
+    Column("leaving_until_s", BigInteger, nullable=False, doc="block time after which that is paid"),
     comment="of the committee of oracles",
 )
 

@@ -37,7 +37,8 @@ TURN_S = 2.0
 _FIRST_S = 0.25
 """The same for the first in order: the one who completed the votes posts already."""
 _LOOK_S = 1.0
-_REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor"})
+_TOO_LOW = "stake_too_low"
+_REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor", _TOO_LOW})
 """The contract does not count the vote of the judge that the error names, or not yet."""
 _RULED = "not_challenged"
 """Another oracle has posted the votes, and the verdict can still be challenged."""
@@ -59,6 +60,15 @@ class _Committee:
     """Kind -> how many of them have to agree."""
     panels: Mapping[str, tuple[int, int]]
     """Kind -> how many may vote at once, and the time after which one more may, s; 0 for never."""
+    seats: Mapping[int, str]
+    """Seat -> oracle."""
+    unstaked: Mapping[str, frozenset[str]]
+    """Kind -> oracles whose stake is too low: with one of their votes the contract refuses all."""
+
+    @property
+    def counted(self) -> tuple[Mapping[str, int], Mapping[str, frozenset[str]]]:
+        """Upon what it depends whether votes are enough."""
+        return self.needed, self.unstaked
 
 
 @dataclass
@@ -109,6 +119,8 @@ class Votes:
         """Votes on submissions on which this oracle has not voted yet."""
         self._repeated_s = 0.0
         self._known: _Committee | None = None
+        self._acted_on: tuple[Mapping[str, int], Mapping[str, frozenset[str]]] | None = None
+        """By what the votes that are held were last counted."""
         self._asked_s = -REPEAT_S
         self._lock = threading.Lock()
 
@@ -164,7 +176,7 @@ class Votes:
         with self._lock:
             self._held.clear()
             self._early.clear()
-            self._known, self._asked_s = None, -REPEAT_S
+            self._known, self._acted_on, self._asked_s = None, None, -REPEAT_S
 
     def held(self) -> list[dict[str, Any]]:
         """Which votes are held on what waits."""
@@ -245,10 +257,22 @@ class Votes:
         self._asked_s = time.monotonic()
         chain = self._wallet.ask(queries.CHAIN)
         rules = self._wallet.ask(queries.ORGANIZATION)
-        keys = {one.name: one.key for one in rules.judges if one.name is not None}
+        judges = {one.name: one for one in rules.judges if one.name is not None}
+        keys = {name: one.key for name, one in judges.items()}
+        seats = {one.seat: name for name, one in judges.items()}
         needed = {one.kind: one.votes for one in rules.kinds if one.votes}
         panels = {one.kind: (one.panel, one.rotation_s) for one in rules.kinds if one.votes}
-        self._known = _Committee(chain.chain_id, chain.contracts.oracle_committee, keys, needed, panels)
+        unstaked = {
+            one.kind: frozenset(
+                name for name, judge in judges.items() if judge.stake_iec < one.judge_stake_iec
+            )
+            for one in rules.kinds
+            if one.votes
+        }
+        address = chain.contracts.oracle_committee
+        self._known = _Committee(chain.chain_id, address, keys, needed, panels, seats, unstaked)
+        if self._acted_on is None:
+            self._acted_on = self._known.counted
         return self._known
 
     # -- the verdict ---------------------------------------------------------------------------------------
@@ -256,6 +280,7 @@ class Votes:
     def _agreed(self, held: _Held, without: frozenset[str] = frozenset()) -> dict[str, SignedVote]:
         """Enough votes for the same, as few as are needed; none where there are not as many."""
         needed = self._needed(held.kind)
+        without |= frozenset() if self._known is None else self._known.unstaked.get(held.kind, frozenset())
         for said in held.votes.values():
             same = {
                 name: one for name, one in held.votes.items() if one.vote == said.vote and name not in without
@@ -380,10 +405,13 @@ class Votes:
         return held.submitted_s + rotation_s * (int(error.details["place"]) - panel + 1)
 
     def _refused(self, error: RemoteError) -> str:
-        """The oracle whose key the contract's error names."""
+        """The oracle whose key, or whose seat, the contract's error names."""
         named, committee = {str(value) for value in error.details.values()}, self._current()
-        keys = {} if committee is None else committee.keys
-        return next((name for name, key in keys.items() if key in named), "")
+        if committee is None:
+            return ""
+        if error.code == _TOO_LOW:
+            return committee.seats.get(int(error.details["seat"]), "")
+        return next((name for name, key in committee.keys.items() if key in named), "")
 
     # -- one's own votes -----------------------------------------------------------------------------------
 
@@ -395,13 +423,8 @@ class Votes:
             own = [held.votes[self._name] for held in self._held.values()]
         for signed in own:
             self._publish(signed)
-        before = self._known
-        if (
-            own
-            and before is not None
-            and (now := self._current()) is not None
-            and now.needed != before.needed
-        ):
+        if own and (now := self._current()) is not None and now.counted != self._acted_on:
+            self._acted_on = now.counted
             with self._lock:
                 for held in self._held.values():
                     self._take_turn(held)

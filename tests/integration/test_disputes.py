@@ -25,12 +25,12 @@ from tests.support.site import RunningSite, write_site
 
 ORACLES = ("olga", "otto", "omar")
 JUDGES = ("anna", "bert", "carl", "dora")
-WINDOW_S, DECISION_S, STAKE = 600, 900, 20.0
+WINDOW_S, DECISION_S, STAKE, JUDGE_STAKE = 600, 900, 20.0, 5
 SITE = (
     "".join(f'\n[[oracles]]\nname = "{name}"\n' for name in ORACLES)
     + "".join(f'\n[[participants]]\nname = "{name}"\n' for name in (*JUDGES, "mallory"))
     + f"\n[disputes]\njudges = {list(JUDGES)!r}\nvotes = 3\nstake_iec = {STAKE}\n"
-    + f"window_s = {WINDOW_S}\ndecision_s = {DECISION_S}\n"
+    + f"window_s = {WINDOW_S}\ndecision_s = {DECISION_S}\njudge_stake_iec = {JUDGE_STAKE}\n"
 )
 REPORT = {"report_sha256": "0x" + "b" * 64, "report_uri": "file:///srv/store/report.json"}
 
@@ -59,9 +59,15 @@ def pass_time(dao: Dao, seconds: float) -> None:
     dao.set_clock(Clock.now_s)
 
 
-def proven(dao: Dao, **task: Any) -> int:
+def proven(dao: Dao) -> int:
+    """A task whose proof waits for the oracles, whose stakes are there."""
+    deposit_stakes(dao)
+    return submitted(dao)
+
+
+def submitted(dao: Dao) -> int:
     pass_time(dao, 10)
-    task_id = dao.post(**task)
+    task_id = dao.post()
     dao.prove(task_id)
     return task_id
 
@@ -110,6 +116,31 @@ def fund(dao: Dao, name: str) -> None:
 
 def ended(dao: Dao, task_id: int, name: str) -> None:
     dao.wait_for(lambda: name in dao.names_of(task_id), name)
+
+
+def show(dao: Dao) -> dict[str, Any]:
+    """What the command line shows of the organization."""
+    shown: dict[str, Any] = json.loads(organization(dao, "show", "--json"))
+    return shown
+
+
+def stakes(dao: Dao) -> dict[str, float]:
+    """What counts for the votes of each oracle, IEC."""
+    return {one["name"]: float(one["stake_iec"]) for one in show(dao)["judges"]}
+
+
+def deposit_stakes(dao: Dao) -> None:
+    """What oracles have lost is there again."""
+    for name, stake in stakes(dao).items():
+        if stake < JUDGE_STAKE:
+            organization(dao, "deposit-stake", name, str(JUDGE_STAKE - stake))
+
+
+def organization(dao: Dao, *arguments: str, status: int = 0) -> str:
+    environment = {"RODEO_SITE": str(dao.running.path), "COLUMNS": "300"}
+    done = CliRunner().invoke(app, ["organization", *arguments], env=environment)
+    assert done.exit_code == status, done.output
+    return done.output
 
 
 def test_oracles_that_agree_leave_time_to_object(dao: Dao, tmp_path: Path) -> None:
@@ -171,7 +202,37 @@ def test_a_verdict_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path)
     assert dao.balances()["panther1"] == before + 100
     transfers = {one["reason"] for one in dao.state("transfers", task_id=task_id)["transfers"]}
     assert {"stake", "stake_paid"} <= transfers
+    # Who voted for what was overturned pays the treasury, and does not vote until somebody adds to its stake.
+    assert stakes(dao) == {"olga": 0.0, "otto": 0.0, "omar": JUDGE_STAKE}
+    paid = [
+        one["amount_iec"]
+        for one in dao.state("transfers", task_id=task_id)["transfers"]
+        if one["to"] == dao.state("organization")["address"] and one["reason"] == "stake_paid"
+    ]
+    assert [float(one) for one in paid] == [2 * JUDGE_STAKE]
+    task_id = submitted(dao)
+    with pytest.raises(RemoteError) as refused:
+        rule(dao, task_id)
+    assert refused.value.code == "stake_too_low"
+    deposit_stakes(dao)
+    assert set(stakes(dao).values()) == {JUDGE_STAKE}
+    rule(dao, task_id)
+    pass_time(dao, WINDOW_S + 10)
+    ended(dao, task_id, "TaskSettled")
     assert "no verdict on this task waits" in rodeo(dao, "show", str(task_id), status=1)
+
+
+def test_a_judges_owner_takes_its_stake_back(dao: Dao) -> None:
+    said = organization(dao, "announce-withdrawal", "omar", "2", "--as", "mallory", status=1)
+    assert "not_owner" in said
+    organization(dao, "announce-withdrawal", "omar", "2", "--as", "omar")
+    assert stakes(dao)["omar"] == JUDGE_STAKE - 2
+    (omar,) = (one for one in show(dao)["judges"] if one["name"] == "omar")
+    assert float(omar["leaving_iec"]) == 2 and omar["leaving_until_s"] > Clock.now_s
+    assert "2 IEC leave after" in organization(dao, "show")
+    assert "withdrawal_too_early" in organization(dao, "withdraw-stake", "omar", status=1)
+    deposit_stakes(dao)
+    assert stakes(dao)["omar"] == JUDGE_STAKE
 
 
 def test_who_challenges_what_is_right_pays_the_other(dao: Dao, tmp_path: Path) -> None:

@@ -11,21 +11,26 @@ import {ITaskManager, Verdict, Vote} from "./ITaskManager.sol";
 /// @param window how long its verdict can be challenged, s; of the last one 0
 /// @param decision how long it may take over a challenge, s; of the first one 0
 /// @param stake what a challenge of its verdict costs whoever is wrong, in the token's smallest unit; of the last one 0
+/// @param judgeStake what each judge must have deposited for its vote to count, and loses if a later instance overturns
+/// the verdict, in the token's smallest unit; 0 for none, as of the last one, which nothing overturns
 struct Instance {
     IOracleCommittee committee;
     uint32 window;
     uint32 decision;
     uint96 stake;
+    uint96 judgeStake;
 }
 
 /// @param content hash of the whole vote and of where its report lies; see close
 /// @param verdict what the instance said
 /// @param amount what it pays
+/// @param voters one bit for each seat of its committee that voted for it
 /// @param challenger who staked against it; 0 if nobody did
 struct Ruling {
     bytes32 content;
     Verdict verdict;
     uint96 amount;
+    uint64 voters;
     address challenger;
 }
 
@@ -34,10 +39,13 @@ struct Ruling {
 /// instance waits for a window. In it a party to the task (for the organization an operator) or one of the kind's judges may
 /// challenge it with a stake;
 /// then the next instance decides, and so on to the last. What stands at the end is posted to the task manager. A
-/// challenger whom the end proves right has the stake back, and the stake of one whom it proves wrong.
+/// challenger whom the end proves right has the stake back, and the stake of one whom it proves wrong. A judge of a verdict
+/// that was overturned loses its own stake to the organization's treasury.
 /// @dev Every case ends: each step has an end in block time, close can be called by anybody, and the last end comes
 /// before the task's own deadline. If nobody calls close, the task expires as one without verdict, and all stakes go
-/// back.
+/// back, and no judge loses anything.
+/// The stake of a judge belongs to its seat, so it stays when the key changes. One stake stands for all cases of its judge,
+/// and none is locked for one: whoever posts many tasks does not use up the judges.
 interface IDisputes {
     event InstancesChanged(bytes32 indexed kind, Instance[] instances);
     /// @notice The verdict stands at `until`, unless somebody challenges it.
@@ -54,10 +62,28 @@ interface IDisputes {
     event CaseClosed(TaskId indexed taskId, uint8 attempt, Verdict verdict, uint256 amount);
     /// @notice The attempt ended in another way. Nobody was wrong.
     event CaseVoided(TaskId indexed taskId, uint8 attempt);
-    /// @param account who got it: the challenger or its opponent, or the payout address of either
+    /// @param account who got it: the challenger or its opponent, or the payout address of either; the organization for
+    /// what its judges lost
     event StakePaid(TaskId indexed taskId, address indexed account, uint256 amount);
     /// @notice The token refused it; see withdrawPayments.
     event StakeDeferred(address indexed account, uint256 amount);
+    /// @param committee any contract: a judge's stake counts only where an instance names its committee
+    /// @param payer whose tokens they were
+    event StakeDeposited(
+        IOracleCommittee indexed committee, uint8 indexed seat, address indexed payer, uint256 amount
+    );
+    /// @notice That much counts no more for votes. It can be paid out after `until`.
+    event WithdrawalAnnounced(
+        IOracleCommittee indexed committee, uint8 indexed seat, uint256 amount, uint256 until
+    );
+    /// @param account who got it: the seat's owner, or its payout address
+    event StakeWithdrawn(
+        IOracleCommittee indexed committee, uint8 indexed seat, address indexed account, uint256 amount
+    );
+    /// @notice The judge voted for a verdict that was overturned.
+    event StakeLost(
+        TaskId indexed taskId, IOracleCommittee indexed committee, uint8 indexed seat, uint256 amount
+    );
 
     error NotAdministrator(address account);
     error InvalidInstances(bytes32 kind, uint256 index);
@@ -81,6 +107,12 @@ interface IDisputes {
     /// @notice Not what the instance said.
     error OtherVerdict(TaskId taskId, bytes32 content, bytes32 expected);
     error NothingOwed(address account);
+    error NoJudge(IOracleCommittee committee, uint8 seat);
+    error NotOwner(address account, address owner);
+    /// @notice What is being withdrawn does not count.
+    error StakeTooLow(IOracleCommittee committee, uint8 seat, uint256 stake, uint256 needed);
+    error NoWithdrawal(IOracleCommittee committee, uint8 seat);
+    error WithdrawalTooEarly(IOracleCommittee committee, uint8 seat, uint256 until, uint256 time);
 
     // -- administrator ------------------------------------------------------------------------------------
 
@@ -93,7 +125,8 @@ interface IDisputes {
 
     // -- anybody ------------------------------------------------------------------------------------------
 
-    /// @notice Bring the verdict of the instance whose turn it is. An undecided one goes to the auditors at once.
+    /// @notice Bring the verdict of the instance whose turn it is. An undecided one goes to the auditors at once. One vote
+    /// of a judge whose stake is too low fails all of it (StakeTooLow), so leave that vote out.
     /// @param vote what its judges signed
     /// @param reportUri where the report lies
     /// @param signatures of different judges in any order, 64 bytes each (EIP-2098)
@@ -107,6 +140,27 @@ interface IDisputes {
     /// @notice Pay `account`, or its payout address, what the token refused before.
     /// @param account whose money waits
     function withdrawPayments(address account) external;
+
+    /// @notice Add to the stake of a judge, by the caller's allowance for this contract. It is the judge's from then on.
+    /// @param committee in which the judge sits
+    /// @param seat of the judge
+    /// @param amount in the token's smallest unit
+    function depositStake(IOracleCommittee committee, uint8 seat, uint256 amount) external;
+
+    /// @notice Pay the seat's owner, or its payout address, what was announced and is left of it.
+    /// @param committee in which the judge sits
+    /// @param seat of the judge
+    function withdrawStake(IOracleCommittee committee, uint8 seat) external;
+
+    // -- who owns a judge ---------------------------------------------------------------------------------
+
+    /// @notice Begin to take a stake back. It counts no more for votes, but can still be lost for votes that were counted
+    /// before. Announcing again adds to what was announced, and begins the time anew. Only the owner of the seat: whoever
+    /// takes the judge's key gets nothing by it.
+    /// @param committee in which the judge sits
+    /// @param seat of the judge
+    /// @param amount in the token's smallest unit
+    function announceWithdrawal(IOracleCommittee committee, uint8 seat, uint256 amount) external;
 
     // -- a party or a judge -------------------------------------------------------------------------------
 
@@ -141,4 +195,15 @@ interface IDisputes {
     /// @notice What waits for `account` in withdrawPayments.
     /// @param account whose money waits
     function pendingPayments(address account) external view returns (uint256);
+
+    /// @notice What is deposited for a judge.
+    /// @param committee in which the judge sits
+    /// @param seat of the judge
+    /// @return stake what counts for its votes
+    /// @return leaving what is being withdrawn, which can be lost, too
+    /// @return until when that can be paid out, block time in s
+    function stakeOf(IOracleCommittee committee, uint8 seat)
+        external
+        view
+        returns (uint256 stake, uint256 leaving, uint256 until);
 }

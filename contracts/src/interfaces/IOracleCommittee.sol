@@ -88,6 +88,17 @@ interface IOracleCommittee is IVoteCounter {
     /// @param signatures of different judges in any order, 64 bytes each (EIP-2098)
     function postVotes(Vote calldata vote, string calldata reportUri, bytes calldata signatures) external;
 
+    // -- a contract that may judge the kind -----------------------------------------------------------------
+
+    /// @notice Count votes as countVotes does, and say whose they are.
+    /// @param vote the verdict
+    /// @param digest what they signed; see digestOf
+    /// @param signatures of different judges in any order, 64 bytes each (EIP-2098)
+    /// @return voters one bit for each seat that voted
+    function countVoters(Vote calldata vote, bytes32 digest, bytes calldata signatures)
+        external
+        returns (uint64 voters);
+
     // -- views --------------------------------------------------------------------------------------------
 
     function organization() external view returns (IOrganization);

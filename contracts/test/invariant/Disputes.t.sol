@@ -11,6 +11,7 @@ contract DisputesInvariants is Instances {
     address[4] private _people;
     uint256 private _wrong;
     uint256 private _wronglyPaid;
+    uint256 private _deposited;
     uint256 private _random;
 
     function setUp() public override {
@@ -21,6 +22,7 @@ contract DisputesInvariants is Instances {
             deal(address(coin), _people[i], 1e30);
         }
         deal(address(coin), address(organization), 1e30);
+        setInstances(threeWithStakes());
         offer(robot1, 1 gwei);
         bytes4[] memory actions = new bytes4[](1);
         actions[0] = this.dispute.selector;
@@ -29,24 +31,34 @@ contract DisputesInvariants is Instances {
     }
 
     /// forge-config: default.invariant.runs = 16
-    /// @notice Verdicts stand when their time is over, only those who may object do, and stakes go to who is right.
+    /// @notice Verdicts stand when their time is over, only those who may object do, and stakes go to who is right. Judges
+    /// lose theirs for what is overturned, and for nothing else.
     function invariant_whoIsRightAtTheEndLosesNothing() public view {
         assertEq(_wrong, 0, "out of turn");
         assertEq(_wronglyPaid, 0, "paid");
-        assertEq(coin.balanceOf(address(disputes)), 0, "kept");
+        assertEq(coin.balanceOf(address(disputes)), _deposited, "kept");
+        assertEq(deposited(), _deposited, "deposits");
     }
 
     function dispute(uint256 seed) external {
         _random = seed;
+        if (_next(4) == 0) _takeWhatHasLeft();
+        _deposit();
         TaskRequest memory wanted =
             TaskRequest(CLEANING, 1 gwei, WINDOW, 2 hours + 1, 1, 0, 0, address(0), "{}");
         vm.prank(alice);
         TaskId taskId = tasks.registerTask(wanted);
         submit(taskId);
+        if (_next(4) == 0) {
+            _leave(uint8(_next(3)));
+            if (_rule(0, _any(taskId))) ++_wrong;
+            _deposit();
+        }
         uint256 paid = coin.balanceOf(address(tasks));
         uint256[4] memory before = _balances();
         Vote memory standing = _any(taskId);
         if (!_rule(0, standing)) ++_wrong;
+        if (_next(4) == 0) _leave(uint8(_next(3)));
         address[2] memory challengers;
         Vote[3] memory said;
         uint256 rulings = 1;
@@ -87,6 +99,36 @@ contract DisputesInvariants is Instances {
         _count(before, challengers, said, rulings, standing);
     }
 
+    /// @dev All that judges need is there.
+    function _deposit() private {
+        for (uint8 seat = 0; seat < 4; ++seat) {
+            if (seat < 3) _deposited += deposit(committee, seat);
+            _deposited += deposit(second, seat);
+        }
+    }
+
+    /// @dev What counted for this judge of the first instance does not any more, and nobody takes it so soon.
+    function _leave(uint8 seat) private {
+        (uint256 stake,,) = disputes.stakeOf(committee, seat);
+        vm.prank(judges[seat]);
+        disputes.announceWithdrawal(committee, seat, stake);
+        skip(_next(2));
+        try disputes.withdrawStake(committee, seat) {
+            ++_wrong;
+        } catch {}
+    }
+
+    function _takeWhatHasLeft() private {
+        skip(disputes.UNBONDING() + 1);
+        for (uint8 seat = 0; seat < 3; ++seat) {
+            (, uint256 leaving,) = disputes.stakeOf(committee, seat);
+            uint256 before = coin.balanceOf(judges[seat]);
+            if (leaving != 0) disputes.withdrawStake(committee, seat);
+            if (coin.balanceOf(judges[seat]) != before + leaving) ++_wronglyPaid;
+            _deposited -= leaving;
+        }
+    }
+
     /// @dev What anybody may try while a verdict stands unchallenged, in its window.
     function _tryWhatIsNotTime(Vote memory standing, uint256 rulings) private {
         try disputes.close(standing, REPORT_URI) {
@@ -122,6 +164,9 @@ contract DisputesInvariants is Instances {
         bool[2] memory right;
         for (uint256 i = 0; i < 2 && i < rulings; ++i) {
             right[i] = said[i].verdict != standing.verdict;
+            uint256 lost = right[i] ? JUDGE_STAKE * (i == 0 ? 3 : 4) : 0;
+            due[3] += lost;
+            _deposited -= lost;
         }
         for (uint256 i = 0; i < 2; ++i) {
             if (challengers[i] == address(0) || right[i]) continue;

@@ -332,9 +332,14 @@ class ServicesPage:
         if organization.judges:
             table(
                 "Oracles that have to agree",
-                [("Oracle", ""), ("Works for", ""), ("Key", "wide-only")],
+                [("Oracle", ""), ("Works for", ""), ("Stake", "number"), ("Key", "wide-only")],
                 [
-                    (one.name or str(one.seat), party(one.owner_name, one.owner), partial(hash_text, one.key))
+                    (
+                        one.name or str(one.seat),
+                        party(one.owner_name, one.owner),
+                        iec(one.stake_iec),
+                        partial(hash_text, one.key),
+                    )
                     for one in organization.judges
                 ],
             )

@@ -64,7 +64,7 @@ SAMPLES: dict[str, Any] = {
     "signature": bytes(65),
     "signatures": bytes(192),
     "calls": [bytes(4), bytes(36)],
-    "instances": [Instance(ADDRESS, 60, 0, 1), Instance(ADDRESS, 0, 60, 0)],
+    "instances": [Instance(ADDRESS, 60, 0, 1, 1), Instance(ADDRESS, 0, 60, 0, 0)],
 }
 
 

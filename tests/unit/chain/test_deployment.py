@@ -190,7 +190,13 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
             ParticipantConfig(name="alice", address="0x" + "a1" * 20),
             ParticipantConfig(name="bob", address="0x" + "b0" * 20),
         ]
-        wanted = DisputesConfig(judges=["alice", "bob", "panther1"], votes=3, window_s=600, decision_s=900)
+        wanted = DisputesConfig(
+            judges=["alice", "bob", "panther1"],
+            votes=3,
+            window_s=600,
+            decision_s=900,
+            judge_stake_iec=Decimal(5),
+        )
         without = lab.model_copy(
             update={"oracles": [JudgeConfig(name=name) for name in ("anna", "bert")], "participants": people}
         )
@@ -202,9 +208,17 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         assert disputes is not None and client.has_role(Role.ORACLE, disputes)
         assert not client.has_role(Role.ORACLE, client.committee)
         assert client.instances(kind) == [
-            Instance(deployment.address("OracleCommittee"), 600, 0, IEC.to_units(Decimal(20))),
-            Instance(deployment.address("DisputeCommittee"), 0, 900, 0),
+            Instance(
+                deployment.address("OracleCommittee"),
+                600,
+                0,
+                IEC.to_units(Decimal(20)),
+                IEC.to_units(Decimal(5)),
+            ),
+            Instance(deployment.address("DisputeCommittee"), 0, 900, 0, 0),
         ]
+        assert [client.stake(seat) for seat in range(3)] == [IEC.to_units(Decimal(5))] * 2 + [0]
+        assert client.balance(disputes) == IEC.to_units(Decimal(10))
         quorum = client.dispute_quorum(kind)
         assert (quorum.votes, quorum.panel, quorum.judges) == (3, 3, 0b111)
         assert client.dispute_judge("0x" + "a1" * 20) is not None and client.judge("0x" + "a1" * 20) is None
@@ -215,6 +229,54 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         # Without the table, the oracles' word is final again; the contracts stay.
         contracts.run(without, threading.Event())
         assert client.has_role(Role.ORACLE, client.committee) and not client.has_role(Role.ORACLE, disputes)
+
+
+def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
+        wanted = DisputesConfig(judges=["alice", "panther1"], votes=2, window_s=600, decision_s=900)
+        site = lab.model_copy(
+            update={
+                "oracles": [JudgeConfig(name="anna")],
+                "participants": [alice],
+                "disputes": wanted,
+                "governance": GovernanceConfig(kind="vote", delay_s=60, members=["panther1"]),
+            }
+        )
+        organization = Organization(site)
+        organization.deploy()
+        client, disputes = organization.client, organization.client.disputes
+        assert disputes is not None
+        assert client.stake(0) == client.balance(disputes) == IEC.to_units(wanted.judge_stake_iec)
+        (kind, *_) = kinds_of(site)
+        assert client.instances(kind)[0].judge_stake == client.stake(0)
+
+
+def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
+        wanted = DisputesConfig(
+            judges=["alice", "panther1"],
+            votes=2,
+            window_s=600,
+            decision_s=900,
+            judge_stake_iec=lab.economy.supply_iec,
+        )
+        site = lab.model_copy(
+            update={
+                "oracles": [JudgeConfig(name="anna")],
+                "participants": [alice],
+                "disputes": wanted,
+            }
+        )
+        organization = Organization(site)
+        organization.deploy()
+        (kind, *_) = kinds_of(site)
+        assert organization.client.stake(0) == 0
+        assert organization.client.instances(kind)[0].judge_stake > 0
+        assert "the stakes of 1 oracles take" in caplog.text
 
 
 def test_disputes_are_not_added_to_an_organization_that_has_none(organization: Organization) -> None:

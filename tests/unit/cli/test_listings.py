@@ -46,6 +46,7 @@ ACTS = {
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
         "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
         "seat", "unseat", "quorum", "wrap", "unwrap",
+        "deposit-stake", "announce-withdrawal", "withdraw-stake",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",

@@ -10,7 +10,18 @@ from typing import Any
 import pytest
 import sqlalchemy
 
-from rodeo.chain import Cause, Event, Log, Review, Revocation, ServiceState, Silence, Verdict, events
+from rodeo.chain import (
+    Cause,
+    Event,
+    Instance,
+    Log,
+    Review,
+    Revocation,
+    ServiceState,
+    Silence,
+    Verdict,
+    events,
+)
 from services.bridge import schema
 from services.bridge.errors import IndexDamaged, IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
@@ -651,3 +662,31 @@ def test_what_is_written_over_a_change_does_not_hide_it(chain: Chain, tmp_path: 
     tamper(tmp_path, f"update balances set balance = '9' where address = '{ROBOT}'")
     chain.block(events.Transfer(ZERO_ADDRESS, ROBOT, 1))
     assert chain.index.problem() is not None
+
+
+def test_a_judge_has_the_stake_that_the_contract_says_it_has(tmp_path: Path) -> None:
+    committee, other = "0x" + "cc" * 20, "0x" + "dd" * 20
+    named = {**CONTRACTS, "OracleCommittee": committee, "Disputes": "0x" + "ee" * 20}
+    chain = Chain(open_index(tmp_path, contracts=named))
+
+    def stake() -> tuple[int, int, int]:
+        (judge,) = chain.index.judges()
+        return judge["stake"] // IEC, judge["leaving"] // IEC, judge["leaving_until_s"]
+
+    chain.block(events.JudgeSeated(0, CREATOR, ROBOT))
+    assert stake() == (0, 0, 0)
+    chain.block(
+        events.StakeDeposited(committee, 0, CREATOR, 9 * IEC),
+        events.StakeDeposited(other, 0, CREATOR, 7 * IEC),  # of anybody's contract
+        events.StakeDeposited(other, 63, CREATOR, 7 * IEC),
+    )
+    assert stake() == (9, 0, 0)
+    chain.block(events.WithdrawalAnnounced(committee, 0, 6 * IEC, 5_000))
+    assert stake() == (3, 6, 5_000)
+    chain.block(events.StakeLost(1, committee, 0, 4 * IEC))
+    assert stake() == (0, 5, 5_000)
+    chain.block(events.StakeWithdrawn(committee, 0, ROBOT, 5 * IEC))
+    assert stake() == (0, 0, 0)
+    first, last = Instance(committee, 60, 0, 1, 2 * IEC), Instance(other, 0, 60, 0, 0)
+    chain.block(events.InstancesChanged("waste_disposal", [first, last]))
+    assert [row["judge_stake"] for row in chain.index.all_kinds()] == [2 * IEC]

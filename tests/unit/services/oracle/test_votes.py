@@ -56,6 +56,14 @@ def not_in_panel(key: str, place: int, panel: int) -> RemoteError:
     return RemoteError(reverted.code, "refused", reverted.details)
 
 
+def stake_too_low(seat: int) -> RemoteError:
+    """The contract's error, as the bridge tells it."""
+    selector = function_signature_to_4byte_selector("StakeTooLow(address,uint8,uint256,uint256)")
+    values = encode(["address", "uint8", "uint256", "uint256"], [KEYS["anna"].address, seat, 0, 10**18])
+    reverted = decode_revert(selector + values)
+    return RemoteError(reverted.code, "refused", reverted.details)
+
+
 class Moved(WallClock):
     """Wall time, later by what a test says."""
 
@@ -82,6 +90,7 @@ class Anna:
         self.is_indexed = True
         """Whether the oracle hears at once of the verdict that it has posted."""
         self.keys = {name: key.address for name, key in KEYS.items()}
+        self.stakes = dict.fromkeys(NAMES, 5)
         wallet = SimpleNamespace(ask=self._ask, command=self._command)
         site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in NAMES]})
         bus = SimpleNamespace(
@@ -130,9 +139,18 @@ class Anna:
         if query is queries.CHAIN:
             return CHAIN
         return SimpleNamespace(
-            judges=[SimpleNamespace(name=name, key=key) for name, key in self.keys.items()],
+            judges=[
+                SimpleNamespace(name=name, key=key, seat=seat, stake_iec=self.stakes[name])
+                for seat, (name, key) in enumerate(self.keys.items())
+            ],
             kinds=[
-                SimpleNamespace(kind="waste_disposal", votes=self.needed, panel=3, rotation_s=self.rotation_s)
+                SimpleNamespace(
+                    kind="waste_disposal",
+                    votes=self.needed,
+                    panel=3,
+                    rotation_s=self.rotation_s,
+                    judge_stake_iec=5,
+                )
             ],
         )
 
@@ -145,6 +163,8 @@ class Anna:
             if signed(judge).signature in request.signatures:
                 if code == "not_in_panel":
                     raise not_in_panel(KEYS[judge].address, place=3, panel=3)
+                if code == "stake_too_low":
+                    raise stake_too_low(NAMES.index(judge))
                 raise RemoteError(code, "refused", {"judge": KEYS[judge].address})
         self.waits = not self.is_indexed
 
@@ -221,6 +241,44 @@ def test_what_the_contract_does_not_count_is_left_out(anna: Anna) -> None:
     anna.run(until=2)
     assert [len(one.signatures) for one in anna.posted] == [3, 3]
     assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "carl", "dora")]
+
+
+@pytest.mark.parametrize("without", ["anna", "bert"])
+def test_the_vote_of_a_judge_whose_stake_is_too_low_is_not_posted(anna: Anna, without: str) -> None:
+    anna.stakes[without] = 4
+    for name in ("bert", "carl", "dora"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    if without == "anna":  # hers is not the last that was needed
+        anna.hear("erin", signed("erin"))
+    anna.run(until=1)
+    counted = [name for name in ("anna", "bert", "carl", "dora") if name != without]
+    assert anna.posted[0].signatures == [signed(name).signature for name in counted]
+
+
+def test_a_stake_that_was_lost_a_moment_ago_holds_nobody_up(anna: Anna) -> None:
+    anna.refused["bert"] = "stake_too_low"
+    for name in ("bert", "carl", "dora"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    anna.run(until=2)
+    assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "carl", "dora")]
+
+
+def test_a_vote_counts_once_somebody_has_added_to_its_judges_stake(
+    anna: Anna, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    anna.stakes["bert"] = 0
+    for name in ("bert", "carl"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+    anna.stakes["bert"] = 5
+    later_s = time.monotonic() + REPEAT_S
+    monkeypatch.setattr("services.oracle.votes.time.monotonic", lambda: later_s)
+    anna.votes._current()  # as for the vote of a stranger
+    anna.votes._repeat()
+    assert anna.votes._pause_s() < 1.0  # something is due soon
 
 
 def test_nothing_is_kept_of_what_has_its_verdict(anna: Anna) -> None:
