@@ -460,7 +460,8 @@ class Oracle:
                 news = self._acts.news
                 missing = [one for one in self._acts.unread() if not self._read(one)]
                 if missing:
-                    self._pause()
+                    # Who waits for what they list is woken itself when it is due.
+                    self._clock.wait_for(lambda: False, self._stop, wall_s=RETRY_S, resting=True)
                 else:
                     self._wait_for_news(news)
 
@@ -513,9 +514,12 @@ class Oracle:
         return None
 
     def _pause(self, task: Task | None = None) -> None:
-        """Before the next attempt. No simulated clock waits meanwhile, nor jumps over when `task` is due."""
+        """Before the next attempt. No simulated clock waits meanwhile. It may jump to when `task` is due, but
+        not where that is unknown or past: a window would end."""
         until_s = None if task is None or is_due(task, self._site, self._clock) else due_s(task, self._site)
-        self._clock.wait_for(lambda: False, self._stop, until_s=until_s, wall_s=RETRY_S, resting=True)
+        self._clock.wait_for(
+            lambda: False, self._stop, until_s=until_s, wall_s=RETRY_S, resting=until_s is not None
+        )
 
     def _open(self) -> list[str]:
         """A sentence for each proof that is looked for, and for the open tasks of each of the rules."""

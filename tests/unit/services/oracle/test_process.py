@@ -25,6 +25,7 @@ from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Take
 from services.oracle import process, rules, worker
+from services.oracle.away import due_s
 from services.oracle.process import Oracle
 
 WAIT_S = 20.0
@@ -285,6 +286,34 @@ def test_who_waits_for_the_bridge_holds_no_clock(
     submit(judge, bridge.current)
     wait_until(lambda: bridge.behind < 10**9 and clock.held == 0)
     assert judge._in_work == {(bridge.current.id, bridge.current.attempt)}
+
+
+@pytest.mark.parametrize("away", ["bridge", "store"])
+def test_while_something_is_away_no_clock_jumps_but_to_a_verdict_that_is_due(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, away: str
+) -> None:
+    """A bridge that does not answer does not say either when that is."""
+    monkeypatch.setattr(process, "RETRY_S", WAIT_S)
+    bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
+    judge = oracle()
+    clock, waits = judge._clock, []
+    wait_for = clock.wait_for
+
+    def noted(*args: Any, **more: Any) -> bool:
+        if more.get("wall_s") == WAIT_S:
+            waits.append((more.get("until_s"), more.get("resting")))
+        return wait_for(*args, **more)
+
+    def put(_path: Path) -> str:
+        raise StoreUnavailable("the store does not answer", url="file:///store")
+
+    monkeypatch.setattr(clock, "wait_for", noted)
+    monkeypatch.setattr(judge._store, "put", put)
+    bridge.behind = 10**9 if away == "bridge" else 0
+    submit(judge, bridge.current)
+    wait_until(lambda: bool(waits))
+    due = due_s(bridge.current, judge._site)
+    assert waits == [(None, False) if away == "bridge" else (due, True)]
 
 
 def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(
