@@ -92,6 +92,8 @@ class Oracle:
         self._running: dict[Key, str] = {}
         self._in_work: set[Key] = set()
         """Submissions that are in line or being decided."""
+        self._once_more: dict[Key, bool] = {}
+        """Of these, those of which something was found during their turn; whether it is their last word."""
         self._failed = Counter[Key]()
         """How many verifications of a submission ended without a report."""
         self._decided = 0
@@ -179,11 +181,12 @@ class Oracle:
             self._enqueue(event.task_id, int(event.args["attempt"]), again=False)
 
     def _enqueue(self, task_id: int, attempt: int, *, again: bool = True, word: bool = False) -> None:
-        """In line, if it is not yet; `word`: for its last word."""
+        """In line, if it is not yet; during its turn: once more after it. `word`: for its last word."""
         key = task_id, attempt
         submission = self._acts.submission(*key)
         with self._lock:
             if key in self._in_work:
+                self._once_more[key] = word or self._once_more.get(key, False)
                 return
             self._in_work.add(key)
         turns = self._words if word or self._missing.last_word(key) is not None else self._turns
@@ -243,6 +246,9 @@ class Oracle:
     def _work(self, key: Key, leave: Callable[[], None]) -> None:
         task_id, attempt = key
         failed = self._failed[key]
+        with self._lock:
+            # This turn sees what was found before it.
+            self._once_more.pop(key, None)
         with about_task(task_id):
             try:
                 self._decide(task_id, attempt, leave)
@@ -255,9 +261,10 @@ class Oracle:
             finally:
                 with self._lock:
                     self._in_work.discard(key)
+                    word = self._once_more.pop(key, None)
                 self._set_activity(key, None)
-            if self._failed[key] > failed:
-                self._enqueue(*key)
+            if word is not None or self._failed[key] > failed:
+                self._enqueue(*key, word=bool(word))
 
     def _decide(self, task_id: int, attempt: int, leave: Callable[[], None]) -> None:
         """Verify one submission and post the verdict, unless it has one. Waits for bridge and store and,
