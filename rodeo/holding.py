@@ -71,6 +71,8 @@ class Holder:
         """Works under way, also of threads that wait meanwhile."""
         self._actors: set[int] = set()
         self._heard = 0
+        self._asker: str | None = None
+        """Session of the simulator whose mark was heard last."""
         self._works = 0
         self._told: dict[str, Any] | None = None
         self._started = False
@@ -168,7 +170,11 @@ class Holder:
         except (ValueError, TypeError, KeyError):
             log.warning("left out a message on %s: not a ClockMark: %s", sample.key_expr, payload[:50])
             return
+        asker = None if sample.timestamp is None else str(sample.timestamp.get_id())
         with self._changed:
+            if asker != self._asker:
+                # A simulator that has just started has not heard what was said before.
+                self._asker, self._told = asker, None
             self._heard = number
             self.tell()
 

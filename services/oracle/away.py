@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -102,6 +103,8 @@ class MissingProofs:
         self._found, self._waits, self.stores = found, waits, stores
         self._lock = threading.Lock()
         self._sought: dict[tuple[int, int], _Sought] = {}
+        self._news = 0
+        """Counts what was to be looked for."""
         self._copies: dict[tuple[int, int], Path] = {}
         self._last_words: dict[tuple[int, int], Report] = {}
         self._looked = threading.Event()
@@ -114,12 +117,16 @@ class MissingProofs:
         self.forget(key)
         with self._lock:
             self._sought[key] = _Sought(task, away.message, away.owner)
+            self._news += 1
         log.warning("task %d attempt %d: %s; asking its executor for the proof", *key, away.message)
+        self._clock.notify()
 
     def run(self, stop: threading.Event, tell: Callable[[], None]) -> None:
         """Until `stop`; `tell` is called now and then to show how it stands."""
         with self._clock.acting():
             while not stop.is_set():
+                # Before the look: what is sought meanwhile may be due first.
+                news = self._news
                 self._looked.clear()
                 tell()
                 if self._look_around():
@@ -127,8 +134,13 @@ class MissingProofs:
                     self._looked.wait(LOOK_S)
                 else:
                     until_s = self._first_due_s()
-                    self._clock.wait_for(lambda: False, stop, until_s=until_s, wall_s=LOOK_S, resting=True)
+                    self._clock.wait_for(
+                        partial(self._has_news, news), stop, until_s=until_s, wall_s=LOOK_S, resting=True
+                    )
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _has_news(self, since: int) -> bool:
+        return self._news != since
 
     def _look_around(self) -> bool:
         """Begin what is to be looked at now; whether a verdict is due on any of it."""

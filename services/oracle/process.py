@@ -92,6 +92,8 @@ class Oracle:
         self._running: dict[Key, str] = {}
         self._in_work: set[Key] = set()
         """Submissions that are in line or being decided."""
+        self._once_more: dict[Key, bool] = {}
+        """Of these, those of which something was found during their turn; whether it is their last word."""
         self._failed = Counter[Key]()
         """How many verifications of a submission ended without a report."""
         self._decided = 0
@@ -179,11 +181,12 @@ class Oracle:
             self._enqueue(event.task_id, int(event.args["attempt"]), again=False)
 
     def _enqueue(self, task_id: int, attempt: int, *, again: bool = True, word: bool = False) -> None:
-        """In line, if it is not yet; `word`: for its last word."""
+        """In line, if it is not yet; during its turn: once more after it. `word`: for its last word."""
         key = task_id, attempt
         submission = self._acts.submission(*key)
         with self._lock:
             if key in self._in_work:
+                self._once_more[key] = word or self._once_more.get(key, False)
                 return
             self._in_work.add(key)
         turns = self._words if word or self._missing.last_word(key) is not None else self._turns
@@ -243,6 +246,9 @@ class Oracle:
     def _work(self, key: Key, leave: Callable[[], None]) -> None:
         task_id, attempt = key
         failed = self._failed[key]
+        with self._lock:
+            # This turn sees what was found before it.
+            self._once_more.pop(key, None)
         with about_task(task_id):
             try:
                 self._decide(task_id, attempt, leave)
@@ -255,9 +261,10 @@ class Oracle:
             finally:
                 with self._lock:
                     self._in_work.discard(key)
+                    word = self._once_more.pop(key, None)
                 self._set_activity(key, None)
-            if self._failed[key] > failed:
-                self._enqueue(*key)
+            if word is not None or self._failed[key] > failed:
+                self._enqueue(*key, word=bool(word))
 
     def _decide(self, task_id: int, attempt: int, leave: Callable[[], None]) -> None:
         """Verify one submission and post the verdict, unless it has one. Waits for bridge and store and,
@@ -460,7 +467,8 @@ class Oracle:
                 news = self._acts.news
                 missing = [one for one in self._acts.unread() if not self._read(one)]
                 if missing:
-                    self._pause()
+                    # Who waits for what they list is woken itself when it is due.
+                    self._clock.wait_for(lambda: False, self._stop, wall_s=RETRY_S, resting=True)
                 else:
                     self._wait_for_news(news)
 
@@ -513,9 +521,12 @@ class Oracle:
         return None
 
     def _pause(self, task: Task | None = None) -> None:
-        """Before the next attempt. No simulated clock waits meanwhile, nor jumps over when `task` is due."""
+        """Before the next attempt. No simulated clock waits meanwhile. It may jump to when `task` is due, but
+        not where that is unknown or past: a window would end."""
         until_s = None if task is None or is_due(task, self._site, self._clock) else due_s(task, self._site)
-        self._clock.wait_for(lambda: False, self._stop, until_s=until_s, wall_s=RETRY_S, resting=True)
+        self._clock.wait_for(
+            lambda: False, self._stop, until_s=until_s, wall_s=RETRY_S, resting=until_s is not None
+        )
 
     def _open(self) -> list[str]:
         """A sentence for each proof that is looked for, and for the open tasks of each of the rules."""

@@ -12,6 +12,7 @@ import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import partial
 
 from rodeo.checks.report import Check, Report
 from rodeo.clock import Clock
@@ -59,6 +60,8 @@ class Judging:
         self._open: Counter[Rules] = Counter()
         self._left: dict[tuple[int, int], Task] = {}
         """Submissions that are left to others."""
+        self._news = 0
+        """Counts them."""
         self._said: set[int] = set()
         """Tasks of which the log says so."""
 
@@ -148,9 +151,10 @@ class Judging:
             return self._last_word(task)
         with self._lock:
             self._left[key] = task
-            is_news = task.id not in self._said
+            self._news += 1
+            unsaid = task.id not in self._said
             self._said.add(task.id)
-        if is_news:
+        if unsaid:
             log.warning(
                 "task %d is judged by the rules %s of %s, and this oracle has %s: another has to judge it",
                 task.id,
@@ -170,6 +174,8 @@ class Judging:
         """Until `stop`: hand over what nobody has judged when its verdict is due."""
         with self._clock.acting():
             while not stop.is_set():
+                # Before the look: what is left meanwhile may be due first.
+                news = self._news
                 for key, task in self._sorted():
                     if not self._waits(*key):
                         self.forget(key)
@@ -178,7 +184,12 @@ class Judging:
                         self._found(*key)
                 first = next((task for _, task in self._sorted()), None)
                 until_s = None if first is None else due_s(first, self._site, PATIENCE)
-                self._clock.wait_for(lambda: False, stop, until_s=until_s, wall_s=_LOOK_S, resting=True)
+                self._clock.wait_for(
+                    partial(self._has_news, news), stop, until_s=until_s, wall_s=_LOOK_S, resting=True
+                )
+
+    def _has_news(self, since: int) -> bool:
+        return self._news != since
 
     def _sorted(self) -> list[tuple[tuple[int, int], Task]]:
         """What is left to others, what is due first at the front."""

@@ -149,8 +149,9 @@ class Loop:
             try:
                 return done.result(_STOP_CHECK_S)  # type: ignore[return-value]
             except TimeoutError:
+                # It may be done since; and a TimeoutError may be its own.
                 if done.done():
-                    raise
+                    return done.result()  # type: ignore[return-value]
         raise SimulationStopped("the simulation has stopped")
 
     def command(self, function: Callable[[], object]) -> None:

@@ -18,13 +18,14 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.clock import WallClock
 from rodeo.config import Site
-from rodeo.evidence.errors import StoreUnavailable
+from rodeo.evidence.errors import ProofNotFound, StoreUnavailable
 from rodeo.messages import DaoEvent, Task
 from rodeo.queries import A, Query
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Take
 from services.oracle import process, rules, worker
+from services.oracle.away import ProofAway, due_s
 from services.oracle.process import Oracle
 
 WAIT_S = 20.0
@@ -285,6 +286,91 @@ def test_who_waits_for_the_bridge_holds_no_clock(
     submit(judge, bridge.current)
     wait_until(lambda: bridge.behind < 10**9 and clock.held == 0)
     assert judge._in_work == {(bridge.current.id, bridge.current.attempt)}
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_proof_that_is_found_before_the_turn_ends_in_which_it_was_missing_is_verified_then(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, waits: bool
+) -> None:
+    monkeypatch.setattr(process, "SWEEP_S", 2 * WAIT_S)  # it is not left to the next sweep
+    verified: list[int] = []
+    forgotten = threading.Event()
+
+    def verify(*_: Any, **__: Any) -> Report:
+        verified.append(1)
+        if len(verified) == 1:
+            raise ProofNotFound("lost", uri="file:///x")
+        return REFUSED
+
+    def find(_task: Task, _away: ProofAway) -> None:
+        if not waits:
+            judge._on_event(event(bridge.current, 1000, "TaskRequeued"))
+        judge._missing._found(*key)
+
+    monkeypatch.setattr(worker, "verify_apart", verify)
+    judge, key = oracle(), (bridge.current.id, bridge.current.attempt)
+    monkeypatch.setattr(judge._missing, "seek", find)
+    monkeypatch.setattr(judge._missing, "forget", lambda _key: forgotten.set())
+    submit(judge, bridge.current)
+    assert forgotten.wait(WAIT_S)  # in the last turn
+    assert (len(verified), len(bridge.verdicts)) == ((2, 1) if waits else (1, 0))
+    wait_until(lambda: not judge._in_work and not judge._once_more)
+
+
+def test_a_last_word_that_is_due_before_the_turn_ends_that_left_it_to_others_is_said_as_one(
+    oracle: Callable[..., Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "SWEEP_S", 2 * WAIT_S)
+    monkeypatch.setattr(rules, "_LOOK_S", 2 * WAIT_S)
+    bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
+    judge = oracle("0x" + "88" * 32)
+    leave, put, words = judge._judging.leave, judge._words.put, []
+
+    def leave_late(task: Task) -> Report | None:
+        said = leave(task)
+        if said is None:
+            bridge.current = bridge.current.model_copy(update={"verdict_deadline": 1.0})
+            judge._judging._found(task.id, task.attempt)
+        return said
+
+    def noted(key: tuple[int, int], *args: Any, **more: Any) -> None:
+        words.append(key)
+        put(key, *args, **more)
+
+    monkeypatch.setattr(judge._judging, "leave", leave_late)
+    monkeypatch.setattr(judge._words, "put", noted)
+    submit(judge, bridge.current)
+    assert bridge.posted.wait(WAIT_S)
+    assert [one.outcome for one in bridge.verdicts] == ["undecided"]
+    assert words == [(bridge.current.id, bridge.current.attempt)]
+
+
+@pytest.mark.parametrize("away", ["bridge", "store"])
+def test_while_something_is_away_no_clock_jumps_but_to_a_verdict_that_is_due(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, away: str
+) -> None:
+    """A bridge that does not answer does not say either when that is."""
+    monkeypatch.setattr(process, "RETRY_S", WAIT_S)
+    bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
+    judge = oracle()
+    clock, waits = judge._clock, []
+    wait_for = clock.wait_for
+
+    def noted(*args: Any, **more: Any) -> bool:
+        if more.get("wall_s") == WAIT_S:
+            waits.append((more.get("until_s"), more.get("resting")))
+        return wait_for(*args, **more)
+
+    def put(_path: Path) -> str:
+        raise StoreUnavailable("the store does not answer", url="file:///store")
+
+    monkeypatch.setattr(clock, "wait_for", noted)
+    monkeypatch.setattr(judge._store, "put", put)
+    bridge.behind = 10**9 if away == "bridge" else 0
+    submit(judge, bridge.current)
+    wait_until(lambda: bool(waits))
+    due = due_s(bridge.current, judge._site)
+    assert waits == [(None, False) if away == "bridge" else (due, True)]
 
 
 def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(

@@ -395,9 +395,26 @@ def test_a_simulator_that_starts_again_waits_for_those_who_are_there(
     begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
     simulator.holders.close()
     again = Simulator(connect(), site, connect())
-    assert not again.may_pass(0.3)
+    assert not again.may_pass(2 * holders_module._BEGIN_S)
     done.set()
     assert again.may_pass()
+
+
+def test_the_first_simulator_waits_for_who_was_busy_before_it_came(
+    connect: Callable[[], zenoh.Session], site: Site
+) -> None:
+    done = threading.Event()
+    mind = Mind(connect(), site)
+    mind.start(lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    holder = mind.clock._holder
+    assert holder is not None
+    everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
+    asking = connect()
+    assert not stays(lambda: holder._told is None or not list(asking.liveliness().get(everybody)))
+    simulator = Simulator(connect(), site, asking)
+    assert not simulator.may_pass(2 * holders_module._BEGIN_S)
+    done.set()
+    assert simulator.may_pass()
 
 
 def test_a_mark_that_waits_for_the_router_does_not_keep_the_receiving_thread(

@@ -6,11 +6,13 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import ExitStack
 
 import pytest
 
 from rodeo.config import ClockConfig
+from services.robot_sim import loop as loop_module
 from services.robot_sim.holders import NEVER_NS
 from services.robot_sim.loop import JUMP_NS, Loop
 from services.robot_sim.people import PeoplesTime
@@ -264,6 +266,35 @@ def test_a_limit_that_is_set_while_the_clock_was_held_counts_for_the_next_jump()
     loop.holders = Assigning(JUMP_NS, assign)  # type: ignore[assignment]
     loop.run(shown)
     assert shown.told_ns == [JUMP_NS, JUMP_NS + PERIOD_NS]
+
+
+class DoneLate(Future[object]):
+    """Is done just after whoever asks for its result has waited for long enough."""
+
+    def result(self, timeout: float | None = None) -> object:
+        done = super().result()
+        if timeout is not None:
+            raise TimeoutError
+        return done
+
+
+def test_what_is_done_just_after_the_wait_for_it_is_no_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop_module, "Future", DoneLate)
+    stop = threading.Event()
+    loop = Loop(World(), Nothing(), ClockConfig(), stop)  # type: ignore[arg-type]
+    thread = threading.Thread(target=loop.run, args=(Nothing(),))
+    thread.start()
+
+    def fail() -> None:
+        raise TimeoutError("the job's own")
+
+    try:
+        assert loop.call(lambda: 7) == 7
+        with pytest.raises(TimeoutError, match="the job's own"):
+            loop.call(fail)
+    finally:
+        stop.set()
+        thread.join()
 
 
 def test_a_turn_after_another_has_its_say_from_the_end_of_that_one() -> None:
