@@ -2,8 +2,9 @@
 
 Contracts cannot be changed, so an organization moves on by founding another one that follows it. Nothing is
 taken out of the old contracts but what they would pay out anyway: no new tasks, the windows of the running
-ones end, bonds go back to their providers. Members, roles, rules that were set on chain, what providers are
-known for, and the treasury move. The old contracts stay on chain as they were.
+ones end, bonds go back to their providers. Services that nobody retires are suspended. Members, roles, rules
+that were set on chain, what providers are known for, and the treasury move. The old contracts stay on chain
+as they were.
 
 Each step may be done already: then nothing is done. So it goes on where it was interrupted.
 """
@@ -41,7 +42,7 @@ from rodeo.instance import lock_holder
 Say = Callable[[str], object]
 
 _MOST_TOGETHER = 100
-"""Providers in one transaction: each costs some 30,000 gas."""
+"""Providers or services in one transaction: each costs some 30,000 gas."""
 _RUNNING = (TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
 
 
@@ -94,6 +95,7 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     if lock_holder(site.data_dir / site.bridge.name) is not None:
         raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
     _retire(site, client, administrator, say)
+    _require_none_runs(client)  # one may have been assigned before the last service was suspended
     _cancel(client, administrator, say)
     follower = create_contracts(site, w3, administrator, lambda text: say(f"contracts: {text}"), former)
     contracts.keep_unfinished(site, follower)
@@ -117,7 +119,10 @@ def cancel(site: Site, say: Say) -> None:
     if contracts.unfinished(site, chain_id) is not None:
         raise Founded("the new organization was founded: finish with `rodeo organization migrate`")
     _under_way(site, left.chain_id).unlink()
-    say("the organization stays: `rodeo site prepare` lets tasks be posted again")
+    say(
+        "the organization stays: `rodeo site prepare` lets tasks be posted again, and services that were "
+        "suspended meanwhile can be reinstated with `rodeo organization reinstate`"
+    )
 
 
 def _under_way(site: Site, chain_id: int) -> Path:
@@ -219,7 +224,8 @@ def _require_none_runs(client: ChainClient) -> None:
     running = {number: task for number, task in tasks if task.state in _RUNNING}
     if running:
         raise TasksRunOn(
-            f"{len(running)} tasks have not ended and go on as before: run this command again later",
+            f"{len(running)} tasks have not ended and go on as before: let the site run, and run this "
+            "command again later",
             tasks=sorted(running),
             last_deadline_s=max(task.deadline for task in running.values()),
         )
@@ -242,10 +248,11 @@ def _cancel(client: ChainClient, administrator: LocalAccount, say: Say) -> None:
 
 
 def _retire(site: Site, client: ChainClient, administrator: LocalAccount, say: Say) -> None:
-    """The services of those whose keys are here. Others get their bonds when they retire theirs."""
+    """The services of those whose keys are here. Others are suspended: nobody judges here any more what they
+    would be assigned. They get their bonds when they retire theirs."""
     elsewhere = wallets.wallets_elsewhere(site)
     here = {wallets.address(site, name): name for name in wallets.wallet_names(site) if name not in elsewhere}
-    others = 0
+    others = list[int]()
     for number in range(1, client.service_count() + 1):
         service = client.service(number)
         if service.state is ServiceState.RETIRED:
@@ -257,11 +264,17 @@ def _retire(site: Site, client: ChainClient, administrator: LocalAccount, say: S
             account = wallets.load(site, here[service.provider])
             client.send(account, client.calls.update_service(*retire))
         else:
-            others += 1
+            if service.state is not ServiceState.SUSPENDED:
+                others.append(number)
             continue
         say(f"service {number} is retired")
-    if others:
-        say(f"{others} services belong to others: retiring them gives their bonds back, now and later")
+    for first in range(0, len(others), _MOST_TOGETHER):
+        some = others[first : first + _MOST_TOGETHER]
+        _send(client, administrator, [client.organization_calls.suspend_service(number) for number in some])
+        for number in some:
+            say(
+                f"service {number} of somebody else is suspended: retiring it gives its bond back at any time"
+            )
 
 
 def _move_rules(

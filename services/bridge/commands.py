@@ -494,8 +494,14 @@ class Wallet:
             provider=task["requested_provider"] or ZERO_ADDRESS,
             params=json.dumps(params, separators=(",", ":")),
         )
-        cancel = [self.calls.cancel_task(command.task_id)] if is_open else []
-        return [*cancel, *self._escrow_approval(reward), self.calls.register_task(request)]
+        approval, post = self._escrow_approval(reward), self.calls.register_task(request)
+        if not is_open:
+            return [*approval, post]
+        # A task that is cancelled, and refused after that, would be gone. What is in escrow cannot pay yet.
+        payable = not approval and self.client.balance(self.address) >= reward
+        tried = post if payable else self.calls.register_task(replace(request, reward=0))
+        self.client.simulate(tried, self.key_address)
+        return [self.calls.cancel_task(command.task_id), *approval, post]
 
     def _match_task(self, command: MatchTask) -> list[Call]:
         return [self.client.calls.match_task(command.task_id)]

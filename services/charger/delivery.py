@@ -235,9 +235,10 @@ class Delivery:
 
     # -- from the main thread --------------------------------------------------------------------------
 
-    def wait(self, timeout_s: float) -> None:
-        """Until the contactor has to be told or the session is over, at most `timeout_s` of wall time. Before
-        the reading at which there may be something to do a simulated clock need not wait for the dock.
+    def wait(self, timeout_s: float, woken: Callable[[], bool] = lambda: False) -> None:
+        """Until the contactor has to be told, the session is over or `woken()`, at most `timeout_s` of wall
+        time. Before the reading at which there may be something to do a simulated clock need not wait for the
+        dock.
 
         Raises what kept the recording from being written.
         """
@@ -246,6 +247,7 @@ class Delivery:
             lambda: (
                 bool(self._failure or self.session.commands_contactor or self.session.ended)
                 or self._look_s != look_s
+                or woken()
             ),
             # Where the reading does not come, there is nothing to wait for.
             until_s=look_s if look_s > self._clock.now_s() else None,

@@ -366,14 +366,15 @@ class Charger:
 
     def _attend(self, delivery: Delivery, listener: StatementListener) -> None:
         """Move the contactor and tell the progress until the session is over or the process has to stop."""
+        checked = True
         while not delivery.session.ended and not self._process.stop.is_set():
             self._update_status(delivery)
-            delivery.wait(timeout_s=_RETRY_S)
+            delivery.wait(_RETRY_S, self._wake.is_set)
             if delivery.job.session.phase is Phase.AWAITING_RECEIPT:
                 self._ask(delivery, listener)
-            if self._wake.is_set():
+            if self._wake.is_set() or not checked:
                 self._wake.clear()
-                self._check_assignment(delivery)
+                checked = self._check_assignment(delivery)
             if delivery.session.commands_contactor:
                 self._move_contactor(delivery, delivery.session.contactor_wanted)
         if self._process.stop.is_set() and delivery.session.contactor_wanted:
@@ -412,16 +413,16 @@ class Charger:
             log.warning("the dock refused to %s: %s", "close" if closed else "open", answer.message)
         return bool(answer.success)
 
-    def _check_assignment(self, delivery: Delivery) -> None:
-        """End the session when the task is not ours to do any more."""
+    def _check_assignment(self, delivery: Delivery) -> bool:
+        """End the session when the task is not ours to do any more. False when the index does not answer."""
         try:
             ours = self._is_ours(delivery.job.task)
         except (NoResponder, QueryTimeout, RemoteError) as error:
             log.info("the index does not answer: %s", error)
-            self._wake.set()
-            return
+            return False
         if not ours:
             delivery.stop(End.CANCELLED)
+        return True
 
     def _order(self, job: Job, path: Path, binding: Binding) -> tuple[Order, str | None]:
         """What is to be done, and what is wrong with the task."""

@@ -174,8 +174,9 @@ class Itrash:
             self._process.clock.notify()
 
     def _remembered(self) -> tuple[Any, ...]:
-        memory = self._bin.memory
-        return memory.state, memory.since_s, memory.pending, tuple(self._bin.loads_n.values())
+        bin_, memory = self._bin, self._bin.memory
+        # Whoever waits at rest has to see each reading once the next one may decide.
+        return memory.state, memory.since_s, memory.pending, bin_.attentive, tuple(bin_.loads_n.values())
 
     # -- actions ---------------------------------------------------------------------------------------
 

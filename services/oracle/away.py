@@ -313,11 +313,14 @@ class MissingProofs:
 def due_s(task: Task, site: Site, patience: float = 1.0) -> float | None:
     """Site time from which the verdict on a submitted task cannot wait any longer, or its window passes
     without one; None where no window runs. `patience`: the share of the usual time before the end that who
-    asks needs."""
+    asks needs. A verdict that can be challenged comes early enough for all that may follow."""
     if task.verdict_deadline is None:
         return None
-    margin_s = min(site.min_verdict_window_s, _MARGIN_SHARE * task.verdict_window_s)
-    return task.verdict_deadline - patience * margin_s
+    longest_s = 0 if site.disputes is None else site.disputes.longest_s
+    if task.verdict_window_s < longest_s:
+        longest_s = 0  # posted before there were challenges: judged at once
+    margin_s = min(site.min_verdict_window_s, _MARGIN_SHARE * (task.verdict_window_s - longest_s))
+    return task.verdict_deadline - longest_s - patience * margin_s
 
 
 def is_due(task: Task, site: Site, clock: Clock, patience: float = 1.0) -> bool:

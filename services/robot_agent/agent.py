@@ -122,7 +122,9 @@ class AssignmentWatch:
             return
         try:
             current = self._dao.task(self._task.id)
-        except BusError as error:
+        except (BusError, RemoteError) as error:
+            if isinstance(error, RemoteError) and not error.passes:
+                raise
             log.debug("cannot ask for the assignment: %s", error)
             return
         self._checked_seq = seq

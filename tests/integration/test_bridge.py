@@ -190,6 +190,34 @@ def test_a_task_that_waits_is_posted_again_for_a_higher_reward(dao: Dao) -> None
     dao.judge(busy, accepted=True)
 
 
+def test_a_task_that_would_not_be_accepted_again_stays_as_it_is(dao: Dao) -> None:
+    """Refused after it was cancelled, it would be gone."""
+    busy, before = dao.post(), dao.balances()
+    everything = str(before["organization"] - 1)
+    waiting, alone = dao.post(reward_iec="100"), dao.post(reward_iec="1", allow_wait=True)
+
+    def refused(task_id: int, reward_iec: str) -> str:
+        with pytest.raises(RemoteError) as refusal:
+            dao.command("organization", "raise_reward", task_id=task_id, reward_iec=reward_iec)
+        assert dao.task(task_id)["state"] == "open"
+        return refusal.value.code
+
+    dao.command("organization", "pause_tasks", duration_s=3600)
+    assert refused(waiting, "110") == "tasks_are_paused"
+    # What is in escrow pays, too, and is not there yet.
+    assert refused(waiting, everything) == "tasks_are_paused"
+    dao.command("organization", "resume_tasks")
+    dao.command("organization", "set_budget", role="operator", amount_iec="1", period_s=3600)
+    assert refused(waiting, "110") == "over_budget"
+    dao.command("organization", "set_budget", role="operator")
+    raised = dao.command("organization", "raise_reward", task_id=waiting, reward_iec=everything)["task_id"]
+    for task_id in (raised, alone):
+        dao.command("organization", "cancel_task", task_id=task_id)
+    assert dao.balances() == before
+    dao.prove(busy)
+    dao.judge(busy, accepted=True)
+
+
 def test_an_unassigned_task_can_be_cancelled_and_its_reward_comes_back(dao: Dao) -> None:
     busy = dao.post()
     before = dao.balances()

@@ -13,7 +13,7 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from deploy import contracts
+from deploy import contracts, migration
 from deploy.founding import OtherToken
 from deploy.migration import (
     AdministratorWaits,
@@ -279,19 +279,58 @@ def test_run_once_too_often_it_does_not_move_again_and_later_it_does(lab: Lab) -
     assert lab.new().work(lab.robot.address)[0] == 200 * 10**9
 
 
-@pytest.mark.long
-def test_services_of_others_stay_and_their_bonds_can_be_had_later(lab: Lab) -> None:
+BOND = IEC.to_units(Decimal(50))
+
+
+@pytest.fixture
+def waiting(lab: Lab) -> Lab:
+    """Task 2 waits: service 2, the stranger's, costs too much for it."""
     old = lab.client
     lab.judge()
-    bond = IEC.to_units(Decimal(50))
-    lab.send(lab.robot, old.calls.transfer(lab.stranger.address, bond))
-    old.send(lab.stranger, old.calls.approve(old.task_manager, bond))
-    old.send(lab.stranger, old.calls.register_service(KIND, 0, 2**95, True, ""))
-    lab.migrate()
-    assert any("1 services belong to others" in text for text in lab.said)
-    assert old.service(2).state is ServiceState.ACTIVE
-    old.send(lab.stranger, old.calls.update_service(2, 0, ServiceState.RETIRED))
-    assert old.balance(lab.stranger.address) == bond
+    lab.send(lab.robot, old.calls.transfer(lab.stranger.address, BOND))
+    old.send(lab.stranger, old.calls.approve(old.task_manager, BOND))
+    old.send(lab.stranger, old.calls.register_service(KIND, IEC.to_units(Decimal(5)), 2**95, True, ""))
+    lab.send(lab.robot, old.calls.register_task(lab.request(1)))
+    return lab
+
+
+def test_a_task_that_waits_is_not_taken_where_nobody_judges_any_more(waiting: Lab) -> None:
+    """Its provider would prove nothing, and be paid by silence."""
+    old, stranger = waiting.client, waiting.stranger
+    waiting.migrate()
+    assert any("service 2 of somebody else is suspended" in text for text in waiting.said)
+    for state in (ServiceState.ACTIVE, ServiceState.PAUSED):
+        with pytest.raises(ContractReverted) as refused:
+            old.send(stranger, old.calls.update_service(2, 0, state))
+        assert refused.value.name == "ServiceIsSuspended"
+    old.send(stranger, old.calls.match_task(2))
+    assert old.task(2).state is TaskState.OPEN
+    # The provider is no worse off, here or there.
+    old.send(stranger, old.calls.update_service(2, 0, ServiceState.RETIRED))
+    assert old.balance(stranger.address) == BOND
+    assert not waiting.new().is_suspended(stranger.address)
+
+
+def test_a_task_that_is_taken_at_the_last_moment_ends_first(
+    waiting: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old, stranger = waiting.client, waiting.stranger
+
+    def taken(_folder: Path) -> None:
+        if old.service(2).price:
+            old.send(stranger, old.calls.update_service(2, 0, ServiceState.ACTIVE))
+
+    monkeypatch.setattr(migration, "lock_holder", taken)
+    with pytest.raises(TasksRunOn) as running:
+        waiting.migrate()
+    assert running.value.details["tasks"] == [2]
+    assert waiting.record().is_same(old.deployment)
+    assert old.service(2).state is ServiceState.SUSPENDED
+    old.send(stranger, old.calls.abandon_task(2, 1))
+    waiting.migrate()
+    assert waiting.new().deployment.follows == old.organization
+    assert old.task(2).state is TaskState.OPEN
+    assert sum("service 2 of somebody else is suspended" in text for text in waiting.said) == 1
 
 
 @pytest.mark.long

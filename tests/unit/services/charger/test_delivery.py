@@ -201,6 +201,13 @@ def test_silence_opens_the_contactor_one_step_after_the_last_receipt(tmp_path: P
     assert bench.delivery.session.state.end is None
 
 
+def test_the_wait_for_the_terminals_ends_when_something_else_is_to_be_done(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.run(100)
+    bench.delivery.wait(60.0, lambda: True)
+    assert bench.phase is Phase.CHARGING
+
+
 def test_the_contactor_closes_again_with_the_next_receipt(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.run(100)

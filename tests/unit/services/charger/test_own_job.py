@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from rodeo.clock import WallClock
 from rodeo.config import ClockConfig, Site
 from rodeo.dao import Assignment
-from rodeo.errors import RemoteError
+from rodeo.errors import NoResponder, RemoteError
 from rodeo.kinds import providing_energy
 from rodeo.messages import DaoEvent, Task
 from rodeo.queries import A, Query
@@ -22,7 +23,7 @@ from rodeo_testing import answers
 from rodeo_testing.recordings import Sample, Take
 from services.charger.job import FOREIGN, Job
 from services.charger.process import Charger
-from services.charger.session import SessionState
+from services.charger.session import End, Phase, SessionState
 from tests.support.site import LAB
 
 TASK = charging_chain_record(Take([Sample("", "", None, 1_800_000_000 * 10**9)])).task
@@ -166,3 +167,45 @@ def test_what_is_refused_is_tried_again_by_the_sites_time_and_what_is_away_by_th
 
     charger._persist(attempt)
     assert waits == [wait]
+
+
+class Session:
+    """A delivery that notes whether each of its waits was woken."""
+
+    def __init__(self) -> None:
+        self.job = SimpleNamespace(task=TASK, session=SimpleNamespace(phase=Phase.CHARGING))
+        self.session = SimpleNamespace(ended=False, commands_contactor=False, contactor_wanted=False)
+        self.woken: list[bool] = []
+        self.end: End | None = None
+
+    def wait(self, _timeout_s: float, woken: Callable[[], bool]) -> None:
+        self.woken.append(woken())
+
+    def stop(self, end: End) -> None:
+        self.end, self.session.ended = end, True
+
+    def on_event(self, _event: DaoEvent) -> None:
+        pass
+
+
+def test_a_cancelled_task_ends_the_wait_and_an_index_that_is_away_is_asked_again_after_another(
+    charger: Any,
+) -> None:
+    """Seen at the next look at the wall clock only, a clock that jumps sells minutes of energy meanwhile."""
+    delivery = charger._delivery = Session()
+    charger._wake, charger._update_status = threading.Event(), lambda _delivery: None
+    charger._events, charger._events_lock = defaultdict(list), threading.Lock()
+    charger._chain = "0x01"
+    answers_ = iter([NoResponder("nobody"), RemoteError("bridge_not_ready", "not yet"), None])
+
+    def task(_task_id: int) -> Task:
+        if error := next(answers_):
+            raise error
+        return TASK.model_copy(update={"state": "cancelled"})
+
+    charger._organization.task = task
+    where = {"block": 1, "log_index": 0, "tx_hash": "0x", "time_s": 0.0, "chain": "0x01"}
+    charger._on_event(DaoEvent(seq=1, name="TaskCancelled", task_id=TASK.id, args={}, **where))
+    charger._attend(delivery, SimpleNamespace())
+    assert delivery.woken == [True, False, False]
+    assert delivery.end is End.CANCELLED

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from rodeo.config import Site
+from services.itrash.behaviour import Bin, Memory
 from services.itrash.process import Itrash
 
 
@@ -27,3 +29,25 @@ def test_while_a_reading_may_decide_the_clock_waits_after_each_and_readings_go_o
     assert not Itrash._await_action(bin_)
     assert asked["resting"] is not attentive
     assert math.isinf(asked["every_s"]) is not attentive
+
+
+def test_a_weight_that_begins_to_change_wakes_the_bin_that_rests(site: Site) -> None:
+    told: list[None] = []
+    itrash: Any = Itrash.__new__(Itrash)
+    itrash._process = SimpleNamespace(clock=SimpleNamespace(notify=lambda: told.append(None)))
+    itrash._bin = Bin(site.bins[0], Memory())
+    itrash._lock, itrash._heard_s, itrash._actions = threading.Lock(), {}, queue.SimpleQueue()
+    compartment = next(iter(site.bins[0].compartments))
+
+    def weigh(force_n: float, time_s: float) -> None:
+        itrash._feed("scale", lambda: itrash._bin.load(compartment, force_n, time_s))
+
+    for tenth in range(20):
+        weigh(0.0, tenth / 10)
+    assert not itrash._bin.attentive
+    before = len(told)
+    weigh(0.0, 2.0)
+    assert len(told) == before, "nothing changed"
+    weigh(0.3, 2.1)
+    assert itrash._bin.attentive
+    assert len(told) == before + 1

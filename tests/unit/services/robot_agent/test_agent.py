@@ -13,17 +13,17 @@ import pytest
 
 from rodeo.clock import WallClock
 from rodeo.config import AgentConfig, ClockConfig
-from rodeo.errors import RemoteError
+from rodeo.errors import NoResponder, RemoteError, RodeoError
 from rodeo.lab.config import Pose2
 from rodeo.messages import DaoEvent, Task
 from rodeo.robot.behaviour import Estimate
-from rodeo.robot.errors import BodySilent, CapReached, MotionFailed
+from rodeo.robot.errors import BodySilent, CapReached, MotionFailed, Revoked
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import Battery
 from rodeo.schedule import Schedule
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Sample, Take
-from services.robot_agent.agent import Agent
+from services.robot_agent.agent import Agent, AssignmentWatch
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.journal import Phase
 from services.robot_agent.orders import Standing
@@ -375,3 +375,53 @@ def test_on_wall_time_a_refused_robot_tries_again_after_seconds(
 def test_time_does_not_jump_while_the_chain_is_away() -> None:
     pauses = refused(AWAY, ClockConfig(speed=0, idle_speed=0))
     assert (pauses.resting, pauses.wall_s) == ([False] * 2, [10.0] * 2)
+
+
+# -- the assignment while a robot works --------------------------------------------------------------------
+
+
+class Bridge:
+    """It says what it is told to."""
+
+    def __init__(self, says: Task | RodeoError) -> None:
+        self.says = says
+
+    def task(self, _task_id: int) -> Task:
+        if isinstance(self.says, RodeoError):
+            raise self.says
+        return self.says
+
+
+@pytest.mark.parametrize(
+    "away",
+    [NoResponder("nobody"), RemoteError("bridge_not_ready", "the bridge is not ready"), AWAY],
+    ids=lambda error: error.code,
+)
+def test_work_goes_on_while_nobody_can_say_whose_the_task_is_and_is_asked_about_again(
+    away: RodeoError,
+) -> None:
+    bridge: Any = Bridge(away)
+    watch = AssignmentWatch(bridge, SimpleNamespace(seq=5), TASK)  # type: ignore[arg-type]
+    watch.check()
+    bridge.says = TASK.model_copy(update={"state": "cancelled"})
+    with pytest.raises(Revoked) as revoked:
+        watch.check()
+    assert revoked.value.details == {"task_id": TASK.id, "state": "cancelled"}
+
+
+def test_work_ends_where_the_task_is_unknown() -> None:
+    bridge: Any = Bridge(RemoteError("unknown_task", "no such task"))
+    with pytest.raises(RemoteError, match="no such task"):
+        AssignmentWatch(bridge, SimpleNamespace(seq=5), TASK).check()  # type: ignore[arg-type]
+
+
+def test_the_assignment_is_asked_for_only_after_something_happened_on_chain() -> None:
+    bridge: Any = Bridge(TASK.model_copy(update={"state": "assigned"}))
+    events: Any = SimpleNamespace(seq=5)
+    watch = AssignmentWatch(bridge, events, TASK)
+    watch.check()
+    bridge.says = TASK.model_copy(update={"state": "assigned", "attempt": TASK.attempt + 1})
+    watch.check()
+    events.seq = 6
+    with pytest.raises(Revoked):
+        watch.check()
