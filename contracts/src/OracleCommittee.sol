@@ -19,6 +19,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     struct Waiting {
         TaskId taskId;
         KindId kindId;
+        ServiceId serviceId;
         uint40 submitted;
         address creator;
         address creatorsOwner;
@@ -225,7 +226,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (sitting.owner == address(0) || quorum.judges & bit == 0) {
             revert NotAJudge(key, organization.kindNumbered(t.kindId));
         }
-        if (_isParty(t, key) || _isParty(t, sitting.owner)) {
+        // The registry may know another owner than the seat.
+        if (_isParty(t, sitting.owner) || _services.isParty(key, t.serviceId, t.creator)) {
             revert ITaskManager.JudgeIsParty(vote.taskId, key);
         }
         if (vote.verdict == Verdict.Undecided && organization.mayAudit(key)) {
@@ -245,10 +247,9 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     }
 
     function _waiting(TaskId taskId) private view returns (Waiting memory t) {
-        ServiceId serviceId;
         t.taskId = taskId;
-        (t.creator, t.kindId, serviceId, t.submitted) = tasks.toJudge(taskId);
-        (t.executor, t.executorsOwner, t.creatorsOwner) = _services.partiesOf(serviceId, t.creator);
+        (t.creator, t.kindId, t.serviceId, t.submitted) = tasks.toJudge(taskId);
+        (t.executor, t.executorsOwner, t.creatorsOwner) = _services.partiesOf(t.serviceId, t.creator);
     }
 
     function _isParty(Waiting memory t, address account) private pure returns (bool) {

@@ -227,6 +227,16 @@ contract OracleCommitteeTest is Committee {
         _refusedWithOwner(company);
     }
 
+    function test_aJudgeThatIsADeviceOfAPartysOwnerDoesNotJudgeWhateverItsSeatSays() public {
+        (address company, address device) = (makeAddr("company"), judges[0]);
+        vm.startPrank(admin);
+        Possession.register(organization, robot1, "wallet", company, "robot1");
+        Possession.register(organization, device, "wallet", company, "judge0");
+        vm.stopPrank();
+        Vote memory vote = accepting(submitted());
+        _refused(vote, signatures(vote, 3), _isParty(vote, device));
+    }
+
     function test_theJudgeOfAnybodyElseDoes() public {
         vm.prank(admin);
         Possession.register(organization, robot1, "wallet", makeAddr("company"), "robot1");

@@ -10,7 +10,7 @@ import pytest
 
 from rodeo.checks.report import Report
 from rodeo.clock import WallClock
-from rodeo.config import Site
+from rodeo.config import DisputesConfig, Site
 from rodeo.evidence import Store
 from rodeo.messages import Task
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
@@ -158,6 +158,20 @@ def test_a_store_that_cannot_be_read_until_the_verdict_is_due_leaves_it_to_peopl
     one.clock.time_s = (one.task.verdict_deadline or 0.0) - 100.0
     report = one.word()
     assert (report.outcome, report.fault) == ("undecided", fault)
+
+
+def test_a_verdict_that_can_be_challenged_is_due_before_all_that_may_follow(
+    site: Site, cleaning: Take
+) -> None:
+    task = cleaning_chain_record(cleaning).task
+    assert task.verdict_deadline is not None
+    disputes = DisputesConfig(judges=["organization"], votes=1, window_s=600, decision_s=900)
+    challenged = site.model_copy(update={"disputes": disputes})
+    long = task.model_copy(update={"verdict_window_s": disputes.longest_s + 240})
+    assert away.due_s(long, challenged) == task.verdict_deadline - disputes.longest_s - 60
+    # Posted when its kind had no disputes: the contracts judge it at once.
+    short = task.model_copy(update={"verdict_window_s": disputes.longest_s - 1})
+    assert away.due_s(short, challenged) == away.due_s(short, site)
 
 
 def test_a_store_that_nobody_at_the_site_reads_is_its_executors_choice(search: Callable[..., Search]) -> None:
