@@ -399,6 +399,11 @@ class Organization(Answer):
     """Keys are the contract's names of the roles."""
     contracts: Contracts
 
+    def stake_needed(self, judge: Judge) -> Decimal:
+        """What the judge's stake must be for its votes on all kinds that it judges, IEC; 0 for none."""
+        needed = (kind.judge_stake_iec for kind in self.kinds if judge.seat in kind.seats)
+        return max(needed, default=Decimal(0))
+
 
 class ProposedCall(Answer):
     """What a proposal would call, as it is on chain and whatever its text says."""

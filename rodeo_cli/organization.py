@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from decimal import Decimal
 from typing import Annotated, get_args
 
 import typer
@@ -74,7 +75,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             (
                 f"judge in seat {one.seat}",
                 f"{one.name or 'unnamed'}, for {one.owner_name or one.owner}, {one.key}"
-                + _stake_in_words(one, loaded)
+                + _stake_in_words(one, state.stake_needed(one), loaded)
                 + ("" if any(one.seat in kind.seats for kind in state.kinds) else ", judges nothing"),
             )
             for one in state.judges
@@ -207,8 +208,11 @@ def _pause_in_words(state: queries.Organization, site: Site) -> str:
     return f"none before {moment(state.paused_until_s, site)}" if state.paused_until_s else ""
 
 
-def _stake_in_words(judge: queries.Judge, site: Site) -> str:
-    told = f", stake {iec(judge.stake_iec)}" if judge.stake_iec or judge.leaving_iec else ""
+def _stake_in_words(judge: queries.Judge, needed: Decimal, site: Site) -> str:
+    """Empty where it neither has nor needs one."""
+    told = f", stake {iec(judge.stake_iec)}" if judge.stake_iec or needed else ""
+    if judge.stake_iec < needed:
+        told += f" of {iec(needed)}, so that its votes do not count"
     if judge.leaving_iec:
         told += f", {iec(judge.leaving_iec)} leave after {moment(judge.leaving_until_s, site)}"
     return told

@@ -305,8 +305,9 @@ contract Disputes is IDisputes {
         returns (uint256 lost)
     {
         for (uint256 i = 0; i < c.count; ++i) {
+            if (!_isOverturned(c.rulings[i], vote)) continue;
             uint96 judgeStake = all[i].judgeStake;
-            if (judgeStake == 0 || !_isOverturned(c.rulings[i], vote)) continue;
+            if (judgeStake == 0) continue;
             uint64 voters = c.rulings[i].voters;
             for (uint8 seat = 0; voters >> seat != 0; ++seat) {
                 if ((voters >> seat) & 1 == 1) {

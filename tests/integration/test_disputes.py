@@ -214,8 +214,10 @@ def test_a_verdict_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path)
     with pytest.raises(RemoteError) as refused:
         rule(dao, task_id)
     assert refused.value.code == "stake_too_low"
+    assert f"stake 0 IEC of {JUDGE_STAKE} IEC, so that its votes do not count" in organization(dao, "show")
     deposit_stakes(dao)
     assert set(stakes(dao).values()) == {JUDGE_STAKE}
+    assert "do not count" not in organization(dao, "show")
     rule(dao, task_id)
     pass_time(dao, WINDOW_S + 10)
     ended(dao, task_id, "TaskSettled")

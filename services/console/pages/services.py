@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from decimal import Decimal
 from functools import partial
 from typing import Any
 
@@ -337,7 +338,7 @@ class ServicesPage:
                     (
                         one.name or str(one.seat),
                         party(one.owner_name, one.owner),
-                        iec(one.stake_iec),
+                        _stake(one, organization.stake_needed(one)),
                         partial(hash_text, one.key),
                     )
                     for one in organization.judges
@@ -549,6 +550,13 @@ def _rules_hashes(rules: list[str]) -> None:
     """The newest first, which new tasks get."""
     for one in reversed(rules):
         hash_text(one)
+
+
+def _stake(judge: queries.Judge, needed: Decimal) -> str:
+    """Empty where it neither has nor needs one."""
+    if judge.stake_iec < needed:
+        return f"{iec(judge.stake_iec)} of {iec(needed)}"
+    return iec(judge.stake_iec) if judge.stake_iec else ""
 
 
 def _judges(one: queries.KindRules) -> str:
