@@ -98,7 +98,7 @@ contract Disputes is IDisputes {
         Case storage c = _cases[vote.taskId];
         if (c.count != 0 && _isOver(t, c)) _void(vote.taskId, c);
         _requireVote(vote, reportUri, t);
-        Instance[] storage all = c.count == 0 ? _begin(vote.taskId, t, c) : _go(vote, c, t.kind);
+        Instance[] storage all = c.count == 0 ? _begin(vote, t, c) : _go(vote, c, t.kind);
         uint8 number = c.count;
         IOracleCommittee committee = all[number].committee;
         uint64 voters = committee.countVoters(vote, committee.digestOf(vote), signatures);
@@ -243,13 +243,18 @@ contract Disputes is IDisputes {
 
     /// @dev The first ruling on an attempt, early enough for all that may follow. A task that was posted when its kind
     /// had shorter verdict windows is judged as then, at once.
-    function _begin(TaskId taskId, Task memory t, Case storage c) private returns (Instance[] storage all) {
+    function _begin(Vote calldata vote, Task memory t, Case storage c)
+        private
+        returns (Instance[] storage all)
+    {
         uint256 version = _instances[t.kind].length;
         if (version == 0) revert KindWithoutInstances(t.kind);
         all = _instances[t.kind][version - 1];
         uint256 longest = _longest(all);
         uint256 end = block.timestamp + longest;
-        if (end > t.deadline && t.verdictWindow >= longest) revert TooLate(taskId, end, t.deadline);
+        // What is left undecided goes to the auditors at once.
+        bool challengeable = vote.verdict != Verdict.Undecided && t.verdictWindow >= longest;
+        if (challengeable && end > t.deadline) revert TooLate(vote.taskId, end, t.deadline);
         (c.attempt, c.version) = (t.attempt, version.toUint32());
     }
 
@@ -281,8 +286,9 @@ contract Disputes is IDisputes {
         for (uint256 i = 0; i < count; ++i) {
             Ruling storage ruling = c.rulings[i];
             challengers[i] = ruling.challenger;
-            right[i] = _isOverturned(ruling, vote);
-            if (right[i] && challengers[i] != address(0)) winner = challengers[i];
+            if (challengers[i] == address(0)) continue;
+            right[i] = _isRight(t, challengers[i], ruling, vote);
+            if (right[i]) winner = challengers[i];
         }
         uint256 lost = _takeStakes(vote, c, all);
         _forget(c);
@@ -455,12 +461,35 @@ contract Disputes is IDisputes {
         return t.state != TaskState.Submitted || t.attempt != c.attempt || block.timestamp > t.deadline;
     }
 
-    /// @dev An operator stands for the organization.
     function _isParty(Task memory t, address account) private view returns (bool) {
-        address executor = _services.providerOf(t.serviceId);
-        if (account == t.creator || account == executor) return true;
-        bool ours = t.creator == address(organization) || executor == address(organization);
-        return ours && IAccessControl(address(organization)).hasRole(OPERATOR, account);
+        return _speaksFor(account, t.creator) || _speaksFor(account, _services.providerOf(t.serviceId));
+    }
+
+    /// @dev An operator stands for the organization.
+    function _speaksFor(address account, address party) private view returns (bool) {
+        if (account == party) return true;
+        return
+            party == address(organization) && IAccessControl(address(organization)).hasRole(OPERATOR, account);
+    }
+
+    /// @dev Whether the end is what the challenger wanted: for a party better than the ruling, for a judge another one.
+    function _isRight(Task memory t, address challenger, Ruling storage ruling, Vote calldata vote)
+        private
+        view
+        returns (bool)
+    {
+        if (!_isOverturned(ruling, vote)) return false;
+        bool ofCreator = _speaksFor(challenger, t.creator);
+        if (ofCreator == _speaksFor(challenger, _services.providerOf(t.serviceId))) return true;
+        (uint256 before, uint256 then) =
+            (_worth(ruling.verdict, ruling.amount), _worth(vote.verdict, vote.amount));
+        return ofCreator ? then < before : then > before;
+    }
+
+    /// @dev To the executor, for comparing.
+    function _worth(Verdict verdict, uint256 amount) private pure returns (uint256) {
+        if (verdict == Verdict.Accepted) return 2 + amount;
+        return verdict == Verdict.Impossible ? 1 : 0;
     }
 
     function _isJudge(bytes32 kind, Instance[] storage all, address account) private view returns (bool) {

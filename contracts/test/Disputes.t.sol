@@ -66,6 +66,14 @@ contract DisputesTest is Instances {
         assertEmpty(vote.taskId);
     }
 
+    function test_whatIsUndecidedIsNeverTooLateForTheAuditors() public {
+        TaskId taskId = waiting();
+        vm.warp(tasks.task(taskId).deadline);
+        Vote memory vote = voteOf(taskId, Verdict.Undecided);
+        disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        assertState(taskId, TaskState.Undecided);
+    }
+
     // -- who may judge, and when ----------------------------------------------------------------------------
 
     function test_noCommitteeGoesPastTheWindow() public {
@@ -253,6 +261,34 @@ contract DisputesTest is Instances {
         skip(CHALLENGE + 1);
         disputes.close(vote, REPORT_URI);
         assertEq(coin.balanceOf(alice), before + 70 ether);
+    }
+
+    function test_aPartyThatTheEndMakesWorseOffWasNotRight() public {
+        Vote memory vote = voteOf(waiting(), Verdict.Accepted);
+        vote.amount = 50 ether;
+        disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        (uint256 creator, uint256 executor) = (coin.balanceOf(alice), coin.balanceOf(robot1));
+        challenge(robot1, vote.taskId); // wants more
+        vote.amount = 10 ether;
+        disputes.postVotes(vote, REPORT_URI, by(second, secondKeys, 4, vote));
+        skip(CHALLENGE + 1);
+        disputes.close(vote, REPORT_URI);
+        assertEq(coin.balanceOf(robot1), executor - STAKE + 10 ether);
+        assertEq(coin.balanceOf(alice), creator + STAKE + 90 ether);
+        assertEmpty(vote.taskId);
+    }
+
+    function test_aCreatorWhoPaysMoreAtTheEndWasNotRight() public {
+        Vote memory vote = voteOf(waiting(), Verdict.Accepted);
+        vote.amount = 10 ether;
+        disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        uint256 executor = coin.balanceOf(robot1);
+        challenge(alice, vote.taskId);
+        vote.amount = 50 ether;
+        disputes.postVotes(vote, REPORT_URI, by(second, secondKeys, 4, vote));
+        skip(CHALLENGE + 1);
+        disputes.close(vote, REPORT_URI);
+        assertEq(coin.balanceOf(robot1), executor + STAKE + 50 ether);
     }
 
     function test_anAppealTakesTheStakeOfWhoIsWrongAtTheEnd() public {

@@ -228,13 +228,16 @@ contract OracleCommitteeTest is Committee {
     }
 
     function test_aJudgeThatIsADeviceOfAPartysOwnerDoesNotJudgeWhateverItsSeatSays() public {
-        (address company, address device) = (makeAddr("company"), judges[0]);
+        (address company, address sister) = (makeAddr("company"), makeAddr("robot2"));
         vm.startPrank(admin);
         Possession.register(organization, robot1, "wallet", company, "robot1");
-        Possession.register(organization, device, "wallet", company, "judge0");
+        Possession.register(organization, sister, "wallet", company, "robot2");
+        committee.seat(sister, sister);
         vm.stopPrank();
+        setQuorum(3, 5, 0, 0x3f);
         Vote memory vote = accepting(submitted());
-        _refused(vote, signatures(vote, 3), _isParty(vote, device));
+        (, uint256 key) = makeAddrAndKey("robot2");
+        _refused(vote, abi.encodePacked(sign(key, vote), signatures(vote, 2)), _isParty(vote, sister));
     }
 
     function test_theJudgeOfAnybodyElseDoes() public {

@@ -1,37 +1,67 @@
-"""The simulator's pace: at speed 1 its clock is the wall's, whatever the machine does."""
+"""The simulator's pace: at speed 1 its clock is the wall's, whatever the machine does.
+
+The tests move the wall's time on: what the machine does meanwhile is no stall.
+"""
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from rodeo.config import ClockConfig, Site
 from rodeo.lab.body import Twist2
+from services.robot_sim import loop as loop_module
 from services.robot_sim.loop import Loop
-from services.robot_sim.simulation import Simulation
+from services.robot_sim.simulation import PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
 from tests.support.site import LAB
 
-STAYS_S = 0.5
+STAYS_S = 0.1
 """Within this of the wall's time."""
 STALL_S = 2.0
+
+
+class Wall:
+    """The wall's time, as the loop reads it."""
+
+    def __init__(self) -> None:
+        self.now_ns = time.time_ns()
+
+    def time_ns(self) -> int:
+        return self.now_ns
+
+    def monotonic(self) -> float:
+        return self.now_ns * 1e-9
+
+    def advance(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9)
+
+
+class Jobs(queue.SimpleQueue[object]):
+    """Only a job moves the wall's time, so whoever waits for either gets a job."""
+
+    def get(self, block: bool = True, timeout: float | None = None) -> object:
+        return super().get(block)
 
 
 class Running:
     """A loop in a thread, which begins `late_s` after the world was made for."""
 
-    def __init__(self, folder: Path, late_s: float, speed: float = 1.0) -> None:
+    def __init__(self, folder: Path, wall: Wall, late_s: float, speed: float = 1.0) -> None:
         site = Site.load(LAB).model_copy(update={"items": []})
-        self.simulation = Simulation(site, time.time_ns() - round(late_s * 1e9))
+        self.wall = wall
+        self.simulation = Simulation(site, wall.time_ns() - round(late_s * 1e9))
         self._state = StateFile(folder / "world", b"", self.simulation.row_size)
         self._stop = threading.Event()
         clock = ClockConfig(speed=speed, idle_speed=speed)
-        wall = clock.keeps_wall_time
-        self.loop = Loop(self.simulation, self._state, clock, self._stop, keeps_wall_time=wall)
+        keeps_wall = clock.keeps_wall_time
+        self.loop = Loop(self.simulation, self._state, clock, self._stop, keeps_wall_time=keeps_wall)
+        self.loop._jobs = Jobs()  # type: ignore[assignment]
         self.stalls_ns: list[tuple[int, int]] = []
         self.taken = threading.Event()
         self._thread = threading.Thread(target=self.loop.run, args=(self,))
@@ -43,26 +73,41 @@ class Running:
 
     def next_period(self) -> None:
         self.loop.call(self.taken.clear)
+        self.loop.call(lambda: self.wall.advance(PERIOD_NS * 1e-9))
         assert self.taken.wait(10)
 
     def behind_s(self) -> float:
-        return self.loop.call(lambda: time.time() - self.simulation.time_s)
+        return self.loop.call(lambda: self.wall.monotonic() - self.simulation.time_s)
 
     def stall(self) -> None:
         """The machine does not come to simulate for STALL_S."""
-        self.loop.call(lambda: threading.Event().wait(STALL_S))
+        self.loop.call(lambda: self.wall.advance(STALL_S))
 
     def close(self) -> None:
         self._stop.set()
+        self.loop.wake()
         self._thread.join()
         self._state.close()
 
 
 @pytest.fixture
-def running(tmp_path: Path) -> Iterator[Running]:
-    one = Running(tmp_path, late_s=7.0)
-    yield one
-    one.close()
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> Callable[..., Running]:
+    wall = Wall()
+    monkeypatch.setattr(loop_module, "time", wall)
+
+    def begin(late_s: float, speed: float = 1.0) -> Running:
+        one = Running(tmp_path, wall, late_s, speed)
+        request.addfinalizer(one.close)
+        return one
+
+    return begin
+
+
+@pytest.fixture
+def running(run: Callable[..., Running]) -> Running:
+    return run(late_s=7.0)
 
 
 def test_the_clock_begins_at_the_walls_time_however_long_loading_took(running: Running) -> None:
@@ -93,10 +138,7 @@ def test_motion_goes_on_after_a_stall_where_it_was(running: Running) -> None:
     assert running.loop.call(lambda: running.simulation.moved_s) - moved_s < STAYS_S
 
 
-def test_a_clock_that_goes_faster_has_its_own_time(tmp_path: Path) -> None:
-    fast = Running(tmp_path, late_s=100.0, speed=2.0)
-    try:
-        fast.next_period()
-        assert fast.behind_s() > 90
-    finally:
-        fast.close()
+def test_a_clock_that_goes_faster_has_its_own_time(run: Callable[..., Running]) -> None:
+    fast = run(late_s=100.0, speed=2.0)
+    fast.next_period()
+    assert fast.behind_s() > 90
