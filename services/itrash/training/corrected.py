@@ -14,6 +14,7 @@ network itself does worse than the installed one on what neither learnt from (`h
     RodeoError
     ├── NoCorrections         there is nothing to learn from
     ├── NotCrossValidated     a network is missing whose photos would tell whether it gets worse
+    ├── SameFolder            the new networks would replace those that they are made from
     └── WorseThanBefore       it does
 """
 
@@ -79,6 +80,9 @@ MOST_REPEATED = 20
 With it, one is drawn about 60 times in 300 steps, 125 times where it is of the rarest class or of none, and
 a photo three to six times. It takes eleven corrected pictures to be a tenth."""
 
+_FOLDS = "folds"
+"""Where the cross-validated networks lie, beside the model."""
+
 GENTLE = replace(Recipe(), finish_rate=5e-5)
 """A low rate: what the network knows is worth more than a few pictures."""
 
@@ -89,6 +93,10 @@ class NoCorrections(RodeoError):
 
 class NotCrossValidated(RodeoError):
     """Not all cross-validated networks are there."""
+
+
+class SameFolder(RodeoError):
+    """The new networks would replace those that they are made from."""
 
 
 class WorseThanBefore(RodeoError):
@@ -190,13 +198,19 @@ def add_corrections(
     out: Path,
     recipe: Recipe,
 ) -> list[str]:
-    """Write the model that learnt from them into `out`; the report as lines.
+    """Write the model that learnt from them into `out`, beside its five cross-validated networks in `folds`;
+    the report as lines. Nothing is written there before all of them are known to be no worse.
 
-    `folds` holds the cross-validated networks. `load` takes minutes and is called once there is something to
-    learn. Raises what `load` does, NoCorrections, NotCrossValidated, KindError, NoPhotos, WorseThanBefore,
-    OtherRecipe where the installed network was made by another recipe than they were, and OtherPhotos where
-    they did not learn from those in `data`.
+    `folds` holds the cross-validated networks from before. `load` takes minutes and is called once there is
+    something to learn. Raises what `load` does, NoCorrections, NotCrossValidated, SameFolder, KindError,
+    NoPhotos, WorseThanBefore, OtherRecipe where the installed network was made by another recipe than they
+    were, and OtherPhotos where they did not learn from those in `data`.
     """
+    for source, made in ((MODEL_DIR, out), (folds, out / _FOLDS)):
+        if made.resolve() == source.resolve():
+            raise SameFolder(
+                "name another --out: the networks there are what is learnt on from", folder=str(source)
+            )
     corrected, left_out = gather(site, allowed)
     if not corrected:
         raise NoCorrections("no bin keeps a sound correction", org=site.org, left_out=left_out)
@@ -218,21 +232,23 @@ def add_corrections(
         learnt=crossed.PARTS,
     )
     before = crossed.measured(folds, data)
-    after = _cross_validated(photos, corrected, material, data, folds, out / "folds", training, recipe)
-    what = f"{len(photos)} photos named rightly, each by a network that did not learn from it"
-    was, now = {what: before.answers.accuracy()}, {what: after.answers.accuracy()}
-    refuse_worse(was, now)
-    log.info("network %d of %d, the installed one, learns from the corrections", FOLDS + 1, FOLDS + 1)
-    network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, material, recipe)
-    changed = calibrated(after, out / "folds", recipe.known_rejected)
-    was |= material.held_out.shares(installed)
-    # Beside its place until it is known to be no worse.
+    # Beside their places until all are known to be no worse.
     with TemporaryDirectory(dir=out) as beside:
         made = Path(beside)
+        after = _cross_validated(photos, corrected, material, data, folds, made / _FOLDS, training, recipe)
+        what = f"{len(photos)} photos named rightly, each by a network that did not learn from it"
+        was, now = {what: before.answers.accuracy()}, {what: after.answers.accuracy()}
+        refuse_worse(was, now)
+        log.info("network %d of %d, the installed one, learns from the corrections", FOLDS + 1, FOLDS + 1)
+        network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, material, recipe)
+        changed = calibrated(after, made / _FOLDS, recipe.known_rejected)
         _write(network, load_preprocessing().model_copy(update=changed), training, made)
+        was |= material.held_out.shares(installed)
         now |= material.held_out.shares(Classifier(made))
         refuse_worse(was, now)
-        for name in (WEIGHTS, PREPROCESSING, TRAINING):
+        if (out / _FOLDS).exists():  # of an earlier run: a folder replaces no other one that has files
+            (out / _FOLDS).rename(made / "earlier")
+        for name in (_FOLDS, WEIGHTS, PREPROCESSING, TRAINING):
             (made / name).replace(out / name)
     return [
         *found_lines(corrected, left_out),
@@ -305,7 +321,7 @@ def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
         f"3. Where bins and oracles run, copy {files}",
         f"   from {out} to {MODEL_DIR}, and restart them. Keep a copy of the earlier files.",
         "",
-        f"Then learn from the next corrections with --folds {out / 'folds'}.",
+        f"Then learn from the next corrections with --folds {out / _FOLDS} and another --out.",
     ]
 
 
@@ -358,11 +374,11 @@ def _cross_validated(
     """
     division = crossed.division_in(folds)
     assert division is not None
-    out.mkdir(exist_ok=True)
+    out.mkdir()
     (out / crossed.DIVISION).write_text(division.model_dump_json())
     for fold in range(FOLDS):
         source, folder = crossed.folder_of(folds, fold), crossed.folder_of(out, fold)
-        folder.mkdir(exist_ok=True)
+        folder.mkdir()
         learnt, _ = split(photos, division, fold)
         log.info("network %d of %d learns from the corrections", fold + 1, FOLDS + 1)
         network = tuned(source / WEIGHTS, learnt, corrected, material, recipe)

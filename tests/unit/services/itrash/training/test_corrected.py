@@ -36,6 +36,7 @@ from services.itrash.training.corrected import (  # noqa: E402
     Material,
     NoCorrections,
     NotCrossValidated,
+    SameFolder,
     WorseThanBefore,
     add_corrections,
     gather,
@@ -367,7 +368,7 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     crossed.check(out / "folds", kept)  # the next corrections can be learnt from where these are installed
     assert made.preprocessing.temperature != load_preprocessing().temperature
     assert any(str(MODEL_DIR) in line for line in report)  # where it is to be put
-    assert any(f"--folds {out / 'folds'}" in line for line in report)
+    assert any(f"--folds {out / 'folds'} and another --out" in line for line in report)
     # What is to be written into the site file: the rules are the same before and after the files are copied.
     start = report.index("    [[kinds]]")
     text = "\n".join(report[start : report.index("", start)])
@@ -421,7 +422,7 @@ def test_a_model_that_names_fewer_photos_rightly_is_not_written(
     ((what, before),) = refused.value.details["before"].items()
     after = refused.value.details["after"][what]
     assert what.startswith("24 photos named rightly") and after < before
-    assert not (tmp_path / "out" / WEIGHTS).exists()
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_a_model_that_takes_what_is_no_waste_for_waste_is_not_written(
@@ -446,7 +447,28 @@ def test_a_model_that_takes_what_is_no_waste_for_waste_is_not_written(
         "before": dict.fromkeys(counted, 1.0),
         "after": dict.fromkeys(counted, 0.0),
     }
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["folds"]
+    assert list((tmp_path / "out").iterdir()) == [], "neither is what a later run would take for the folds"
+
+
+def test_what_is_learnt_on_from_is_not_replaced(own: Site, data: Path, folds: Path, tmp_path: Path) -> None:
+    correct(own, ANNA, CAN, "metal")
+    for out, source in ((tmp_path, folds), (MODEL_DIR, MODEL_DIR)):
+        with pytest.raises(SameFolder) as refused:
+            add_corrections(own, allowed(), data, folds, too_early, out, TINY)
+        assert refused.value.details == {"folder": str(source)}
+
+
+def test_the_next_corrections_replace_what_an_earlier_run_wrote(
+    own: Site, data: Path, folds: Path, tmp_path: Path
+) -> None:
+    correct(own, ANNA, CAN, "metal")
+    out = tmp_path / "out"
+    (out / "folds" / "fold0").mkdir(parents=True)
+    (out / "folds" / "fold0" / "of an earlier run").touch()
+    add_corrections(own, allowed(), data, folds, material, out, TINY)
+    written = {"folds", WEIGHTS, "preprocessing.json", crossed.TRAINING}
+    assert {path.name for path in out.iterdir()} == written
+    assert {path.name for path in (out / "folds" / "fold0").iterdir()} == written - {"folds"}
 
 
 def test_each_share_that_fell_is_told_and_what_stayed_or_rose_is_not() -> None:
