@@ -157,14 +157,16 @@ contract DisputesInvariants is Instances {
         Vote memory standing
     ) private {
         uint256[4] memory due = before;
-        bool accepted = standing.verdict == Verdict.Accepted;
-        uint256 earned = accepted ? 1 gwei : standing.verdict == Verdict.Impossible ? 0.1 gwei : 0;
+        uint256 earned = _earned(standing);
         due[0] += 1 gwei - earned;
         due[1] += earned;
         bool[2] memory right;
         for (uint256 i = 0; i < 2 && i < rulings; ++i) {
-            right[i] = said[i].verdict != standing.verdict;
-            uint256 lost = right[i] ? JUDGE_STAKE * (i == 0 ? 3 : 4) : 0;
+            bool overturned = said[i].verdict != standing.verdict;
+            right[i] = overturned;
+            if (challengers[i] == alice) right[i] = earned < _earned(said[i]);
+            if (challengers[i] == robot1) right[i] = earned > _earned(said[i]);
+            uint256 lost = overturned ? JUDGE_STAKE * (i == 0 ? 3 : 4) : 0;
             due[3] += lost;
             _deposited -= lost;
         }
@@ -180,6 +182,12 @@ contract DisputesInvariants is Instances {
         for (uint256 i = 0; i < 4; ++i) {
             if (now_[i] != due[i]) ++_wronglyPaid;
         }
+    }
+
+    /// @dev By the executor.
+    function _earned(Vote memory vote) private pure returns (uint256) {
+        if (vote.verdict == Verdict.Accepted) return 1 gwei;
+        return vote.verdict == Verdict.Impossible ? 0.1 gwei : 0;
     }
 
     function _balances() private view returns (uint256[4] memory) {
