@@ -78,9 +78,12 @@ def price(
     price_iec: Annotated[str, typer.Argument(metavar="PRICE", help="In IEC.")],
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
+    paused: Annotated[
+        bool, typer.Option("--paused", help="The service takes no tasks then. Both are set together.")
+    ] = False,
 ) -> None:
     """Set the price of a service that the organization offers."""
-    fields = {"service_id": service_id, "price_iec": price_iec}
+    fields = {"service_id": service_id, "price_iec": price_iec, "state": "paused" if paused else "active"}
     send(site, participant, "update_service", "", **fields)
 
 

@@ -869,6 +869,9 @@ class Wallet:
     def _propose(self, command: Propose) -> list[Call]:
         self._require_timelock()
         proposed, build = self._parse(command.command, command.request)
+        if isinstance(proposed, UpdateService) and proposed.state is None:
+            # As it is now is not as it is when this is executed, days later.
+            raise InvalidRequest("a proposal names the state that the service has afterwards, too")
         calls = build(replace(self, participant=ORGANIZATION), proposed)
         if isinstance(proposed, Admit | Dismiss) and self.client.deployment.votes_by == "members":
             # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.

@@ -19,6 +19,7 @@ from rodeo.chain import Call, ChainClient, ContractReverted, Role, TimelockRole,
 from rodeo.chain.client import connect
 from rodeo.chain.governance import WHY
 from rodeo.config import GovernanceConfig, ParticipantConfig
+from rodeo.errors import InvalidRequest
 from rodeo.messages import CancelProposal, HandOver, Proposable
 from services.bridge.commands import _OF_ADMINISTRATOR, Wallet
 from services.bridge.errors import (
@@ -218,6 +219,11 @@ def test_a_proposal_that_cannot_be_carried_out_stays_and_says_why(office: Office
         office.command("alice", "execute_proposal", proposal=number)
     assert refused.value.name == "AccessControlEnforcedDefaultAdminRules"
     assert office.state(number) == "ready"
+
+
+def test_a_proposed_price_names_the_state_that_the_service_has_afterwards(office: Office) -> None:
+    with pytest.raises(InvalidRequest, match="names the state"):
+        office.propose("update_service", {"service_id": 1, "price_iec": "8"})
 
 
 def test_what_is_scheduled_past_the_bridge_is_listed_too_with_the_calls_beside_its_text(
