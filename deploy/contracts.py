@@ -129,11 +129,11 @@ class _Sender:
 
     def end_founding(self, founder: LocalAccount, delay_s: int) -> None:
         """From now on nothing that an administrator may do happens without the delay."""
-        self.flush(founder)
         for left in self._client.pending_operations():
             # Of an attempt that was interrupted: otherwise anybody could have it done again at any time.
             self._send(founder, self._client.governance_calls.cancel(left))
-        self._administer(founder, self._client.governance_calls.end_founding(founder.address, delay_s))
+        self._waiting += self._client.governance_calls.end_founding(founder.address, delay_s)
+        self.flush(founder)
         self.is_founding = False
         decides = "the members decide by vote" if self._by_vote else "the administrator's key proposes"
         self._say(f"from now on {decides}, with a delay of {delay_s} s")
@@ -216,13 +216,14 @@ def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAcc
     sender = _Sender(client, administrator.address, names, say)
     for account, call in _missing_rules(site, client, administrator, deployment.rules):
         sender.send(account, call)
-    sender.flush(administrator)
     if sender.is_founding:
         for call in _missing_members(site, client):
             sender.send(administrator, call)
         sender.end_founding(administrator, site.governance.delay_s)
-    elif (told := _other_delay(site, client)) is not None:
-        say(told)
+    else:
+        sender.flush(administrator)
+        if (told := _other_delay(site, client)) is not None:
+            say(told)
     # Only now, so that whoever finds the record finds an organization that works.
     deployment = deployment.model_copy(
         update={
