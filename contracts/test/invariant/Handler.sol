@@ -12,6 +12,7 @@ import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Kind, Review, Terms} from "../../src/interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {
+    Hire,
     ITaskManager,
     SignedBy,
     Silence,
@@ -558,6 +559,8 @@ contract Handler is CommonBase, StdUtils, Numbers {
         } else {
             ServiceId[] storage by = _abandoned[taskId];
             if (by.length == 0 || by[by.length - 1] != t.serviceId) by.push(t.serviceId);
+            // Nobody else was asked for.
+            if (t.hired != Hire.None && t.attempt != t.maxAttempts) expected[t.creator] += t.reward;
         }
         _expectAsleep(t, s);
         _expectFailure(t, late && _hasAccepted(taskId, t));
