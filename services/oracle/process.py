@@ -452,13 +452,15 @@ class Oracle:
                 log.warning("task %d attempt %d: %s", *key, why)
                 self._set_activity(key, f"task {task.id} {why}")
                 said = why
-            self._wait_for_news(news, None if due else due_s(task, self._site))
+            # A clock that jumped to the end of the window would leave no time for the report.
+            until_s = None if due else due_s(task, self._site)
+            self._wait_for_news(news, until_s, resting=not due)
         return None
 
-    def _wait_for_news(self, news: int, until_s: float | None = None) -> None:
+    def _wait_for_news(self, news: int, until_s: float | None = None, *, resting: bool = True) -> None:
         """Until more was learnt of acts than when `news` was asked for, or `until_s`. No simulated clock
         waits meanwhile: what is waited for may be that something is due."""
-        self._clock.wait_for(lambda: self._acts.news != news, self._stop, until_s=until_s, resting=True)
+        self._clock.wait_for(lambda: self._acts.news != news, self._stop, until_s=until_s, resting=resting)
 
     def _read_reports(self) -> None:
         """Read the reports of verdicts that paid for something, as soon as they are heard of."""

@@ -51,8 +51,8 @@ class Turns:
         self._numbers = itertools.count(1)
         self._lines: dict[tuple[str, bool], deque[_Entry]] = {}
         """(provider, whether these are second attempts) -> its line; none is empty."""
-        self._in_work: dict[Key, str] = {}
-        """Submission -> its provider."""
+        self._in_work: dict[int, str] = {}
+        """Number of a turn -> its provider: a submission may be in line again before its turn ends."""
         self._last_turns: dict[str, int] = {}
         """Provider -> number of its last turn."""
 
@@ -79,15 +79,17 @@ class Turns:
                 # not: what all the others wait for may be that something is due.
                 held.enter_context(self._clock.hold())
                 thread = threading.Thread(
-                    target=self._turn, args=(self._take(), held, work), name="verifier", daemon=True
+                    target=self._turn, args=(*self._take(), held, work), name="verifier", daemon=True
                 )
                 thread.start()
                 threads = [one for one in threads if one.is_alive()] + [thread]
         for thread in threads:
             thread.join()
 
-    def _turn(self, key: Key, held: ExitStack, work: Callable[[Key, Callable[[], None]], None]) -> None:
-        leave = partial(self._leave, key)
+    def _turn(
+        self, key: Key, number: int, held: ExitStack, work: Callable[[Key, Callable[[], None]], None]
+    ) -> None:
+        leave = partial(self._leave, number)
         with self._clock.acting():
             held.close()
             try:
@@ -99,7 +101,8 @@ class Turns:
         with self._lock:
             return not stop.is_set() and self._next() is not None
 
-    def _take(self) -> Key:
+    def _take(self) -> tuple[Key, int]:
+        """Whose turn it is, and the number of the turn."""
         with self._lock:
             entry = self._next()
             assert entry is not None  # nobody else takes
@@ -107,13 +110,13 @@ class Turns:
             line.popleft()
             if not line:
                 del self._lines[entry.provider, entry.again]
-            self._in_work[entry.key] = entry.provider
-            self._last_turns[entry.provider] = next(self._numbers)
-            return entry.key
+            number = self._last_turns[entry.provider] = next(self._numbers)
+            self._in_work[number] = entry.provider
+            return entry.key, number
 
-    def _leave(self, key: Key) -> None:
+    def _leave(self, number: int) -> None:
         with self._lock:
-            self._in_work.pop(key, None)
+            self._in_work.pop(number, None)
         self._clock.notify()
 
     def _next(self) -> _Entry | None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from rodeo.checks.acts import Submission, Wait
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.clock import WallClock
@@ -371,6 +372,28 @@ def test_while_something_is_away_no_clock_jumps_but_to_a_verdict_that_is_due(
     wait_until(lambda: bool(waits))
     due = due_s(bridge.current, judge._site)
     assert waits == [(None, False) if away == "bridge" else (due, True)]
+
+
+def test_once_a_verdict_is_due_no_clock_jumps_to_the_windows_end_while_a_report_is_missing(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judge, task, waits = oracle(), bridge.current, list[tuple[float | None, bool]]()
+    judge._stop = threading.Event()  # of what is asked here alone
+
+    def noted(*_: Any, until_s: float | None, resting: bool) -> bool:
+        waits.append((until_s, resting))
+        judge._stop.set()
+        return False
+
+    judge._clock = SimpleNamespace(now_s=time.time, wait_for=noted)  # type: ignore[assignment]
+    judge._acts.on_event(event(task, 1, "TaskRegistered", kind=task.kind, rules=RULES))
+    judge._acts.on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt, executor="panther1"))
+    other = Submission(task.id - 1, 1, task.kind, "panther1", 1, 0)
+    monkeypatch.setattr(judge._acts, "spent", lambda *_, **__: Wait(other, "its report is missing"))
+    for deadline_s in (time.time() + 3600, time.time()):
+        judge._stop.clear()
+        judge._unspent(task.model_copy(update={"verdict_deadline": deadline_s}), [])
+    assert [(until_s is None, resting) for until_s, resting in waits] == [(False, True), (True, False)]
 
 
 def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(

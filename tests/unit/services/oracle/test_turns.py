@@ -169,3 +169,22 @@ def test_a_stop_ends_the_turns_and_begins_none_of_those_in_line(desks: Callable[
     assert desk.turns.waiting() == [(2, 1), (11, 1)]
     desk.turns.run(desk.stopped, desk.work)  # now that a place is free
     assert desk.begun.empty()
+
+
+def test_a_submission_that_is_in_line_again_before_its_turn_ends_has_a_place_of_its_own(
+    desks: Callable[[int], Desk],
+) -> None:
+    desk = desks(3)
+    desk.start()
+    desk.put("p", 1)
+    assert desk.next() == 1
+    leave = desk._leaves[1]
+    desk.put("p", 1, again=True)
+    assert desk.next() == 1
+    leave()  # the first turn's
+    desk.put("q", 2)
+    desk.put("r", 3)
+    assert {desk.next(), desk.next()} == {2, 3}
+    desk.put("s", 4)
+    with pytest.raises(queue.Empty):
+        desk.begun.get(timeout=0.3)
