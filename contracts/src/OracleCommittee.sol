@@ -14,17 +14,13 @@ import {ServiceId} from "./types/ServiceId.sol";
 import {TaskId} from "./types/TaskId.sol";
 
 contract OracleCommittee is IOracleCommittee, EIP712 {
-    /// @dev A task whose proof waits for its verdict. None of its parties may be a judge of it: creator and executor, and
-    /// who owns them in the registry.
+    /// @dev A task whose proof waits for its verdict.
     struct Waiting {
         TaskId taskId;
         KindId kindId;
         ServiceId serviceId;
         uint40 submitted;
         address creator;
-        address creatorsOwner;
-        address executor;
-        address executorsOwner;
     }
 
     /// @notice As many as Quorum.judges has bits.
@@ -227,7 +223,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
             revert NotAJudge(key, organization.kindNumbered(t.kindId));
         }
         // The registry may know another owner than the seat.
-        if (_isParty(t, sitting.owner) || _services.isParty(key, t.serviceId, t.creator)) {
+        if (_isParty(t, key) || (sitting.owner != key && _isParty(t, sitting.owner))) {
             revert ITaskManager.JudgeIsParty(vote.taskId, key);
         }
         if (vote.verdict == Verdict.Undecided && organization.mayAudit(key)) {
@@ -249,12 +245,10 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     function _waiting(TaskId taskId) private view returns (Waiting memory t) {
         t.taskId = taskId;
         (t.creator, t.kindId, t.serviceId, t.submitted) = tasks.toJudge(taskId);
-        (t.executor, t.executorsOwner, t.creatorsOwner) = _services.partiesOf(t.serviceId, t.creator);
     }
 
-    function _isParty(Waiting memory t, address account) private pure returns (bool) {
-        return account == t.creator || account == t.creatorsOwner || account == t.executor
-            || account == t.executorsOwner;
+    function _isParty(Waiting memory t, address account) private view returns (bool) {
+        return _services.isParty(account, t.serviceId, t.creator);
     }
 
     function _isAdministrator(address account) private view returns (bool) {

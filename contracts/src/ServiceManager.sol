@@ -393,17 +393,6 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function partiesOf(ServiceId serviceId, address creator)
-        external
-        view
-        returns (address provider, address providersOwner, address creatorsOwner)
-    {
-        provider = _get(serviceId).provider;
-        providersOwner = _providers[provider].owned ? _owners[provider] : address(0);
-        creatorsOwner = _owners[creator];
-    }
-
-    /// @inheritdoc IServiceManager
     function isParty(address account, ServiceId serviceId, address creator) external view returns (bool) {
         address provider = _services[serviceId].provider;
         if (account == creator || account == provider) return true;

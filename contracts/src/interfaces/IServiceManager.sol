@@ -202,17 +202,6 @@ interface IServiceManager {
     /// @param account any account
     function payoutOf(address account) external view returns (address);
 
-    /// @notice Returns who would profit from a verdict on a task.
-    /// @param serviceId the service that does it
-    /// @param creator who posted it
-    /// @return provider whose service it is
-    /// @return providersOwner who owns the provider, as the organization's device registry says; 0 if nobody registered it
-    /// @return creatorsOwner who owns the creator
-    function partiesOf(ServiceId serviceId, address creator)
-        external
-        view
-        returns (address provider, address providersOwner, address creatorsOwner);
-
     /// @notice Whether `account` would profit from a verdict on a task, as far as the organization's device registry knows:
     /// it, or its owner, is the creator or the provider, or owns one of them.
     /// @param account who judges
