@@ -144,6 +144,7 @@ ELSEWHERE = {
     "rodeo/lab/items.py": "the geometry of a shape, which bin, simulator and oracle share",
     "rodeo/ros2/action.py": "goal ids are unique, and decide nothing",
     "rodeo/wallets.py": "a passphrase",
+    "services/bridge/commands.py": "salts by which equal proposals are told apart",
     "services/bridge/relaying.py": "nonces of signed requests, which only have to be new",
     "services/console/accounts.py": "tokens, and the hash of nobody's passphrase",
     "services/console/guard.py": "the nonce of a page",
