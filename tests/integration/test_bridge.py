@@ -554,7 +554,7 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     watering = {"kind": "watering", "allowed": True, "review": "auditor", "min_window_s": 60}
     watering |= {"min_verdict_window_s": 0, "max_verdict_window_s": 0}
     watering |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
-    watering |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": []}
+    watering |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}
     assert watering in dao.state("organization")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", allowed=False)
     assert "watering" not in dao.state("chain")["kinds"]

@@ -346,7 +346,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.M
     rules = {"kind": "sweeping", "allowed": True, "review": "auditor", "min_window_s": 120}
     rules |= {"min_verdict_window_s": 0, "max_verdict_window_s": 0}
     rules |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
-    rules |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": []}
+    rules |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}
     assert rules in now["kinds"]
     assert {role: (one["amount_iec"], one["period_s"]) for role, one in now["budgets"].items()} == {
         "OPERATOR_ROLE": ("1000", 86_400),
