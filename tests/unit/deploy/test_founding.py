@@ -55,6 +55,20 @@ def as_elsewhere(site: Site, **changes: Any) -> Site:
     return site.model_copy(update={"chain": site.chain.model_copy(update={"backend": "external", **changes})})
 
 
+def fail_once(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """Let the transaction with this number, from 1, not get to the chain."""
+    count, send = 0, transactions.send
+
+    def counted(*args: Any, **options: Any) -> Any:
+        nonlocal count
+        count += 1
+        if count == number:
+            raise ChainUnavailable("gone")
+        return send(*args, **options)
+
+    monkeypatch.setattr(transactions, "send", counted)
+
+
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Site]:
     with running_chain("eth-tester", tmp_path) as found:
@@ -121,16 +135,8 @@ def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
 ) -> None:
     """`before`: the transaction that does not get to the chain."""
     wallets.ensure_wallets(site)
-    w3, count, send = connect(site.chain.url), 0, transactions.send
-
-    def fail_once(*args: Any, **options: Any) -> Any:
-        nonlocal count
-        count += 1
-        if count == before:
-            raise ChainUnavailable("gone")
-        return send(*args, **options)
-
-    monkeypatch.setattr(transactions, "send", fail_once)
+    w3 = connect(site.chain.url)
+    fail_once(monkeypatch, before)
     with pytest.raises(ChainUnavailable):
         told(site)
     there = sent(site, w3)
@@ -148,16 +154,8 @@ def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_l
     file says and its delay, or the next one, which executes it."""
     slow = site.model_copy(update={"governance": GovernanceConfig(delay_s=60)})
     wallets.ensure_wallets(slow)
-    w3, count, send = connect(slow.chain.url), 0, transactions.send
-
-    def fail_once(*args: Any, **options: Any) -> Any:
-        nonlocal count
-        count += 1
-        if count == before:
-            raise ChainUnavailable("gone")
-        return send(*args, **options)
-
-    monkeypatch.setattr(transactions, "send", fail_once)
+    w3 = connect(slow.chain.url)
+    fail_once(monkeypatch, before)
     with pytest.raises(ChainUnavailable):
         told(slow)
     unfinished = contracts.unfinished(slow, CHAIN_ID)
