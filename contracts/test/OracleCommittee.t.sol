@@ -232,7 +232,7 @@ contract OracleCommitteeTest is Committee {
         vm.startPrank(admin);
         Possession.register(organization, robot1, "wallet", company, "robot1");
         Possession.register(organization, sister, "wallet", company, "robot2");
-        committee.seat(sister, sister);
+        committee.seat(sister, stranger);
         vm.stopPrank();
         setQuorum(3, 5, 0, 0x3f);
         Vote memory vote = accepting(submitted());
