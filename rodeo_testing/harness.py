@@ -45,10 +45,10 @@ class Forgery(Generic[W]):
         return _words(self.make)
 
     def worked(self, report: Report) -> bool:
-        """Whether the forger got what it wanted."""
+        """Whether the forger got what it wanted, or a part of the price."""
         if self.check is None:
             return not (report.accepted and report.amount_iec is None)
-        return report.accepted
+        return report.outcome in ("accepted", "impossible")
 
     def named(self, report: Report) -> bool:
         """Whether the verdict's reason is this forgery's own."""

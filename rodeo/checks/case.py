@@ -6,7 +6,7 @@ A case is data. What several checks compute of it is cached elsewhere (`rodeo.ch
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any, Literal, TypeVar
@@ -171,6 +171,9 @@ class Checks:
     """What an accepted proof is paid; None is the task's full price."""
     params: type[BaseModel] | None = None
     """A task's parameters."""
+    undoable: Callable[[Case, Mapping[str, Any]], Finding | None] = lambda case, failure: None
+    """What is found where the executor gives up, as its event `failure` says, and nobody could have done the
+    task, or it cannot be told. None where the failure is the executor's. Only with a chain_record."""
     sealed_by: str = "robot"
     """Role of the device that seals the recording."""
     robot: Callable[[Task], Any] = lambda task: task.executor_name

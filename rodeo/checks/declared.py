@@ -1,24 +1,39 @@
 """Does the executor itself say that it failed?"""
 
-from rodeo.checks.case import Case, ordered
-from rodeo.checks.report import Finding
+from collections.abc import Mapping
+from typing import Any
+
+from rodeo.checks.case import Case, OthersFailed, ordered
+from rodeo.checks.report import Finding, impossible
 from rodeo.checks.tables import events_of
 
 
 def reported_failure(case: Case) -> str | None:
     """Why the executor says that the attempt failed; None where it does not."""
-    failures = [event for event in events_of(case) if event.get("event") == "execution_failed"]
-    return str(failures[-1].get("message", "no reason given"))[:200] if failures else None
+    failure = _failure(case)
+    return None if failure is None else str(failure.get("message", "no reason given"))[:200]
 
 
 def not_given_up(case: Case) -> Finding:
-    """The executor does not report that the attempt failed: then nothing else needs to be asked."""
-    reason = reported_failure(case)
-    if reason is not None and case.checks.params and case.chain_record:
-        ordered(case, case.checks.params)  # what nobody can do is not the executor's failure
+    """The executor does not report that the attempt failed: then nothing else needs to be asked. What nobody
+    could do is not its failure."""
+    failure, reason = _failure(case), reported_failure(case)
+    if failure is not None and case.chain_record:
+        if case.checks.params:
+            try:
+                ordered(case, case.checks.params)
+            except OthersFailed as error:
+                return impossible(str(error)[:300], error.fault, source="the task's parameters")
+        if (found := case.checks.undoable(case, failure)) is not None:
+            return found
     return Finding(
         passed=reason is None,
         measured=reason,
         source="the executor's own recording",
         detail="the executor's own statement" if reason is None else f"the executor reports: {reason}",
     )
+
+
+def _failure(case: Case) -> Mapping[str, Any] | None:
+    failures = [event for event in events_of(case) if event.get("event") == "execution_failed"]
+    return failures[-1] if failures else None

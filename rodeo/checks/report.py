@@ -1,8 +1,9 @@
 """What an oracle says about one proof: a verdict with one entry per check, recomputable by anyone.
 
-A verdict has one of three outcomes. *Rejected*: a check failed for a reason that the executor answers for.
+A verdict has one of four outcomes. *Rejected*: a check failed for a reason that the executor answers for.
 *Undecided*: a check failed for a reason that neither party owns (`Finding.fault`), so people decide.
-*Accepted*: none failed.
+*Impossible*: the executor gave up, and a check found that nobody could have done the task. *Accepted*: none
+failed.
 
 Which failure names the verdict: stages run in order and end at the first with a failure, so that of an
 earlier stage goes before that of a later one, whichever they are. Within a stage a rejection goes before an
@@ -38,11 +39,13 @@ class Finding(BaseModel):
     detail: str = ""
     fault: str | None = None
     """Who failed, where a check did not pass and that is neither party's failure: "the oracle", "the site's
-    motion capture". The check is then undecided."""
+    motion capture". The check is then undecided, unless the task is `impossible`."""
+    impossible: bool = False
+    """Whether nobody could do the task, by who is at `fault`: the executor is paid for its trouble."""
 
     @property
     def undecided(self) -> bool:
-        return self.passed is False and self.fault is not None
+        return self.passed is False and self.fault is not None and not self.impossible
 
 
 class Check(Finding):
@@ -65,7 +68,7 @@ class Report(BaseModel):
     outcome: Outcome
     reason: str
     fault: str | None = None
-    """Of an undecided verdict: who failed."""
+    """Of an undecided verdict, and of an impossible task: who failed."""
     amount_iec: Decimal | None = None
     """What an accepted proof is paid; None is the task's full price."""
     acts: list[str] = []
@@ -95,10 +98,11 @@ class Report(BaseModel):
     ) -> Report:
         """The report that these checks make; what is paid, and for what, only where they allow it."""
         failed = [check for check in checks if check.passed is False]
-        decisive = min(failed, key=lambda check: check.undecided, default=None)
+        # The first that the executor answers for, else the first.
+        decisive = min(failed, key=lambda check: check.fault is not None, default=None)
         outcome: Outcome = "rejected"
-        if decisive is not None and decisive.undecided:
-            outcome = "undecided"
+        if decisive is not None and decisive.fault is not None:
+            outcome = "impossible" if decisive.impossible else "undecided"
         elif decisive is None and checks:
             outcome = "accepted"
         return cls(
@@ -111,7 +115,7 @@ class Report(BaseModel):
             reason=describe(decisive) if decisive else "accepted" if checks else "nothing was checked",
             fault=decisive.fault if decisive else None,
             amount_iec=amount_iec if outcome == "accepted" else None,
-            acts=[] if outcome == "rejected" else list(acts),
+            acts=list(acts) if outcome in ("accepted", "undecided") else [],
             rules_sha256=rules_sha256,
             checks=checks,
         )
@@ -141,7 +145,7 @@ class Report(BaseModel):
         return [
             (
                 c.name,
-                "undecided" if c.undecided else words[c.passed],
+                "impossible" if c.impossible else "undecided" if c.undecided else words[c.passed],
                 _text(c.measured, c.unit),
                 _text(c.limit, c.unit),
                 c.source,
@@ -156,7 +160,7 @@ def describe(check: Check) -> str:
     values = ""
     if check.measured is not None and check.limit is not None:
         values = f" ({_text(check.measured, check.unit)}, limit {_text(check.limit, check.unit)})"
-    fault = f"; {check.fault} is at fault, not the executor" if check.undecided else ""
+    fault = f"; {check.fault} is at fault, not the executor" if check.fault is not None else ""
     return f"{check.name}: {check.detail}{values}"[: 500 - len(fault)] + fault
 
 
@@ -196,6 +200,11 @@ def equal(measured: Measured, expected: Measured, source: str, detail: str = "")
 def undecided(detail: str, fault: str, source: str = "") -> Finding:
     """Neither party failed but `fault` did: people decide."""
     return Finding(passed=False, source=source, detail=detail, fault=fault)
+
+
+def impossible(detail: str, fault: str, source: str = "") -> Finding:
+    """Nobody could do what `fault` asked for."""
+    return undecided(detail, fault, source).model_copy(update={"impossible": True})
 
 
 def skipped(detail: str) -> Finding:

@@ -115,12 +115,20 @@ class WasteDisposal(Behaviour):
     # -- what the mind asks ----------------------------------------------------------------------------
 
     def weigh(self, task: Task | None, here: Pose2) -> Estimate:
-        """For the way over the item to the bin; without a task over the farthest item."""
+        """For the way over the item to the bin; without a task over the farthest item.
+
+        Raises TaskFailed where the site has no such item or bin, and where nobody can look at the place.
+        """
         if task is None:
             places, stations = [(item.pose.x_m, item.pose.y_m) for item in self._items], self._stations
         else:
             params = ordered(task)
+            self.item(params.item_id)
             places, stations = [(params.x_m, params.y_m)], self._choice(params)[:1]
+            try:
+                self._floor.lookouts(places[0], (), here)
+            except Unreachable as error:
+                raise TaskFailed(error.message, cause=error.code, **error.details) from error
         ways = [
             (math.dist((here.x_m, here.y_m), place) + station.away_m(*place), station)
             for place in places

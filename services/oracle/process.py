@@ -286,7 +286,7 @@ class Oracle:
         self._acts.away(*key, False)
         task, report = found
         self._acts.judged(task_id, attempt, report.acts)
-        if report.outcome != "rejected":  # what is undecided may yet be accepted by people
+        if report.outcome in ("accepted", "undecided"):  # what is undecided may yet be accepted by people
             check = self._unspent(task, report.acts)
             if check is None:
                 return

@@ -39,6 +39,7 @@ from rodeo.robot.errors import (
     Halted,
     JournalBroken,
     MotionFailed,
+    NotFound,
     Revoked,
     Stopped,
     TaskFailed,
@@ -63,6 +64,7 @@ from services.robot_agent.charging import Charging
 from services.robot_agent.decision import (
     Intent,
     Situation,
+    in_grace,
     reasoned,
     require_time_for_verdict,
     require_time_for_work,
@@ -675,10 +677,7 @@ class Agent:
         task = situation.assignment
         assert task is not None  # decide() says WORK only with an assignment
         if not situation.begun and (refusal := self._refusal(task)) is not None:
-            log.warning("abandoning task %d: %s", task.id, refusal)
-            self._report(f"abandoning task {task.id}: {refusal.message}")
-            self._dao.abandon_task(task)
-            self._wait_for_news()  # the index is about to say so
+            self._give_back(task, refusal.message)
             return
         folder = self._task_folder(task)
         journal = Journal.open(folder, self._dao.assignment(task))
@@ -688,6 +687,17 @@ class Agent:
                 self._advance(task, journal, folder)
         finally:
             self._attempt = None
+
+    def _give_back(self, task: Task, why: str) -> None:
+        log.warning("abandoning task %d: %s", task.id, why)
+        self._report(f"abandoning task {task.id}: {why}")
+        self._dao.abandon_task(task)
+        self._wait_for_news()  # the index is about to say so
+
+    def _gives_back(self, task: Task, journal: Journal) -> bool:
+        """Whether there was nothing to do, nobody else saw that, and giving it back costs nothing yet."""
+        unseen = journal.found_nothing and not self._site.lab.mocap
+        return unseen and in_grace(task, self._clock.now_s())
 
     def _refusal(self, task: Task) -> TaskFailed | None:
         """Why this task cannot be done, as far as one can tell before moving."""
@@ -718,7 +728,9 @@ class Agent:
                 self._orders.working_on(None)
         if journal.phase == Phase.EXECUTED:
             self._seal(task, journal, folder)
-        if journal.phase == Phase.SEALED:
+        if journal.phase == Phase.SEALED and self._gives_back(task, journal):
+            self._give_back(task, str(journal.failure))
+        elif journal.phase == Phase.SEALED:
             if self._off_duty:
                 self._close_services_first(task)
             self._submit(task, journal, folder)
@@ -760,7 +772,9 @@ class Agent:
         )
         self._start_recording(recording, task)
         try:
-            journal.failure = self._execute(task, recording, done)
+            if (failed := self._execute(task, recording, done)) is not None:
+                journal.failure = failed.message
+                journal.found_nothing = isinstance(failed.__cause__, NotFound)
             recording.catch_up()
             self._stop_recording()
             recording.stop()
@@ -816,7 +830,7 @@ class Agent:
         with self._events_lock:
             self._recording = self._recorded_task = None
 
-    def _execute(self, task: Task, recording: Recording, done: Irrevocable | None) -> str | None:
+    def _execute(self, task: Task, recording: Recording, done: Irrevocable | None) -> AgentError | None:
         """The physical work, or what is left of it after what is `done` for good.
 
         A failure goes on record and is returned; the oracle says what it is worth.
@@ -847,7 +861,7 @@ class Agent:
             self._report(f"giving up: {error.message}")
             recording.note({"event": "execution_failed", **error.to_json()})
             self._abort()
-            return error.message
+            return error
         finally:
             self._upkeep.task_ends(task.kind, duration_s)
         recording.note({"event": "execution_finished"})

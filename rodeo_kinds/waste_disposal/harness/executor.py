@@ -345,6 +345,44 @@ def given_up_and_submitted(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(Take([*shop.take.samples, noted]))
 
 
+@HARNESS.forgery("not_given_up", "the item is not there", role="executor")
+def nothing_found_where_it_lies(shop: CleaningWorkshop) -> Submission:
+    """The robot drives there and says that the item is not there, for a tenth of the price."""
+    return shop.submitted(_found_nothing(shop.take))
+
+
+@HARNESS.forgery("not_given_up", "the item is not there", role="executor")
+def nothing_found_from_afar(shop: CleaningWorkshop) -> Submission:
+    """The item is elsewhere, as the robot knows, which saves the way."""
+    return shop.submitted(_found_nothing(shop.take), params=PLACE | {"x_m": float(PLACE["x_m"]) + 4.0})
+
+
+@HARNESS.forgery("not_given_up", "the item is not there", role="executor")
+def nothing_found_after_it_was_taken(shop: CleaningWorkshop) -> Submission:
+    """The robot carries the item away, and says that it is not where the task says."""
+    return shop.submitted(_found_nothing(shop.take, 0.5))
+
+
+@HARNESS.forgery("not_given_up", "the item is not there", role="executor")
+def nothing_found_and_statements_left_out(shop: CleaningWorkshop) -> Submission:
+    """What motion capture signed of the item while it lay there is not in the recording."""
+    take = _found_nothing(shop.take, 0.5)
+    until_s = middle_s(take, 0.9)
+
+    def edit(one: Attestation) -> Attestation | None:
+        return None if one.payload["device"] == "mocap" and one.payload["time_s"] < until_s else one
+
+    return shop.submitted(take, witnesses=Witnesses(edit=edit))
+
+
+def _found_nothing(take: Take, share: float = 0.1) -> Take:
+    """The beginning of it, and then the robot gives up."""
+    samples = [sample for sample in take.samples if sample.time_ns * 1e-9 <= middle_s(take, share)]
+    failure = {"message": "the item is not there", "details": {"cause": "not_found"}}
+    said = Sample("rodeo/event", "", {"event": "execution_failed", **failure}, samples[-1].time_ns)
+    return Take([*samples, said])
+
+
 _GIVEN_UP = {"event": "execution_failed", "message": "the item is stuck"}
 
 

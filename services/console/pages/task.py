@@ -491,7 +491,12 @@ def _draw_report(report: Json) -> None:
         Text("span", str(report.get("reason", ""))[:500], "wrap")
     checks = [check for check in report.get("checks", []) if isinstance(check, dict)]
     words = {True: ("passed", "good"), False: ("failed", "bad"), None: ("skipped", "")}
-    undecided = ("undecided", "warn")
+
+    def result(check: Json) -> tuple[str, str]:
+        if check.get("impossible"):
+            return "impossible", "warn"
+        return ("undecided", "warn") if check.get("fault") else words.get(check.get("passed"), words[None])
+
     table(
         "Checks of the oracle",
         [
@@ -504,9 +509,7 @@ def _draw_report(report: Json) -> None:
         [
             (
                 str(check.get("name", "")).replace("_", " "),
-                partial(
-                    badge, *(undecided if check.get("fault") else words.get(check.get("passed"), words[None]))
-                ),
+                partial(badge, *result(check)),
                 _measured(check.get("measured"), check.get("unit")),
                 _measured(check.get("limit"), check.get("unit")),
                 str(check.get("detail") or check.get("source") or "")[:300],

@@ -1,0 +1,158 @@
+"""Who finds nothing is paid for the trouble where motion capture saw the item elsewhere all along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rodeo.checks.case import ChainRecord
+from rodeo.config import Site
+from rodeo.evidence import Attestation
+from rodeo.robot.errors import NotFound
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
+from rodeo_testing.recordings import Sample, Take, Witnesses, moved
+from tests.unit.conftest import Judge, failed
+
+ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
+LIES = (4.6, 1.2)
+"""Of item1, which the film's robot finds."""
+
+
+def given_up(take: Take, cause: str = "not_found", after_s: float = 4.0) -> Take:
+    """The film up to `after_s`, when the robot stands in front of the place, and gives up."""
+    last_ns = int((take.start_s + after_s) * 1e9)
+    seen = [sample for sample in take.samples if sample.time_ns <= last_ns]
+    message = "item1 was not found: the item is not there"
+    said = {
+        "event": "execution_failed",
+        "code": "task_failed",
+        "message": message,
+        "details": {"cause": cause},
+    }
+    return Take([*seen, Sample("rodeo/event", "", said, seen[-1].time_ns)])
+
+
+def posted(take: Take, x_m: float = 0.0, y_m: float = 0.0, **changes: Any) -> ChainRecord:
+    """With a place so far from the item."""
+    params = {"item_id": "item1", "x_m": LIES[0] + x_m, "y_m": LIES[1] + y_m, **changes}
+    return cleaning_chain_record(take, params)
+
+
+def elsewhere(take: Take, topic: str, until_s: float, x_m: float, begins_s: float = 0.0) -> Take:
+    """A body `x_m` farther east in this part of the film."""
+
+    def edit(sample: Sample) -> Sample:
+        there = begins_s <= sample.time_ns * 1e-9 - take.start_s <= until_s
+        return moved(sample, x=sample.message.pose.position.x + x_m) if there else sample
+
+    return take.edited(topic, edit)
+
+
+def test_the_error_is_known_by_its_code() -> None:
+    assert NotFound("nothing").code == "not_found"
+
+
+@pytest.mark.parametrize("away_m", [0.32, -0.7])
+def test_an_item_that_lay_elsewhere_all_along_makes_the_task_impossible(
+    cleaning: Take, judge: Judge, away_m: float
+) -> None:
+    take = given_up(cleaning)
+    report = judge(take, posted(take, y_m=away_m))
+    assert (report.outcome, report.fault) == ("impossible", "the task's creator"), report.rows()
+    assert report.reason == (
+        f"not_given_up: how near the item was to the task's place ({abs(away_m):.4g} m, limit 0.3 m); "
+        "the task's creator is at fault, not the executor"
+    )
+    assert (report.amount_iec, report.acts) == (None, [])
+    assert sum(check.passed is False for check in report.checks) == 1
+    assert ("not_given_up", "impossible") in [row[:2] for row in report.rows()]
+
+
+@pytest.mark.parametrize(
+    "named", [pytest.param({"item_id": "item99"}, id="item"), pytest.param({"bin": "bin9"}, id="bin")]
+)
+def test_what_the_site_does_not_have_is_impossible(
+    cleaning: Take, judge: Judge, named: dict[str, str]
+) -> None:
+    take = given_up(cleaning, cause="task_failed")
+    report = judge(take, posted(take, **named))
+    assert (report.outcome, report.fault) == ("impossible", "the task's creator"), report.reason
+    # Who does not say so claims to have done it.
+    assert judge(cleaning, posted(cleaning, **named)).outcome == "rejected"
+
+
+@pytest.mark.parametrize(
+    ("change", "y_m", "cause"),
+    [
+        pytest.param(lambda take: take, 0.0, "not_found", id="it lay there"),
+        pytest.param(lambda take: take, 0.29, "not_found", id="it lay near enough"),
+        pytest.param(lambda take: take, 0.6, "grasp_failed", id="another failure"),
+        pytest.param(lambda take: take, 4.0, "not_found", id="the robot never went there"),
+        pytest.param(lambda take: take.without(ITEM_POSE), 4.0, "not_found", id="nor, and nobody saw it"),
+        pytest.param(
+            lambda take: elsewhere(take, ITEM_POSE, 99.0, 2.0, 2.0), 0.0, "not_found", id="it took it"
+        ),
+    ],
+)
+def test_what_the_executor_failed_at_stays_its_failure(
+    cleaning: Take, judge: Judge, change: Callable[[Take], Take], y_m: float, cause: str
+) -> None:
+    take = given_up(change(cleaning), cause)
+    report = judge(take, posted(take, y_m=y_m))
+    assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+
+
+def test_an_item_that_somebody_else_took_meanwhile_is_for_people_to_decide(
+    cleaning: Take, judge: Judge
+) -> None:
+    gone = elsewhere(cleaning, ITEM_POSE, 99.0, 2.0, begins_s=1.0)
+    take = given_up(elsewhere(gone, ROBOT_POSE, 1.2, -2.0))
+    report = judge(take, posted(take))
+    assert (report.outcome, report.fault) == ("undecided", "whoever took it"), report.reason
+
+
+def test_without_the_time_from_the_assignment_on_nobody_knows_who_moved_it(
+    cleaning: Take, judge: Judge
+) -> None:
+    take = given_up(cleaning)
+    chain = posted(take, y_m=0.6)
+    assert chain.task.assigned is not None
+    early = chain.task.model_copy(update={"assigned": chain.task.assigned - 40})
+    report = judge(take, chain.model_copy(update={"task": early}))
+    assert (report.outcome, report.fault) == ("undecided", "nobody"), report.reason
+
+
+@pytest.mark.parametrize("seen", [False, True])
+def test_what_motion_capture_did_not_see_is_for_people_to_decide(
+    cleaning: Take, judge: Judge, seen: bool
+) -> None:
+    """Never, or not for some seconds."""
+
+    def edit(sample: Sample) -> Sample | None:
+        return sample if seen and not 2 < sample.time_ns * 1e-9 - cleaning.start_s < 6 else None
+
+    take = given_up(cleaning.edited(ITEM_POSE, edit), after_s=8.0)
+    report = judge(take, posted(take, y_m=0.6))
+    assert (report.outcome, report.fault) == ("undecided", "the site's motion capture"), report.reason
+
+
+def test_who_leaves_statements_out_is_not_believed(cleaning: Take, judge: Judge) -> None:
+    """Those in which motion capture saw the item lie there."""
+    before = elsewhere(cleaning, ITEM_POSE, 1.0, 2.0)
+    take = given_up(elsewhere(before, ITEM_POSE, 99.0, 2.0, begins_s=8.0), after_s=16.0)
+
+    def edit(one: Attestation) -> Attestation | None:
+        told = one.payload["device"] == "mocap" and 1.0 < one.payload["time_s"] - take.start_s < 9.5
+        return None if told else one
+
+    report = judge(take, posted(take), witnesses=Witnesses(edit=edit))
+    assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+
+
+def test_without_motion_capture_nobody_vouches_for_it(site: Site, cleaning: Take, judge: Judge) -> None:
+    blind = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
+    take = given_up(without_mocap(cleaning, "item1"))
+    report = judge(take, posted(take, y_m=0.6), at=blind)
+    assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
