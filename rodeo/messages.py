@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal
 from typing import Annotated, Any, Literal, Self
 
@@ -842,6 +843,10 @@ class DaoEvent(Message):
     """Genesis hash of the chain. On another chain, `seq` starts at 1 again."""
 
 
+GRACE_SHARE = 4
+"""`GRACE_SHARE` of TaskManager: the grace period is the execution window divided by it, in whole seconds."""
+
+
 class Task(Message):
     id: int
     kind: str
@@ -894,6 +899,11 @@ class Task(Message):
     report_uri: str | None
     dispute: Dispute | None = None
     """The verdict that waits for its window. It is in `verdict` when it is final."""
+
+    @property
+    def grace_ends_s(self) -> float:
+        """Until then the executor can give the task back at no cost; -inf before it is assigned."""
+        return -math.inf if self.assigned is None else self.assigned + self.execution_window_s // GRACE_SHARE
 
 
 class Origin(Message):

@@ -33,7 +33,7 @@ from sqlalchemy.exc import DBAPIError
 
 from rodeo.chain import Log
 from rodeo.currency import IEC, Currency
-from rodeo.messages import LIVE_STATES, DaoEvent
+from rodeo.messages import GRACE_SHARE, LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert
@@ -49,9 +49,6 @@ UNDONE = "EventUndone"
 
 KEPT_BLOCKS = 256
 """How deep a reorganization can be without the index being read anew; several times what chains allow."""
-
-GRACE_SHARE = 4
-"""`GRACE_SHARE` of TaskManager: the grace period is the execution window divided by it, in whole seconds."""
 
 _EXECUTION_END = case(
     (

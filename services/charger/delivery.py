@@ -122,6 +122,7 @@ class Delivery:
         self.heard: dict[str, int] = {}
         """Address -> number of its last statement that is on record."""
         self._meter = self._restore(recorded)
+        self.job.session.sold = self.receipted_wh > 0
         if not resume:
             self._note({"event": "assignment", "task": self.job.task.model_dump(mode="json")})
 
@@ -225,6 +226,7 @@ class Delivery:
                 return
             self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation)
             self._count(receipt)
+            self.job.session.sold = self.receipted_wh > 0
 
     def on_event(self, event: DaoEvent) -> None:
         """A contract event of this task."""
@@ -355,7 +357,7 @@ class Delivery:
 
     def _essence(self) -> tuple[Any, ...]:
         state = self.job.session
-        return state.phase, state.end, state.started_s
+        return state.phase, state.end, state.started_s, state.sold
 
     @property
     def _covered(self) -> bool:

@@ -12,6 +12,7 @@ import math
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from contextlib import closing
 from hashlib import file_digest
 from pathlib import Path
@@ -260,8 +261,13 @@ class Charger:
         sha256 = self._deliver(job, path)
         if sha256 is None:  # asked to stop; the next process goes on
             return
-        self._process.activity(f"submitting the proof of task {job.task.id}", 1.0)
-        self._persist(lambda: self._submit(job, path, sha256))
+        if not job.session.sold and self._process.clock.now_s() <= job.task.grace_ends_s:
+            # A proof of nothing is rejected: why nothing was signed is one's word against the other's.
+            self._process.activity(f"giving task {job.task.id} back: {job.session.end}", 1.0)
+            self._persist(lambda: self._give_back(job))
+        else:
+            self._process.activity(f"submitting the proof of task {job.task.id}", 1.0)
+            self._persist(lambda: self._submit(job, path, sha256))
         if not self._process.stop.is_set():
             self._job_path.unlink()
             # The store may lose it: then it is put there again from here.
@@ -275,8 +281,18 @@ class Charger:
 
     def _submit(self, job: Job, path: Path, sha256: str) -> None:
         uri = self._store.put(path)
+        task = job.task
+        self._unless_over(
+            job, lambda: self._organization.submit_proof(task.id, task.attempt, sha256, uri, task.nonce)
+        )
+
+    def _give_back(self, job: Job) -> None:
+        log.warning("giving task %d back: %s", job.task.id, job.session.end)
+        self._unless_over(job, lambda: self._organization.abandon_task(job.task))
+
+    def _unless_over(self, job: Job, act: Callable[[], object]) -> None:
         try:
-            self._organization.submit_proof(job.task.id, job.task.attempt, sha256, uri, job.task.nonce)
+            act()
         except RemoteError as error:
             if self._is_ours(job.task):
                 raise
@@ -446,6 +462,7 @@ class Charger:
             max_energy_wh=0.0 if params is None else params.energy_wh,
             soc_target=0.0 if params is None else params.soc_target,
             deadline_s=assigned_s + window_s * (1 - PROOF_SHARE),
+            give_back_s=task.grace_ends_s - PROOF_SHARE * window_s,
         )
         order = Order(
             job=job,

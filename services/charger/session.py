@@ -45,6 +45,8 @@ class End(StrEnum):
     ROBOT_LEFT = "robot_left"
     """It was charging, left the contacts and did not come back."""
     NO_ROBOT = "no_robot"
+    NOT_SIGNED = "not_signed"
+    """A robot stood on the contacts, and signed for nothing that was delivered."""
     NO_CURRENT = "no_current"
     DEADLINE = "deadline"
     CANCELLED = "cancelled"
@@ -65,6 +67,8 @@ class SessionLimits:
     soc_target: float
     deadline_s: float
     """By then the contactor opens, to leave time for the proof."""
+    give_back_s: float = math.inf
+    """By then the robot signed for something, or the task is given back while that costs nothing."""
     present_s: float = 2.0
     """A robot stands on the contacts when they report it for so long."""
     absent_s: float = 3.0
@@ -94,6 +98,8 @@ class SessionState(BaseModel):
     """Last state of charge that the robot signed, 0..1."""
     paused: bool = False
     """The contactor opens until the robot signs."""
+    sold: bool = False
+    """The robot signed for something that was delivered."""
 
 
 class Session:
@@ -171,6 +177,8 @@ class Session:
             return
         if time_s >= self._limits.deadline_s:
             self.stop(End.DEADLINE)
+        elif time_s >= self._gives_back_s:
+            self.stop(End.NO_ROBOT if state.phase is Phase.WAITING else End.NOT_SIGNED)
         elif state.phase is Phase.WAITING:
             self._wait(time_s)
         elif self._lasted(self._absent_since_s, time_s, self._limits.absent_s):
@@ -204,9 +212,15 @@ class Session:
             since.append((self._small_since_s, limits.no_current_s))
         ends_s = [begun_s + lasts_s for begun_s, lasts_s in since if begun_s is not None]
         give_up_s = state.wait_until_s if state.phase is Phase.WAITING else math.inf
-        return min([*ends_s, give_up_s, limits.deadline_s])
+        return min([*ends_s, give_up_s, self._gives_back_s, limits.deadline_s])
 
     # -- inside ----------------------------------------------------------------------------------------
+
+    @property
+    def _gives_back_s(self) -> float:
+        """When the session ends for want of a robot that signs; never while power flows to one."""
+        waits = self.state.phase in (Phase.WAITING, Phase.AWAITING_RECEIPT) and not self.state.sold
+        return self._limits.give_back_s if waits else math.inf
 
     def _wait(self, time_s: float) -> None:
         if self._lasted(self._present_since_s, time_s, self._limits.present_s):

@@ -64,7 +64,6 @@ from services.robot_agent.charging import Charging
 from services.robot_agent.decision import (
     Intent,
     Situation,
-    in_grace,
     reasoned,
     require_time_for_verdict,
     require_time_for_work,
@@ -697,7 +696,7 @@ class Agent:
     def _gives_back(self, task: Task, journal: Journal) -> bool:
         """Whether there was nothing to do, nobody else saw that, and giving it back costs nothing yet."""
         unseen = journal.found_nothing and not self._site.lab.mocap
-        return unseen and in_grace(task, self._clock.now_s())
+        return unseen and self._clock.now_s() <= task.grace_ends_s
 
     def _refusal(self, task: Task) -> TaskFailed | None:
         """Why this task cannot be done, as far as one can tell before moving."""

@@ -54,22 +54,13 @@ def require_time_for_verdict(task: Task, site: Site) -> None:
         )
 
 
-GRACE_SHARE = 4
-"""`GRACE_SHARE` of TaskManager: until the execution window divided by it a task is given back unpunished."""
-
-
-def in_grace(task: Task, now_s: float) -> bool:
-    """Whether its executor can give it back at no cost."""
-    return task.assigned is not None and now_s <= task.assigned + task.execution_window_s / GRACE_SHARE
-
-
 def require_time_for_work(task: Task, duration_s: float, now_s: float) -> None:
     """While a task can be given back without a penalty: raises TaskFailed when the work is expected to take
     longer than is left. Later the robot tries: the penalty is due either way."""
     if task.execution_deadline is None:
         return
     left_s = task.execution_deadline - now_s
-    if in_grace(task, now_s) and duration_s > left_s:
+    if now_s <= task.grace_ends_s and duration_s > left_s:
         raise TaskFailed(
             "the task's execution window is too short", left_s=round(left_s), needs_s=round(duration_s)
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from services.charger.session import End, Phase, Session, SessionLimits, SessionState
@@ -153,6 +155,32 @@ def test_no_robot_in_time_is_said_so_and_nothing_was_switched_on() -> None:
     assert (dock.phase, dock.end) == (Phase.ENDED, End.NO_ROBOT)
     assert True not in dock.commands
     assert dock.session.state.started_s is None
+
+
+@pytest.mark.parametrize(("comes", "end"), [(False, End.NO_ROBOT), (True, End.NOT_SIGNED)])
+def test_a_robot_that_does_not_come_or_sign_ends_the_session_while_the_task_can_be_given_back(
+    comes: bool, end: End
+) -> None:
+    dock = Dock(limits=replace(LIMITS, give_back_s=1200.0))
+    dock.covered = False
+    dock.run(100)
+    dock.present = comes
+    dock.run(1000)
+    assert dock.phase is (Phase.AWAITING_RECEIPT if comes else Phase.WAITING)
+    assert dock.session.due_s <= 1200
+    dock.run(100)
+    assert (dock.phase, dock.end, dock.session.state.sold) == (Phase.ENDED, end, False)
+    assert True not in dock.commands
+
+
+def test_a_robot_that_stopped_signing_is_waited_for_only_if_it_bought_something() -> None:
+    for sold in (False, True):
+        dock = Dock(limits=replace(LIMITS, give_back_s=1200.0))
+        dock.present = True
+        dock.run(60)
+        dock.session.state.sold, dock.covered = sold, False
+        dock.run(1500)
+        assert dock.end is (None if sold else End.NOT_SIGNED)
 
 
 def test_a_closed_contactor_without_current_is_closed_again_then_given_up() -> None:
