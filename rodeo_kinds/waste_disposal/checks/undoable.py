@@ -1,7 +1,7 @@
-"""Was there anything to dispose of? Asked where the executor gives up because it did not find the item.
+"""Could anybody have done it? Asked where the executor gives up.
 
-The answer is motion capture's: on a site without it an executor that finds nothing has to give the task back
-in time.
+Whether the item was there is for motion capture to say: on a site without it an executor that finds nothing has
+to give the task back in time. Whether there was room for it is for the bin to say.
 """
 
 from collections.abc import Mapping
@@ -13,8 +13,10 @@ import numpy as np
 from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, THE_MOTION_CAPTURE, Case, CaseError, ordered
 from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
 from rodeo.checks.report import Finding, impossible, undecided
+from rodeo.checks.testimony import bin_said
 from rodeo.checks.witnesses import UNSEEN_S, unsound
 from rodeo.lab.place import PLACE_LIMIT_M
+from rodeo.witness import Classification
 from rodeo_kinds.waste_disposal.checks.disposal import LOST_IN_A_ROW
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
@@ -32,7 +34,8 @@ _SOURCE = "motion capture of the item"
 
 def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     """Impossible: the site has no such item or bin, or motion capture saw the item elsewhere from the
-    assignment on. Undecided where it does not tell, or where somebody else took the item away meanwhile.
+    assignment on. Undecided where it does not tell, where somebody else took the item away meanwhile, and where
+    the bin that was shown the item said that its compartment is full.
 
     None where the executor reports another failure, did not go there, left statements out, or where the item
     lay there.
@@ -42,6 +45,8 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
         return impossible("the site has no such item", THE_CREATOR, source="the site file")
     if params.bin not in {None, *(one.name for one in case.site.bins)}:
         return impossible("the site has no such bin", THE_CREATOR, source="the site file")
+    if (full := _full(case)) is not None:
+        return full
     details = failure.get("details")
     cause = details.get("cause") if isinstance(details, dict) else None
     if cause != _NOT_FOUND or not case.mocap:
@@ -52,6 +57,22 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     if not numbers or max((b - a - 1 for a, b in pairwise(numbers)), default=0) > LOST_IN_A_ROW:
         return None
     return _whereabouts(case, params)
+
+
+def _full(case: Case) -> Finding | None:
+    """What follows if the last that the bin said of this robot's item is that there is no room for it."""
+    name, shown = case.bin.name, [one.statement for one in bin_said(case)]
+    own = [
+        one
+        for one in shown
+        if isinstance(one, Classification)
+        and any(claimant.recording == case.proof.recording for claimant in one.claimants)
+    ]
+    if not (own and own[-1].full):
+        return None
+    if (failed := unsound(case, "bin", name, f"the bin {name}")) is not None:
+        return failed
+    return undecided(f"it said that its compartment {own[-1].compartment} is full", f"the bin {name}")
 
 
 def _whereabouts(case: Case, params: CleaningParams) -> Finding | None:

@@ -1,4 +1,4 @@
-"""Who finds nothing is paid for the trouble where motion capture saw the item elsewhere all along."""
+"""What nobody could do is not the failure of who gives it up; what it could have done is."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rodeo.evidence import Attestation
 from rodeo.robot.errors import NotFound
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
 from rodeo_testing.recordings import Sample, Take, Witnesses, moved
+from rodeo_testing.workshop import told
 from tests.unit.conftest import Judge, failed
 
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
@@ -149,6 +150,17 @@ def test_who_leaves_statements_out_is_not_believed(cleaning: Take, judge: Judge)
 
     report = judge(take, posted(take), witnesses=Witnesses(edit=edit))
     assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+
+
+@pytest.mark.parametrize(("full", "outcome"), [(True, "undecided"), (False, "rejected")])
+def test_a_full_compartment_is_not_the_executors_failure(
+    cleaning: Take, judge: Judge, full: bool, outcome: str
+) -> None:
+    take = given_up(told(cleaning, "bin/classification", full=full), "task_failed", after_s=60.0)
+    take = take.without("bin/drop")
+    report = judge(take, posted(take))
+    assert (report.outcome, failed(report)) == (outcome, "not_given_up"), report.reason
+    assert report.fault == ("the bin itrash" if full else None)
 
 
 def test_without_motion_capture_nobody_vouches_for_it(site: Site, cleaning: Take, judge: Judge) -> None:
