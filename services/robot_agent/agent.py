@@ -39,6 +39,7 @@ from rodeo.robot.errors import (
     Halted,
     JournalBroken,
     MotionFailed,
+    NoAnswer,
     NotFound,
     Revoked,
     Stopped,
@@ -694,9 +695,14 @@ class Agent:
         self._wait_for_news()  # the index is about to say so
 
     def _gives_back(self, task: Task, journal: Journal) -> bool:
-        """Whether there was nothing to do, nobody else saw that, and giving it back costs nothing yet."""
-        unseen = journal.found_nothing and not self._site.lab.mocap
-        return unseen and self._clock.now_s() <= task.grace_ends_s
+        """Whether a proof would only cost something, and giving the task back costs nothing yet."""
+        return journal.unproven and self._clock.now_s() <= task.grace_ends_s
+
+    def _is_unproven(self, failed: AgentError) -> bool:
+        """Whether others failed, and nobody signed that: nothing lay there and no motion capture saw it, or the
+        bin was silent."""
+        nothing_there = isinstance(failed.__cause__, NotFound) and not self._site.lab.mocap
+        return nothing_there or isinstance(failed.__cause__, NoAnswer)
 
     def _refusal(self, task: Task) -> TaskFailed | None:
         """Why this task cannot be done, as far as one can tell before moving."""
@@ -773,7 +779,7 @@ class Agent:
         try:
             if (failed := self._execute(task, recording, done)) is not None:
                 journal.failure = failed.message
-                journal.found_nothing = isinstance(failed.__cause__, NotFound)
+                journal.unproven = self._is_unproven(failed)
             recording.catch_up()
             self._stop_recording()
             recording.stop()

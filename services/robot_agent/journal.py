@@ -38,8 +38,8 @@ class Journal(BaseModel):
     phase: Phase = Phase.EXECUTING
     failure: str | None = None
     """Why the work could not be done; the recording is submitted all the same and says so."""
-    found_nothing: bool = False
-    """The work could not be done because what it is about was not there."""
+    unproven: bool = False
+    """It failed for a reason that is not the robot's, and that a proof cannot show."""
     proof_sha256: str | None = None
 
     @classmethod

@@ -9,9 +9,9 @@ from rodeo.config import Site
 from rodeo.evidence import Proof
 from rodeo.vision.classification import model_sha256
 from rodeo_kinds.waste_disposal.checks import carry, completeness, disposal
-from rodeo_kinds.waste_disposal.checks.undoable import undoable
 from rodeo_kinds.waste_disposal.checks.acts import acts
 from rodeo_kinds.waste_disposal.checks.item import bin_of, item_of
+from rodeo_kinds.waste_disposal.checks.undoable import undoable
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 

@@ -1,7 +1,7 @@
 """Could anybody have done it? Asked where the executor gives up.
 
-Whether the item was there is for motion capture to say: on a site without it an executor that finds nothing has
-to give the task back in time. Whether there was room for it is for the bin to say.
+Whether the item was there is for motion capture to say: on a site without it an executor that finds nothing
+has to give the task back in time. Whether there was room for it is for the bin to say.
 """
 
 from collections.abc import Mapping

@@ -290,7 +290,7 @@ def test_the_offer_is_paused_before_the_verdict_on_work_that_ended_after_hours(
     agent._clock, agent._orders.working_on = NightClock(night), lambda _nonce: None
     agent._close_services = lambda _kinds: done.append("pause")
     agent._submit = lambda *_: done.append("submit")
-    agent._advance(TASK, SimpleNamespace(phase=Phase.SEALED, found_nothing=False), None)
+    agent._advance(TASK, SimpleNamespace(phase=Phase.SEALED, unproven=False), None)
     assert done == (["pause", "submit"] if paused else ["submit"])
 
 

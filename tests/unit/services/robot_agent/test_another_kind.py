@@ -19,7 +19,7 @@ from rodeo.messages import Task
 from rodeo.queries import Offer
 from rodeo.robot.behaviour import Behaviour, Estimate, Robot, Work
 from rodeo.robot.decisions import Decisions
-from rodeo.robot.errors import NotFound, TaskFailed
+from rodeo.robot.errors import AgentError, MotionFailed, NoAnswer, NotFound, TaskFailed
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
@@ -254,20 +254,27 @@ def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(mind: Any) -> N
 
 
 @pytest.mark.parametrize(
-    ("mocap", "ago_s", "given_back"), [(False, 0.0, True), (False, 5000.0, False), (True, 0.0, False)]
+    ("cause", "mocap", "ago_s", "given_back"),
+    [
+        pytest.param(NotFound("nothing is there"), False, 0.0, True, id="nobody saw that nothing is there"),
+        pytest.param(NotFound("nothing is there"), False, 5000.0, False, id="but too late"),
+        pytest.param(NotFound("nothing is there"), True, 0.0, False, id="motion capture saw it"),
+        pytest.param(NoAnswer("the bin is silent"), True, 0.0, True, id="the bin is silent"),
+        pytest.param(MotionFailed("stuck"), False, 0.0, False, id="the robot failed"),
+    ],
 )
-def test_where_nobody_else_sees_that_there_is_nothing_to_do_it_gives_back_what_costs_nothing_yet(
-    mind: Any, mocap: bool, ago_s: float, given_back: bool
+def test_what_others_failed_at_and_nobody_signed_is_given_back_while_that_costs_nothing(
+    mind: Any, cause: AgentError, mocap: bool, ago_s: float, given_back: bool
 ) -> None:
     """Motion capture shows it to the oracle: then the task is impossible, and the robot is paid a tenth."""
 
-    def nothing_there(_work: Work) -> None:
-        raise TaskFailed("nothing is there") from NotFound("nothing is there")
+    def fail(_work: Work) -> None:
+        raise TaskFailed("gave up") from cause
 
     now_s = mind._clock.now_s()
     window = {"execution_deadline": now_s - ago_s + 9000, "execution_window_s": 9000}
     mind._site = SITE.model_copy(update={"lab": SITE.lab.model_copy(update={"mocap": mocap})})
-    mind._behaviours["guarding"].execute = nothing_there
+    mind._behaviours["guarding"].execute = fail
     mind._dao.assigned = [guarding(7, assigned=now_s - ago_s).model_copy(update=window)]
     mind._step()
     assert tapes[0].notes[-1]["event"] == "execution_failed"
