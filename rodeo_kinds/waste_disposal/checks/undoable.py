@@ -34,8 +34,8 @@ _SOURCE = "motion capture of the item"
 
 def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     """Impossible: the site has no such item or bin, or motion capture saw the item elsewhere from the
-    assignment on. Undecided where it does not tell, where somebody else took the item away meanwhile, and where
-    the bin that was shown the item said that its compartment is full.
+    assignment on. Undecided where it does not tell, where somebody else took the item away meanwhile, and
+    where the bin that was shown the item said that its compartment is full.
 
     None where the executor reports another failure, did not go there, left statements out, or where the item
     lay there.
