@@ -699,7 +699,7 @@ class Agent:
         return journal.unproven and self._clock.now_s() <= task.grace_ends_s
 
     def _is_unproven(self, failed: AgentError) -> bool:
-        """Whether others failed, and nobody signed that: nothing lay there and no motion capture saw it, or the
+        """Whether others failed, and nobody signed that: nothing lay there, as no motion capture saw, or the
         bin was silent."""
         nothing_there = isinstance(failed.__cause__, NotFound) and not self._site.lab.mocap
         return nothing_there or isinstance(failed.__cause__, NoAnswer)
