@@ -35,7 +35,7 @@ from rodeo.chain import (
 )
 from rodeo.chain import events as chain_events
 from rodeo.chain.errors import translated
-from rodeo.config import Site
+from rodeo.config import Site, bridge_wallets
 from rodeo.errors import RodeoError, WalletError
 from rodeo.instance import lock_holder
 
@@ -92,7 +92,7 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     _require_no_revoked_key(site, happened)
     _stop(client, administrator, happened, say)
     _require_none_runs(client)
-    if lock_holder(site.data_dir / site.bridge.name) is not None:
+    if any(lock_holder(site.data_dir / bridge) is not None for bridge in bridge_wallets(site)):
         raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
     _retire(site, client, administrator, say)
     _require_none_runs(client)  # one may have been assigned before the last service was suspended

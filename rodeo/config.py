@@ -43,6 +43,9 @@ MiB = 1 << 20
 ORACLE = "oracle"
 """Wallet and process of a site's only oracle."""
 
+BRIDGE = "bridge"
+"""Process that is the site's own bridge."""
+
 _PREFIX = "RODEO__"
 """Prefix of environment variables."""
 
@@ -297,17 +300,11 @@ class WalletLimits(_Table):
 
 
 class BridgeConfig(_Table):
-    """One process bridges all wallets of a site, or each robot's computer runs one for its own."""
+    """What holds for every bridge of the site."""
 
-    name: str = Field(default="bridge", pattern=r"^[a-z][a-z0-9_-]*$")
-    """Name of the process, of its data folder and of its status."""
-    wallets: list[str] | None = None
-    """Participants whose wallets this bridge manages; all by default."""
     shared_wallets: list[str] = []
     """Participants whose wallets also send transactions without this site's bridges, for example for another
     organization on the same chain. A bridge does not check that its journal holds all they have sent."""
-    public: bool = True
-    """Publish events and answer `state` queries. Only one of several bridges does so."""
     database: str | None = None
     """SQLAlchemy URL of the index, e.g. `postgresql+psycopg://user@host/rodeo`; a SQLite file by default."""
     max_behind_s: float = Field(default=10.0, gt=0)
@@ -317,6 +314,16 @@ class BridgeConfig(_Table):
     """Wall time after which the bridge replaces a pending transaction with one at a higher fee."""
     limits: dict[str, WalletLimits] = {}
     """Participant -> spending limits of its wallet."""
+
+
+class OtherBridgeConfig(_Table):
+    """A bridge besides the site's own one, which is called `bridge`, on a computer of its own. It signs and
+    sends, and publishes nothing."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9-]{0,30}$")
+    wallets: list[str] | None = Field(default=None, min_length=1)
+    """Participants whose wallets it manages in place of the site's own bridge. By default those of the site's
+    oracles: whoever takes over one computer cannot post tasks and accept their proofs."""
 
 
 KindName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
@@ -568,6 +575,8 @@ class Site(BaseSettings):
     """Several oracles that vote. By default there is one, whose verdict is enough."""
     agent: AgentConfig = AgentConfig()
     bridge: BridgeConfig = BridgeConfig()
+    bridges: list[OtherBridgeConfig] = []
+    """By default one bridge manages all wallets."""
     metrics: MetricsConfig = MetricsConfig()
     console: ConsoleConfig = ConsoleConfig()
 
@@ -729,6 +738,30 @@ def oracle_process(site: Site, name: str) -> str:
     return f"{ORACLE}.{name}" if site.oracles else ORACLE
 
 
+def bridge_names(site: Site) -> list[str]:
+    """The site's own bridge first, then its [[bridges]]."""
+    return [BRIDGE, *(one.name for one in site.bridges)]
+
+
+def bridge_process(site: Site, name: str) -> str:
+    """Name of the process that is the bridge called `name`. Raises ConfigError."""
+    if name not in (known := bridge_names(site)):
+        raise ConfigError("no such bridge on this site", bridge=name, bridges=known)
+    return BRIDGE if name == BRIDGE else f"{BRIDGE}.{name}"
+
+
+def bridge_wallets(site: Site) -> dict[str, list[str]]:
+    """Process of each bridge, the site's own first -> the participants whose wallets it manages."""
+    others = {
+        bridge_process(site, one.name): oracle_names(site) if one.wallets is None else one.wallets
+        for one in site.bridges
+    }
+    taken = {name for names in others.values() for name in names}
+    everybody = ["organization", *(robot.name for robot in site.robots), *oracle_names(site)]
+    everybody += [participant.name for participant in site.participants]
+    return {BRIDGE: [name for name in everybody if name not in taken], **others}
+
+
 def min_verdict_window_s(site: Site) -> int:
     """The shortest verdict window where verdicts can be challenged, s: there is time for the oracles, too."""
     return 0 if site.disputes is None else site.disputes.longest_s + math.ceil(site.oracle.verdict_within_s)
@@ -852,7 +885,19 @@ _SLACK_M = 1e-6
 def faults(site: Site) -> dict[Place, str]:
     """Where -> what is wrong there; empty for a site that can be."""
     found: dict[Place, str] = {}
-    rules = (_outside, _rooms, _names, _wallets, _amounts, _governance, _oracles, _disputes, _hours, _ports)
+    rules = (
+        _outside,
+        _rooms,
+        _names,
+        _wallets,
+        _bridges,
+        _amounts,
+        _governance,
+        _oracles,
+        _disputes,
+        _hours,
+        _ports,
+    )
     for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
     return found
@@ -923,7 +968,9 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     others = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
     known = ["organization", *oracle_names(site), *others]
     told: list[tuple[Place, str]] = [
-        (("bridge", "wallets", number), name) for number, name in enumerate(site.bridge.wallets or ())
+        (("bridges", number, "wallets", entry), name)
+        for number, one in enumerate(site.bridges)
+        for entry, name in enumerate(one.wallets or ())
     ]
     told += [
         (("bridge", "shared_wallets", number), name) for number, name in enumerate(site.bridge.shared_wallets)
@@ -934,6 +981,29 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     for place, name in told:
         if name not in known:
             yield place, f"nobody on this site is called {name}{close(name, known)}"
+
+
+def _bridges(site: Site) -> Iterator[tuple[Place, str]]:
+    names: list[tuple[Place, str]] = [((), BRIDGE)]
+    names += [(("bridges", number, "name"), one.name) for number, one in enumerate(site.bridges)]
+    yield from _twice(names, "two bridges are called {}")
+    holders: dict[str, str] = {}
+    for number, one in enumerate(site.bridges):
+        place: Place = ("bridges", number, *(() if one.wallets is None else ("wallets",)))
+        managed = bridge_wallets(site)[bridge_process(site, one.name)]
+        for name in managed:
+            if name in holders:
+                yield place, f"{holders[name]} manages the wallet of {name}: list the wallets of each"
+            holders.setdefault(name, one.name)
+        if not site.oracles and {"organization", ORACLE} <= set(managed):
+            yield place, ONE_HOST.format(one.name)
+
+
+ONE_HOST = (
+    "the wallets of the organization and of its oracle are both on {}: whoever takes over that computer can "
+    "post tasks and accept their proofs; give them to different [[bridges]]"
+)
+"""What is wrong, or doubtful, with a site that has several bridges."""
 
 
 def _amounts(site: Site) -> Iterator[tuple[Place, str]]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from rodeo.config import GovernanceConfig, Site, oracle_names, oracle_process, votes_needed
+from rodeo.config import GovernanceConfig, Site, bridge_wallets, oracle_names, oracle_process, votes_needed
 from rodeo.errors import ConfigError
 from rodeo.lab.config import RobotConfig
 from rodeo_cli.site_check import check
@@ -314,6 +314,20 @@ def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_sa
         "oracle.carl",
     ]
     assert oracle_names(Site.load(LAB)) == ["oracle"]
+
+
+def test_where_there_are_two_bridges_the_second_has_the_oracles_wallets(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    judges = '[[bridges]]\nname = "judges"\n'
+    path.write_text(f'extends = "{LAB}"\nparticipants = [{{ name = "alice" }}]\n{judges}')
+    assert bridge_wallets(Site.load(path)) == {
+        "bridge": ["organization", "panther1", "alice"],
+        "bridge.judges": ["oracle"],
+    }
+    path.write_text(f'extends = "{LAB}"\n{three(judges)}')
+    several = bridge_wallets(Site.load(path))
+    assert several == {"bridge": ["organization", "panther1"], "bridge.judges": ["anna", "bert", "carl"]}
+    assert bridge_wallets(Site.load(LAB)) == {"bridge": ["organization", "panther1", "oracle"]}
 
 
 def test_a_mistyped_payout_address_is_an_error() -> None:

@@ -47,7 +47,7 @@ from rodeo.chain import (
 from rodeo.chain.abi import KindRules
 from rodeo.chain.client import connect
 from rodeo.chain.registry import PROXY
-from rodeo.config import GovernanceConfig, Site, TokenConfig
+from rodeo.config import BRIDGE, GovernanceConfig, Site, TokenConfig
 from rodeo.currency import IEC
 from rodeo.instance import lock_instance
 from rodeo.kinds import kinds_of
@@ -388,7 +388,7 @@ def test_only_the_administrator_moves_an_organization(lab: Lab, tmp_path: Path) 
 @pytest.mark.long
 def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
     lab.judge()
-    folder = lab.site.data_dir / lab.site.bridge.name
+    folder = lab.site.data_dir / BRIDGE
     folder.mkdir(parents=True, exist_ok=True)
     lock = lock_instance(folder)
     with pytest.raises(SiteIsUp):
