@@ -265,27 +265,49 @@ class GovernanceConfig(_Table):
     """Terms at the deployment. Later `rodeo organization terms` changes them."""
 
 
-class DisputesConfig(_Table):
-    """How verdicts of the site's oracles can be challenged. It counts when the contracts are deployed."""
+class InstanceConfig(_Table):
+    """A committee that decides about challenges of the verdicts of the one before it."""
 
     judges: list[str] = Field(min_length=1, max_length=64)
-    """Participants who decide about challenges."""
+    """Participants who decide about challenges; each judges in one committee only."""
     votes: int = Field(ge=1)
-    """How many of them have to agree: more than half of them, and more than the oracles that have to."""
+    """How many of them have to agree: more than half of them, and more than had to before."""
     window_s: int = Field(default=3600, ge=60, le=7 * 24 * 3600)
-    """For how long a verdict can be challenged, s."""
+    """For how long a verdict of the committee before can be challenged, s."""
     decision_s: int = Field(default=24 * 3600, ge=60, le=7 * 24 * 3600)
     """How long the judges may take, s. After it the verdict stands."""
     stake_iec: Decimal = Field(default=Decimal(20), gt=0, max_digits=36, decimal_places=18)
     """What a challenge costs whoever is wrong."""
     judge_stake_iec: Decimal = Field(default=Decimal(20), ge=0, max_digits=36, decimal_places=18)
-    """What each oracle must have deposited for its vote to count, and loses if a challenge overturns the
-    verdict; 0 for none. The organization's administrator deposits it when the contracts are deployed."""
+    """What each judge of the committee before, at first an oracle, must have deposited for its vote to count,
+    and loses if a challenge overturns the verdict; 0 for none. The organization's administrator deposits it
+    when the contracts are deployed."""
+
+
+class AppealConfig(InstanceConfig):
+    """Who decides when the decision about a challenge is challenged, too. Nothing overturns that."""
+
+    decision_s: int = Field(default=12 * 3600, ge=60, le=7 * 24 * 3600)
+    """How long the judges may take, s. By default all fits into the default of `economy.verdict_window_s`."""
+    stake_iec: Decimal = Field(default=Decimal(40), gt=0, max_digits=36, decimal_places=18)
+    """What it costs whoever is wrong: more than the challenge before."""
+
+
+class DisputesConfig(InstanceConfig):
+    """How verdicts of the site's oracles can be challenged. It counts when the contracts are deployed."""
+
+    appeal: AppealConfig | None = None
+    """By default nothing overturns what the judges of challenges decide."""
+
+    @property
+    def instances(self) -> list[InstanceConfig]:
+        """Who decides about challenges, one committee after the other."""
+        return [self] if self.appeal is None else [self, self.appeal]
 
     @property
     def longest_s(self) -> int:
         """From the first verdict to the payment, s: as `Disputes.longestCase` says."""
-        return 2 * self.window_s + self.decision_s
+        return self.window_s + sum(one.window_s + one.decision_s for one in self.instances)
 
 
 class WalletLimits(_Table):
@@ -1094,18 +1116,31 @@ def _disputes(site: Site) -> Iterator[tuple[Place, str]]:
     if not site.oracles:
         yield ("disputes",), "verdicts of one oracle cannot be challenged: name several [[oracles]]"
     known = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
-    for number, name in enumerate(wanted.judges):
-        if name not in known:
-            yield ("disputes", "judges", number), f"nobody on this site is called {name}{close(name, known)}"
-    listed = len(set(wanted.judges))
-    if not listed < 2 * wanted.votes <= 2 * listed:
-        yield (
-            ("disputes", "votes"),
-            f"{wanted.votes} votes are not more than half of {listed} judges, or are more than all of them",
-        )
-    first = max((votes_needed(site, one.name) for one in site.kinds), default=votes_needed(site, ""))
-    if site.oracles and wanted.votes <= first:
-        yield ("disputes", "votes"), f"a verdict of {first} oracles is overturned by more than {first} judges"
+    votes = max((votes_needed(site, one.name) for one in site.kinds), default=votes_needed(site, ""))
+    place: Place = ("disputes",)
+    said, who = votes if site.oracles else 0, "oracles"
+    for one in wanted.instances:
+        for number, name in enumerate(one.judges):
+            if name not in known:
+                yield (*place, "judges", number), f"nobody on this site is called {name}{close(name, known)}"
+        listed = len(set(one.judges))
+        if not listed < 2 * one.votes <= 2 * listed:
+            yield (
+                (*place, "votes"),
+                f"{one.votes} votes are not more than half of {listed} judges, or are more than all of them",
+            )
+        if one.votes <= said:
+            yield (*place, "votes"), f"a verdict of {said} {who} is overturned by more than {said} judges"
+        said, who, place = one.votes, "judges", (*place, "appeal")
+    if (appeal := wanted.appeal) is not None:
+        for number, name in enumerate(appeal.judges):
+            if name in wanted.judges:
+                yield ("disputes", "appeal", "judges", number), f"{name} would decide about its own decision"
+        if appeal.stake_iec <= wanted.stake_iec:
+            yield (
+                ("disputes", "appeal", "stake_iec"),
+                f"an appeal takes more than the challenge before it: more than {wanted.stake_iec} IEC",
+            )
     needed_s = min_verdict_window_s(site)
     if site.economy.verdict_window_s < needed_s:
         yield (

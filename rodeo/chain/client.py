@@ -25,7 +25,7 @@ from rodeo.chain.abi import (
     Task,
     Terms,
 )
-from rodeo.chain.calls import Calls, DisputeCommitteeCalls, OrganizationCalls
+from rodeo.chain.calls import Calls, CommitteeCalls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated
@@ -73,8 +73,7 @@ class ChainClient:
         self.calls = Calls(deployment)
         self.organization_calls = OrganizationCalls(deployment)
         self.dispute_calls = DisputesCalls(deployment)
-        """Where verdicts can be challenged, as is `dispute_committee_calls`."""
-        self.dispute_committee_calls = DisputeCommitteeCalls(deployment)
+        """Where verdicts can be challenged."""
         self.governance_calls = GovernanceCalls(deployment)
         """Where the administrator is a timelock."""
         self._contracts: dict[str, Contract] = {
@@ -210,31 +209,26 @@ class ChainClient:
         """Between the announcement of another administrator and the handover, s."""
         return self._view("Organization", "defaultAdminDelay")
 
-    def judge(self, key: str) -> Judge | None:
-        """The judge of the committee who signs with `key`."""
-        found: Judge = self._view("OracleCommittee", "judge", to_checksum_address(key))
+    def judge(self, key: str, committee: str = artifacts.COMMITTEES[0]) -> Judge | None:
+        """The judge of the committee (one of `artifacts.COMMITTEES`) who signs with `key`."""
+        found: Judge = self._view(committee, "judge", to_checksum_address(key))
         return None if found.owner == NOBODY else found
 
-    def quorum(self, kind: str) -> Quorum:
-        """Which judges vote on proofs of `kind`; 0 votes where none do."""
-        return self._view("OracleCommittee", "quorumOf", kind_to_bytes32(kind))
+    def quorum(self, kind: str, committee: str = artifacts.COMMITTEES[0]) -> Quorum:
+        """Which judges of the committee vote on proofs of `kind`; 0 votes where none do."""
+        return self._view(committee, "quorumOf", kind_to_bytes32(kind))
 
-    def dispute_judge(self, key: str) -> Judge | None:
-        """The judge of challenges who signs with `key`."""
-        found: Judge = self._view("DisputeCommittee", "judge", to_checksum_address(key))
-        return None if found.owner == NOBODY else found
-
-    def dispute_quorum(self, kind: str) -> Quorum:
-        """Which judges decide about challenges of verdicts on `kind`; 0 votes where none do."""
-        return self._view("DisputeCommittee", "quorumOf", kind_to_bytes32(kind))
+    def committee_calls(self, committee: str) -> CommitteeCalls:
+        """The administrator's, to one of `artifacts.COMMITTEES`."""
+        return CommitteeCalls(self.deployment, committee)
 
     def instances(self, kind: str) -> list[Instance]:
         """Who judges `kind` one after the other; none where its verdicts cannot be challenged."""
         return self._view("Disputes", "instancesOf", kind_to_bytes32(kind))
 
-    def stake(self, seat: int) -> int:
-        """What counts for the votes of the judge in this seat of the committee of oracles, wei."""
-        raw = self._contracts["Disputes"].functions.stakeOf(self.committee, seat)
+    def stake(self, seat: int, committee: str = artifacts.COMMITTEES[0]) -> int:
+        """What counts for the votes of the judge in this seat of the committee, wei."""
+        raw = self._contracts["Disputes"].functions.stakeOf(self.deployment.address(committee), seat)
         with translated(self.currency):
             stake, _leaving, _until = raw.call()
         return int(stake)
