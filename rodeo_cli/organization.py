@@ -161,6 +161,9 @@ def migrate(
 
     Stops new tasks at once. While tasks run on it says so; run it again when they have ended. Then it founds
     the new organization, and moves members, roles, reputation and the treasury. Run it as often as needed.
+
+    Where the administrator waits, it proposes what only the administrator may do, and does it when it is run
+    again after the delay.
     """
     # Imported here: what speaks to a node takes a second to load.
     from deploy import migration
@@ -170,7 +173,10 @@ def migrate(
         migration.cancel(Site.load(site), say)
         return
     if not yes:
-        typer.confirm("The organization accepts no new tasks from now on. Go on?", abort=True)
+        typer.confirm(
+            "The organization accepts no new tasks from now on, or after its administrator's delay. Go on?",
+            abort=True,
+        )
     migrate_site(site, say, threading.Event())
 
 

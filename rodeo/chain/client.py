@@ -29,9 +29,9 @@ from rodeo.chain.calls import Calls, CommitteeCalls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated
-from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls
+from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls, Operation
 from rodeo.chain.logs import Log, decode_log, event_topics
-from rodeo.chain.types import Role, kind_to_bytes32, value
+from rodeo.chain.types import Role, TimelockRole, kind_to_bytes32, value
 from rodeo.config import ChainConfig
 from rodeo.currency import Currency
 
@@ -279,14 +279,43 @@ class ChainClient:
         it all up."""
         return self._view("OrganizationTimelock", "getMinDelay")
 
-    def pending_operations(self) -> list[bytes]:
-        """Ids of what the timelock was told and has neither done nor cancelled, as they were scheduled."""
-        scheduled = dict.fromkeys(
-            log.event.id
-            for log in self.history([self.deployment.address("OrganizationTimelock")])
-            if isinstance(log.event, events.CallScheduled)
-        )
-        return [one for one in scheduled if self.operation_state(one) in ("waiting", "ready")]
+    def operation_ready_s(self, operation_id: bytes) -> int:
+        """Block time from which it can be executed."""
+        return self._view("OrganizationTimelock", "getTimestamp", operation_id)
+
+    def may_propose(self, account: str) -> bool:
+        """Whether the timelock does what the account tells it."""
+        return self._view("OrganizationTimelock", "hasRole", TimelockRole.PROPOSER.id, account)
+
+    def pending_operations(self) -> dict[bytes, Operation]:
+        """What the timelock was told and has neither done nor cancelled, by its id, as it was scheduled."""
+        calls: dict[bytes, list[events.CallScheduled]] = {}
+        salts: dict[bytes, bytes] = {}
+        for log in self.history([self.deployment.address("OrganizationTimelock")]):
+            match log.event:
+                case events.CallScheduled(id=one, index=0):
+                    # One that was cancelled may be scheduled again.
+                    calls[one] = [log.event]
+                case events.CallScheduled(id=one):
+                    calls[one].append(log.event)
+                case events.CallSalt(id=one, salt=salt):
+                    salts[one] = salt
+        return {
+            key: Operation(
+                targets=[one.target for one in each],
+                values=[one.value for one in each],
+                calldatas=[one.data for one in each],
+                predecessor=each[0].predecessor,
+                salt=salts.get(key, bytes(32)),
+            )
+            for key, each in calls.items()
+            if self.operation_state(key) in ("waiting", "ready")
+        }
+
+    def time_s(self) -> int:
+        """Time of the newest block."""
+        with translated():
+            return int(self.w3.eth.get_block("latest")["timestamp"])
 
     def _view(self, contract: str, function: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
         bound = self._contracts[contract].functions[function]

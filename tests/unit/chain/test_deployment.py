@@ -83,7 +83,7 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
             assert (budget.amount, budget.period) == (IEC.to_units(Decimal(iec)), day_s)
         assert client.has_role(Role.GUARDIAN, "0x" + "a1" * 20)
         assert client.terms() == Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(5)), 3)
-        assert client.pending_operations() == []
+        assert client.pending_operations() == {}
         # The key that founded it tells it nothing at once any more.
         unlimited, key = client.organization_calls.set_budget(Role.OPERATOR, 0, 0), organization.operator
         schedule = client.governance_calls.schedule
@@ -97,7 +97,7 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         organization.send(key, schedule([unlimited], "no limits", bytes(32), 2 * day_s))
         data = [to_bytes(hexstr=unlimited.data), b"no limits"]
         proposed = Operation([client.organization, WHY], [0, 0], data, bytes(32), bytes(32))
-        assert client.pending_operations() == [proposed.batch_id]
+        assert client.pending_operations() == {proposed.batch_id: proposed}
         perform = client.governance_calls.perform(proposed, proposed.batch_id)
         with pytest.raises(ContractReverted) as early:
             organization.send(organization.robot, perform)
