@@ -39,6 +39,10 @@ organization = typer.Typer(
 AccountArgument = Annotated[str, typer.Argument(help="A participant's name or an address.")]
 RoleArgument = Annotated[str, typer.Argument(help=f"{', '.join(get_args(RoleName))}.")]
 JudgeArgument = Annotated[str, typer.Argument(help="The oracle's name, or the address of its key.")]
+StakedArgument = Annotated[
+    str, typer.Argument(metavar="JUDGE", help="The judge's name, or the address of its key.")
+]
+"""An oracle, or who decides about challenges."""
 AmountArgument = Annotated[str, typer.Argument(help="In IEC.")]
 
 
@@ -684,12 +688,13 @@ def unseat(
 @organization.command("deposit-stake")
 @reports_errors
 def deposit_stake(
-    judge: JudgeArgument,
+    judge: StakedArgument,
     amount: AmountArgument,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Add to the stake of a judge of the committee, without which its votes do not count. Anybody may pay."""
+    """Add to the stake of a judge: an oracle, or who decides about challenges. Without it its votes do not
+    count. Anybody may pay."""
     done = f"{participant} deposited {amount} IEC for {judge}."
     send(site, participant, "deposit_stake", done, judge=judge, amount_iec=amount)
 
@@ -697,7 +702,7 @@ def deposit_stake(
 @organization.command("announce-withdrawal")
 @reports_errors
 def announce_withdrawal(
-    judge: JudgeArgument,
+    judge: StakedArgument,
     amount: AmountArgument,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
@@ -710,7 +715,7 @@ def announce_withdrawal(
 @organization.command("withdraw-stake")
 @reports_errors
 def withdraw_stake(
-    judge: JudgeArgument,
+    judge: StakedArgument,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
