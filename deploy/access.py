@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from rodeo import topics
-from rodeo.config import Site, agent_process, body_identity
+from rodeo.config import BRIDGE, Site, agent_process, body_identity
 from rodeo.dao import ORGANIZATION
 from rodeo.lab.config import RobotConfig
 from rodeo.processes import processes_of
@@ -164,11 +164,23 @@ def _robots_of(site: Site, process: str) -> list[RobotConfig]:
 
 def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
     """Key expressions of what `process` says on `topic` on this site."""
+    if topic.writer == BRIDGE and site.bridges:
+        yield from _written_by_bridge(site, topic, process)
+        return
     devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
     for robot, device in itertools.product(_robots_of(site, process), devices):
         yield from _keys(
             site, topic, process, robot=robot.name, ns=robot.namespace, device=device, process=process
         )
+
+
+def _written_by_bridge(site: Site, topic: Topic, process: str) -> Iterator[str]:
+    """Of several each answers for its own wallets, and the site's own one tells of the chain."""
+    if topic is topics.COMMAND:
+        for participant in _own(site, process, "wallet"):
+            yield topic.pattern(org=site.org, participant=participant)
+    elif process == BRIDGE:
+        yield topic.pattern(org=site.org)
 
 
 def _asked_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:

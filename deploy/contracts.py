@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from eth_account.signers.local import LocalAccount
@@ -198,9 +198,10 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
             found=deployment.votes_by or "administrator",
         )
     _require_token(site, deployment)
-    if site.disputes is not None and not deployment.has_disputes:
+    if site.disputes is not None and len(deployment.committees) <= len(site.disputes.instances):
+        table = "[disputes.appeal]" if deployment.has_disputes else "[disputes]"
         raise WithoutDisputes(
-            "the contracts on this chain were deployed without [disputes]: take that table out, or deploy "
+            f"the contracts on this chain were deployed without {table}: take that table out, or deploy "
             "for a new organization"
         )
     set_up(site, w3, deployment, administrator, say)
@@ -544,44 +545,66 @@ def _missing_instances(site: Site, client: ChainClient, administrator: str, kind
     wanted = site.disputes
     if wanted is None or client.instances(kind) or not client.quorum(kind).votes:
         return
-    seats = 0
-    for name in wanted.judges:
-        key = wallets.wallets_elsewhere(site).get(name) or _told(site, name)
-        if key is None:
-            return
-        if client.dispute_judge(key) is None:
-            yield client.dispute_committee_calls.seat(key, key)
-        seated = client.dispute_judge(key)
-        assert seated is not None
-        seats |= 1 << seated.seat
-    yield client.dispute_committee_calls.set_quorum(kind, wanted.votes, len(wanted.judges), 0, seats)
+    committees = client.deployment.committees[: 1 + len(wanted.instances)]
+    keys = [
+        [wallets.wallets_elsewhere(site).get(name) or _told(site, name) for name in one.judges]
+        for one in wanted.instances
+    ]
+    for committee, one, judges in zip(committees[1:], wanted.instances, keys, strict=True):
+        seats, calls = 0, client.committee_calls(committee)
+        for key in judges:
+            if key is None:
+                return
+            if client.judge(key, committee) is None:
+                yield calls.seat(key, key)
+            seated = client.judge(key, committee)
+            assert seated is not None
+            seats |= 1 << seated.seat
+        yield calls.set_quorum(kind, one.votes, len(judges), 0, seats)
     shortest_s, rules = min_verdict_window_s(site), client.kind(kind)
     if rules.min_verdict_window < shortest_s:
         longest_s = max(rules.max_verdict_window, site.economy.verdict_window_s, _LONGEST_VERDICT_S)
         yield client.organization_calls.set_verdict_windows(kind, shortest_s, longest_s)
-    address, to_units = client.deployment.address, site.economy.currency.to_units
-    stake, judge_stake = to_units(wanted.stake_iec), to_units(wanted.judge_stake_iec)
+    to_units = site.economy.currency.to_units
     if not any(client.instances(one) for one in kinds_of(site)):
         # Later on a stake that is too low was lost or withdrawn.
-        yield from _missing_stakes(client, administrator, client.quorum(kind).judges, judge_stake)
+        staked = zip(committees, wanted.instances, strict=False)
+        needed = {committee: to_units(one.judge_stake_iec) for committee, one in staked}
+        yield from _missing_stakes(client, administrator, kind, needed)
+    # What an instance says of the next one: how it is challenged, and how long that takes.
+    challenged = [
+        (one.window_s, to_units(one.stake_iec), to_units(one.judge_stake_iec)) for one in wanted.instances
+    ]
+    decisions = [0, *(one.decision_s for one in wanted.instances)]
     yield client.dispute_calls.set_instances(
         kind,
         [
-            Instance(address("OracleCommittee"), wanted.window_s, 0, stake, judge_stake),
-            Instance(address("DisputeCommittee"), 0, wanted.decision_s, 0, 0),
+            Instance(client.deployment.address(committee), window_s, decision_s, stake, judge_stake)
+            for committee, decision_s, (window_s, stake, judge_stake) in zip(
+                committees, decisions, [*challenged, (0, 0, 0)], strict=True
+            )
         ],
     )
 
 
-def _missing_stakes(client: ChainClient, administrator: str, judges: int, wanted: int) -> Iterator[Call]:
-    """What the administrator deposits for the oracles in these seats; nothing where its tokens do not do."""
-    disputes, seats = client.disputes, [seat for seat in range(64) if judges >> seat & 1]
+def _missing_stakes(
+    client: ChainClient, administrator: str, kind: str, wanted: Mapping[str, int]
+) -> Iterator[Call]:
+    """What the administrator deposits for the judges of `kind` (`wanted`: for each of a committee); nothing
+    where its tokens do not do."""
+    disputes = client.disputes
     assert disputes is not None
-    missing = {seat: wanted - stake for seat in seats if (stake := client.stake(seat)) < wanted}
+    missing = {
+        (committee, seat): stake - there
+        for committee, stake in wanted.items()
+        for seat in range(64)
+        if client.quorum(kind, committee).judges >> seat & 1
+        and (there := client.stake(seat, committee)) < stake
+    }
     needed = sum(missing.values())
     if needed > (balance := client.balance(administrator)):
         log.warning(
-            "the stakes of %d oracles take %s IEC, of which the organization's wallet has %s: their votes "
+            "the stakes of %d judges take %s IEC, of which the organization's wallet has %s: their votes "
             "count once `rodeo organization deposit-stake` has deposited them",
             len(missing),
             client.currency.text(needed),
@@ -590,8 +613,8 @@ def _missing_stakes(client: ChainClient, administrator: str, judges: int, wanted
         return
     if client.allowance(administrator, disputes) < needed:
         yield client.calls.approve(disputes, needed)
-    for seat, amount in missing.items():
-        yield client.dispute_calls.deposit_stake(client.committee, seat, amount)
+    for (committee, seat), amount in missing.items():
+        yield client.dispute_calls.deposit_stake(client.deployment.address(committee), seat, amount)
 
 
 def _missing_hash(client: ChainClient, kind: Kind, known: Sequence[str]) -> Iterator[Call]:

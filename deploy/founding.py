@@ -214,6 +214,8 @@ def _names(site: Site, own_token: bool) -> list[str]:
         *deciding,
         *(artifacts.DISPUTES if site.disputes is not None else ()),
     }
+    if site.disputes is not None and site.disputes.appeal is None:
+        wanted.discard(artifacts.COMMITTEES[-1])
     if not own_token:
         wanted.discard("IECoin")
     return [name for name in registry.PARTS if name in wanted]
@@ -243,6 +245,7 @@ def _parts(
         "TaskManager": (organization, services),
         "OracleCommittee": (organization,),
         "DisputeCommittee": (organization,),
+        "AppealCommittee": (organization,),
         "Disputes": (organization,),
     }
     if "IECoin" in names:

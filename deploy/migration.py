@@ -17,12 +17,13 @@ from pathlib import Path
 from eth_account.signers.local import LocalAccount
 from web3 import Web3
 
-from deploy import contracts
+from deploy import contracts, waiting
 from deploy.founding import create_contracts, token_of
 from rodeo import wallets
 from rodeo.chain import (
     Call,
     ChainClient,
+    ContractReverted,
     Deployment,
     DeploymentMismatch,
     Event,
@@ -35,7 +36,8 @@ from rodeo.chain import (
 )
 from rodeo.chain import events as chain_events
 from rodeo.chain.errors import translated
-from rodeo.config import Site
+from rodeo.chain.governance import Operation, described
+from rodeo.config import Site, bridge_wallets
 from rodeo.errors import RodeoError, WalletError
 from rodeo.instance import lock_holder
 
@@ -43,6 +45,10 @@ Say = Callable[[str], object]
 
 _MOST_TOGETHER = 100
 """Providers or services in one transaction: each costs some 30,000 gas."""
+_NO_TASKS = "The organization moves to new contracts: no new tasks."
+_NO_SERVICES = "The organization moves to new contracts: nobody is assigned a task here any more."
+_TREASURY = "The organization moves to new contracts, and so does its treasury."
+"""What everybody reads where the administrator proposes and waits."""
 _RUNNING = (TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
 
 
@@ -74,25 +80,25 @@ class MembersDecide(RodeoError):
     """Nobody moves an organization whose members decide."""
 
 
-class AdministratorWaits(RodeoError):
-    """Nobody moves an organization at once whose administrator proposes and waits."""
-
-
 def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     """Do what can be done now, and say it. The new organization's record.
 
-    Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, KeyRevoked,
-    MembersDecide, AdministratorWaits, NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError,
-    WalletError, KindError.
+    Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, DelayRuns where the
+    administrator waits and what was proposed cannot be done yet, KeyRevoked, MembersDecide, NotAdministrator,
+    OtherToken, JustMoved, NotDeployed, ChainError, WalletError, KindError.
     """
     administrator = wallets.load(site, "organization")
     former = _former(site, w3, administrator)
     client = ChainClient(site.chain.url, former)
     happened = [log.event for log in client.history()]
     _require_no_revoked_key(site, happened)
+    if waiting.waits(client):
+        # What is done last is proposed at the same time, so that the delay passes once for both.
+        suspended = _suspensions(client, _others(site, client))
+        waiting.propose(client, administrator, [[call] for call in suspended], _NO_SERVICES, say)
     _stop(client, administrator, happened, say)
     _require_none_runs(client)
-    if lock_holder(site.data_dir / site.bridge.name) is not None:
+    if any(lock_holder(site.data_dir / bridge) is not None for bridge in bridge_wallets(site)):
         raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
     _retire(site, client, administrator, say)
     _require_none_runs(client)  # one may have been assigned before the last service was suspended
@@ -118,10 +124,15 @@ def cancel(site: Site, say: Say) -> None:
     left = Deployment.load(contracts.left_folder(site), chain_id)
     if contracts.unfinished(site, chain_id) is not None:
         raise Founded("the new organization was founded: finish with `rodeo organization migrate`")
+    again = "`rodeo site prepare` lets tasks be posted again"
+    if left.has_timelock:
+        client = ChainClient(site.chain.url, left)
+        waiting.withdraw(client, wallets.load(site, "organization"), (_NO_TASKS, _NO_SERVICES))
+        again = "`rodeo organization propose kind` lets tasks be posted again where no more were"
     _under_way(site, left.chain_id).unlink()
     say(
-        "the organization stays: `rodeo site prepare` lets tasks be posted again, and services that were "
-        "suspended meanwhile can be reinstated with `rodeo organization reinstate`"
+        f"the organization stays: {again}, and services that were suspended meanwhile can be reinstated with "
+        "`rodeo organization reinstate`"
     )
 
 
@@ -151,8 +162,8 @@ def _former(site: Site, w3: Web3, administrator: LocalAccount) -> Deployment:
 
 
 def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: LocalAccount) -> None:
-    """Raises MembersDecide, AdministratorWaits, NotAdministrator, OtherToken, and JustMoved: whoever runs the
-    command once too often does not want to move again."""
+    """Raises MembersDecide, NotAdministrator, OtherToken, and JustMoved: whoever runs the command once too
+    often does not want to move again."""
     if former.decides_by_vote or site.governance.kind == "vote":
         raise MembersDecide(
             "the members decide about the organization: propose what its contracts are to be told, and "
@@ -160,14 +171,12 @@ def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: Lo
         )
     token_of(former, site)
     client = ChainClient(site.chain.url, former)
-    if former.has_timelock:
-        raise AdministratorWaits(
-            "what the administrator does waits for a delay here, and moving takes all of it at once: propose "
-            "what the organization is to be told (`rodeo organization propose`), and found another one under "
-            "another name",
-            delay_s=client.decision_delay_s(),
-        )
-    if not client.has_role(Role.ADMINISTRATOR, administrator.address):
+    if waiting.waits(client):
+        decides = former.address("OrganizationTimelock")
+        may = client.may_propose(administrator.address)
+    else:
+        decides, may = administrator.address, True
+    if not (may and client.has_role(Role.ADMINISTRATOR, decides)):
         raise NotAdministrator(
             "the organization's wallet of this site is not its administrator",
             wallet=administrator.address,
@@ -210,10 +219,22 @@ def _send(client: ChainClient, administrator: LocalAccount, calls: list[Call]) -
             client.send(administrator, call)
 
 
+def _administer(
+    client: ChainClient, administrator: LocalAccount, calls: list[Call], why: str, say: Say
+) -> None:
+    """Have the administrator do these: at once, or when the delay is over. Raises DelayRuns until then."""
+    if waiting.waits(client):
+        waiting.perform(client, administrator, [[call] for call in calls], why, say)
+        return
+    for first in range(0, len(calls), _MOST_TOGETHER):
+        _send(client, administrator, calls[first : first + _MOST_TOGETHER])
+
+
 def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say) -> None:
     kinds = {one.kind for one in happened if isinstance(one, chain_events.KindAllowed)}
     allowed = sorted(kind for kind in kinds if client.is_kind_allowed(kind))
-    _send(client, administrator, [client.organization_calls.disallow_kind(kind) for kind in allowed])
+    calls = [client.organization_calls.disallow_kind(kind) for kind in allowed]
+    _administer(client, administrator, calls, _NO_TASKS, say)
     for kind in allowed:
         say(f"no more tasks of {kind}")
 
@@ -250,31 +271,39 @@ def _cancel(client: ChainClient, administrator: LocalAccount, say: Say) -> None:
 def _retire(site: Site, client: ChainClient, administrator: LocalAccount, say: Say) -> None:
     """The services of those whose keys are here. Others are suspended: nobody judges here any more what they
     would be assigned. They get their bonds when they retire theirs."""
-    elsewhere = wallets.wallets_elsewhere(site)
-    here = {wallets.address(site, name): name for name in wallets.wallet_names(site) if name not in elsewhere}
-    others = list[int]()
+    here, others = _here(site, client), _others(site, client)
     for number in range(1, client.service_count() + 1):
         service = client.service(number)
-        if service.state is ServiceState.RETIRED:
+        if service.state is ServiceState.RETIRED or service.provider not in here:
             continue
         retire = number, service.price, ServiceState.RETIRED
         if service.provider == client.organization:
             client.send(administrator, client.organization_calls.update_service(*retire))
-        elif service.provider in here:
+        else:
             account = wallets.load(site, here[service.provider])
             client.send(account, client.calls.update_service(*retire))
-        else:
-            if service.state is not ServiceState.SUSPENDED:
-                others.append(number)
-            continue
         say(f"service {number} is retired")
-    for first in range(0, len(others), _MOST_TOGETHER):
-        some = others[first : first + _MOST_TOGETHER]
-        _send(client, administrator, [client.organization_calls.suspend_service(number) for number in some])
-        for number in some:
-            say(
-                f"service {number} of somebody else is suspended: retiring it gives its bond back at any time"
-            )
+    _administer(client, administrator, _suspensions(client, others), _NO_SERVICES, say)
+    for number in others:
+        say(f"service {number} of somebody else is suspended: retiring it gives its bond back at any time")
+
+
+def _here(site: Site, client: ChainClient) -> dict[str, str]:
+    """Whose services can be retired here: address of a provider -> its name."""
+    elsewhere = wallets.wallets_elsewhere(site)
+    here = {wallets.address(site, name): name for name in wallets.wallet_names(site) if name not in elsewhere}
+    return {**here, client.organization: "organization"}
+
+
+def _others(site: Site, client: ChainClient) -> list[int]:
+    """Numbers of the services of all others that may still be assigned something."""
+    here, over = _here(site, client), (ServiceState.RETIRED, ServiceState.SUSPENDED)
+    services = ((number, client.service(number)) for number in range(1, client.service_count() + 1))
+    return [number for number, one in services if one.state not in over and one.provider not in here]
+
+
+def _suspensions(client: ChainClient, services: list[int]) -> list[Call]:
+    return [client.organization_calls.suspend_service(number) for number in services]
 
 
 def _move_rules(
@@ -352,6 +381,9 @@ def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAc
     amount = client.balance(client.organization)
     if not amount:
         return
+    if waiting.waits(client):
+        _move_treasury_later(client, new, administrator, say)
+        return
     calls, budget = client.organization_calls, client.budget(Role.TREASURER)
     told = [calls.withdraw(new.organization, amount)]
     if budget.period:
@@ -362,3 +394,55 @@ def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAc
         told.insert(0, calls.grant_role(Role.TREASURER, administrator.address))
     _send(client, administrator, told)
     say(f"{client.currency.from_units(amount):f} IEC are in the treasury of the new organization")
+
+
+def _move_treasury_later(
+    client: ChainClient, new: ChainClient, administrator: LocalAccount, say: Say
+) -> None:
+    """What the treasurers' budget lets go goes at once, and more when the delay is over. Raises DelayRuns
+    until then. A gift to the treasury meanwhile goes with the budget, and holds up nothing."""
+    while balance := client.balance(client.organization):
+        operations = waiting.proposed(client, _TREASURY).values()
+        amounts = [amount for one in operations if (amount := _withdrawn(client, one)) <= balance]
+        if not amounts and _goes_at_once(client, new, administrator, balance):
+            moved = balance
+        else:
+            moved = max(amounts, default=balance)
+            batch = _withdrawal(client, new, moved)
+            waiting.perform(client, administrator, [batch], _TREASURY, say)
+        say(f"{client.currency.from_units(moved):f} IEC are in the treasury of the new organization")
+
+
+def _goes_at_once(client: ChainClient, new: ChainClient, treasurer: LocalAccount, amount: int) -> bool:
+    if not client.has_role(Role.TREASURER, treasurer.address):
+        return False
+    try:
+        client.send(treasurer, client.organization_calls.withdraw(new.organization, amount))
+    except ContractReverted as error:
+        if error.name != "OverBudget":
+            raise
+        return False
+    return True
+
+
+def _withdrawal(client: ChainClient, new: ChainClient, amount: int) -> list[Call]:
+    """What the timelock does as a treasurer for once, without a limit, which is as before afterwards."""
+    calls, budget = client.organization_calls, client.budget(Role.TREASURER)
+    timelock = client.deployment.address("OrganizationTimelock")
+    told = [calls.withdraw(new.organization, amount)]
+    if budget.period:
+        limit = calls.set_budget(Role.TREASURER, budget.amount, budget.period)
+        told = [calls.set_budget(Role.TREASURER, 0, 0), *told, limit]
+    if not client.has_role(Role.TREASURER, timelock):
+        roles = calls.grant_role(Role.TREASURER, timelock), calls.revoke_role(Role.TREASURER, timelock)
+        told = [roles[0], *told, roles[1]]
+    return told
+
+
+def _withdrawn(client: ChainClient, one: Operation) -> int:
+    """How much of the treasury the operation takes, wei."""
+    calls = (
+        described(client.deployment, target, data)
+        for target, data in zip(one.targets, one.calldatas, strict=True)
+    )
+    return sum(int(call.args["amount"]) for call in calls if call.function == "withdraw")

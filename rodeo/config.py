@@ -43,6 +43,9 @@ MiB = 1 << 20
 ORACLE = "oracle"
 """Wallet and process of a site's only oracle."""
 
+BRIDGE = "bridge"
+"""Process that is the site's own bridge."""
+
 _PREFIX = "RODEO__"
 """Prefix of environment variables."""
 
@@ -262,27 +265,49 @@ class GovernanceConfig(_Table):
     """Terms at the deployment. Later `rodeo organization terms` changes them."""
 
 
-class DisputesConfig(_Table):
-    """How verdicts of the site's oracles can be challenged. It counts when the contracts are deployed."""
+class InstanceConfig(_Table):
+    """A committee that decides about challenges of the verdicts of the one before it."""
 
     judges: list[str] = Field(min_length=1, max_length=64)
-    """Participants who decide about challenges."""
+    """Participants who decide about challenges; each judges in one committee only."""
     votes: int = Field(ge=1)
-    """How many of them have to agree: more than half of them, and more than the oracles that have to."""
+    """How many of them have to agree: more than half of them, and more than had to before."""
     window_s: int = Field(default=3600, ge=60, le=7 * 24 * 3600)
-    """For how long a verdict can be challenged, s."""
+    """For how long a verdict of the committee before can be challenged, s."""
     decision_s: int = Field(default=24 * 3600, ge=60, le=7 * 24 * 3600)
     """How long the judges may take, s. After it the verdict stands."""
     stake_iec: Decimal = Field(default=Decimal(20), gt=0, max_digits=36, decimal_places=18)
     """What a challenge costs whoever is wrong."""
     judge_stake_iec: Decimal = Field(default=Decimal(20), ge=0, max_digits=36, decimal_places=18)
-    """What each oracle must have deposited for its vote to count, and loses if a challenge overturns the
-    verdict; 0 for none. The organization's administrator deposits it when the contracts are deployed."""
+    """What each judge of the committee before, at first an oracle, must have deposited for its vote to count,
+    and loses if a challenge overturns the verdict; 0 for none. The organization's administrator deposits it
+    when the contracts are deployed."""
+
+
+class AppealConfig(InstanceConfig):
+    """Who decides when the decision about a challenge is challenged, too. Nothing overturns that."""
+
+    decision_s: int = Field(default=12 * 3600, ge=60, le=7 * 24 * 3600)
+    """How long the judges may take, s. By default all fits into the default of `economy.verdict_window_s`."""
+    stake_iec: Decimal = Field(default=Decimal(40), gt=0, max_digits=36, decimal_places=18)
+    """What it costs whoever is wrong: more than the challenge before."""
+
+
+class DisputesConfig(InstanceConfig):
+    """How verdicts of the site's oracles can be challenged. It counts when the contracts are deployed."""
+
+    appeal: AppealConfig | None = None
+    """By default nothing overturns what the judges of challenges decide."""
+
+    @property
+    def instances(self) -> list[InstanceConfig]:
+        """Who decides about challenges, one committee after the other."""
+        return [self] if self.appeal is None else [self, self.appeal]
 
     @property
     def longest_s(self) -> int:
         """From the first verdict to the payment, s: as `Disputes.longestCase` says."""
-        return 2 * self.window_s + self.decision_s
+        return self.window_s + sum(one.window_s + one.decision_s for one in self.instances)
 
 
 class WalletLimits(_Table):
@@ -297,17 +322,11 @@ class WalletLimits(_Table):
 
 
 class BridgeConfig(_Table):
-    """One process bridges all wallets of a site, or each robot's computer runs one for its own."""
+    """What holds for every bridge of the site."""
 
-    name: str = Field(default="bridge", pattern=r"^[a-z][a-z0-9_-]*$")
-    """Name of the process, of its data folder and of its status."""
-    wallets: list[str] | None = None
-    """Participants whose wallets this bridge manages; all by default."""
     shared_wallets: list[str] = []
     """Participants whose wallets also send transactions without this site's bridges, for example for another
     organization on the same chain. A bridge does not check that its journal holds all they have sent."""
-    public: bool = True
-    """Publish events and answer `state` queries. Only one of several bridges does so."""
     database: str | None = None
     """SQLAlchemy URL of the index, e.g. `postgresql+psycopg://user@host/rodeo`; a SQLite file by default."""
     max_behind_s: float = Field(default=10.0, gt=0)
@@ -317,6 +336,16 @@ class BridgeConfig(_Table):
     """Wall time after which the bridge replaces a pending transaction with one at a higher fee."""
     limits: dict[str, WalletLimits] = {}
     """Participant -> spending limits of its wallet."""
+
+
+class OtherBridgeConfig(_Table):
+    """A bridge besides the site's own one, which is called `bridge`, on a computer of its own. It signs and
+    sends, and publishes nothing."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9-]{0,30}$")
+    wallets: list[str] | None = Field(default=None, min_length=1)
+    """Participants whose wallets it manages in place of the site's own bridge. By default those of the site's
+    oracles: whoever takes over one computer cannot post tasks and accept their proofs."""
 
 
 KindName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
@@ -568,6 +597,8 @@ class Site(BaseSettings):
     """Several oracles that vote. By default there is one, whose verdict is enough."""
     agent: AgentConfig = AgentConfig()
     bridge: BridgeConfig = BridgeConfig()
+    bridges: list[OtherBridgeConfig] = []
+    """By default one bridge manages all wallets."""
     metrics: MetricsConfig = MetricsConfig()
     console: ConsoleConfig = ConsoleConfig()
 
@@ -729,6 +760,30 @@ def oracle_process(site: Site, name: str) -> str:
     return f"{ORACLE}.{name}" if site.oracles else ORACLE
 
 
+def bridge_names(site: Site) -> list[str]:
+    """The site's own bridge first, then its [[bridges]]."""
+    return [BRIDGE, *(one.name for one in site.bridges)]
+
+
+def bridge_process(site: Site, name: str) -> str:
+    """Name of the process that is the bridge called `name`. Raises ConfigError."""
+    if name not in (known := bridge_names(site)):
+        raise ConfigError("no such bridge on this site", bridge=name, bridges=known)
+    return BRIDGE if name == BRIDGE else f"{BRIDGE}.{name}"
+
+
+def bridge_wallets(site: Site) -> dict[str, list[str]]:
+    """Process of each bridge, the site's own first -> the participants whose wallets it manages."""
+    others = {
+        bridge_process(site, one.name): oracle_names(site) if one.wallets is None else one.wallets
+        for one in site.bridges
+    }
+    taken = {name for names in others.values() for name in names}
+    everybody = ["organization", *(robot.name for robot in site.robots), *oracle_names(site)]
+    everybody += [participant.name for participant in site.participants]
+    return {BRIDGE: [name for name in everybody if name not in taken], **others}
+
+
 def min_verdict_window_s(site: Site) -> int:
     """The shortest verdict window where verdicts can be challenged, s: there is time for the oracles, too."""
     return 0 if site.disputes is None else site.disputes.longest_s + math.ceil(site.oracle.verdict_within_s)
@@ -852,7 +907,19 @@ _SLACK_M = 1e-6
 def faults(site: Site) -> dict[Place, str]:
     """Where -> what is wrong there; empty for a site that can be."""
     found: dict[Place, str] = {}
-    rules = (_outside, _rooms, _names, _wallets, _amounts, _governance, _oracles, _disputes, _hours, _ports)
+    rules = (
+        _outside,
+        _rooms,
+        _names,
+        _wallets,
+        _bridges,
+        _amounts,
+        _governance,
+        _oracles,
+        _disputes,
+        _hours,
+        _ports,
+    )
     for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
     return found
@@ -923,7 +990,9 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     others = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
     known = ["organization", *oracle_names(site), *others]
     told: list[tuple[Place, str]] = [
-        (("bridge", "wallets", number), name) for number, name in enumerate(site.bridge.wallets or ())
+        (("bridges", number, "wallets", entry), name)
+        for number, one in enumerate(site.bridges)
+        for entry, name in enumerate(one.wallets or ())
     ]
     told += [
         (("bridge", "shared_wallets", number), name) for number, name in enumerate(site.bridge.shared_wallets)
@@ -934,6 +1003,29 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     for place, name in told:
         if name not in known:
             yield place, f"nobody on this site is called {name}{close(name, known)}"
+
+
+def _bridges(site: Site) -> Iterator[tuple[Place, str]]:
+    names: list[tuple[Place, str]] = [((), BRIDGE)]
+    names += [(("bridges", number, "name"), one.name) for number, one in enumerate(site.bridges)]
+    yield from _twice(names, "two bridges are called {}")
+    holders: dict[str, str] = {}
+    for number, one in enumerate(site.bridges):
+        place: Place = ("bridges", number, *(() if one.wallets is None else ("wallets",)))
+        managed = bridge_wallets(site)[bridge_process(site, one.name)]
+        for name in managed:
+            if name in holders:
+                yield place, f"{holders[name]} manages the wallet of {name}: list the wallets of each"
+            holders.setdefault(name, one.name)
+        if not site.oracles and {"organization", ORACLE} <= set(managed):
+            yield place, ONE_HOST.format(one.name)
+
+
+ONE_HOST = (
+    "the wallets of the organization and of its oracle are both on {}: whoever takes over that computer can "
+    "post tasks and accept their proofs; give them to different [[bridges]]"
+)
+"""What is wrong, or doubtful, with a site that has several bridges."""
 
 
 def _amounts(site: Site) -> Iterator[tuple[Place, str]]:
@@ -1024,18 +1116,31 @@ def _disputes(site: Site) -> Iterator[tuple[Place, str]]:
     if not site.oracles:
         yield ("disputes",), "verdicts of one oracle cannot be challenged: name several [[oracles]]"
     known = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
-    for number, name in enumerate(wanted.judges):
-        if name not in known:
-            yield ("disputes", "judges", number), f"nobody on this site is called {name}{close(name, known)}"
-    listed = len(set(wanted.judges))
-    if not listed < 2 * wanted.votes <= 2 * listed:
-        yield (
-            ("disputes", "votes"),
-            f"{wanted.votes} votes are not more than half of {listed} judges, or are more than all of them",
-        )
-    first = max((votes_needed(site, one.name) for one in site.kinds), default=votes_needed(site, ""))
-    if site.oracles and wanted.votes <= first:
-        yield ("disputes", "votes"), f"a verdict of {first} oracles is overturned by more than {first} judges"
+    votes = max((votes_needed(site, one.name) for one in site.kinds), default=votes_needed(site, ""))
+    place: Place = ("disputes",)
+    said, who = votes if site.oracles else 0, "oracles"
+    for one in wanted.instances:
+        for number, name in enumerate(one.judges):
+            if name not in known:
+                yield (*place, "judges", number), f"nobody on this site is called {name}{close(name, known)}"
+        listed = len(set(one.judges))
+        if not listed < 2 * one.votes <= 2 * listed:
+            yield (
+                (*place, "votes"),
+                f"{one.votes} votes are not more than half of {listed} judges, or are more than all of them",
+            )
+        if one.votes <= said:
+            yield (*place, "votes"), f"a verdict of {said} {who} is overturned by more than {said} judges"
+        said, who, place = one.votes, "judges", (*place, "appeal")
+    if (appeal := wanted.appeal) is not None:
+        for number, name in enumerate(appeal.judges):
+            if name in wanted.judges:
+                yield ("disputes", "appeal", "judges", number), f"{name} would decide about its own decision"
+        if appeal.stake_iec <= wanted.stake_iec:
+            yield (
+                ("disputes", "appeal", "stake_iec"),
+                f"an appeal takes more than the challenge before it: more than {wanted.stake_iec} IEC",
+            )
     needed_s = min_verdict_window_s(site)
     if site.economy.verdict_window_s < needed_s:
         yield (

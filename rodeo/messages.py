@@ -245,7 +245,8 @@ class CloseDispute(Command):
 
 
 class SignVote(Message):
-    """Sign a vote on the challenged verdict of a task, as a judge of challenges. Nothing is sent."""
+    """Sign a vote on the challenged verdict of a task, as a judge of the committee that decides about the
+    challenge. Nothing is sent."""
 
     task_id: Id
     outcome: Literal["accepted", "rejected", "impossible"]
@@ -253,6 +254,10 @@ class SignVote(Message):
     """What an accepted proof is paid; by default the agreed price."""
     reason: str | None = Field(default=None, max_length=500)
     """Only equal votes count together, and the reason is part of them. By default it names the judges."""
+
+
+JUDGES = ("the oracles", "the judges of challenges", "the judges of the appeal")
+"""Who judges, one after the other: `Dispute.instance`."""
 
 
 class Dispute(Message):
@@ -592,7 +597,8 @@ class UnseatJudge(Command):
 
 
 class DepositStake(Command):
-    """Add to the stake of a judge of the committee, from this wallet. It is the judge's from then on."""
+    """Add to the stake of a judge from this wallet: an oracle, or who decides about challenges. It is the
+    judge's from then on."""
 
     judge: Party
     """Its name, or the address of its key."""

@@ -417,7 +417,10 @@ def _payloads() -> str:
     ]
     parts += _section("sign", Sign, EXAMPLES[Sign])
     parts += _section("SignedRequest", SignedRequest, _SIGNED)
-    parts += ["A judge of challenges signs a vote for `post_votes`. The answer is a SignedVote:", ""]
+    parts += [
+        "A judge who decides about a challenge signs a vote for `post_votes`. The answer is a SignedVote:",
+        "",
+    ]
     parts += _section("sign_vote", SignVote, {"task_id": 7, "outcome": "rejected"})
     parts += ["### Queries", ""]
     parts += [

@@ -393,19 +393,15 @@ def main(
     name: str,
     run: Callable[[Site, threading.Event], None],
     description: str,
-    process: Callable[[Site], str] | None = None,
 ) -> int:
-    """The body of every `__main__.py`: arguments -> site -> `run(site, stop)`; returns the exit status.
-
-    `process(site)` is the name of its folder and status, `name` by default.
-    """
+    """The body of every `__main__.py`: arguments -> site -> `run(site, stop)`; returns the exit status."""
     parser = argparse.ArgumentParser(prog=name, description=description)
     parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
     arguments = parser.parse_args()
 
     def body(stop: threading.Event) -> None:
         site = Site.load(arguments.site)
-        with noting_its_end(site.data_dir / (process(site) if process is not None else name), stop):
+        with noting_its_end(site.data_dir / name, stop):
             run(site, stop)
 
     return supervise(name, body)
@@ -419,8 +415,8 @@ def main_of_one(
     run: Callable[[Site, str, threading.Event], None],
     description: str,
 ) -> int:
-    """The same for a process of which a site has one for each robot, bin or dock (`what`): `--<what> NAME`
-    says which, by default the first of `names(site)`; `process(site, name)` is what it is then called."""
+    """The same for a process of which a site has one for each robot, bin, dock or bridge (`what`): `--<what>
+    NAME` says which, by default the first of `names(site)`, and `process(site, name)` is its name then."""
     parser = argparse.ArgumentParser(prog=job, description=description)
     parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
     parser.add_argument(f"--{what}", dest="name", help=f"which {what} of the site; the first by default")

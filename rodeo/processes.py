@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rodeo.config import Site, agent_process, bin_process, dock_process, oracle_names, oracle_process
+from rodeo.config import (
+    Site,
+    agent_process,
+    bin_process,
+    bridge_process,
+    dock_process,
+    oracle_names,
+    oracle_process,
+)
 
 
 @dataclass(frozen=True)
@@ -30,9 +38,13 @@ PROCESSES: tuple[ProcessEntry, ...] = (
 
 
 def processes_of(site: Site) -> list[ProcessEntry]:
-    """The processes that `site` needs: no chain where it is elsewhere, and one for each oracle, bin, dock
-    and robot."""
+    """The processes that `site` needs: no chain where it is elsewhere, and one for each bridge, oracle, bin,
+    dock and robot."""
     own: dict[str, list[ProcessEntry]] = {
+        "bridge": [
+            BY_NAME["bridge"],
+            *_named("bridge", "bridge", {one.name: bridge_process(site, one.name) for one in site.bridges}),
+        ],
         "oracle": _each(
             "oracle", "oracle", {name: oracle_process(site, name) for name in oracle_names(site)}
         ),
@@ -51,6 +63,10 @@ def _each(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
     """Of one thing the process needs not be told which."""
     if len(names) == 1:
         return [BY_NAME[job]]
+    return _named(job, option, names)
+
+
+def _named(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
     return [
         replace(BY_NAME[job], name=process, arguments=(f"--{option}", name))
         for name, process in names.items()

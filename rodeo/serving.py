@@ -21,7 +21,15 @@ from typing import NamedTuple
 import zenoh
 
 from rodeo import topics
-from rodeo.config import Site, agent_process, bin_process, dock_process, oracle_names, oracle_process
+from rodeo.config import (
+    Site,
+    agent_process,
+    bin_process,
+    bridge_wallets,
+    dock_process,
+    oracle_names,
+    oracle_process,
+)
 from rodeo.errors import Interrupted, ServedElsewhere
 
 log = logging.getLogger(__name__)
@@ -52,14 +60,8 @@ class Thing(NamedTuple):
 
 
 def served_by(site: Site, process: str) -> list[Thing]:
-    """What `process` of the table serves, or the bridge under its own name."""
-    if process in ("bridge", site.bridge.name):
-        # Imported here: the curves behind wallets take half a second, and not every process signs.
-        from rodeo import wallets
-
-        names = site.bridge.wallets
-        if names is None:
-            names = [*wallets.wallet_names(site), *wallets.wallets_elsewhere(site)]
+    """What `process` of the table serves."""
+    if (names := bridge_wallets(site).get(process)) is not None:
         return [Thing("wallet", name) for name in names]
     things = {
         "console": Thing("console", "console"),

@@ -12,7 +12,7 @@ from rodeo import queries
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, unreadable
-from rodeo.messages import Dispute, SignedVote, Task
+from rodeo.messages import JUDGES, Dispute, SignedVote, Task
 from rodeo_cli import formatting
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -33,7 +33,8 @@ disputes = typer.Typer(
 
 _REFUSED = frozenset({"judge_is_auditor", "judge_is_party", "not_a_judge", "not_in_panel", "voted_twice"})
 """The contract does not count the vote of the judge that the error names."""
-_INSTANCES = ("the oracles", "the judges of challenges")
+_COMMITTEES = ("DisputeCommittee", "AppealCommittee")
+"""Who decides about a challenge, of the oracles' verdict and of the decision about it."""
 _VOTES = TypeAdapter(list[SignedVote])
 
 
@@ -77,28 +78,36 @@ def vote(
     votes: Annotated[
         Path | None,
         typer.Option(
-            dir_okay=False, help="File with the judges' votes. By default dispute-TASK.json in this folder."
+            dir_okay=False,
+            help="File with the judges' votes. By default dispute-TASK.json in this folder, and "
+            "appeal-TASK.json when their decision is challenged.",
         ),
     ] = None,
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Vote on a challenged verdict, into a file with the other judges' votes. Whoever completes them posts
     them."""
-    file = votes or Path(f"dispute-{task_id}.json")
     with connected(site) as (loaded, bus):
         if loaded.disputes is None:
             raise InvalidRequest("verdicts cannot be challenged on this site: it has no [disputes]")
+        instances = loaded.disputes.instances
+        said_by = _dispute(queries.ask(bus, loaded.org, queries.TASK, id=task_id)).instance
+        if said_by >= len(instances):
+            raise InvalidRequest("the site file names nobody who decides about this", task_id=task_id)
+        needed, committee = instances[said_by].votes, _COMMITTEES[said_by]
+        file = votes or Path(f"{'appeal' if said_by else 'dispute'}-{task_id}.json")
         request: dict[str, Any] = {"task_id": task_id, "outcome": outcome}
         request |= {} if amount is None else {"amount_iec": amount}
         request |= {} if reason is None else {"reason": reason}
         own = SignedVote.model_validate(send_command(loaded, bus, judge, "sign_vote", **request))
-        held = _by_signer(loaded, bus, [*_read(file), own])
+        held = _by_signer(loaded, bus, committee, [*_read(file), own])
         write_file(file, _VOTES.dump_json(list(held.values()), indent=2).decode() + "\n")
         same = {key: one for key, one in held.items() if one.vote == own.vote}
-        while len(same) >= loaded.disputes.votes:
+        while len(same) >= needed:
             refused = _post(loaded, bus, judge, list(same.values()))
             if refused is None:
-                said = f"That was enough: the verdict on task {task_id} is {outcome}."
+                said = f"That was enough: the verdict on task {task_id} is {outcome}"
+                said += "." if said_by + 1 == len(instances) else ", unless it is challenged again."
                 break
             key = next((str(one) for one in refused.details.values() if one in same), "")
             if refused.code not in _REFUSED or same.get(key) in (None, own):
@@ -106,24 +115,24 @@ def vote(
             say(f"The vote of {key} in {file} does not count: {refused.code}.")
             del same[key]
         else:
-            missing = loaded.disputes.votes - len(same)
+            missing = needed - len(same)
             are = "equal vote is" if missing == 1 else "equal votes are"
             said = f"{missing} {are} missing in {file}."
     say(f"{judge} voted: {outcome}. {said}")
 
 
-def _by_signer(site: Site, bus: Bus, given: list[SignedVote]) -> dict[str, SignedVote]:
-    """The last vote of each key on the submission that the newest is about. What nobody signed is left out,
-    and so is what is about another submission."""
+def _by_signer(site: Site, bus: Bus, committee: str, given: list[SignedVote]) -> dict[str, SignedVote]:
+    """The last vote for this committee of each key on the submission that the newest is about. What nobody
+    signed is left out, and so is what is about another submission."""
     from rodeo.votes import signer  # takes its time to import
 
     chain = queries.ask(bus, site.org, queries.CHAIN)
-    committee = str((chain.contracts.model_extra or {})["DisputeCommittee"])
+    address = str((chain.contracts.model_extra or {})[committee])
     newest = given[-1].vote
     held: dict[str, SignedVote] = {}
     for one in given:
         vote = one.vote
-        key = signer(vote, one.signature, chain.chain_id, committee, site.economy.currency)
+        key = signer(vote, one.signature, chain.chain_id, address, site.economy.currency)
         if key is not None and (vote.task_id, vote.attempt) == (newest.task_id, newest.attempt):
             held.pop(key, None)
             held[key] = one
@@ -146,7 +155,7 @@ def _told(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
     paid = f", {iec(said.amount_iec)}" if said.outcome == "accepted" else ""
     told = [
         ("task", f"{task.id}, {task.kind}, attempt {task.attempt}"),
-        ("verdict", f"{said.outcome}{paid}, by {_INSTANCES[dispute.instance]}"),
+        ("verdict", f"{said.outcome}{paid}, by {JUDGES[dispute.instance]}"),
         ("reason", said.reason),
         ("proof", task.proof_uri or ""),
         ("report", dispute.report_uri),

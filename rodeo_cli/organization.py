@@ -39,6 +39,10 @@ organization = typer.Typer(
 AccountArgument = Annotated[str, typer.Argument(help="A participant's name or an address.")]
 RoleArgument = Annotated[str, typer.Argument(help=f"{', '.join(get_args(RoleName))}.")]
 JudgeArgument = Annotated[str, typer.Argument(help="The oracle's name, or the address of its key.")]
+StakedArgument = Annotated[
+    str, typer.Argument(metavar="JUDGE", help="The judge's name, or the address of its key.")
+]
+"""An oracle, or who decides about challenges."""
 AmountArgument = Annotated[str, typer.Argument(help="In IEC.")]
 
 
@@ -161,6 +165,9 @@ def migrate(
 
     Stops new tasks at once. While tasks run on it says so; run it again when they have ended. Then it founds
     the new organization, and moves members, roles, reputation and the treasury. Run it as often as needed.
+
+    Where the administrator waits, it proposes what only the administrator may do, and does it when it is run
+    again after the delay.
     """
     # Imported here: what speaks to a node takes a second to load.
     from deploy import migration
@@ -170,7 +177,10 @@ def migrate(
         migration.cancel(Site.load(site), say)
         return
     if not yes:
-        typer.confirm("The organization accepts no new tasks from now on. Go on?", abort=True)
+        typer.confirm(
+            "The organization accepts no new tasks from now on, or after its administrator's delay. Go on?",
+            abort=True,
+        )
     migrate_site(site, say, threading.Event())
 
 
@@ -678,12 +688,13 @@ def unseat(
 @organization.command("deposit-stake")
 @reports_errors
 def deposit_stake(
-    judge: JudgeArgument,
+    judge: StakedArgument,
     amount: AmountArgument,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Add to the stake of a judge of the committee, without which its votes do not count. Anybody may pay."""
+    """Add to the stake of a judge: an oracle, or who decides about challenges. Without it its votes do not
+    count. Anybody may pay."""
     done = f"{participant} deposited {amount} IEC for {judge}."
     send(site, participant, "deposit_stake", done, judge=judge, amount_iec=amount)
 
@@ -691,7 +702,7 @@ def deposit_stake(
 @organization.command("announce-withdrawal")
 @reports_errors
 def announce_withdrawal(
-    judge: JudgeArgument,
+    judge: StakedArgument,
     amount: AmountArgument,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
@@ -704,7 +715,7 @@ def announce_withdrawal(
 @organization.command("withdraw-stake")
 @reports_errors
 def withdraw_stake(
-    judge: JudgeArgument,
+    judge: StakedArgument,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:

@@ -3,6 +3,7 @@ execute it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextvars import ContextVar
 from decimal import Decimal
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from rodeo import queries, topics
+from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo_cli.common import (
@@ -58,7 +60,38 @@ def send(site: Path, participant: str, command: str, done: str, **fields: Any) -
                 else f"anybody can execute it in {span(state.delay_s)}"
             )
             done = f"Proposal {reply['proposal']}: {next_}."
+            done += "".join(_undone(bus, loaded, int(reply["proposal"]), state))
     say(done)
+
+
+_OVER = ("canceled", "defeated", "expired", "executed")
+
+
+def _undone(bus: Bus, site: Site, number: int, state: queries.Organization) -> Iterator[str]:
+    """What to say of proposals that are not over and set the judges of a kind, as this new one does. Each has
+    all judges, by those that were on chain when it was proposed, so that the last one undoes the others."""
+    listed = queries.ask(bus, site.org, queries.PROPOSALS, limit=100).proposals
+    judged = {one for proposal in listed if proposal.number == number for one in _judged(proposal)}
+    for one in listed:
+        if one.number == number or one.state in _OVER or not (both := judged & _judged(one)):
+            continue
+        kinds, decide = (
+            ", ".join(sorted(kind for _, kind in both)),
+            "`rodeo organization cancel` withdraws one",
+        )
+        if state.decided_by == "vote":
+            decide = "vote for one"
+        yield (
+            f" Warning: proposal {one.number} ({one.state}) sets the judges of {kinds}, too. The one that is "
+            f"executed last undoes the other: {decide}."
+        )
+
+
+def _judged(proposal: queries.Proposal) -> set[tuple[str, str]]:
+    """Committee and kind whose judges it sets."""
+    return {
+        (call.contract, str(call.args["kind"])) for call in proposal.calls if call.function == "setQuorum"
+    }
 
 
 @propose.callback()

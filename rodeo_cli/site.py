@@ -22,7 +22,7 @@ from rich.markup import escape
 from deploy.launcher import Launcher, log_tail, make_keys, stop_site
 from rodeo import topics
 from rodeo.bus import Bus, validate
-from rodeo.config import Site
+from rodeo.config import Site, bridge_wallets
 from rodeo.errors import BusUnavailable, RodeoError, WrongBus
 from rodeo.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.messages import Status
@@ -115,7 +115,10 @@ def up(
     if new_journal:
         from services.bridge.continuity import give_up_journal
 
-        give_up_journal(Site.load(site))
+        loaded = Site.load(site)
+        for name in bridge_wallets(loaded):
+            if not names or name in names:
+                give_up_journal(loaded, name)
         console.print("the bridge continues without the transactions that its journal lost", soft_wrap=True)
     if detach:
         _detach(site, names)

@@ -14,7 +14,16 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from rodeo.config import ORACLE, Site, check_environment, faults, read_tables
+from rodeo.config import (
+    BRIDGE,
+    ONE_HOST,
+    ORACLE,
+    Site,
+    bridge_wallets,
+    check_environment,
+    faults,
+    read_tables,
+)
 from rodeo.errors import ConfigError
 from rodeo.kinds import KindError, installed, load
 from rodeo.lab.config import Pose2
@@ -114,14 +123,12 @@ def _stands(files: list[tuple[Path, dict[Place, int]]], place: Place) -> tuple[P
 
 
 def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
-    """Where the wallets are spread over several bridges, but those that check each other are together."""
-    together = {"organization", ORACLE} <= set(site.bridge.wallets or ())
-    if together and not site.oracles:
-        yield (
-            ("bridge", "wallets"),
-            "the wallets of the organization and of its oracle are on one host: whoever takes it over can "
-            "post tasks and accept their proofs; give the oracle's wallet to another bridge",
-        )
+    """Where the wallets are spread over several bridges, but those that check each other are together. That
+    they are on one of [[bridges]] is refused (`rodeo.config`); they stay with the site's own because each of
+    those is a robot's or another participant's."""
+    together = {"organization", ORACLE} <= set(bridge_wallets(site)[BRIDGE])
+    if site.bridges and together and not site.oracles:
+        yield ("bridges",), ONE_HOST.format("the site's own bridge")
 
 
 # -- the room --------------------------------------------------------------------------------------------

@@ -94,17 +94,12 @@ for _name in ("bridge", "oracle"):
 
 @case("two bridges that share the wallets between them: nothing is wrong", asks=False, works=False)
 def two_bridges_two_wallets(lab: Lab) -> Iterator[None]:
-    lab.sites["bridge"] = lab.variant(
-        "most", 'bridge.wallets = ["organization", "oracle", "worker1", "worker2"]\n', data=False
-    )
-    other = lab.variant(
-        "own",
-        f"store.url = {json.dumps(lab.site.store_url)}\n"
-        'bridge.name = "bridge-panther1"\nbridge.wallets = ["panther1"]\nbridge.public = false\n',
-    )
+    bridges = 'bridges = [{ name = "panther1", wallets = ["panther1"] }]\n'
+    lab.sites["bridge"] = lab.variant("most", bridges, data=False)
+    other = lab.variant("own", f"store.url = {json.dumps(lab.site.store_url)}\n{bridges}")
     lab.up("router", "chain")
     lab.up("bridge")
-    lab.up("bridge", site=other)
+    lab.up("bridge.panther1", site=other)
     lab.start()
     yield
     yield

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from rodeo.chain import abi
 from rodeo.chain.abi import ServiceState, TaskRequest
+from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.types import Policy
 
@@ -41,13 +42,15 @@ class Calls(
     """
 
 
-class DisputeCommitteeCalls(abi.OracleCommitteeCalls):
-    """Calls of the administrator to the committee that decides about challenges."""
+class CommitteeCalls(abi.OracleCommitteeCalls):
+    """Calls of the administrator to one of `artifacts.COMMITTEES`."""
+
+    def __init__(self, deployment: Deployment, committee: str) -> None:
+        super().__init__(deployment)
+        self._committee = committee
 
     def _call(self, contract: str, function: str, *args: Any) -> Call:
-        return replace(
-            super()._call(contract, function, *args), to=self._deployment.address("DisputeCommittee")
-        )
+        return replace(super()._call(contract, function, *args), to=self._deployment.address(self._committee))
 
 
 class OrganizationCalls(abi.OrganizationCalls):

@@ -25,13 +25,13 @@ from rodeo.chain.abi import (
     Task,
     Terms,
 )
-from rodeo.chain.calls import Calls, DisputeCommitteeCalls, OrganizationCalls
+from rodeo.chain.calls import Calls, CommitteeCalls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated
-from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls
+from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls, Operation
 from rodeo.chain.logs import Log, decode_log, event_topics
-from rodeo.chain.types import Role, kind_to_bytes32, value
+from rodeo.chain.types import Role, TimelockRole, kind_to_bytes32, value
 from rodeo.config import ChainConfig
 from rodeo.currency import Currency
 
@@ -73,8 +73,7 @@ class ChainClient:
         self.calls = Calls(deployment)
         self.organization_calls = OrganizationCalls(deployment)
         self.dispute_calls = DisputesCalls(deployment)
-        """Where verdicts can be challenged, as is `dispute_committee_calls`."""
-        self.dispute_committee_calls = DisputeCommitteeCalls(deployment)
+        """Where verdicts can be challenged."""
         self.governance_calls = GovernanceCalls(deployment)
         """Where the administrator is a timelock."""
         self._contracts: dict[str, Contract] = {
@@ -210,31 +209,26 @@ class ChainClient:
         """Between the announcement of another administrator and the handover, s."""
         return self._view("Organization", "defaultAdminDelay")
 
-    def judge(self, key: str) -> Judge | None:
-        """The judge of the committee who signs with `key`."""
-        found: Judge = self._view("OracleCommittee", "judge", to_checksum_address(key))
+    def judge(self, key: str, committee: str = artifacts.COMMITTEES[0]) -> Judge | None:
+        """The judge of the committee (one of `artifacts.COMMITTEES`) who signs with `key`."""
+        found: Judge = self._view(committee, "judge", to_checksum_address(key))
         return None if found.owner == NOBODY else found
 
-    def quorum(self, kind: str) -> Quorum:
-        """Which judges vote on proofs of `kind`; 0 votes where none do."""
-        return self._view("OracleCommittee", "quorumOf", kind_to_bytes32(kind))
+    def quorum(self, kind: str, committee: str = artifacts.COMMITTEES[0]) -> Quorum:
+        """Which judges of the committee vote on proofs of `kind`; 0 votes where none do."""
+        return self._view(committee, "quorumOf", kind_to_bytes32(kind))
 
-    def dispute_judge(self, key: str) -> Judge | None:
-        """The judge of challenges who signs with `key`."""
-        found: Judge = self._view("DisputeCommittee", "judge", to_checksum_address(key))
-        return None if found.owner == NOBODY else found
-
-    def dispute_quorum(self, kind: str) -> Quorum:
-        """Which judges decide about challenges of verdicts on `kind`; 0 votes where none do."""
-        return self._view("DisputeCommittee", "quorumOf", kind_to_bytes32(kind))
+    def committee_calls(self, committee: str) -> CommitteeCalls:
+        """The administrator's, to one of `artifacts.COMMITTEES`."""
+        return CommitteeCalls(self.deployment, committee)
 
     def instances(self, kind: str) -> list[Instance]:
         """Who judges `kind` one after the other; none where its verdicts cannot be challenged."""
         return self._view("Disputes", "instancesOf", kind_to_bytes32(kind))
 
-    def stake(self, seat: int) -> int:
-        """What counts for the votes of the judge in this seat of the committee of oracles, wei."""
-        raw = self._contracts["Disputes"].functions.stakeOf(self.committee, seat)
+    def stake(self, seat: int, committee: str = artifacts.COMMITTEES[0]) -> int:
+        """What counts for the votes of the judge in this seat of the committee, wei."""
+        raw = self._contracts["Disputes"].functions.stakeOf(self.deployment.address(committee), seat)
         with translated(self.currency):
             stake, _leaving, _until = raw.call()
         return int(stake)
@@ -285,14 +279,43 @@ class ChainClient:
         it all up."""
         return self._view("OrganizationTimelock", "getMinDelay")
 
-    def pending_operations(self) -> list[bytes]:
-        """Ids of what the timelock was told and has neither done nor cancelled, as they were scheduled."""
-        scheduled = dict.fromkeys(
-            log.event.id
-            for log in self.history([self.deployment.address("OrganizationTimelock")])
-            if isinstance(log.event, events.CallScheduled)
-        )
-        return [one for one in scheduled if self.operation_state(one) in ("waiting", "ready")]
+    def operation_ready_s(self, operation_id: bytes) -> int:
+        """Block time from which it can be executed."""
+        return self._view("OrganizationTimelock", "getTimestamp", operation_id)
+
+    def may_propose(self, account: str) -> bool:
+        """Whether the timelock does what the account tells it."""
+        return self._view("OrganizationTimelock", "hasRole", TimelockRole.PROPOSER.id, account)
+
+    def pending_operations(self) -> dict[bytes, Operation]:
+        """What the timelock was told and has neither done nor cancelled, by its id, as it was scheduled."""
+        calls: dict[bytes, list[events.CallScheduled]] = {}
+        salts: dict[bytes, bytes] = {}
+        for log in self.history([self.deployment.address("OrganizationTimelock")]):
+            match log.event:
+                case events.CallScheduled(id=one, index=0):
+                    # One that was cancelled may be scheduled again.
+                    calls[one] = [log.event]
+                case events.CallScheduled(id=one):
+                    calls[one].append(log.event)
+                case events.CallSalt(id=one, salt=salt):
+                    salts[one] = salt
+        return {
+            key: Operation(
+                targets=[one.target for one in each],
+                values=[one.value for one in each],
+                calldatas=[one.data for one in each],
+                predecessor=each[0].predecessor,
+                salt=salts.get(key, bytes(32)),
+            )
+            for key, each in calls.items()
+            if self.operation_state(key) in ("waiting", "ready")
+        }
+
+    def time_s(self) -> int:
+        """Time of the newest block."""
+        with translated():
+            return int(self.w3.eth.get_block("latest")["timestamp"])
 
     def _view(self, contract: str, function: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
         bound = self._contracts[contract].functions[function]

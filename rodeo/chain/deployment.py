@@ -84,11 +84,16 @@ class Deployment(BaseModel):
         return "Disputes" in self.contracts
 
     @property
+    def committees(self) -> list[str]:
+        """The names of those who judge one after the other; the later ones only challenged verdicts."""
+        return [name for name in artifacts.COMMITTEES if name in self.contracts]
+
+    @property
     def event_sources(self) -> list[ChecksumAddress]:
         """The contracts whose events tell the organization's state. Where members decide, the governor's tell
         of proposals, and not the timelock's. Whether a member has a vote is in the organization's events, and
-        wrapped tokens are no payments. The committee that decides about challenges has seats of its own."""
-        others = {*artifacts.VOTES.values(), "DisputeCommittee"}
+        wrapped tokens are no payments. Committees that decide about challenges have seats of their own."""
+        others = {*artifacts.VOTES.values(), *artifacts.COMMITTEES[1:]}
         if self.decides_by_vote:
             others.add("OrganizationTimelock")
         return [self.address(name) for name in self.contracts if name not in others]

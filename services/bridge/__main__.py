@@ -1,11 +1,11 @@
-"""python -m services.bridge --site deploy/sites/lab.toml"""
+"""`python -m services.bridge --site FILE [--bridge NAME]`"""
 
 import sys
 
-from rodeo.process import main
+from rodeo.config import bridge_names, bridge_process
+from rodeo.process import main_of_one
 from services.bridge.process import run
 
 if __name__ == "__main__":
-    sys.exit(
-        main("bridge", run, "Signs, sends and indexes for the participants.", lambda site: site.bridge.name)
-    )
+    description = "Signs, sends and indexes for the participants."
+    sys.exit(main_of_one("bridge", "bridge", bridge_names, bridge_process, run, description))

@@ -42,6 +42,7 @@ from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
 from rodeo.kinds import EXECUTION_WINDOW_S, Kinds
 from rodeo.messages import (
+    JUDGES,
     AbandonTask,
     AcceptTask,
     Admit,
@@ -132,6 +133,7 @@ from services.bridge.errors import (
     ProviderWithoutService,
     RewardBelowPrice,
     RulesNotCurrent,
+    StakeTooLow,
     UnexpectedProposalState,
     UnknownCommand,
     UnknownKind,
@@ -561,14 +563,20 @@ class Wallet:
         return [self.client.dispute_calls.close(_vote(dispute.vote, self._currency), dispute.report_uri)]
 
     def _sign_vote(self, request: SignVote) -> Reply:
-        """A vote of a judge of challenges, who relies on the report of the verdict that stands."""
+        """A vote of a judge who decides about a challenge, and relies on the report of the verdict that
+        stands."""
         account = self.transactions.orders.wallets[self.participant].account
         if account is None:
             raise CannotSign("this participant signs for itself: its vote is EIP-712 typed data")
         dispute, task = self._dispute(request.task_id), self.index.task(request.task_id)
         assert task is not None
-        if self.client.dispute_judge(account.address) is None:
-            raise NotAJudge("this participant is no judge of challenges", participant=self.participant)
+        committee = self._committee_after(dispute)
+        judge = self.client.judge(account.address, committee)
+        if judge is None:
+            raise NotAJudge(
+                "this participant does not judge what is challenged", participant=self.participant
+            )
+        self._require_stake(judge.seat, committee, task["kind"], dispute.instance + 1)
         accepted = request.outcome == "accepted"
         amount = request.amount_iec
         if not accepted and amount is not None:
@@ -579,12 +587,12 @@ class Wallet:
             update={
                 "outcome": request.outcome,
                 "amount_iec": amount or Decimal(0),
-                "reason": request.reason or "decided by the judges of challenges",
+                "reason": request.reason or f"decided by {JUDGES[dispute.instance + 1]}",
             }
         )
         deployment = self.client.deployment
         signature = votes.sign(
-            vote, account, deployment.chain_id, deployment.address("DisputeCommittee"), self._currency
+            vote, account, deployment.chain_id, deployment.address(committee), self._currency
         )
         signed = SignedVote(vote=vote, report_uri=dispute.report_uri, signature=signature)
         return signed.model_dump(mode="json")
@@ -597,6 +605,25 @@ class Wallet:
         if task["dispute"] is None:
             raise NoDispute("no verdict waits here to be challenged", task_id=task_id, state=task["state"])
         return Dispute.model_validate(task["dispute"])
+
+    def _committee_after(self, dispute: Dispute) -> str:
+        """Who decides if this verdict is challenged. Raises NoDispute."""
+        committees = self.client.deployment.committees
+        if dispute.instance + 1 >= len(committees):
+            raise NoDispute("nobody decides about a challenge of this verdict", task_id=dispute.vote.task_id)
+        return committees[dispute.instance + 1]
+
+    def _require_stake(self, seat: int, committee: str, kind: str, instance: int) -> None:
+        """A vote without it would keep those of the others from counting. Raises StakeTooLow."""
+        instances = self.client.instances(kind)
+        needed = instances[instance].judge_stake if instance < len(instances) else 0
+        if (stake := self.client.stake(seat, committee)) < needed:
+            raise StakeTooLow(
+                "the stake of this judge is too low for its vote to count: somebody has to deposit",
+                participant=self.participant,
+                stake_iec=self._currency.text(stake),
+                needed_iec=self._currency.text(needed),
+            )
 
     def _stake(self, dispute: Dispute, task_id: int) -> int:
         """What a challenge of the verdict costs whoever is wrong, wei. Raises NoDispute."""
@@ -841,22 +868,32 @@ class Wallet:
 
     def _deposit_stake(self, command: DepositStake) -> list[Call]:
         disputes, amount = self._disputes(), self._currency.to_units(command.amount_iec)
-        seat = self._judges_seat(command.judge)
+        committee, seat = self._staked(command.judge)
         self._require_funds(self.key_address, amount)
         return [
             *self._approval(disputes, amount),
-            self.client.dispute_calls.deposit_stake(self.client.committee, seat, amount),
+            self.client.dispute_calls.deposit_stake(committee, seat, amount),
         ]
 
     def _announce_withdrawal(self, command: AnnounceWithdrawal) -> list[Call]:
         self._disputes()
-        seat, amount = self._judges_seat(command.judge), self._currency.to_units(command.amount_iec)
-        return [self.client.dispute_calls.announce_withdrawal(self.client.committee, seat, amount)]
+        amount = self._currency.to_units(command.amount_iec)
+        committee, seat = self._staked(command.judge)
+        return [self.client.dispute_calls.announce_withdrawal(committee, seat, amount)]
 
     def _withdraw_stake(self, command: WithdrawStake) -> list[Call]:
         self._disputes()
-        seat = self._judges_seat(command.judge)
-        return [self.client.dispute_calls.withdraw_stake(self.client.committee, seat)]
+        return [self.client.dispute_calls.withdraw_stake(*self._staked(command.judge))]
+
+    def _staked(self, who: str) -> tuple[ChecksumAddress, int]:
+        """Committee and seat of a judge: of an oracle, or of a participant who decides about challenges.
+        Raises UnknownParticipant."""
+        key = self.names.keys.get(who, who)
+        if who not in {row["name"] for row in self.index.judges()} and is_address(key):
+            for committee in self.client.deployment.committees[1:]:
+                if (judge := self.client.judge(key, committee)) is not None:
+                    return self.client.deployment.address(committee), judge.seat
+        return self.client.committee, self._judges_seat(who)
 
     def _disputes(self) -> ChecksumAddress:
         """Where judges have stakes. Raises NoDispute."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 
 from rodeo.chain import ChainError, ChainUnavailable
-from rodeo.config import Site
+from rodeo.config import BRIDGE, Site
 from rodeo.files import set_aside
 from services.bridge.database import damage
 from services.bridge.errors import JournalDamaged, JournalIncomplete, JournalUnwritable
@@ -25,9 +25,10 @@ log = logging.getLogger(__name__)
 _GIVEN_UP = "given-up"
 
 
-def give_up_journal(site: Site) -> None:
-    """Let the site's bridge go on with a journal that lacks what was sent before, when it opens it next."""
-    folder = site.data_dir / site.bridge.name
+def give_up_journal(site: Site, bridge: str = BRIDGE) -> None:
+    """Let a bridge of the site (`bridge`, the process) go on with a journal that lacks what was sent before,
+    when it opens it next."""
+    folder = site.data_dir / bridge
     folder.mkdir(parents=True, exist_ok=True)
     _order(folder).touch()
 

@@ -105,6 +105,10 @@ class NotAJudge(RequestError):
     """The committee's judge judges no kind of work, or the participant is no judge."""
 
 
+class StakeTooLow(RequestError):
+    """A judge has not deposited what its vote needs."""
+
+
 class InvalidQuorum(RequestError):
     """The votes of a kind are more than half of its panel, which has at most as many judges as the kind."""
 

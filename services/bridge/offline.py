@@ -12,7 +12,7 @@ from sqlalchemy import create_engine, select
 from sqlalchemy.exc import DBAPIError
 
 from rodeo.chain import Deployment
-from rodeo.config import Site
+from rodeo.config import BRIDGE, Site
 from rodeo.messages import Task
 from rodeo.queries import Transaction
 from services.bridge import schema
@@ -28,7 +28,7 @@ _PAGE_ROWS = 500
 def _copied(site: Site, deployment: Deployment) -> Iterator[Index]:
     """Raises IndexUnusable."""
     chain = f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
-    path = site.data_dir / site.bridge.name / chain / "index.sqlite"
+    path = site.data_dir / BRIDGE / chain / "index.sqlite"
     if site.bridge.database is not None or not path.exists():
         raise IndexUnusable("the bridge does not run and left no index file here", path=str(path))
     with tempfile.TemporaryDirectory(prefix="rodeo-index-") as folder:

@@ -31,8 +31,8 @@ from rodeo.chain import (
     RpcFailed,
 )
 from rodeo.chain.client import connect, require_chain
-from rodeo.config import Site, WalletLimits
-from rodeo.errors import ClockUnavailable, ConfigError, KeystoreMissing, RodeoError, WalletError
+from rodeo.config import BRIDGE, Site, WalletLimits, bridge_process, bridge_wallets
+from rodeo.errors import ClockUnavailable, KeystoreMissing, RodeoError, WalletError
 from rodeo.evidence import Store
 from rodeo.kinds import kinds_of
 from rodeo.messages import DaoEvent
@@ -128,6 +128,8 @@ class Bridge:
         self._process = process
         self._site: Site = process.site
         self._config = process.site.bridge
+        self._public = process.name == BRIDGE
+        """Whether it publishes events and answers `state` queries: only one of several bridges does so."""
         self._stop = process.stop
         self._attachment: _Attachment | None = None
         self._heads: Heads = PolledHeads()
@@ -138,7 +140,8 @@ class Bridge:
         self._accounts: dict[str, LocalAccount] = {}
         # A thread per participant checks its commands, in their order: a stuck wallet holds up nobody else.
         self._threads = {
-            name: ThreadPoolExecutor(max_workers=1, thread_name_prefix=name) for name in self._participants()
+            name: ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+            for name in bridge_wallets(self._site)[process.name]
         }
         self._clock = process.clock
         self._expiring: dict[int, float] = {}
@@ -148,16 +151,6 @@ class Bridge:
         self._giving_back: dict[tuple[int, int], tuple[Future[Any], float]] = {}
         self._give_back_due_s = 0.0
         self._given_back: set[tuple[int, int]] = set()
-
-    def _participants(self) -> list[str]:
-        """Whose commands this bridge takes. Raises ConfigError."""
-        known = [*wallets.wallet_names(self._site), *wallets.wallets_elsewhere(self._site)]
-        wanted = known if self._config.wallets is None else self._config.wallets
-        if strangers := sorted(set(wanted) - set(known)):
-            raise ConfigError(
-                "bridge.wallets names no participant of this site", unknown=strangers, known=known
-            )
-        return wanted
 
     def run(self) -> None:
         """Until the process is asked to stop."""
@@ -249,7 +242,7 @@ class Bridge:
             deployment.chain_id,
             deployment.genesis_hash,
             deployment.contracts,
-            schema_name=f"{site.org}-{self._config.name}-{chain}" if self._config.database else "",
+            schema_name=f"{site.org}-{self._process.name}-{chain}" if self._config.database else "",
             currency=deployment.currency,
         )
         held = Chain(deployment, node, index, journal)
@@ -278,7 +271,7 @@ class Bridge:
             deployment,
             index,
             site.chain.confirmations,
-            self._publish if self._config.public else lambda _event: True,
+            self._publish if self._public else lambda _event: True,
             on_indexed=partial(self._on_indexed, transactions),
             on_undone=transactions.outcomes.undone,
             grace_s=BEHIND_GRACE_S if site.chain.backend == "external" else 0.0,
@@ -399,13 +392,13 @@ class Bridge:
 
     def _serve(self) -> None:
         bus, org = self._process.bus, self._site.org
-        if self._config.public:
+        if self._public:
             bus.serve(topics.STATE.pattern(org=org), self._answer)
 
         def checker(key: str) -> ThreadPoolExecutor | None:
             return self._threads.get(_command_of(key)[0])
 
-        if self._config.wallets is None:
+        if not self._site.bridges:
             # One responder for all: a stranger's name is answered too, and a wildcard is one name, not each.
             bus.serve(topics.COMMAND.pattern(org=org), self._execute, workers=checker)
         else:
@@ -585,9 +578,10 @@ def _warn(done: Future[Any], command: str, task_id: int) -> None:
         log.warning("not done: %s: %s", command, error, extra={"task": task_id})
 
 
-def run(site: Site, stop: threading.Event) -> None:
-    """Bridge `site` until `stop`."""
-    with Process(site.bridge.name, site, stop) as process:
+def run(site: Site, name: str, stop: threading.Event) -> None:
+    """Be the bridge `name` of `site` until `stop`. Raises ConfigError if it has none of this name."""
+    own = bridge_process(site, name)
+    with Process(own, site, stop) as process:
         bridge = Bridge(process)
-        process.serve_alone(served_by(site, site.bridge.name))
+        process.serve_alone(served_by(site, own))
         bridge.run()

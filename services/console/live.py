@@ -20,7 +20,7 @@ import zenoh
 
 from rodeo import queries, topics
 from rodeo.bus import Bus, DaoEvents, validate
-from rodeo.config import Site
+from rodeo.config import BRIDGE, Site
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.instance import HEARTBEAT_S
 from rodeo.lab.config import RobotConfig
@@ -203,8 +203,7 @@ class Live:
             self._notify("processes")
 
     def _bridge(self, processes: list[ProcessState]) -> str:
-        name = self._site.bridge.name
-        return next((one.state for one in processes if one.name == name), "")
+        return next((one.state for one in processes if one.name == BRIDGE), "")
 
     def _process(self, name: str, job: str) -> ProcessState:
         if name not in self._statuses:

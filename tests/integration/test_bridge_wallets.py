@@ -325,21 +325,19 @@ def test_a_robots_own_bridge_has_its_wallet_alone(dao: Dao) -> None:
     running = dao.running
     running.kill("bridge")
     own = {
-        "RODEO__BRIDGE__NAME": "bridge-bob",
-        "RODEO__BRIDGE__WALLETS": '["bob"]',
-        "RODEO__BRIDGE__PUBLIC": "false",
+        "RODEO__BRIDGES": '[{"name": "bob", "wallets": ["bob"]}]',
         PARENT_VARIABLE: str(os.getpid()),
     }
-    log = running.site.data_dir / "logs" / "bridge-bob.log"
+    log = running.site.data_dir / "logs" / "bridge.bob.log"
     with open(log, "ab") as output:
         child = subprocess.Popen(
-            [sys.executable, "-m", "services.bridge", "--site", str(running.path)],
+            [sys.executable, "-m", "services.bridge", "--site", str(running.path), "--bridge", "bob"],
             stdout=output,
             stderr=subprocess.STDOUT,
             env={**os.environ, **own},
         )
-    running.children["bridge-bob"] = child
-    running.wait_ready("bridge-bob")
+    running.children["bridge.bob"] = child
+    running.wait_ready("bridge.bob")
     before = dao.client().balance(dao.client().organization)
     dao.command("bob", "transfer", to="organization", amount_iec="1")
     assert dao.client().balance(dao.client().organization) == before + 10**18
@@ -347,6 +345,6 @@ def test_a_robots_own_bridge_has_its_wallet_alone(dao: Dao) -> None:
         with pytest.raises(NoResponder):
             running.bus.query(key, {})
     running.kill("chain")
-    url = running.status("bridge-bob").metrics_url
-    running.wait_for_status("bridge-bob", lambda status: not status.ready)
+    url = running.status("bridge.bob").metrics_url
+    running.wait_for_status("bridge.bob", lambda status: not status.ready)
     assert readyz(url)[0] == 503

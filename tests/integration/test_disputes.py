@@ -25,11 +25,14 @@ from tests.support.site import RunningSite, write_site
 
 ORACLES = ("olga", "otto", "omar")
 JUDGES = ("anna", "bert", "carl", "dora")
+APPEAL = ("emil", "finn", "gus", "hanna")
 WINDOW_S, DECISION_S, STAKE, JUDGE_STAKE = 600, 900, 20.0, 5
 SITE = (
     "".join(f'\n[[oracles]]\nname = "{name}"\n' for name in ORACLES)
-    + "".join(f'\n[[participants]]\nname = "{name}"\n' for name in (*JUDGES, "mallory"))
+    + "".join(f'\n[[participants]]\nname = "{name}"\n' for name in (*JUDGES, *APPEAL, "mallory"))
     + f"\n[disputes]\njudges = {list(JUDGES)!r}\nvotes = 3\nstake_iec = {STAKE}\n"
+    + f"window_s = {WINDOW_S}\ndecision_s = {DECISION_S}\njudge_stake_iec = {JUDGE_STAKE}\n"
+    + f"[disputes.appeal]\njudges = {list(APPEAL)!r}\nvotes = 4\nstake_iec = {2 * STAKE}\n"
     + f"window_s = {WINDOW_S}\ndecision_s = {DECISION_S}\njudge_stake_iec = {JUDGE_STAKE}\n"
 )
 REPORT = {"report_sha256": "0x" + "b" * 64, "report_uri": "file:///srv/store/report.json"}
@@ -118,6 +121,13 @@ def ended(dao: Dao, task_id: int, name: str) -> None:
     dao.wait_for(lambda: name in dao.names_of(task_id), name)
 
 
+def decided(dao: Dao, task_id: int) -> None:
+    """By the judges of challenges, and nobody appeals."""
+    dao.wait_for(lambda: dao.task(task_id)["dispute"]["instance"] == 1, "the decision")
+    pass_time(dao, WINDOW_S + 10)
+    ended(dao, task_id, "TaskSettled")
+
+
 def show(dao: Dao) -> dict[str, Any]:
     """What the command line shows of the organization."""
     shown: dict[str, Any] = json.loads(organization(dao, "show", "--json"))
@@ -195,8 +205,9 @@ def test_a_verdict_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path)
     assert "1 equal vote is missing" in said
     assert dao.task(task_id)["dispute"]["instance"] == 0
     said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "dora", "--votes", file)
-    assert "That was enough" in said
-    ended(dao, task_id, "TaskSettled")
+    assert "That was enough" in said and "unless it is challenged again" in said
+    assert "accepted, 100 IEC, by the judges of challenges" in rodeo(dao, "show", str(task_id))
+    decided(dao, task_id)
     task = dao.task(task_id)
     assert (task["verdict"], task["reason"]) == ("accepted", "decided by the judges of challenges")
     assert dao.balances()["panther1"] == before + 100
@@ -224,6 +235,40 @@ def test_a_verdict_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path)
     assert "no verdict on this task waits" in rodeo(dao, "show", str(task_id), status=1)
 
 
+def test_an_appeal_overturns_the_judges_of_challenges(
+    dao: Dao, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where the files of votes are by default
+    task_id = proven(dao)
+    rule(dao, task_id, "rejected")
+    before = dao.balances()["panther1"]
+    rodeo(dao, "challenge", str(task_id), "--reason", "it is in the bin", "--as", "panther1")
+    for name in JUDGES[:3]:
+        rodeo(dao, "vote", str(task_id), "rejected", "--as", name)
+    assert "rejected, by the judges of challenges" in rodeo(dao, "show", str(task_id))
+    rodeo(dao, "challenge", str(task_id), "--reason", "it is still there", "--as", "panther1")
+    assert dao.balances()["panther1"] == before - STAKE - 2 * STAKE
+    assert "not_a_judge" in rodeo(dao, "vote", str(task_id), "accepted", "--as", "anna", status=1)
+    for name in APPEAL[:3]:
+        said = rodeo(dao, "vote", str(task_id), "accepted", "--as", name)
+    assert "1 equal vote is missing in appeal-" in said
+    assert "That was enough" in rodeo(dao, "vote", str(task_id), "accepted", "--as", APPEAL[3])
+    ended(dao, task_id, "TaskSettled")
+    task = dao.task(task_id)
+    assert (task["verdict"], task["reason"]) == ("accepted", "decided by the judges of the appeal")
+    assert dao.balances()["panther1"] == before + 100
+
+    # The judges of challenges lost their stakes, and vote again when somebody has deposited.
+    task_id = proven(dao)
+    rule(dao, task_id, "rejected")
+    rodeo(dao, "challenge", str(task_id), "--reason", "it is in the bin", "--as", "panther1")
+    assert "stake_too_low" in rodeo(dao, "vote", str(task_id), "accepted", "--as", "anna", status=1)
+    for name in JUDGES[:3]:
+        organization(dao, "deposit-stake", name, str(JUDGE_STAKE))
+        rodeo(dao, "vote", str(task_id), "accepted", "--as", name)
+    decided(dao, task_id)
+
+
 def test_a_judges_owner_takes_its_stake_back(dao: Dao) -> None:
     said = organization(dao, "announce-withdrawal", "omar", "2", "--as", "mallory", status=1)
     assert "not_owner" in said
@@ -248,7 +293,7 @@ def test_who_challenges_what_is_right_pays_the_other(dao: Dao, tmp_path: Path) -
     file = str(tmp_path / "votes.json")
     for name in ("bert", "carl", "dora"):
         rodeo(dao, "vote", str(task_id), "accepted", "--as", name, "--votes", file)
-    ended(dao, task_id, "TaskSettled")
+    decided(dao, task_id)
     assert dao.balances()["panther1"] == before - 50 + STAKE + 100
 
 
@@ -290,7 +335,7 @@ def test_a_party_and_a_judge_challenge_in_the_console(
     file = str(tmp_path / "votes.json")
     for name in ("anna", "carl", "dora"):
         rodeo(dao, "vote", str(task_id), "accepted", "--as", name, "--votes", file)
-    ended(dao, task_id, "TaskSettled")
+    decided(dao, task_id)
     expect(page.locator(".page-head .badge")).to_have_text("settled")
     # Whoever was wrong pays the other.
     assert dao.balances()["panther1"] == before + 100 + (0 if first == "rejected" else STAKE)
@@ -334,7 +379,7 @@ def test_votes_that_do_not_count_in_the_file_keep_nobody_from_deciding(dao: Dao,
     assert "does not count: not_a_judge" in said and "1 equal vote is missing" in said
     said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "carl", *voted)
     assert "That was enough" in said
-    ended(dao, task_id, "TaskSettled")
+    decided(dao, task_id)
 
 
 def test_a_file_of_votes_that_cannot_be_used_is_named(dao: Dao, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from rodeo.config import GovernanceConfig, Site, oracle_names, oracle_process, votes_needed
+from rodeo.config import GovernanceConfig, Site, bridge_wallets, oracle_names, oracle_process, votes_needed
 from rodeo.errors import ConfigError
 from rodeo.lab.config import RobotConfig
 from rodeo_cli.site_check import check
@@ -219,8 +219,15 @@ def three(tables: str) -> str:
 
 
 def disputed(table: str) -> str:
-    people = "".join(f'[[participants]]\nname = "{name}"\n' for name in "pqr")
+    people = "".join(f'[[participants]]\nname = "{name}"\n' for name in "pqrstuv")
     return f"{people}[disputes]\n{table}\n"
+
+
+APPEAL = 'judges = ["s", "t", "u", "v"]\nvotes = 4\nwindow_s = 600\ndecision_s = 900'
+
+
+def appealed(table: str) -> str:
+    return disputed(f'judges = ["p", "q", "r"]\nvotes = 3\n[disputes.appeal]\n{table}')
 
 
 @pytest.mark.parametrize(
@@ -239,6 +246,18 @@ def disputed(table: str) -> str:
         (three(disputed('judges = ["p", "q", "r"]\nvotes = 2')), "disputes.votes"),  # as many as oracles
         (
             three(disputed('judges = ["p", "q", "r"]\nvotes = 3\nwindow_s = 90000')),
+            "economy.verdict_window_s",
+        ),
+        (three(appealed('judges = ["s", "t", "u", "nobody"]\nvotes = 4')), "disputes.appeal.judges.3"),
+        (three(appealed('judges = ["s", "t", "u", "r"]\nvotes = 4')), "disputes.appeal.judges.3"),  # twice
+        (three(appealed('judges = ["s", "t", "u", "v"]\nvotes = 3')), "disputes.appeal.votes"),
+        (three(appealed('judges = ["s", "t", "u", "v"]\nvotes = 5')), "disputes.appeal.votes"),
+        (
+            three(appealed('judges = ["s", "t", "u", "v"]\nvotes = 4\nstake_iec = 20')),
+            "disputes.appeal.stake_iec",
+        ),
+        (
+            three(appealed('judges = ["s", "t", "u", "v"]\nvotes = 4\nwindow_s = 90000')),
             "economy.verdict_window_s",
         ),
     ],
@@ -314,6 +333,30 @@ def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_sa
         "oracle.carl",
     ]
     assert oracle_names(Site.load(LAB)) == ["oracle"]
+
+
+def test_an_appeal_takes_more_time_and_what_is_left_out_costs_twice_the_stake(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\n{three(appealed(APPEAL))}')
+    wanted = Site.load(path).disputes
+    assert wanted is not None and wanted.appeal is not None
+    assert [one.votes for one in wanted.instances] == [3, 4]
+    assert (wanted.stake_iec, wanted.appeal.stake_iec) == (20, 40)
+    assert wanted.longest_s == 2 * 3600 + 24 * 3600 + 600 + 900
+
+
+def test_where_there_are_two_bridges_the_second_has_the_oracles_wallets(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    judges = '[[bridges]]\nname = "judges"\n'
+    path.write_text(f'extends = "{LAB}"\nparticipants = [{{ name = "alice" }}]\n{judges}')
+    assert bridge_wallets(Site.load(path)) == {
+        "bridge": ["organization", "panther1", "alice"],
+        "bridge.judges": ["oracle"],
+    }
+    path.write_text(f'extends = "{LAB}"\n{three(judges)}')
+    several = bridge_wallets(Site.load(path))
+    assert several == {"bridge": ["organization", "panther1"], "bridge.judges": ["anna", "bert", "carl"]}
+    assert bridge_wallets(Site.load(LAB)) == {"bridge": ["organization", "panther1", "oracle"]}
 
 
 def test_a_mistyped_payout_address_is_an_error() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rodeo.config import ChainConfig, Site
+from rodeo.config import ChainConfig, OtherBridgeConfig, Site
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.processes import processes_of
 from tests.support.site import LAB
@@ -40,6 +40,12 @@ def test_each_of_several_bins_and_docks_has_a_process_of_its_own() -> None:
     assert not known.keys() & {"itrash", "charger"}
     none = PLURAL.model_copy(update={"bins": [], "docks": []})
     assert not [p for p in processes_of(none) if p.module in ("services.itrash", "services.charger")]
+
+
+def test_each_further_bridge_is_a_process_of_its_own() -> None:
+    site = SITE.model_copy(update={"bridges": [OtherBridgeConfig(name="judges")]})
+    bridges = {p.name: p.arguments for p in processes_of(site) if p.module == "services.bridge"}
+    assert bridges == {"bridge": (), "bridge.judges": ("--bridge", "judges")}
 
 
 def test_a_chain_elsewhere_is_not_started() -> None:

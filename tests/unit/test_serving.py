@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from rodeo.bus import zenoh_config
-from rodeo.config import Site
+from rodeo.config import OtherBridgeConfig, Site
 from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.serving import Claim, Holder, Rival, Thing, served_by
 from tests.support.site import LAB, free_port
@@ -149,6 +149,9 @@ def test_each_process_serves_what_it_has_the_key_or_the_name_of() -> None:
     assert served_by(site, "charger") == [Thing("dock", "dock1")]
     assert [one.name for one in served_by(site, "bridge")] == ["organization", "panther1", "oracle"]
     assert served_by(site, "router") == []
+    apart = site.model_copy(update={"bridges": [OtherBridgeConfig(name="judges")]})
+    assert [one.name for one in served_by(apart, "bridge")] == ["organization", "panther1"]
+    assert served_by(apart, "bridge.judges") == [Thing("wallet", "oracle")]
     plural = Site.load(LAB.with_name("plural.toml"))
     assert served_by(plural, "itrash.bin_east") == [Thing("bin", "bin_east")]
     assert served_by(plural, "charger.dock_west") == [Thing("dock", "dock_west")]

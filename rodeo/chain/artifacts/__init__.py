@@ -21,11 +21,14 @@ CONTRACTS = (
     "OracleCommittee",
 )
 
-DISPUTES = ("DisputeCommittee", "Disputes")
-"""Contracts that an organization has, too, if verdicts can be challenged."""
+COMMITTEES = ("OracleCommittee", "DisputeCommittee", "AppealCommittee")
+"""Who judges, one after the other, if verdicts can be challenged: as many as the organization has."""
 
-_BUILT_FROM = {"DisputeCommittee": "OracleCommittee"}
-"""Contract that is there a second time -> its artifact."""
+DISPUTES = (*COMMITTEES[1:], "Disputes")
+"""Contracts that an organization has, too, if verdicts can be challenged; without an appeal two of them."""
+
+_BUILT_FROM = dict.fromkeys(COMMITTEES[1:], COMMITTEES[0])
+"""Contract that is there another time -> its artifact."""
 
 VOTES = {"members": "MemberVotes", "tokens": "WrappedVotes"}
 """What votes -> the contract that counts it."""

@@ -290,10 +290,11 @@ class TaskPage:
     def _may_challenge(self, task: Task, user: User) -> str | None:
         """The party to the task, or the judge of challenges, that this person speaks for, if the verdict can
         be challenged now."""
-        if task.dispute is None or task.dispute.challenger is not None or task.dispute.instance != 0:
+        if task.dispute is None or task.dispute.challenger is not None:
             return None
         disputes = self._console.site.disputes
-        judges = () if disputes is None else disputes.judges
+        instances = [] if disputes is None else disputes.instances
+        judges = [name for one in instances for name in one.judges]
         able = (one for one in (task.creator_name, task.executor_name, *judges) if one is not None)
         return next((one for one in able if speaks_for(user, one)), None)
 
@@ -305,7 +306,9 @@ class TaskPage:
             return await act(self._console, "challenge_verdict", request, done) is not None
 
         disputes = self._console.site.disputes
-        stake = "its stake" if disputes is None else iec(disputes.stake_iec)
+        assert task.dispute is not None
+        instances = [] if disputes is None else disputes.instances[task.dispute.instance :]
+        stake = iec(instances[0].stake_iec) if instances else "its stake"
         await ask_form(
             f"Challenge the verdict on task {task.id}? {participant} loses {stake} if it is right",
             {"reason": Field("Why it is wrong")},

@@ -30,7 +30,7 @@ from rodeo.chain import (
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
 from rodeo.chain.governance import WHY, Operation
-from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
+from rodeo.config import AppealConfig, DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from rodeo.currency import IEC
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
@@ -83,7 +83,7 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
             assert (budget.amount, budget.period) == (IEC.to_units(Decimal(iec)), day_s)
         assert client.has_role(Role.GUARDIAN, "0x" + "a1" * 20)
         assert client.terms() == Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(5)), 3)
-        assert client.pending_operations() == []
+        assert client.pending_operations() == {}
         # The key that founded it tells it nothing at once any more.
         unlimited, key = client.organization_calls.set_budget(Role.OPERATOR, 0, 0), organization.operator
         schedule = client.governance_calls.schedule
@@ -97,7 +97,7 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         organization.send(key, schedule([unlimited], "no limits", bytes(32), 2 * day_s))
         data = [to_bytes(hexstr=unlimited.data), b"no limits"]
         proposed = Operation([client.organization, WHY], [0, 0], data, bytes(32), bytes(32))
-        assert client.pending_operations() == [proposed.batch_id]
+        assert client.pending_operations() == {proposed.batch_id: proposed}
         perform = client.governance_calls.perform(proposed, proposed.batch_id)
         with pytest.raises(ContractReverted) as early:
             organization.send(organization.robot, perform)
@@ -219,16 +219,70 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         ]
         assert [client.stake(seat) for seat in range(3)] == [IEC.to_units(Decimal(5))] * 2 + [0]
         assert client.balance(disputes) == IEC.to_units(Decimal(10))
-        quorum = client.dispute_quorum(kind)
+        quorum = client.quorum(kind, "DisputeCommittee")
         assert (quorum.votes, quorum.panel, quorum.judges) == (3, 3, 0b111)
-        assert client.dispute_judge("0x" + "a1" * 20) is not None and client.judge("0x" + "a1" * 20) is None
+        alice = "0x" + "a1" * 20
+        assert client.judge(alice, "DisputeCommittee") is not None and client.judge(alice) is None
+        assert deployment.committees == ["OracleCommittee", "DisputeCommittee"]
         assert client.kind(kind).min_verdict_window == 2 * 600 + 900 + site.oracle.verdict_within_s
         block = client.w3.eth.block_number
         organization.deploy()
         assert client.w3.eth.block_number == block
+        appeal = AppealConfig(judges=["organization"], votes=1)
+        with pytest.raises(contracts.WithoutDisputes, match=r"without \[disputes.appeal\]"):
+            contracts.run(
+                site.model_copy(update={"disputes": wanted.model_copy(update={"appeal": appeal})}),
+                threading.Event(),
+            )
         # Without the table, the oracles' word is final again; the contracts stay.
         contracts.run(without, threading.Event())
         assert client.has_role(Role.ORACLE, client.committee) and not client.has_role(Role.ORACLE, disputes)
+
+
+def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        names = ("alice", "bob", "carl", "dora")
+        people = [
+            ParticipantConfig(name=name, address="0x" + f"{number:02x}" * 20)
+            for number, name in enumerate(names, start=0xA1)
+        ]
+        appeal = AppealConfig(
+            judges=["bob", "carl", "dora"],
+            votes=3,
+            window_s=700,
+            decision_s=800,
+            stake_iec=Decimal(30),
+            judge_stake_iec=Decimal(4),
+        )
+        wanted = DisputesConfig(
+            judges=["alice", "panther1"],
+            votes=2,
+            window_s=600,
+            decision_s=900,
+            judge_stake_iec=Decimal(5),
+            appeal=appeal,
+        )
+        update = {"oracles": [JudgeConfig(name="anna")], "participants": people}
+        site = lab.model_copy(update={**update, "disputes": wanted})
+        organization = Organization(site)
+        organization.deploy()
+        client, (kind, *_) = organization.client, kinds_of(site)
+        address, iec = client.deployment.address, IEC.to_units
+        assert client.instances(kind) == [
+            Instance(address("OracleCommittee"), 600, 0, iec(Decimal(20)), iec(Decimal(5))),
+            Instance(address("DisputeCommittee"), 700, 900, iec(Decimal(30)), iec(Decimal(4))),
+            Instance(address("AppealCommittee"), 0, 800, 0, 0),
+        ]
+        quorum = client.quorum(kind, "AppealCommittee")
+        assert (quorum.votes, quorum.panel, quorum.judges) == (3, 3, 0b111)
+        # The judges of challenges can be overturned now, and have a stake, too.
+        assert [client.stake(seat, "DisputeCommittee") for seat in range(3)] == [iec(Decimal(4))] * 2 + [0]
+        assert client.stake(0) == iec(Decimal(5)) and client.stake(0, "AppealCommittee") == 0
+        shortest_s = 2 * 600 + 900 + 700 + 800 + site.oracle.verdict_within_s
+        assert client.kind(kind).min_verdict_window == shortest_s
+        block = client.w3.eth.block_number
+        organization.deploy()
+        assert client.w3.eth.block_number == block
 
 
 def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_path: Path) -> None:
@@ -276,7 +330,7 @@ def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
         (kind, *_) = kinds_of(site)
         assert organization.client.stake(0) == 0
         assert organization.client.instances(kind)[0].judge_stake > 0
-        assert "the stakes of 1 oracles take" in caplog.text
+        assert "the stakes of 1 judges take" in caplog.text
 
 
 def test_disputes_are_not_added_to_an_organization_that_has_none(organization: Organization) -> None:

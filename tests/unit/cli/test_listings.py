@@ -242,6 +242,35 @@ def test_votes_are_members_or_amounts_of_iec(
     assert told["proposals"][0]["votes"] == votes
 
 
+def quorum_of(kind: str, number: int, state: str) -> dict[str, Any]:
+    call = {"contract": "OracleCommittee", "function": "setQuorum", "args": {"kind": kind, "judges": 3}}
+    return {**PROPOSAL, "number": number, "state": state, "calls": [call]}
+
+
+@pytest.mark.parametrize(
+    ("before", "warned"),
+    [
+        (quorum_of("waste_disposal", 4, "waiting"), True),
+        (quorum_of("waste_disposal", 4, "ready"), True),
+        (quorum_of("waste_disposal", 4, "executed"), False),
+        (quorum_of("waste_disposal", 4, "canceled"), False),
+        (quorum_of("battery_charging", 4, "waiting"), False),
+        ({**PROPOSAL, "number": 4, "state": "waiting"}, False),
+    ],
+)
+def test_a_quorum_that_undoes_a_pending_one_is_proposed_with_a_warning_that_names_it(
+    answered: dict[str, dict[str, Any]], before: dict[str, Any], warned: bool
+) -> None:
+    answered["proposals"] |= {"proposals": [quorum_of("waste_disposal", 5, "waiting"), before], "total": 2}
+    answered["wallet/organization/propose"] = {"proposal": 5}
+    done = CliRunner().invoke(
+        app, ["organization", "propose", "--why", "he left", "unseat", "carl"], env={"COLUMNS": "300"}
+    )
+    assert done.exit_code == 0 and "Proposal 5" in done.stdout
+    told = f"proposal 4 ({before['state']}) sets the judges of waste_disposal, too" in done.stdout
+    assert told is warned
+
+
 def test_what_others_wrote_does_not_steer_the_terminal(answered: dict[str, dict[str, Any]]) -> None:
     answered["tasks"]["tasks"][0] |= {"creator_name": "eve\x1b[2J\x1b[31m\n7", "reason": "a\x1b]0;title\x07"}
     shown = CliRunner().invoke(app, ["task", "list"]).stdout

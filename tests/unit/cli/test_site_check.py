@@ -160,6 +160,23 @@ WRONG = [
         'bridge.shared_wallets.1: nobody on this site is called pantehr1; is "panther1" meant?',
     ),
     (
+        '[[bridges]]\nname = "judges"\nwallets = ["oracel"]\n',
+        5,
+        'bridges.0.wallets.0: nobody on this site is called oracel; is "oracle" meant?',
+    ),
+    (
+        '[[bridges]]\nname = "second"\nwallets = ["organization", "oracle"]\n',
+        5,
+        "bridges.0.wallets: the wallets of the organization and of its oracle are both on second: whoever "
+        "takes over that computer can post tasks and accept their proofs; give them to different [[bridges]]",
+    ),
+    (
+        '[[bridges]]\nname = "judges"\n[[bridges]]\nname = "more"\n',
+        5,
+        "bridges.1: judges manages the wallet of oracle: list the wallets of each",
+    ),
+    ('[[bridges]]\nname = "bridge"\n', 4, 'bridges.0.name: two bridges are called "bridge"'),
+    (
         'participants = [{ name = "alice" }, { name = "alice" }]\n',
         3,
         'participants.1.name: two participants have the keystore "alice"',
@@ -215,10 +232,11 @@ def test_a_kind_of_work_needs_what_it_is_done_at(said: Said, lacking: str, kind:
 
 DOUBTFUL = [
     (
-        '[bridge]\nwallets = ["organization", "oracle"]\n',
-        4,
-        "bridge.wallets: the wallets of the organization and of its oracle are on one host: whoever takes it "
-        "over can post tasks and accept their proofs; give the oracle's wallet to another bridge",
+        '[[bridges]]\nname = "panther1"\nwallets = ["panther1"]\n',
+        3,
+        "bridges: the wallets of the organization and of its oracle are both on the site's own bridge: "
+        "whoever takes over that computer can post tasks and accept their proofs; give them to different "
+        "[[bridges]]",
     ),
     (
         robot("battery = { standby_power_w = 50 }"),

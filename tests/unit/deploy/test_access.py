@@ -7,7 +7,7 @@ import zenoh
 
 from deploy.access import access_control, everybody
 from rodeo import topics
-from rodeo.config import JudgeConfig, Site, agent_process, body_identity, oracle_process
+from rodeo.config import JudgeConfig, OtherBridgeConfig, Site, agent_process, body_identity, oracle_process
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
 from tests.support.site import LAB
@@ -188,3 +188,12 @@ def test_each_of_several_oracles_votes_and_spends_for_itself_only() -> None:
         assert may(site, process, "writes", topics.VOTE.name(org="lab", judge=other)) is own
         command = topics.COMMAND.name(org="lab", participant=other, command="post_votes")
         assert may(site, process, "asks", command) is own
+
+
+def test_each_of_several_bridges_answers_for_its_own_wallets_only() -> None:
+    site = Site.load(LAB).model_copy(update={"bridges": [OtherBridgeConfig(name="judges")]})
+    for participant, bridge in (("organization", "bridge"), ("oracle", "bridge.judges")):
+        command = topics.COMMAND.name(org="lab", participant=participant, command="transfer")
+        assert {name for name in everybody(site) if may(site, name, "writes", command)} == {bridge}
+    event = topics.EVENT.name(org="lab", event="TaskSettled")
+    assert {name for name in everybody(site) if may(site, name, "writes", event)} == {"bridge"}

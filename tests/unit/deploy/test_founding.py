@@ -168,7 +168,7 @@ def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_l
     client = Organization(slow).client
     assert client.organization == there.organization and client.decision_delay_s() == 60
     assert all(client.is_kind_allowed(kind) for kind in kinds_of(slow))
-    assert client.pending_operations() == []
+    assert client.pending_operations() == {}
     done = sent(slow, w3)
     told(slow)
     assert sent(slow, w3) == done

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from eth_account import Account
@@ -16,7 +16,6 @@ from eth_account.signers.local import LocalAccount
 from deploy import contracts, migration
 from deploy.founding import OtherToken
 from deploy.migration import (
-    AdministratorWaits,
     Founded,
     JustMoved,
     KeyRevoked,
@@ -27,6 +26,7 @@ from deploy.migration import (
     cancel,
     migrate,
 )
+from deploy.waiting import DelayRuns
 from rodeo import wallets
 from rodeo.chain import (
     ChainClient,
@@ -47,11 +47,11 @@ from rodeo.chain import (
 from rodeo.chain.abi import KindRules
 from rodeo.chain.client import connect
 from rodeo.chain.registry import PROXY
-from rodeo.config import GovernanceConfig, Site, TokenConfig
+from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, Site, TokenConfig
 from rodeo.currency import IEC
 from rodeo.instance import lock_instance
 from rodeo.kinds import kinds_of
-from tests.support.organization import CHAIN_ID, KIND, PROOF, REPORT, Organization, running_chain
+from tests.support.organization import CHAIN_ID, GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
 
 BANNED = "0x" + "Ba" * 20
 
@@ -102,6 +102,25 @@ class Lab(Organization):
             1, task.attempt, PROOF, Verdict.ACCEPTED, task.price, REPORT, "file:///report", "right"
         )
         self.send(self.oracle, verdict)
+
+    def opened(self) -> None:
+        """Its administrator waits. The robot works on task 1, and service 2 is a stranger's."""
+        self.deploy()
+        bond = IEC.to_units(Decimal(20))
+        self.stranger = Account.create()
+        self.client.w3.eth.send_transaction(
+            {
+                "from": self.client.w3.eth.accounts[0],
+                "to": self.stranger.address,
+                "value": 10**18,  # type: ignore[typeddict-item]
+            }
+        )
+        self.send(self.robot, self.client.calls.transfer(self.stranger.address, bond))
+        self.client.send(self.stranger, self.client.calls.approve(self.client.task_manager, bond))
+        for account, price in ((self.robot, 80), (self.stranger, 5000)):
+            offer = self.client.calls.register_service(KIND, IEC.to_units(Decimal(price)), 2**95, True, "")
+            self.client.send(account, offer)
+        self.post()
 
     def migrate(self) -> Deployment:
         return migrate(self.site, connect(self.site.chain.url), self.said.append)
@@ -388,7 +407,7 @@ def test_only_the_administrator_moves_an_organization(lab: Lab, tmp_path: Path) 
 @pytest.mark.long
 def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
     lab.judge()
-    folder = lab.site.data_dir / lab.site.bridge.name
+    folder = lab.site.data_dir / BRIDGE
     folder.mkdir(parents=True, exist_ok=True)
     lock = lock_instance(folder)
     with pytest.raises(SiteIsUp):
@@ -399,7 +418,7 @@ def test_the_bridge_must_not_run_when_the_organization_moves(lab: Lab) -> None:
 
 
 @pytest.mark.long
-def test_the_new_organization_may_have_a_delay_and_then_nobody_moves_it(lab: Lab) -> None:
+def test_the_new_organization_may_have_a_delay(lab: Lab) -> None:
     lab.judge()
     governance = lab.site.governance.model_copy(update={"delay_s": 3600})
     lab.site = lab.site.model_copy(update={"governance": governance})
@@ -411,12 +430,96 @@ def test_the_new_organization_may_have_a_delay_and_then_nobody_moves_it(lab: Lab
     assert new.terms() == lab.client.terms() and new.is_suspended(BANNED) and new.members_only()
     assert new.work(lab.robot.address) == lab.client.work(lab.robot.address)
     assert new.balance(new.organization) > 0 == lab.client.balance(lab.client.organization)
-    with pytest.raises(AdministratorWaits) as refused:
+    with pytest.raises(JustMoved):
         lab.migrate()
-    assert refused.value.details == {"delay_s": 3600}
-    assert "found another one under another name" in str(refused.value)
     assert new.is_kind_allowed(KIND)
     assert not Deployment.path(contracts.left_folder(lab.site), CHAIN_ID).exists()
+
+
+DELAY_S = 1800
+"""Less than the task's window."""
+
+
+class Patient(NamedTuple):
+    """A laboratory whose administrator waits, and its time."""
+
+    lab: Lab
+    clock: list[int]
+
+    def pass_delay(self) -> None:
+        self.clock[0] += DELAY_S + 1
+
+    def waits(self) -> str:
+        """The text of what is proposed, for which a run waits."""
+        with pytest.raises(DelayRuns) as caught:
+            self.lab.migrate()
+        assert caught.value.details["ready_s"] > self.clock[0]
+        return str(caught.value.details["proposed"])
+
+
+@pytest.fixture
+def patient(tmp_path: Path) -> Iterator[Patient]:
+    clock = [GENESIS_S]
+    with running_chain("eth-tester", tmp_path, lambda: clock[0]) as site:
+        budgets = {"treasurer": BudgetConfig(iec=Decimal(200))}
+        governance = site.governance.model_copy(update={"delay_s": DELAY_S, "budgets": budgets})
+        lab = Lab(site.model_copy(update={"governance": governance}))
+        lab.opened()
+        yield Patient(lab, clock)
+
+
+def test_an_administrator_who_waits_moves_the_organization_by_what_it_proposes(patient: Patient) -> None:
+    lab, old = patient.lab, patient.lab.client
+    assert "no new tasks" in patient.waits()
+    kinds = len(kinds_of(lab.site))
+    # Whether the second service is suspended is decided at the same time, and done when no task runs.
+    assert old.is_kind_allowed(KIND) and len(old.pending_operations()) == kinds + 1
+    assert "no new tasks" in patient.waits() and len(old.pending_operations()) == kinds + 1
+    patient.pass_delay()
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    assert not old.is_kind_allowed(KIND) and old.service(2).state is ServiceState.ACTIVE
+    lab.judge()
+    treasury, budget = old.balance(old.organization), old.budget(Role.TREASURER)
+    assert treasury > budget.amount > 0
+    assert "treasury" in patient.waits()
+    assert [old.service(number).state for number in (1, 2)] == [ServiceState.RETIRED, ServiceState.SUSPENDED]
+    assert lab.record().is_same(old.deployment)
+    lab.send(lab.robot, old.calls.transfer(old.organization, 1))  # a gift holds up nothing
+    assert "treasury" in patient.waits() and len(old.pending_operations()) == 1
+    patient.pass_delay()
+    lab.migrate()
+    new = lab.new()
+    assert new.deployment.follows == old.organization and new.decision_delay_s() == DELAY_S
+    assert (old.balance(old.organization), new.balance(new.organization)) == (0, treasury + 1)
+    assert new.work(lab.robot.address) == old.work(lab.robot.address) == (80 * 10**9, 0)
+    assert old.pending_operations() == {}
+    assert not old.has_role(Role.TREASURER, old.deployment.address("OrganizationTimelock"))
+    for one in (old, new):
+        there = one.budget(Role.TREASURER)
+        assert (there.amount, there.period) == (budget.amount, budget.period)
+
+
+def test_what_is_not_needed_any_more_is_withdrawn(patient: Patient) -> None:
+    lab, old = patient.lab, patient.lab.client
+    patient.waits()
+    old.send(lab.stranger, old.calls.update_service(2, 0, ServiceState.RETIRED))
+    patient.waits()
+    assert len(old.pending_operations()) == len(kinds_of(lab.site))
+    cancel(lab.site, lab.said.append)
+    assert old.pending_operations() == {} and "propose kind" in lab.said[-1]
+    assert old.is_kind_allowed(KIND) and lab.record().is_same(old.deployment)
+
+
+def test_only_who_proposes_moves_an_organization_whose_administrator_waits(
+    patient: Patient, tmp_path: Path
+) -> None:
+    other = patient.lab.site.model_copy(update={"data_dir": tmp_path / "other"})
+    wallets.ensure_wallets(other)
+    patient.lab.record().save(other.data_dir)
+    with pytest.raises(NotAdministrator):
+        migrate(other, patient.lab.client.w3, patient.lab.said.append)
+    assert patient.lab.client.pending_operations() == {}
 
 
 @pytest.mark.long

@@ -282,7 +282,7 @@ def test_what_a_founder_leaves_to_be_done_later_is_listed(
         client = ChainClient(site.chain.url, deployment)
         grant = client.organization_calls.grant_role(Role.TREASURER, founder.address)
         client.send(founder, client.governance_calls.found([grant], bytes(32))[0])
-        monkeypatch.setattr(ChainClient, "pending_operations", lambda _client: [])
+        monkeypatch.setattr(ChainClient, "pending_operations", lambda _client: {})
         contracts.set_up(site, w3, deployment, founder, lambda _text: None)
         office = Office(Organization(site), tmp_path)
         office.read()
