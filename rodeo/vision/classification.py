@@ -1,12 +1,13 @@
 """What the bin says of a picture, and the data that decide it: weights, classes, preprocessing, thresholds.
 
 Preprocessing, classes and thresholds are data beside the weights (`model/preprocessing.json`, written by
-`services.itrash.training.train`), so that weights and their preprocessing cannot drift apart. Their hashes
-stand in what the bin signs: who judges a picture later knows which network and which thresholds spoke.
+`services.itrash.training.train`). A network is known by one hash of both files: the same weights with other
+classes, another temperature or another threshold say something else, and are another network. It stands in
+what the bin signs, and in the rules that list the networks whose word counts.
 
     RodeoError
     ├── BrokenModel           the file of weights is no network of this shape
-    └── UnlistedModel         the file of weights is none of those that may be loaded
+    └── UnlistedModel         the network is none of those that may be loaded
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class BrokenModel(RodeoError):
 
 
 class UnlistedModel(RodeoError):
-    """The file of weights is none of those that may be loaded."""
+    """The network is none of those that may be loaded."""
 
 
 class Preprocessing(BaseModel):
@@ -68,8 +69,8 @@ class Classification:
     probabilities: dict[str, float]
     item_probability: float = 1.0
     model_sha256: str = ""
-    """The network that was asked, and `thresholds_sha256`: of the bytes that it was loaded from. Empty where
-    the answer is computed from logits alone."""
+    """The network that was asked, and `thresholds_sha256`, a part of it: of the bytes in use. Empty where the
+    answer is computed from logits alone."""
     thresholds_sha256: str = ""
     unknown_below: float = 0.0
     """The threshold that the label was decided by."""
@@ -148,13 +149,21 @@ def digest(data: bytes) -> str:
     return "0x" + sha256(data).hexdigest()
 
 
+def network_sha256(weights: bytes, preprocessing: bytes) -> str:
+    """What a network is known by: SHA-256 (0x) of the SHA-256 of its two files, the weights' first."""
+    return digest(sha256(weights).digest() + sha256(preprocessing).digest())
+
+
 @cache
 def model_sha256(model_dir: Path = MODEL_DIR) -> str:
-    """SHA-256 (0x) of the weights' file when it was first asked for. What a `Classifier` loaded, it tells."""
-    return digest((model_dir / WEIGHTS).read_bytes())
+    """`network_sha256` of its files when it was first asked for. What a `Classifier` loaded, it tells."""
+    return network_sha256(*((model_dir / name).read_bytes() for name in (WEIGHTS, PREPROCESSING)))
 
 
 @cache
 def thresholds_sha256(model_dir: Path = MODEL_DIR) -> str:
-    """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold, as `model_sha256`."""
+    """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold, as `model_sha256`.
+
+    It tells people which of a network's two files is another; nothing is decided by it alone.
+    """
     return digest((model_dir / PREPROCESSING).read_bytes())

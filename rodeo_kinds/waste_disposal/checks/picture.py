@@ -22,7 +22,6 @@ from rodeo.vision.classification import (
     UnlistedModel,
     combined,
     model_sha256,
-    thresholds_sha256,
 )
 from rodeo.vision.classification import Classification as Answer
 from rodeo.vision.images import ImageError
@@ -78,10 +77,14 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
             f"the bin {bin_name}",
             source=_SOURCE,
         )
+    if same_network and said.thresholds_sha256 != found.thresholds_sha256:
+        return undecided(
+            f"it signed other thresholds than the network that it names has: {found.thresholds_sha256}",
+            f"the bin {bin_name}",
+            source=_SOURCE,
+        )
     if not same_network:
         told = f"it used another model; this oracle's model says {answer}, for information only"
-    elif said.thresholds_sha256 != thresholds_sha256():
-        told = f"it used other thresholds; with this oracle's thresholds the answer is {answer}"
     else:
         told = f"the same network says {answer}"
     of_several = f" of {len(pictures)} pictures" if len(pictures) > 1 else ""

@@ -42,8 +42,8 @@ from rodeo.vision.classification import (
     UNKNOWN,
     WEIGHTS,
     Preprocessing,
-    digest,
     load_preprocessing,
+    network_sha256,
 )
 from rodeo.vision.classifier import Classifier, shrink
 from rodeo.vision.images import ImageError, decode_image
@@ -293,7 +293,7 @@ def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
     """What makes the model in `out` count. `listed` are the networks whose word counts, by kind of task: they
     stay listed, so that the rules have the same hash before and after a machine gets the new one, and the
     word of bins that still have an earlier one counts."""
-    made = digest((out / WEIGHTS).read_bytes())
+    made = network_sha256(*((out / name).read_bytes() for name in (WEIGHTS, PREPROCESSING)))
     files = ", ".join((WEIGHTS, PREPROCESSING, TRAINING))
     return [
         f"model_sha256 {made}",

@@ -97,19 +97,34 @@ def test_what_is_no_picture_gets_an_error_that_says_why_and_no_answer(classifier
     assert refused.value.details["max_pixels"] == 100
 
 
-def test_weights_and_thresholds_are_known_by_the_hashes_of_their_files(tmp_path: Path) -> None:
-    for name in (WEIGHTS, PREPROCESSING):
-        (tmp_path / name).write_bytes((MODEL_DIR / name).read_bytes())
+def test_a_network_is_known_by_one_hash_of_its_two_files(tmp_path: Path) -> None:
+    weights, preprocessing = ((MODEL_DIR / name).read_bytes() for name in (WEIGHTS, PREPROCESSING))
+    (tmp_path / WEIGHTS).write_bytes(weights)
+    (tmp_path / PREPROCESSING).write_bytes(preprocessing)
     assert (model_sha256(), thresholds_sha256()) == (model_sha256(tmp_path), thresholds_sha256(tmp_path))
-    assert model_sha256() == "0x" + hashlib.sha256((MODEL_DIR / WEIGHTS).read_bytes()).hexdigest()
+    both = hashlib.sha256(weights).digest() + hashlib.sha256(preprocessing).digest()
+    assert model_sha256() == "0x" + hashlib.sha256(both).hexdigest()
+    loaded = Classifier(tmp_path)
+    assert (loaded.model_sha256, loaded.thresholds_sha256) == (model_sha256(), thresholds_sha256())
 
 
-def test_another_threshold_has_another_hash_and_the_same_weights(tmp_path: Path) -> None:
-    (tmp_path / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
-    laxer = load_preprocessing().model_copy(update={"unknown_below": 0.1})
-    (tmp_path / PREPROCESSING).write_text(laxer.model_dump_json())
-    assert model_sha256(tmp_path) == model_sha256()
-    assert thresholds_sha256(tmp_path) != thresholds_sha256()
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"classes": ["cardboard", "plastic", "metal", "paper", "glass", "trash"]},
+        {"temperature": 0.1},
+        {"unknown_below": 0.1},
+    ],
+    ids=["classes", "temperature", "threshold"],
+)
+def test_the_same_weights_that_say_something_else_are_another_network(
+    tmp_path: Path, changed: dict[str, object]
+) -> None:
+    folder = _model_with(tmp_path, (MODEL_DIR / WEIGHTS).read_bytes(), **changed)
+    assert model_sha256(folder) != model_sha256()
+    assert Classifier(folder).model_sha256 == model_sha256(folder)
+    with pytest.raises(UnlistedModel):
+        Classifier(folder, listed=[model_sha256()])
 
 
 def test_weights_that_are_not_listed_are_refused_before_they_are_parsed(tmp_path: Path) -> None:

@@ -17,15 +17,26 @@ from rodeo.checks.case import CaseError
 from rodeo.checks.report import Finding
 from rodeo.evidence import Proof, Recorder, open_proof
 from rodeo.ros2 import types
-from rodeo.vision.classification import UNKNOWN, combined, model_sha256, thresholds_sha256
+from rodeo.vision.classification import (
+    MODEL_DIR,
+    PREPROCESSING,
+    UNKNOWN,
+    WEIGHTS,
+    combined,
+    model_sha256,
+    thresholds_sha256,
+)
 from rodeo.vision.classification import Classification as Answer
+from rodeo.vision.classifier import Classifier
 from rodeo.witness.statement import Classification
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_kinds.waste_disposal.checks.picture import MAX_PICTURES
 from rodeo_testing.recordings import RENDERINGS
 from tests.unit.person.test_statement import ALICE, BINDING, NOW_NS, Clock
 
-CAN, TIN, PAPER = ((RENDERINGS / f"{name}.jpg").read_bytes() for name in ("metal_1", "metal_2", "paper_1"))
+CAN, TIN, PAPER, BOTTLE = (
+    (RENDERINGS / f"{name}.jpg").read_bytes() for name in ("metal_1", "metal_2", "paper_1", "glass_1")
+)
 OTHER = "0x" + "33" * 32
 TOPIC = "/" + topics.BIN_IMAGE.name(bin="itrash")
 
@@ -107,10 +118,29 @@ def test_two_machines_may_differ_by_rounding(found: Answer, may_be_said: set[str
     assert picture._may_be_said(found) == may_be_said
 
 
-def test_other_thresholds_are_named_and_refuse_nothing(tmp_path: Path) -> None:
+def test_other_thresholds_than_those_of_the_named_network_do_not_count(tmp_path: Path) -> None:
     found = shown(proof(tmp_path, CAN), "itrash", said(digest(CAN), thresholds_sha256=OTHER))
-    assert found.passed
+    assert found.undecided and found.fault == "the bin itrash"
     assert "other thresholds" in found.detail
+
+
+def test_a_listed_network_with_classes_exchanged_is_another_one_and_does_not_count(tmp_path: Path) -> None:
+    (tmp_path / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
+    text = (MODEL_DIR / PREPROCESSING).read_text()
+    exchanged = text.replace("glass", "-").replace("plastic", "glass").replace("-", "plastic")
+    (tmp_path / PREPROCESSING).write_text(exchanged)
+    answered = Classifier(tmp_path).classify(BOTTLE)
+    assert answered.label == "plastic"  # the installed one says glass
+    statement = said(
+        digest(BOTTLE),
+        answered.label,
+        probabilities=answered.told,
+        model_sha256=answered.model_sha256,
+        thresholds_sha256=answered.thresholds_sha256,
+    )
+    found = shown(proof(tmp_path, BOTTLE), "itrash", statement)
+    assert found.undecided and found.fault == "the bin itrash"
+    assert "which the rules do not list" in found.detail
 
 
 def test_the_word_of_a_network_that_the_rules_do_not_list_does_not_count(tmp_path: Path) -> None:

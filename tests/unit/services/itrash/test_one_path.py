@@ -16,7 +16,7 @@ from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
 from rodeo.lab.config import BinConfig, Pose2
-from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Classification
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Classification, model_sha256
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_cli import app
@@ -108,7 +108,7 @@ def test_a_bin_signs_which_network_it_loaded_whatever_lies_in_its_place_since(tm
     (action,) = bin_.photo(looked_at(classifier, can.read_bytes(), tmp_path / "pictures"), digest(b""), 1.0)
     assert isinstance(action, Attest)
     _, _, fields = Itrash._stated(action.record)
-    assert fields["model_sha256"] == digest((MODEL_DIR / WEIGHTS).read_bytes())
+    assert fields["model_sha256"] == model_sha256()
     assert fields["thresholds_sha256"] == digest((MODEL_DIR / PREPROCESSING).read_bytes())
 
 
