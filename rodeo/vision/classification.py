@@ -6,7 +6,7 @@ classes, another temperature or another threshold say something else, and are an
 what the bin signs, and in the rules that list the networks whose word counts.
 
     RodeoError
-    ├── BrokenModel           the file of weights is no network of this shape
+    ├── BrokenModel           a file is missing, or is no network or no preprocessing of one
     └── UnlistedModel         the network is none of those that may be loaded
 """
 
@@ -19,9 +19,10 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, unreadable
+from rodeo.lab.config import ItemClass
 
 MODEL_DIR = Path(__file__).parent / "model"
 WEIGHTS = "trash.onnx"
@@ -34,7 +35,8 @@ UNKNOWN = "unknown"
 
 
 class BrokenModel(RodeoError):
-    """The file of weights is no network that turns a picture into one number for each class and one more."""
+    """No network that turns a picture into one number for each class of waste and one more: a file is
+    missing, or is none of one."""
 
 
 class UnlistedModel(RodeoError):
@@ -44,19 +46,20 @@ class UnlistedModel(RodeoError):
 class Preprocessing(BaseModel):
     """How a BGR photo becomes the network's input, and its output a verdict."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     classes: list[str]
-    """The network's outputs in order; one more follows, for a picture that shows none of them."""
+    """Names of all `ItemClass`, as the network's outputs in order; one more follows, for a picture that shows
+    none of them."""
     input_px: int
     """Side of the square input. The whole photo is squeezed into it: the bin's camera frames the item, so
     cropping would lose what the picture is about."""
     mean: float
     scale: float
     """Input = (RGB - mean) * scale."""
-    temperature: float
+    temperature: float = Field(gt=0)
     """Logits are divided by it before the softmax (Guo et al., 2017, arXiv:1706.04599)."""
-    unknown_below: float
+    unknown_below: float = Field(ge=0, le=1)
     """A photo whose best class is less probable than this, `none of them` included, is `unknown`."""
 
 
@@ -140,8 +143,31 @@ def _decided(found: Classification) -> Classification:
 
 
 def load_preprocessing(model_dir: Path = MODEL_DIR) -> Preprocessing:
-    """The preprocessing beside the weights in `model_dir`."""
-    return Preprocessing.model_validate_json((model_dir / PREPROCESSING).read_bytes())
+    """The preprocessing beside the weights in `model_dir`. Raises BrokenModel."""
+    return parse_preprocessing(file_of(model_dir, PREPROCESSING))
+
+
+def parse_preprocessing(data: bytes) -> Preprocessing:
+    """Raises BrokenModel for what is none of a network that names the classes of waste."""
+    try:
+        found = Preprocessing.model_validate_json(data)
+    except ValueError as error:
+        raise BrokenModel("the preprocessing cannot be read", problem=unreadable(error)) from error
+    if sorted(found.classes) != sorted(ItemClass):
+        raise BrokenModel(
+            "the preprocessing names other classes", found=found.classes, expected=[*map(str, ItemClass)]
+        )
+    return found
+
+
+def file_of(model_dir: Path, name: str) -> bytes:
+    """What is in one of a network's files. Raises BrokenModel where it cannot be read."""
+    try:
+        return (model_dir / name).read_bytes()
+    except OSError as error:
+        raise BrokenModel(
+            "a file of the network cannot be read", path=str(model_dir / name), problem=unreadable(error)
+        ) from error
 
 
 def digest(data: bytes) -> str:
@@ -156,14 +182,18 @@ def network_sha256(weights: bytes, preprocessing: bytes) -> str:
 
 @cache
 def model_sha256(model_dir: Path = MODEL_DIR) -> str:
-    """`network_sha256` of its files when it was first asked for. What a `Classifier` loaded, it tells."""
-    return network_sha256(*((model_dir / name).read_bytes() for name in (WEIGHTS, PREPROCESSING)))
+    """`network_sha256` of its files when it was first asked for. What a `Classifier` loaded, it tells.
+
+    Raises BrokenModel.
+    """
+    return network_sha256(*(file_of(model_dir, name) for name in (WEIGHTS, PREPROCESSING)))
 
 
 @cache
 def thresholds_sha256(model_dir: Path = MODEL_DIR) -> str:
     """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold, as `model_sha256`.
 
-    It tells people which of a network's two files is another; nothing is decided by it alone.
+    It tells people which of a network's two files is another; nothing is decided by it alone. Raises
+    BrokenModel.
     """
-    return digest((model_dir / PREPROCESSING).read_bytes())
+    return digest(file_of(model_dir, PREPROCESSING))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import multiprocessing
 import subprocess
 import sys
@@ -154,6 +155,52 @@ def test_a_file_that_is_no_network_is_refused_in_words(
         Classifier(_model_with(tmp_path, weights))
     assert "ONNXRuntimeError" in refused.value.details["problem"]
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("missing", [WEIGHTS, PREPROCESSING])
+def test_a_network_of_which_a_file_is_missing_is_refused_in_words(tmp_path: Path, missing: str) -> None:
+    folder = _model_with(tmp_path, (MODEL_DIR / WEIGHTS).read_bytes())
+    (folder / missing).unlink()
+    for ask in (Classifier, model_sha256):
+        with pytest.raises(BrokenModel) as refused:
+            ask(folder)
+        assert refused.value.details["path"] == str(folder / missing)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"classes": ["cardboard", "glass", "metal", "paper", "plastic", "plastic"]},
+        {"classes": ["cardboard", "glass", "metal", "paper", "plastic", "gold"]},
+        {"classes": []},
+        {"temperature": 0},
+        {"temperature": -1.0},
+        {"temperature": float("inf")},
+        {"mean": float("nan")},
+        {"unknown_below": -0.01},
+        {"unknown_below": 1.01},
+    ],
+    ids=str,
+)
+def test_a_preprocessing_by_which_nothing_can_be_said_is_refused(
+    tmp_path: Path, changed: dict[str, object]
+) -> None:
+    weights = (MODEL_DIR / WEIGHTS).read_bytes()
+    text = json.dumps(load_preprocessing().model_dump() | changed)
+    folder = _model_with(tmp_path, weights)
+    (folder / PREPROCESSING).write_text(text)
+    for ask in (Classifier, load_preprocessing):
+        with pytest.raises(BrokenModel):
+            ask(folder)
+
+
+@pytest.mark.parametrize("text", [b"", b"{}", b"\xff\xfe", b"[]"])
+def test_a_file_that_is_no_preprocessing_is_refused_in_words(tmp_path: Path, text: bytes) -> None:
+    folder = _model_with(tmp_path, (MODEL_DIR / WEIGHTS).read_bytes())
+    (folder / PREPROCESSING).write_bytes(text)
+    with pytest.raises(BrokenModel) as refused:
+        Classifier(folder)
+    assert refused.value.details["problem"]
 
 
 def test_a_network_of_another_shape_than_its_preprocessing_is_refused(tmp_path: Path) -> None:
