@@ -43,6 +43,7 @@ from rodeo.vision.classification import (
     WEIGHTS,
     Preprocessing,
     load_preprocessing,
+    model_sha256,
     network_sha256,
 )
 from rodeo.vision.classifier import Classifier, shrink
@@ -318,8 +319,12 @@ def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
         "",
         *(f"    rodeo organization kind {kind} --review oracle" for kind in listed),
         "",
-        f"3. Where bins and oracles run, copy {files}",
-        f"   from {out} to {MODEL_DIR}, and restart them. Keep a copy of the earlier files.",
+        f"3. Where oracles run, copy {files}",
+        f"   from {MODEL_DIR} to {MODEL_DIR / model_sha256()}:",
+        "   they ask the earlier network while bins have it.",
+        "",
+        f"4. Where oracles run, and then where bins do, copy the same files from {out}",
+        f"   to {MODEL_DIR}, and restart them.",
         "",
         f"Then learn from the next corrections with --folds {out / _FOLDS} and another --out.",
     ]

@@ -23,6 +23,7 @@ from rodeo.vision.classification import (
     UNKNOWN,
     WEIGHTS,
     combined,
+    load_preprocessing,
     model_sha256,
     thresholds_sha256,
 )
@@ -91,13 +92,50 @@ def test_what_the_network_that_the_bin_names_does_not_say_of_the_picture_does_no
     assert "it said glass, and the network that it names says paper" in found.detail
 
 
-def test_what_another_listed_network_says_is_shown_beside_the_bins_word_and_refuses_nothing(
+@pytest.fixture
+def second(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder of another network than the installed one, where an oracle looks for it."""
+    beside = tmp_path_factory.mktemp("model")
+    folder = beside / "made"
+    folder.mkdir()
+    (folder / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
+    softer = load_preprocessing().model_copy(update={"temperature": 2.0})
+    (folder / PREPROCESSING).write_text(softer.model_dump_json())
+    named = folder.rename(beside / Classifier(folder).model_sha256)
+    monkeypatch.setattr(picture, "MODEL_DIR", beside)
+    return named
+
+
+def test_another_listed_network_is_asked_where_the_oracle_has_it(tmp_path: Path, second: Path) -> None:
+    answered, listed = Classifier(second).classify(PAPER), [model_sha256(), second.name]
+    own = {"model_sha256": answered.model_sha256, "thresholds_sha256": answered.thresholds_sha256}
+    file = proof(tmp_path, PAPER)
+    honest = said(digest(PAPER), "paper", probabilities=answered.told, **own)
+    found = picture.shown(file, "itrash", honest, listed)
+    assert (found.passed, found.measured) == (True, "paper"), found.detail
+    for label, probabilities in (("glass", {"glass": 1.0}), ("paper", {"paper": 1.0})):
+        lie = said(digest(PAPER), label, probabilities=probabilities, **own)
+        found = picture.shown(file, "itrash", lie, listed)
+        assert found.undecided and found.fault == "the bin itrash"
+        assert "than the network that it names has" in found.detail or "says paper" in found.detail
+
+
+def test_what_is_said_in_the_name_of_a_listed_network_that_the_oracle_does_not_have_is_for_others(
     tmp_path: Path,
 ) -> None:
+    """Else a bin that names it could say what it likes."""
     other = said(digest(PAPER), "glass", model_sha256=OTHER)
     found = picture.shown(proof(tmp_path, PAPER), "itrash", other, [model_sha256(), OTHER])
-    assert (found.passed, found.measured) == (True, "paper")
-    assert "the bin said glass" in found.detail
+    assert found.undecided and found.fault == "the oracle"
+    assert str(MODEL_DIR / OTHER) in found.detail
+
+
+def test_another_network_in_the_folder_of_a_listed_one_is_not_asked(tmp_path: Path, second: Path) -> None:
+    second.rename(second.parent / OTHER)
+    other = said(digest(PAPER), "paper", model_sha256=OTHER)
+    found = picture.shown(proof(tmp_path, PAPER), "itrash", other, [OTHER])
+    assert found.undecided and found.fault == "the oracle"
+    assert second.name in found.detail
 
 
 def answer(plastic: float, item: float = 1.0) -> Answer:
@@ -148,8 +186,6 @@ def test_the_word_of_a_network_that_the_rules_do_not_list_does_not_count(tmp_pat
     found = shown(file, "itrash", other)
     assert found.undecided and found.fault == "the bin itrash"  # the executor did not choose it
     assert OTHER in found.detail and model_sha256() in found.detail
-    listed = picture.shown(file, "itrash", other, [model_sha256(), OTHER])
-    assert listed.passed and "another model" in listed.detail
 
 
 def test_a_file_that_is_not_the_network_of_the_rules_is_not_loaded_and_the_oracle_is_at_fault(
@@ -230,7 +266,7 @@ def test_all_pictures_that_were_combined_must_be_in_the_proof(tmp_path: Path) ->
 def test_probabilities_that_the_named_pictures_do_not_make_do_not_count(tmp_path: Path) -> None:
     """By them the site's costs choose the compartment."""
     file = proof(tmp_path, TIN, CAN)
-    network = picture.network()
+    network = picture.network(model_sha256())
     honest = combined([network.classify(one) for one in (TIN, CAN)]).told
     assert shown(file, "itrash", said(digest(CAN), probabilities=honest, earlier=[look(TIN)])).passed
     for other in ({"metal": 0.9, "glass": 0.1}, {}):

@@ -246,4 +246,4 @@ def test_a_network_that_cannot_be_loaded_keeps_no_other_kind_from_being_judged(
         timeout=120,
     )
     assert answer.stdout.strip() == judged, answer.stderr
-    assert "the bin's network cannot be loaded" in answer.stderr
+    assert "the installed network cannot be loaded" in answer.stderr
