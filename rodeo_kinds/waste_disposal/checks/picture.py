@@ -43,10 +43,10 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
     """All pictures whose hashes the bin signed are in the proof, and it said what the network that it names
     says of them together.
 
-    Undecided where the bin asked a network that is not `listed`, or said what that network does not say: its
-    word does not count, and the executor did not choose it; also where this oracle does not have that
-    network. Raises CaseError where the picture is missing, LayoutChanged where its topic
-    holds something else.
+    Undecided where the bin asked a network that is not `listed`, said what that network does not say, or
+    signed what is no picture: its word does not count, and the executor did not choose it. Also where this
+    oracle does not have that network. Raises CaseError where the picture is missing, LayoutChanged where its
+    topic holds something else.
     """
     topic = "/" + topics.BIN_IMAGE.name(bin=bin_name)
     count = proof.count(topic)
@@ -70,7 +70,12 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
     try:
         found = combined([asked.classify(picture) for picture in pictures])
     except ImageError as error:
-        return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
+        # What has the hash that the bin signed is what the bin looked at: the executor cannot exchange it.
+        return undecided(
+            f"it signed the hash of what is no picture: {error.message}",
+            f"the bin {bin_name}",
+            source=_SOURCE,
+        )
     answer = f"{found.label} ({found.confidence:.2f})"
     if said.item_class not in _may_be_said(found):
         return undecided(
