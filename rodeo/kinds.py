@@ -185,11 +185,18 @@ class Kind:
     def models(self) -> list[str]:
         """Hashes of the networks whose word counts: of the one that the checks ask, and of others listed.
 
-        Raises KindError where some are listed and the checks ask none, or cannot be imported.
+        Raises KindError where some are listed and the checks ask none, or cannot be imported, or where the
+        files of the one that they ask cannot be read.
         """
         checks = self.load_checks()
         if checks is not None and checks.model_sha256 is not None:
-            return sorted({checks.model_sha256(), *self.models_sha256})
+            try:
+                asked = checks.model_sha256()
+            except RodeoError as error:
+                raise KindError(
+                    "the network that its checks ask cannot be read", kind=self.name, reason=str(error)
+                ) from error
+            return sorted({asked, *self.models_sha256})
         if self.models_sha256:
             raise KindError("its checks ask no network: remove models_sha256", kind=self.name)
         return []

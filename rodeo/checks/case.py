@@ -189,7 +189,7 @@ class Checks:
     at_idle_speed: bool = False
     """Whether a simulated clock goes at the site's `idle_speed` while the work is done."""
     model_sha256: Callable[[], str] | None = None
-    """Of the network that the checks ask, where they ask one."""
+    """Of the network that the checks ask, where they ask one. Raises RodeoError."""
 
 
 def ordered(case: Case, model: type[Params]) -> Params:

@@ -1,12 +1,13 @@
 """What the bin says of a picture, and the data that decide it: weights, classes, preprocessing, thresholds.
 
 Preprocessing, classes and thresholds are data beside the weights (`model/preprocessing.json`, written by
-`services.itrash.training.train`), so that weights and their preprocessing cannot drift apart. Their hashes
-stand in what the bin signs: who judges a picture later knows which network and which thresholds spoke.
+`services.itrash.training.train`). A network is known by one hash of both files: the same weights with other
+classes, another temperature or another threshold say something else, and are another network. It stands in
+what the bin signs, and in the rules that list the networks whose word counts.
 
     RodeoError
-    ├── BrokenModel           the file of weights is no network of this shape
-    └── UnlistedModel         the file of weights is none of those that may be loaded
+    ├── BrokenModel           a file is missing, or is no network or no preprocessing of one
+    └── UnlistedModel         the network is none of those that may be loaded
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, unreadable
+from rodeo.lab.config import ItemClass
 
 MODEL_DIR = Path(__file__).parent / "model"
 WEIGHTS = "trash.onnx"
@@ -33,29 +35,31 @@ UNKNOWN = "unknown"
 
 
 class BrokenModel(RodeoError):
-    """The file of weights is no network that turns a picture into one number for each class and one more."""
+    """No network that turns a picture into one number for each class of waste and one more: a file is
+    missing, or is none of one."""
 
 
 class UnlistedModel(RodeoError):
-    """The file of weights is none of those that may be loaded."""
+    """The network is none of those that may be loaded."""
 
 
 class Preprocessing(BaseModel):
     """How a BGR photo becomes the network's input, and its output a verdict."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     classes: list[str]
-    """The network's outputs in order; one more follows, for a picture that shows none of them."""
+    """Names of all `ItemClass`, as the network's outputs in order; one more follows, for a picture that shows
+    none of them."""
     input_px: int
     """Side of the square input. The whole photo is squeezed into it: the bin's camera frames the item, so
     cropping would lose what the picture is about."""
     mean: float
     scale: float
     """Input = (RGB - mean) * scale."""
-    temperature: float
+    temperature: float = Field(gt=0)
     """Logits are divided by it before the softmax (Guo et al., 2017, arXiv:1706.04599)."""
-    unknown_below: float
+    unknown_below: float = Field(ge=0, le=1)
     """A photo whose best class is less probable than this, `none of them` included, is `unknown`."""
 
 
@@ -68,8 +72,8 @@ class Classification:
     probabilities: dict[str, float]
     item_probability: float = 1.0
     model_sha256: str = ""
-    """The network that was asked, and `thresholds_sha256`: of the bytes that it was loaded from. Empty where
-    the answer is computed from logits alone."""
+    """The network that was asked, and `thresholds_sha256`, a part of it: of the bytes in use. Empty where the
+    answer is computed from logits alone."""
     thresholds_sha256: str = ""
     unknown_below: float = 0.0
     """The threshold that the label was decided by."""
@@ -139,8 +143,31 @@ def _decided(found: Classification) -> Classification:
 
 
 def load_preprocessing(model_dir: Path = MODEL_DIR) -> Preprocessing:
-    """The preprocessing beside the weights in `model_dir`."""
-    return Preprocessing.model_validate_json((model_dir / PREPROCESSING).read_bytes())
+    """The preprocessing beside the weights in `model_dir`. Raises BrokenModel."""
+    return parse_preprocessing(file_of(model_dir, PREPROCESSING))
+
+
+def parse_preprocessing(data: bytes) -> Preprocessing:
+    """Raises BrokenModel for what is none of a network that names the classes of waste."""
+    try:
+        found = Preprocessing.model_validate_json(data)
+    except ValueError as error:
+        raise BrokenModel("the preprocessing cannot be read", problem=unreadable(error)) from error
+    if sorted(found.classes) != sorted(ItemClass):
+        raise BrokenModel(
+            "the preprocessing names other classes", found=found.classes, expected=[*map(str, ItemClass)]
+        )
+    return found
+
+
+def file_of(model_dir: Path, name: str) -> bytes:
+    """What is in one of a network's files. Raises BrokenModel where it cannot be read."""
+    try:
+        return (model_dir / name).read_bytes()
+    except OSError as error:
+        raise BrokenModel(
+            "a file of the network cannot be read", path=str(model_dir / name), problem=unreadable(error)
+        ) from error
 
 
 def digest(data: bytes) -> str:
@@ -148,13 +175,25 @@ def digest(data: bytes) -> str:
     return "0x" + sha256(data).hexdigest()
 
 
+def network_sha256(weights: bytes, preprocessing: bytes) -> str:
+    """What a network is known by: SHA-256 (0x) of the SHA-256 of its two files, the weights' first."""
+    return digest(sha256(weights).digest() + sha256(preprocessing).digest())
+
+
 @cache
 def model_sha256(model_dir: Path = MODEL_DIR) -> str:
-    """SHA-256 (0x) of the weights' file when it was first asked for. What a `Classifier` loaded, it tells."""
-    return digest((model_dir / WEIGHTS).read_bytes())
+    """`network_sha256` of its files when it was first asked for. What a `Classifier` loaded, it tells.
+
+    Raises BrokenModel.
+    """
+    return network_sha256(*(file_of(model_dir, name) for name in (WEIGHTS, PREPROCESSING)))
 
 
 @cache
 def thresholds_sha256(model_dir: Path = MODEL_DIR) -> str:
-    """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold, as `model_sha256`."""
-    return digest((model_dir / PREPROCESSING).read_bytes())
+    """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold, as `model_sha256`.
+
+    It tells people which of a network's two files is another; nothing is decided by it alone. Raises
+    BrokenModel.
+    """
+    return digest(file_of(model_dir, PREPROCESSING))

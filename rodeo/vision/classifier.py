@@ -25,6 +25,9 @@ from rodeo.vision.classification import (
     Preprocessing,
     UnlistedModel,
     digest,
+    file_of,
+    network_sha256,
+    parse_preprocessing,
     verdict,
 )
 from rodeo.vision.images import IMAGE_LIMITS, ImageLimits, decode_image
@@ -67,15 +70,16 @@ class Classifier:
     """The trained model. Safe to call from several threads; they take turns."""
 
     def __init__(self, model_dir: Path = MODEL_DIR, listed: Collection[str] | None = None) -> None:
-        """Raises UnlistedModel, before a parser sees them, for weights whose SHA-256 (0x) is not `listed`;
-        BrokenModel for weights that are no such network."""
+        """Raises UnlistedModel, before a parser sees it, for a network whose `network_sha256` is not
+        `listed`; BrokenModel for files that are missing or no such network's."""
         # Each file is read once: the hashes are of the bytes in use, also when a file is replaced meanwhile.
-        weights, thresholds = ((model_dir / name).read_bytes() for name in (WEIGHTS, PREPROCESSING))
-        self.model_sha256, self.thresholds_sha256 = digest(weights), digest(thresholds)
+        weights, thresholds = (file_of(model_dir, name) for name in (WEIGHTS, PREPROCESSING))
+        self.model_sha256 = network_sha256(weights, thresholds)
+        self.thresholds_sha256 = digest(thresholds)
         if listed is not None and self.model_sha256 not in listed:
             found = self.model_sha256
             raise UnlistedModel("the network is not listed: not loaded", found=found, listed=[*listed])
-        self.preprocessing = Preprocessing.model_validate_json(thresholds)
+        self.preprocessing = parse_preprocessing(thresholds)
         self._session = _session(weights, self.preprocessing)
         # A crowd of requests takes one core and the memory of one picture, however many there are.
         self._one_at_a_time = threading.Lock()

@@ -5,13 +5,14 @@ parser exposed to strangers.
 
     ImageError (RequestError)
     ├── ImageTooLarge         more bytes or more pixels than allowed
-    ├── UnsupportedImage      not JPEG, PNG or WebP
+    ├── UnsupportedImage      not JPEG, PNG or WebP, or an animated PNG
     └── BrokenImage           the signature fits, the rest does not
 """
 
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -27,6 +28,21 @@ _JPEG_BARE_MARKERS = frozenset((0x01, *range(0xD0, 0xD9)))
 _JPEG_SEGMENT_MARKERS = frozenset((0xC4, 0xCC, 0xDB, 0xDC, 0xDD, *range(0xE0, 0xF0), 0xFE))
 """Tables, applications' data and comments (same table), those that libjpeg knows. It skips 00 and refuses the
 others: who took them for segments would read on in another place, and there another size."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""By colour type (PNG, third edition, table 8)."""
+_PNG_PASSES = (
+    (0, 0, 8, 8),
+    (4, 0, 8, 8),
+    (0, 4, 4, 8),
+    (2, 0, 4, 4),
+    (0, 2, 2, 4),
+    (1, 0, 2, 2),
+    (0, 1, 1, 2),
+)
+"""Of an interlaced PNG (the same, 8.1): first column, first row, and steps to the next ones."""
+_INFLATED_AT_ONCE, _DEFLATED_AT_ONCE = 1 << 18, 1 << 16
+"""Bytes: small enough for a processor's cache."""
 
 
 class ImageError(RequestError):
@@ -34,11 +50,11 @@ class ImageError(RequestError):
 
 
 class ImageTooLarge(ImageError):
-    """More bytes, pixels or scans than allowed; nothing was decoded."""
+    """More bytes, pixels, scans or packed texts than allowed; nothing was decoded."""
 
 
 class UnsupportedImage(ImageError):
-    """Neither JPEG, PNG nor WebP."""
+    """Neither JPEG, PNG nor WebP, or an animated PNG."""
 
 
 class BrokenImage(ImageError):
@@ -53,6 +69,9 @@ class ImageLimits:
     max_pixels: int = 16_000_000
     max_scans: int = 100
     """Passes over the pixels of a progressive JPEG: encoders make about ten, each costs the decoder time."""
+    max_packed_texts: int = 8
+    """Deflated texts and colour profiles of a PNG: cameras and editors write few, and libpng unpacks up to
+    8 MB of each."""
 
 
 IMAGE_LIMITS = ImageLimits()
@@ -78,6 +97,8 @@ def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
     # In a JPEG's coded data no 0xDA follows a 0xFF (ITU-T T.81, B.1.1.5): each pair begins a scan.
     if data.startswith(_JPEG) and (scans := data.count(b"\xff\xda")) > limits.max_scans:
         raise ImageTooLarge("the photo has too many scans", scans=scans, max_scans=limits.max_scans)
+    if data.startswith(_PNG):
+        _check_png(data, limits)
     # Imported here: who reads a header, or refuses by size, needs no OpenCV.
     import cv2
 
@@ -94,7 +115,7 @@ def media_type(data: bytes) -> str:
     """The MIME type by the first bytes; what is none of the three is just bytes."""
     if data.startswith(_JPEG):
         return "image/jpeg"
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+    if data.startswith(_PNG):
         return "image/png"
     return "image/webp" if data.startswith(b"RIFF") and data[8:12] == b"WEBP" else "application/octet-stream"
 
@@ -104,10 +125,10 @@ def image_size(data: bytes) -> tuple[int, int]:
     and struct.error or IndexError where the header is cut."""
     if data.startswith(_JPEG):
         return _jpeg_size(data)
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+    if data.startswith(_PNG):
         if data[12:16] != b"IHDR":
             raise BrokenImage("a PNG begins with IHDR", found=data[12:16].hex())
-        width_px, height_px = struct.unpack_from(">II", data, 16)
+        width_px, height_px = struct.unpack_from(">II5x", data, 16)  # what else stands there is read later
         return width_px, height_px
     if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
         return _webp_size(data)
@@ -154,6 +175,91 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
         if length < 2:
             raise BrokenImage("a JPEG segment is shorter than its own length field", at=at)
         at += length
+
+
+def _check_png(data: bytes, limits: ImageLimits) -> None:
+    """OpenCV asks for the memory that a chunk's length claims before it looks whether so much is there, and
+    libpng unpacks what follows the last pixel, too. Raises ImageError for both.
+
+    Animations are refused: OpenCV composes them by code of its own, and no camera makes any.
+    """
+    pixels = _Pixels(data)
+    texts = 0
+    for name, begin, end in _png_chunks(data):
+        if name == b"IDAT":
+            pixels.add(memoryview(data)[begin:end])
+        elif name == b"acTL":
+            raise UnsupportedImage("the PNG is animated", at=begin)
+        elif name in (b"zTXt", b"iCCP") or (name == b"iTXt" and _is_packed(data[begin:end])):
+            texts += 1
+            if texts > limits.max_packed_texts:
+                raise ImageTooLarge("the PNG has too many packed texts", max=limits.max_packed_texts)
+        elif name == b"IEND" and not pixels.begun:
+            # OpenCV would look for them behind it.
+            raise BrokenImage("the PNG ends before its pixels", at=begin)
+
+
+def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Name, begin and end of each chunk's data, the last is IEND. Raises BrokenImage where one is cut."""
+    at, name = len(_PNG), b""
+    while name != b"IEND":
+        if len(data) - at < 12:
+            raise BrokenImage("the PNG ends before its last chunk", bytes=len(data))
+        length, name = struct.unpack_from(">I4s", data, at)
+        begin, end = at + 8, at + 8 + length
+        at = end + 4  # its checksum
+        if at > len(data):
+            raise BrokenImage(
+                "a PNG chunk is longer than what is left", chunk=name.hex(), length=length, bytes=len(data)
+            )
+        yield name, begin, end
+
+
+def _is_packed(international_text: bytes) -> bool:
+    flag = international_text.find(b"\0") + 1
+    return international_text[flag : flag + 1] != b"\0"
+
+
+class _Pixels:
+    """Unpacks a PNG's pixels and forgets them, to see how many bytes they are."""
+
+    def __init__(self, data: bytes) -> None:
+        """Of a PNG whose header is all there. Raises BrokenImage for a kind of pixels that there is not."""
+        width, height, bits, colour, _, _, interlaced = struct.unpack_from(">IIBBBBB", data, 16)
+        if colour not in _PNG_CHANNELS or bits not in (1, 2, 4, 8, 16) or interlaced > 1:
+            raise BrokenImage("no PNG has such pixels", bits=bits, colour=colour, interlaced=interlaced)
+        self.begun = False
+        self._allowed = sum(
+            rows * (1 + (columns * bits * _PNG_CHANNELS[colour] + 7) // 8)
+            for columns, rows in _png_passes(width, height, bool(interlaced))
+        )
+        self._left = self._allowed
+        self._stream = zlib.decompressobj()
+
+    def add(self, deflated: memoryview) -> None:
+        """Raises BrokenImage where they are more than the picture has, or not deflated."""
+        self.begun = True
+        for at in range(0, len(deflated), _DEFLATED_AT_ONCE):
+            rest: memoryview | bytes = deflated[at : at + _DEFLATED_AT_ONCE]
+            while rest and not self._stream.eof:
+                try:
+                    inflated = self._stream.decompress(rest, _INFLATED_AT_ONCE)
+                except zlib.error as error:
+                    raise BrokenImage("the PNG's pixels cannot be unpacked", reason=str(error)) from error
+                self._left -= len(inflated)
+                if self._left < 0:
+                    raise BrokenImage("the PNG has more bytes of pixels than its size", allowed=self._allowed)
+                rest = self._stream.unconsumed_tail
+
+
+def _png_passes(width: int, height: int, interlaced: bool) -> list[tuple[int, int]]:
+    """Columns and rows of each pass that has pixels."""
+    if not interlaced:
+        return [(width, height)]
+    sizes = (
+        (-((column - width) // wide), -((row - height) // high)) for column, row, wide, high in _PNG_PASSES
+    )
+    return [(columns, rows) for columns, rows in sizes if columns > 0 and rows > 0]
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:

@@ -137,7 +137,9 @@ class Classification(Header):
     image_sha256: Digest
     """Hash of the picture as the camera encoded it."""
     model_sha256: Digest
+    """What the network that was asked is known by: `network_sha256` of weights and preprocessing."""
     thresholds_sha256: Digest
+    """Hash of its preprocessing alone, which has the thresholds."""
     claimants: tuple[Claimant, ...] = Field(max_length=MAX_CLAIMANTS)
     """Robots that presented themselves before, the newest first. Motion capture shows which of them stood
     at the bin."""

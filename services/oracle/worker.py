@@ -62,6 +62,8 @@ class VerificationFailed(RodeoError):
     """A verification ended without a report, and may be tried once more."""
 
 
+_NOT_STARTED = (EOFError, OSError)
+"""What a process raises whose fork server has ended, or does not start."""
 _STOP_SLICE_S = 0.2
 """Longest wait before a stop is noticed."""
 _SIGNAL_GRACE_S = 1.0
@@ -71,13 +73,17 @@ _SIGNAL_GRACE_S = 1.0
 def start(site: Site) -> dict[str, str | None]:
     """Start the process that verifications are forked from; returns when it has loaded what they need.
 
-    The rules that it judges by: kind -> hash, None where the kind's checks cannot be imported. Raises
-    VerifierEnded.
+    The rules that it judges by: kind -> hash, None where the kind's checks cannot be imported, or what they
+    ask cannot be read. Raises VerifierEnded.
     """
     context = _context_of(site)
     told, teller = context.Pipe(duplex=False)
     child = context.Process(target=_tell_rules, args=(site, teller), name="first child", daemon=True)
-    child.start()
+    try:
+        child.start()
+    except _NOT_STARTED as error:
+        # It loads the kinds' checks, which may raise whatever they like.
+        raise VerifierEnded("the process that verifies did not start", reason=repr(error)[:200]) from error
     teller.close()
     try:
         rules: dict[str, str | None] = told.recv()
@@ -151,7 +157,10 @@ def _once(
             name=f"verify task {chain_record.task.id}",
             daemon=True,
         )
-        process.start()
+        try:
+            process.start()
+        except _NOT_STARTED as error:
+            return None, f"the process to verify in did not start: {error!r}"
         deadline_s = time.monotonic() + limits.time_limit_s
         while process.is_alive() and time.monotonic() < deadline_s and not stop.is_set():
             process.join(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))

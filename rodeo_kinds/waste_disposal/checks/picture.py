@@ -1,8 +1,8 @@
 """What the bin looked at: the picture travels in the proof as the camera encoded it.
 
 Whether it is there decides, and whether the bin asked a network that the kind's rules list, and said what
-that one says: the network that is deployed here is asked again. Where the bin asked another listed one, the
-answer is shown to judges, and decides nothing.
+that one says: the network that the bin names is asked again. It is the installed one, or lies in a folder
+beside its files that is called by its hash; where it is neither, this oracle cannot tell.
 """
 
 from collections.abc import Collection, Sequence
@@ -17,12 +17,12 @@ from rodeo.evidence import Proof
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.vision.classification import (
+    MODEL_DIR,
     UNKNOWN,
     BrokenModel,
     UnlistedModel,
     combined,
     model_sha256,
-    thresholds_sha256,
 )
 from rodeo.vision.classification import Classification as Answer
 from rodeo.vision.images import ImageError
@@ -40,57 +40,68 @@ _SOURCE = "the picture in the proof, and the bin's signed statement"
 
 
 def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[str]) -> Finding:
-    """All pictures whose hashes the bin signed are in the proof; and what the network says of them together.
+    """All pictures whose hashes the bin signed are in the proof, and it said what the network that it names
+    says of them together.
 
-    Undecided where the bin asked a network that is not `listed`, or said what that network does not say: its
-    word does not count, and the executor did not choose it; also where the network's file here is not the
-    one in the rules any more. Raises CaseError where the picture is missing, LayoutChanged where its topic
-    holds something else.
+    Undecided where the bin asked a network that is not `listed`, said what that network does not say, or
+    signed what is no picture: its word does not count, and the executor did not choose it. Also where this
+    oracle does not have that network. Raises CaseError where the picture is missing, LayoutChanged where its
+    topic holds something else.
     """
     topic = "/" + topics.BIN_IMAGE.name(bin=bin_name)
     count = proof.count(topic)
     if count > MAX_PICTURES:
         return at_most(count, MAX_PICTURES, "", source="limit of pictures in a proof", detail="pictures")
     pictures = _pictures(proof, topic, [look.image_sha256 for look in said.looks])
-    try:
-        found = combined([network().classify(picture) for picture in pictures])
-    except ImageError as error:
-        return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
-    except (UnlistedModel, BrokenModel) as error:
-        return undecided(str(error), "the oracle", source="the network's file here, and the kind's rules")
-    answer = f"{found.label} ({found.confidence:.2f})"
     if said.model_sha256 not in listed:
         return undecided(
             f"it asked the network {said.model_sha256}, which the rules do not list: {', '.join(listed)}",
             f"the bin {bin_name}",
             source=_SOURCE,
         )
-    same_network = said.model_sha256 == model_sha256()
-    if same_network and said.item_class not in _may_be_said(found):
+    try:
+        asked = network(said.model_sha256)
+    except (UnlistedModel, BrokenModel) as error:
+        return undecided(
+            f"it cannot ask the network {said.model_sha256}, which the rules list: {error}",
+            "the oracle",
+            source="the network's files here, and the kind's rules",
+        )
+    try:
+        found = combined([asked.classify(picture) for picture in pictures])
+    except ImageError as error:
+        # What has the hash that the bin signed is what the bin looked at: the executor cannot exchange it.
+        return undecided(
+            f"it signed the hash of what is no picture: {error.message}",
+            f"the bin {bin_name}",
+            source=_SOURCE,
+        )
+    answer = f"{found.label} ({found.confidence:.2f})"
+    if said.item_class not in _may_be_said(found):
         return undecided(
             f"it said {said.item_class}, and the network that it names says {answer} of its pictures",
             f"the bin {bin_name}",
             source=_SOURCE,
         )
-    if same_network and _differs(found.told, said.probabilities):
+    if _differs(found.told, said.probabilities):
         return undecided(
             f"it signed other probabilities than the network that it names has: {found.told}",
             f"the bin {bin_name}",
             source=_SOURCE,
         )
-    if not same_network:
-        told = f"it used another model; this oracle's model says {answer}, for information only"
-    elif said.thresholds_sha256 != thresholds_sha256():
-        told = f"it used other thresholds; with this oracle's thresholds the answer is {answer}"
-    else:
-        told = f"the same network says {answer}"
+    if said.thresholds_sha256 != found.thresholds_sha256:
+        return undecided(
+            f"it signed other thresholds than the network that it names has: {found.thresholds_sha256}",
+            f"the bin {bin_name}",
+            source=_SOURCE,
+        )
     of_several = f" of {len(pictures)} pictures" if len(pictures) > 1 else ""
     sure = max(said.probabilities.values(), default=0.0)
     return Finding(
         passed=True,
         measured=found.label,
         source=_SOURCE,
-        detail=f"the bin said {said.item_class} ({sure:.2f}){of_several}; {told}",
+        detail=f"the bin said {said.item_class} ({sure:.2f}){of_several}; the same network says {answer}",
     )
 
 
@@ -135,12 +146,12 @@ def _pictures(proof: Proof, topic: str, hashes: Sequence[str]) -> list[bytes]:
 
 
 @cache
-def network() -> "Classifier":
-    """Loaded when it is first asked: OpenCV takes its time to import.
+def network(name: str) -> "Classifier":
+    """The one of this hash. Loaded when it is first asked: OpenCV takes its time to import.
 
-    Raises UnlistedModel where the file is not the one in the rules' hash: somebody exchanged it meanwhile;
-    BrokenModel where it is no network.
+    Raises UnlistedModel where the files are another one's: somebody exchanged them meanwhile; BrokenModel
+    where they are no network's, or not there.
     """
     from rodeo.vision.classifier import Classifier
 
-    return Classifier(listed=(model_sha256(),))
+    return Classifier(MODEL_DIR if name == model_sha256() else MODEL_DIR / name, listed=(name,))

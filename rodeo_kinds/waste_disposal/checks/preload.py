@@ -1,12 +1,17 @@
-"""What the fork server loads before the first proof comes: the bin's network, which takes half a second, and
-what it is called by.
+"""What the fork server loads before the first proof comes: the installed network, which takes half a second.
 
 It does not run the network: OpenCV's threads would be missing in every process that is forked from it.
+A network that cannot be loaded must not end the fork server, which other kinds' proofs need, too: the check
+that asks for it says so.
 """
 
-from rodeo.vision.classification import model_sha256, thresholds_sha256
+import logging
+
+from rodeo.errors import RodeoError
+from rodeo.vision.classification import model_sha256
 from rodeo_kinds.waste_disposal.checks.picture import network
 
-model_sha256()
-network()
-thresholds_sha256()
+try:
+    network(model_sha256())
+except (RodeoError, OSError) as error:
+    logging.getLogger(__name__).error("the installed network cannot be loaded: %s", error)

@@ -42,8 +42,9 @@ from rodeo.vision.classification import (
     UNKNOWN,
     WEIGHTS,
     Preprocessing,
-    digest,
     load_preprocessing,
+    model_sha256,
+    network_sha256,
 )
 from rodeo.vision.classifier import Classifier, shrink
 from rodeo.vision.images import ImageError, decode_image
@@ -293,7 +294,7 @@ def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
     """What makes the model in `out` count. `listed` are the networks whose word counts, by kind of task: they
     stay listed, so that the rules have the same hash before and after a machine gets the new one, and the
     word of bins that still have an earlier one counts."""
-    made = digest((out / WEIGHTS).read_bytes())
+    made = network_sha256(*((out / name).read_bytes() for name in (WEIGHTS, PREPROCESSING)))
     files = ", ".join((WEIGHTS, PREPROCESSING, TRAINING))
     return [
         f"model_sha256 {made}",
@@ -318,8 +319,12 @@ def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
         "",
         *(f"    rodeo organization kind {kind} --review oracle" for kind in listed),
         "",
-        f"3. Where bins and oracles run, copy {files}",
-        f"   from {out} to {MODEL_DIR}, and restart them. Keep a copy of the earlier files.",
+        f"3. Where oracles run, copy {files}",
+        f"   from {MODEL_DIR} to {MODEL_DIR / model_sha256()}:",
+        "   they ask the earlier network while bins have it.",
+        "",
+        f"4. Where oracles run, and then where bins do, copy the same files from {out}",
+        f"   to {MODEL_DIR}, and restart them.",
         "",
         f"Then learn from the next corrections with --folds {out / _FOLDS} and another --out.",
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import multiprocessing
 import subprocess
 import sys
@@ -97,19 +98,34 @@ def test_what_is_no_picture_gets_an_error_that_says_why_and_no_answer(classifier
     assert refused.value.details["max_pixels"] == 100
 
 
-def test_weights_and_thresholds_are_known_by_the_hashes_of_their_files(tmp_path: Path) -> None:
-    for name in (WEIGHTS, PREPROCESSING):
-        (tmp_path / name).write_bytes((MODEL_DIR / name).read_bytes())
+def test_a_network_is_known_by_one_hash_of_its_two_files(tmp_path: Path) -> None:
+    weights, preprocessing = ((MODEL_DIR / name).read_bytes() for name in (WEIGHTS, PREPROCESSING))
+    (tmp_path / WEIGHTS).write_bytes(weights)
+    (tmp_path / PREPROCESSING).write_bytes(preprocessing)
     assert (model_sha256(), thresholds_sha256()) == (model_sha256(tmp_path), thresholds_sha256(tmp_path))
-    assert model_sha256() == "0x" + hashlib.sha256((MODEL_DIR / WEIGHTS).read_bytes()).hexdigest()
+    both = hashlib.sha256(weights).digest() + hashlib.sha256(preprocessing).digest()
+    assert model_sha256() == "0x" + hashlib.sha256(both).hexdigest()
+    loaded = Classifier(tmp_path)
+    assert (loaded.model_sha256, loaded.thresholds_sha256) == (model_sha256(), thresholds_sha256())
 
 
-def test_another_threshold_has_another_hash_and_the_same_weights(tmp_path: Path) -> None:
-    (tmp_path / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
-    laxer = load_preprocessing().model_copy(update={"unknown_below": 0.1})
-    (tmp_path / PREPROCESSING).write_text(laxer.model_dump_json())
-    assert model_sha256(tmp_path) == model_sha256()
-    assert thresholds_sha256(tmp_path) != thresholds_sha256()
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"classes": ["cardboard", "plastic", "metal", "paper", "glass", "trash"]},
+        {"temperature": 0.1},
+        {"unknown_below": 0.1},
+    ],
+    ids=["classes", "temperature", "threshold"],
+)
+def test_the_same_weights_that_say_something_else_are_another_network(
+    tmp_path: Path, changed: dict[str, object]
+) -> None:
+    folder = _model_with(tmp_path, (MODEL_DIR / WEIGHTS).read_bytes(), **changed)
+    assert model_sha256(folder) != model_sha256()
+    assert Classifier(folder).model_sha256 == model_sha256(folder)
+    with pytest.raises(UnlistedModel):
+        Classifier(folder, listed=[model_sha256()])
 
 
 def test_weights_that_are_not_listed_are_refused_before_they_are_parsed(tmp_path: Path) -> None:
@@ -139,6 +155,52 @@ def test_a_file_that_is_no_network_is_refused_in_words(
         Classifier(_model_with(tmp_path, weights))
     assert "ONNXRuntimeError" in refused.value.details["problem"]
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("missing", [WEIGHTS, PREPROCESSING])
+def test_a_network_of_which_a_file_is_missing_is_refused_in_words(tmp_path: Path, missing: str) -> None:
+    folder = _model_with(tmp_path, (MODEL_DIR / WEIGHTS).read_bytes())
+    (folder / missing).unlink()
+    for ask in (Classifier, model_sha256):
+        with pytest.raises(BrokenModel) as refused:
+            ask(folder)
+        assert refused.value.details["path"] == str(folder / missing)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"classes": ["cardboard", "glass", "metal", "paper", "plastic", "plastic"]},
+        {"classes": ["cardboard", "glass", "metal", "paper", "plastic", "gold"]},
+        {"classes": []},
+        {"temperature": 0},
+        {"temperature": -1.0},
+        {"temperature": float("inf")},
+        {"mean": float("nan")},
+        {"unknown_below": -0.01},
+        {"unknown_below": 1.01},
+    ],
+    ids=str,
+)
+def test_a_preprocessing_by_which_nothing_can_be_said_is_refused(
+    tmp_path: Path, changed: dict[str, object]
+) -> None:
+    weights = (MODEL_DIR / WEIGHTS).read_bytes()
+    text = json.dumps(load_preprocessing().model_dump() | changed)
+    folder = _model_with(tmp_path, weights)
+    (folder / PREPROCESSING).write_text(text)
+    for ask in (Classifier, load_preprocessing):
+        with pytest.raises(BrokenModel):
+            ask(folder)
+
+
+@pytest.mark.parametrize("text", [b"", b"{}", b"\xff\xfe", b"[]"])
+def test_a_file_that_is_no_preprocessing_is_refused_in_words(tmp_path: Path, text: bytes) -> None:
+    folder = _model_with(tmp_path, (MODEL_DIR / WEIGHTS).read_bytes())
+    (folder / PREPROCESSING).write_bytes(text)
+    with pytest.raises(BrokenModel) as refused:
+        Classifier(folder)
+    assert refused.value.details["problem"]
 
 
 def test_a_network_of_another_shape_than_its_preprocessing_is_refused(tmp_path: Path) -> None:

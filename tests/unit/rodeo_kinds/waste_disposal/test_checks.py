@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,11 @@ from rodeo.lab.body import joint_names
 from rodeo.lab.config import BinConfig, ItemClass, Pose2
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.lab.world import arm_model
+from rodeo.vision.classification import Classification as Answer
+from rodeo.vision.classification import thresholds_sha256
 from rodeo.witness import Claimant
 from rodeo.witness.poses import pack, unpack
+from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
 from rodeo_testing.assignments import BIN, BINDING, MOCAP, ROBOT
 from rodeo_testing.recordings import SIGNED, Sample, Take, Witnesses, later, moved, seal, shifted_by
@@ -76,9 +80,15 @@ def test_every_entry_says_what_was_measured_against_what(cleaning: Take, judge: 
     assert all(check.source for name, check in checks.items() if name != "readable_and_sealed")
 
 
-def test_the_compartment_is_judged_by_the_costs_of_the_site(site: Site, cleaning: Take, judge: Judge) -> None:
-    changed = {"probabilities": {"plastic": 0.6, "glass": 0.4}, "model_sha256": OTHER}
-    unsure = told(cleaning, "bin/classification", **changed)
+def test_the_compartment_is_judged_by_the_costs_of_the_site(
+    site: Site, cleaning: Take, judge: Judge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    probabilities = {"plastic": 0.6, "glass": 0.4}
+    said = {"item_class": "plastic", "probabilities": probabilities, "model_sha256": OTHER}
+    unsure = told(cleaning, "bin/classification", **said)
+    answer = Answer("plastic", probabilities, thresholds_sha256=thresholds_sha256(), unknown_below=0.4)
+    networks = {OTHER: SimpleNamespace(classify=lambda picture: answer)}
+    monkeypatch.setattr(picture, "network", networks.__getitem__)
     listing = listed(site, OTHER)
     assert judge(unsure, cleaning_chain_record(unsure), at=listing).accepted
     # Glass in yellow would cost 0.4 * 5, plastic in green 0.6.
@@ -103,7 +113,9 @@ def test_a_network_of_which_the_rules_know_nothing_leaves_honest_work_to_auditor
     chain = cleaning_chain_record(asked_another)
     report = judge(asked_another, chain)
     assert (report.outcome, report.fault) == ("undecided", f"the bin {site.bins[0].name}")
-    assert judge(asked_another, chain, at=listed(site, OTHER)).accepted
+    # Nor does the oracle pay for what it cannot ask again.
+    report = judge(asked_another, chain, at=listed(site, OTHER))
+    assert (report.outcome, report.fault) == ("undecided", "the oracle")
 
 
 @pytest.mark.parametrize(("rises_m", "outcome"), [(-0.01, "accepted"), (0.03, "rejected")])

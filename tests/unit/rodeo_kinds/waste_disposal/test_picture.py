@@ -17,15 +17,27 @@ from rodeo.checks.case import CaseError
 from rodeo.checks.report import Finding
 from rodeo.evidence import Proof, Recorder, open_proof
 from rodeo.ros2 import types
-from rodeo.vision.classification import UNKNOWN, combined, model_sha256, thresholds_sha256
+from rodeo.vision.classification import (
+    MODEL_DIR,
+    PREPROCESSING,
+    UNKNOWN,
+    WEIGHTS,
+    combined,
+    load_preprocessing,
+    model_sha256,
+    thresholds_sha256,
+)
 from rodeo.vision.classification import Classification as Answer
+from rodeo.vision.classifier import Classifier
 from rodeo.witness.statement import Classification
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_kinds.waste_disposal.checks.picture import MAX_PICTURES
 from rodeo_testing.recordings import RENDERINGS
 from tests.unit.person.test_statement import ALICE, BINDING, NOW_NS, Clock
 
-CAN, TIN, PAPER = ((RENDERINGS / f"{name}.jpg").read_bytes() for name in ("metal_1", "metal_2", "paper_1"))
+CAN, TIN, PAPER, BOTTLE = (
+    (RENDERINGS / f"{name}.jpg").read_bytes() for name in ("metal_1", "metal_2", "paper_1", "glass_1")
+)
 OTHER = "0x" + "33" * 32
 TOPIC = "/" + topics.BIN_IMAGE.name(bin="itrash")
 
@@ -80,13 +92,50 @@ def test_what_the_network_that_the_bin_names_does_not_say_of_the_picture_does_no
     assert "it said glass, and the network that it names says paper" in found.detail
 
 
-def test_what_another_listed_network_says_is_shown_beside_the_bins_word_and_refuses_nothing(
+@pytest.fixture
+def second(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder of another network than the installed one, where an oracle looks for it."""
+    beside = tmp_path_factory.mktemp("model")
+    folder = beside / "made"
+    folder.mkdir()
+    (folder / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
+    softer = load_preprocessing().model_copy(update={"temperature": 2.0})
+    (folder / PREPROCESSING).write_text(softer.model_dump_json())
+    named = folder.rename(beside / Classifier(folder).model_sha256)
+    monkeypatch.setattr(picture, "MODEL_DIR", beside)
+    return named
+
+
+def test_another_listed_network_is_asked_where_the_oracle_has_it(tmp_path: Path, second: Path) -> None:
+    answered, listed = Classifier(second).classify(PAPER), [model_sha256(), second.name]
+    own = {"model_sha256": answered.model_sha256, "thresholds_sha256": answered.thresholds_sha256}
+    file = proof(tmp_path, PAPER)
+    honest = said(digest(PAPER), "paper", probabilities=answered.told, **own)
+    found = picture.shown(file, "itrash", honest, listed)
+    assert (found.passed, found.measured) == (True, "paper"), found.detail
+    for label, probabilities in (("glass", {"glass": 1.0}), ("paper", {"paper": 1.0})):
+        lie = said(digest(PAPER), label, probabilities=probabilities, **own)
+        found = picture.shown(file, "itrash", lie, listed)
+        assert found.undecided and found.fault == "the bin itrash"
+        assert "than the network that it names has" in found.detail or "says paper" in found.detail
+
+
+def test_what_is_said_in_the_name_of_a_listed_network_that_the_oracle_does_not_have_is_for_others(
     tmp_path: Path,
 ) -> None:
+    """Else a bin that names it could say what it likes."""
     other = said(digest(PAPER), "glass", model_sha256=OTHER)
     found = picture.shown(proof(tmp_path, PAPER), "itrash", other, [model_sha256(), OTHER])
-    assert (found.passed, found.measured) == (True, "paper")
-    assert "the bin said glass" in found.detail
+    assert found.undecided and found.fault == "the oracle"
+    assert str(MODEL_DIR / OTHER) in found.detail
+
+
+def test_another_network_in_the_folder_of_a_listed_one_is_not_asked(tmp_path: Path, second: Path) -> None:
+    second.rename(second.parent / OTHER)
+    other = said(digest(PAPER), "paper", model_sha256=OTHER)
+    found = picture.shown(proof(tmp_path, PAPER), "itrash", other, [OTHER])
+    assert found.undecided and found.fault == "the oracle"
+    assert second.name in found.detail
 
 
 def answer(plastic: float, item: float = 1.0) -> Answer:
@@ -107,10 +156,29 @@ def test_two_machines_may_differ_by_rounding(found: Answer, may_be_said: set[str
     assert picture._may_be_said(found) == may_be_said
 
 
-def test_other_thresholds_are_named_and_refuse_nothing(tmp_path: Path) -> None:
+def test_other_thresholds_than_those_of_the_named_network_do_not_count(tmp_path: Path) -> None:
     found = shown(proof(tmp_path, CAN), "itrash", said(digest(CAN), thresholds_sha256=OTHER))
-    assert found.passed
+    assert found.undecided and found.fault == "the bin itrash"
     assert "other thresholds" in found.detail
+
+
+def test_a_listed_network_with_classes_exchanged_is_another_one_and_does_not_count(tmp_path: Path) -> None:
+    (tmp_path / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
+    text = (MODEL_DIR / PREPROCESSING).read_text()
+    exchanged = text.replace("glass", "-").replace("plastic", "glass").replace("-", "plastic")
+    (tmp_path / PREPROCESSING).write_text(exchanged)
+    answered = Classifier(tmp_path).classify(BOTTLE)
+    assert answered.label == "plastic"  # the installed one says glass
+    statement = said(
+        digest(BOTTLE),
+        answered.label,
+        probabilities=answered.told,
+        model_sha256=answered.model_sha256,
+        thresholds_sha256=answered.thresholds_sha256,
+    )
+    found = shown(proof(tmp_path, BOTTLE), "itrash", statement)
+    assert found.undecided and found.fault == "the bin itrash"
+    assert "which the rules do not list" in found.detail
 
 
 def test_the_word_of_a_network_that_the_rules_do_not_list_does_not_count(tmp_path: Path) -> None:
@@ -118,8 +186,6 @@ def test_the_word_of_a_network_that_the_rules_do_not_list_does_not_count(tmp_pat
     found = shown(file, "itrash", other)
     assert found.undecided and found.fault == "the bin itrash"  # the executor did not choose it
     assert OTHER in found.detail and model_sha256() in found.detail
-    listed = picture.shown(file, "itrash", other, [model_sha256(), OTHER])
-    assert listed.passed and "another model" in listed.detail
 
 
 def test_a_file_that_is_not_the_network_of_the_rules_is_not_loaded_and_the_oracle_is_at_fault(
@@ -151,9 +217,10 @@ def test_the_picture_of_another_bin_is_not_this_ones(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("picture", [b"", b"\xff\xd8\xff\xe0 no picture"], ids=["empty", "no picture"])
-def test_the_hash_of_nothing_is_refused_although_nothing_is_there(tmp_path: Path, picture: bytes) -> None:
+def test_a_bin_that_signs_what_is_no_picture_costs_the_robot_nothing(tmp_path: Path, picture: bytes) -> None:
+    """The picture has the hash that the bin signed: the robot cannot have put another one there."""
     found = shown(proof(tmp_path, picture), "itrash", said(digest(picture)))
-    assert found.passed is False
+    assert found.undecided and found.fault == "the bin itrash"
     assert "no picture" in found.detail
 
 
@@ -200,7 +267,7 @@ def test_all_pictures_that_were_combined_must_be_in_the_proof(tmp_path: Path) ->
 def test_probabilities_that_the_named_pictures_do_not_make_do_not_count(tmp_path: Path) -> None:
     """By them the site's costs choose the compartment."""
     file = proof(tmp_path, TIN, CAN)
-    network = picture.network()
+    network = picture.network(model_sha256())
     honest = combined([network.classify(one) for one in (TIN, CAN)]).told
     assert shown(file, "itrash", said(digest(CAN), probabilities=honest, earlier=[look(TIN)])).passed
     for other in ({"metal": 0.9, "glass": 0.1}, {}):

@@ -16,7 +16,7 @@ from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
 from rodeo.lab.config import BinConfig, Pose2
-from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Classification
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Classification, model_sha256
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_cli import app
@@ -80,7 +80,7 @@ def test_bin_command_line_page_oracle_bench_and_training_ask_one_function_and_ag
         shown = page.post("/classify", content=data).json()
         assert (shown["class"], shown["compartment"], shown["probabilities"]) == told
         assert looked_at(classifier, data, tmp_path / "pictures") == answer
-        assert picture.network().classify(data) == answer
+        assert picture.network(model_sha256()).classify(data) == answer
 
     # Bench and training count the same answers, and training calibrates by them.
     samples = [Sample(decode_image(data), None, str(file)) for file, data in zip(files, encoded, strict=True)]
@@ -108,7 +108,7 @@ def test_a_bin_signs_which_network_it_loaded_whatever_lies_in_its_place_since(tm
     (action,) = bin_.photo(looked_at(classifier, can.read_bytes(), tmp_path / "pictures"), digest(b""), 1.0)
     assert isinstance(action, Attest)
     _, _, fields = Itrash._stated(action.record)
-    assert fields["model_sha256"] == digest((MODEL_DIR / WEIGHTS).read_bytes())
+    assert fields["model_sha256"] == model_sha256()
     assert fields["thresholds_sha256"] == digest((MODEL_DIR / PREPROCESSING).read_bytes())
 
 

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import multiprocessing
+import os
+import shutil
 import socket
+import subprocess
+import sys
 import threading
 from functools import partial
 from pathlib import Path
@@ -11,18 +16,23 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
+import rodeo
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import OracleConfig, Site
 from rodeo.evidence import Store
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, seal, write_bag
+from services.oracle import worker
 from services.oracle.process import SIDE_BY_SIDE
-from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, VerificationFailed, verify_apart
+from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, VerificationFailed, VerifierEnded, verify_apart
+from tests.support.site import LAB
 
 MIB = 1 << 20
+ROOT = Path(rodeo.__file__).parents[1]
 
 
 def submitted(
@@ -162,3 +172,78 @@ def test_an_oracle_that_stops_gives_no_verdict(site: Site, cleaning: Take, tmp_p
     stop = threading.Event()
     stop.set()
     assert verify_apart(site, cleaning_chain_record(cleaning), tmp_path / "work", stop) is None
+
+
+class NoServer:
+    """A context whose fork server ended while it loaded a kind."""
+
+    def __init__(self) -> None:
+        self.Pipe = multiprocessing.Pipe
+
+    def Process(self, **_: object) -> NoServer:  # noqa: N802 - as multiprocessing calls it
+        return self
+
+    def start(self) -> None:
+        raise EOFError("unexpected EOF")
+
+
+def test_a_fork_server_that_ends_while_it_loads_is_told_by_its_type(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker, "_context_of", lambda site: NoServer())
+    with pytest.raises(VerifierEnded) as ended:
+        worker.start(site)
+    assert "unexpected EOF" in ended.value.details["reason"]
+
+
+def test_a_verification_that_cannot_be_started_is_undecided(
+    site: Site, cleaning: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker, "_context_of", lambda site: NoServer())
+    assert "did not start" in undecided_by_the_oracle(submitted(site, cleaning, tmp_path))
+
+
+STARTS = """
+import sys
+from pathlib import Path
+
+import rodeo
+from rodeo.config import Site
+from services.oracle.worker import start
+
+if __name__ == "__main__":
+    assert rodeo.__file__.startswith(sys.argv[1])
+    rules = start(Site.load(Path(sys.argv[2])))
+    print(*sorted(name for name, found in rules.items() if found))
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "judged"),
+    [
+        (WEIGHTS, b"no network", "battery_charging waste_disposal"),
+        (PREPROCESSING, b"{}", "battery_charging waste_disposal"),
+        (WEIGHTS, None, "battery_charging"),
+    ],
+    ids=["no network", "no preprocessing", "missing"],
+)
+def test_a_network_that_cannot_be_loaded_keeps_no_other_kind_from_being_judged(
+    tmp_path: Path, name: str, content: bytes | None, judged: str
+) -> None:
+    """Cleanings have rules that nobody announced then, or none."""
+    shutil.copytree(Path(rodeo.__file__).parent, tmp_path / "rodeo")
+    file = tmp_path / "rodeo" / MODEL_DIR.relative_to(Path(rodeo.__file__).parent) / name
+    file.unlink()
+    if content is not None:
+        file.write_bytes(content)
+    (tmp_path / "starts.py").write_text(STARTS)
+    answer = subprocess.run(
+        [sys.executable, tmp_path / "starts.py", tmp_path, LAB],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert answer.stdout.strip() == judged, answer.stderr
+    assert "the installed network cannot be loaded" in answer.stderr
