@@ -1,6 +1,6 @@
 """Learns from what people said that items really were.
 
-    python -m services.itrash.train --data ../shared/data/trashnet --add-corrections SITE --out FOLDER
+    python -m services.itrash.train --add-corrections SITE
 
 Fine-tunes the installed weights with the corrections that the bins of a site keep, and writes another model,
 which no bin uses yet: its word counts once the organization lists its hash in the kind's rules. The site
