@@ -211,6 +211,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "recording": _DIGEST,
         "task_id": 7,
         "attempt": 1,
+        "grasped_s": 1767225580.0,
     },
     MeterRecord: {
         **_HEADER,

@@ -708,7 +708,7 @@ def film_drive(
     return Take(camera.samples)
 
 
-TIMES = ("after_s", "settled_s", "shown_s", "time_s")
+TIMES = ("after_s", "grasped_s", "settled_s", "shown_s", "time_s")
 """What a statement says in seconds of site time."""
 
 

@@ -1,4 +1,8 @@
-"""Asks bins for the pictures that it classified: a recording holds what a bin signed the hash of."""
+"""Asks bins for the pictures that they classified: a recording holds what a bin signed the hash of.
+
+Bins also name a robot while others show something. So the pictures are bounded that are fetched before it is
+known whether they count. What a drop refers to counts, and is fetched whatever came before.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +21,21 @@ from rodeo.bus import Bus
 from rodeo.errors import BusError, RemoteError
 from rodeo.ros2 import types
 from rodeo.stamps import set_stamp
-from rodeo.witness import Classification
-from rodeo.witness.statement import Look
+from rodeo.witness import Classification, Drop
+from rodeo.witness.statement import MAX_LOOKS, Look
 
 log = logging.getLogger(__name__)
 
 _RETRY_WALL_S = 1.0
 _ANSWER_WALL_S = 5.0
-_MOST = 30
-"""Of one recording: a robot shows its item a few times, and each time a few pictures are taken."""
+_MOST = 4 * MAX_LOOKS
+"""Of one recording, before a drop says which count: a robot delivers its item four times, and shows it each
+time for as many pictures as a classification combines."""
+_MOST_DROPS = 12
+"""Of one recording, whose pictures are fetched beyond that. A robot presents itself so often in four
+deliveries, and a drop names nobody who did so before the last one."""
+_LEFT = 32
+"""Classifications that a drop may still refer to: a bin keeps no more pictures."""
 _MAX_BYTES = 8 << 20
 """Of one picture, as the bin reads them."""
 
@@ -43,19 +53,39 @@ class PictureFetcher:
         self._wanted: deque[tuple[str, Look]] = deque()
         """The bin's name and the picture."""
         self._asked: set[str] = set()
+        self._left: deque[Classification] = deque(maxlen=_LEFT)
+        """Too many for their pictures to be fetched before a drop refers to them."""
+        self._fell: set[tuple[str, int]] = set()
+        """What drops referred to: the bin's name and the number of the classification."""
         self._changed = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._fetch_all, name="pictures", daemon=True)
         self._thread.start()
 
     def want(self, classification: Classification) -> None:
-        """All pictures that were combined. The last one first: without it there is no classification."""
+        """All pictures that were combined, or none yet where there were too many before."""
         with self._changed:
-            for look in reversed(classification.looks):
-                if look.image_sha256 in self._asked or len(self._asked) >= _MOST:
-                    continue
-                self._asked.add(look.image_sha256)
-                self._wanted.append((classification.device, look))
+            new = [look for look in classification.looks if look.image_sha256 not in self._asked]
+            if _subject(classification) in self._fell:  # heard late
+                self._ask(classification, first=True)
+            elif len(self._asked) + len(new) <= _MOST:
+                self._ask(classification, first=False)
+            else:
+                self._left.append(classification)
+            self._changed.notify_all()
+
+    def fell(self, drop: Drop) -> None:
+        """The pictures of what fell count."""
+        if drop.classification is None:
+            return
+        with self._changed:
+            if len(self._fell) >= _MOST_DROPS:
+                return
+            fallen = drop.device, drop.classification
+            self._fell.add(fallen)
+            for one in self._left:
+                if _subject(one) == fallen:
+                    self._ask(one, first=True)
             self._changed.notify_all()
 
     def wait(self, timeout_s: float) -> bool:
@@ -69,6 +99,16 @@ class PictureFetcher:
             self._changed.notify_all()
         self._thread.join(_ANSWER_WALL_S + _RETRY_WALL_S)
 
+    def _ask(self, classification: Classification, first: bool) -> None:
+        # The last one first: without it there is no classification.
+        looks = [look for look in reversed(classification.looks) if look.image_sha256 not in self._asked]
+        self._asked |= {look.image_sha256 for look in looks}
+        wanted = [(classification.device, look) for look in looks]
+        if first:
+            self._wanted.extendleft(reversed(wanted))
+        else:
+            self._wanted.extend(wanted)
+
     def _fetch_all(self) -> None:
         while True:
             with self._changed:
@@ -81,10 +121,10 @@ class PictureFetcher:
                 time_ns = round(look.taken_s * 1e9)
                 self._write(bin_name, _message(picture, time_ns), time_ns)
             with self._changed:
-                if picture is not None:
-                    self._wanted.popleft()
-                else:
-                    self._wanted.rotate(-1)
+                # Not always the first by now.
+                self._wanted.remove((bin_name, look))
+                if picture is None:
+                    self._wanted.append((bin_name, look))
                     self._changed.wait_for(lambda: self._closed, _RETRY_WALL_S)
                 self._changed.notify_all()
 
@@ -110,6 +150,10 @@ class PictureFetcher:
                 return data
         log.info("no process has the picture %s", name)
         return None
+
+
+def _subject(classification: Classification) -> tuple[str, int]:
+    return classification.device, classification.number
 
 
 def _message(picture: bytes, time_ns: int) -> bytes:

@@ -79,8 +79,9 @@ class SmartBin:
 
     # -- telling the bin -------------------------------------------------------------------------------
 
-    def present(self, claimant: Claimant) -> None:
-        """Say for whose recording the robot shows something next; said again while it waits for an answer.
+    def present(self, claimant: Claimant, grasped_s: float) -> None:
+        """Say for whose recording the robot shows something next, which it took hold of at `grasped_s` (site
+        time); said again while it waits for an answer.
 
         Raises NoAnswer while it is not known for which organization the robot signs.
         """
@@ -88,7 +89,9 @@ class SmartBin:
         if chain is None:
             raise NoAnswer("the bridge has not yet named the organization that the robot signs for")
         fields = claimant.model_dump(include={"recording", "task_id", "attempt"})
-        self._presented = chain.sign(Presentation, self._clock.now_s(), bin=self._name, **fields)
+        self._presented = chain.sign(
+            Presentation, self._clock.now_s(), bin=self._name, grasped_s=grasped_s, **fields
+        )
         self._witness.publish(self._presented)
 
     # -- hearing it ------------------------------------------------------------------------------------

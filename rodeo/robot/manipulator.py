@@ -216,6 +216,7 @@ class MobileManipulator:
             place_m=sighting.position_m[:2],
             hang_m=point[2],
             centre_m=sighting.position_m[2] - point[2],
+            grasped_s=self._clock.now_s(),
         )
         self._memory.took(held)  # before it is so: a robot that is killed now finds it in its gripper
         try:

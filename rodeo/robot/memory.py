@@ -26,6 +26,8 @@ class Held(BaseModel):
     """How far it reaches below where the pads meet, fingers down."""
     centre_m: float
     """How far its centre is above where the pads meet, fingers down."""
+    grasped_s: float = 0.0
+    """Site time at which the fingers closed on it; 0 if nobody remembers."""
 
 
 class _Facts(BaseModel):

@@ -38,7 +38,7 @@ from rodeo.robot.interrupts import Interrupts
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
 from rodeo.wallets import device_names
-from rodeo.witness import Claimant, Classification, Motion, Scope, Statement, parse
+from rodeo.witness import Claimant, Classification, Drop, Motion, Scope, Statement, parse
 
 log = logging.getLogger(__name__)
 
@@ -303,10 +303,13 @@ class Recording:
         written = self._guard(
             lambda: self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation, urgent=urgent)
         )
-        if isinstance(statement, Classification) and written:
+        if isinstance(statement, Classification | Drop) and written:
             us = self._recorder.recording, self._device.address.lower()
             if any((one.recording, one.address.lower()) == us for one in statement.claimants):
-                self._pictures.want(statement)
+                if isinstance(statement, Drop):
+                    self._pictures.fell(statement)
+                else:
+                    self._pictures.want(statement)
         if not isinstance(statement, Motion):
             return
         with self._lock:

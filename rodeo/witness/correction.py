@@ -28,8 +28,9 @@ class Judged(Answer):
     name: str | None
     """None for who is no auditor any more."""
     items: int
+    """What was shown from several angles is one item, whatever number of answers about it was judged."""
     right: int
-    """Those of which the bin had said the right class."""
+    """Those of which the bin had said the right class, in the last of its answers that was judged."""
 
 
 class Pictured(Answer):

@@ -204,6 +204,9 @@ class Presentation(Header):
     """Digest of the recording's opening seal."""
     task_id: int = Field(ge=1)
     attempt: int = Field(ge=1)
+    grasped_s: float = 0.0
+    """Site time at which the robot took hold of the item, 0 if it does not say. A bin combines no pictures
+    across two grasps: those from before the last one prove nothing."""
 
 
 class MeterRecord(Header):

@@ -353,7 +353,8 @@ class WasteDisposal(Behaviour):
         """Hold the item where the camera looks until the bin says what it is, and that this robot shows it.
 
         What the bin does not know, or wants to see from another angle, is turned and shown again before its
-        word counts, also that its compartment is full; what it takes for somebody else's is shown again.
+        word counts, also that its compartment is full; what it takes for somebody else's is shown again, and
+        what it names with pictures from before the grasp: these prove nothing.
         Raises NoAnswer, and TaskFailed when the compartment takes no more.
         """
         turn_rad = 0.0
@@ -361,7 +362,7 @@ class WasteDisposal(Behaviour):
         for attempt in range(1, _SHOWS + 1):
             # The clock of a fast simulation is heard late: the last answer may be ahead of it.
             after_s = max(after_s, self._clock.now_s())
-            station.bin.present(claimant)
+            station.bin.present(claimant, held.grasped_s)
             self._body.show(held, station.layout.show_point, turn_rad)
             try:
                 said = station.bin.wait_for(Classification, after_s, _BIN_ANSWER_WALL_S)
@@ -381,6 +382,14 @@ class WasteDisposal(Behaviour):
                     log.warning(
                         "the bin's statement does not name %s; showing the item again", claimant.device
                     )
+                elif any(look.taken_s < held.grasped_s for look in said.earlier):
+                    if attempt == _SHOWS:
+                        raise NoAnswer(
+                            "the bin combines pictures from before the grasp",
+                            number=said.number,
+                            grasped_s=held.grasped_s,
+                        )
+                    log.warning("the bin combined pictures from before the grasp; showing %s again", item.id)
                 elif attempt == _SHOWS or not (said.item_class == UNKNOWN or said.another_angle):
                     if said.full:
                         raise TaskFailed("the compartment is full", compartment=said.compartment)

@@ -64,7 +64,12 @@ class BinLimits:
     looks: int = 3
     """Photos taken of an item from one angle while the bin is not sure."""
     angles: int = 3
-    """From so many angles an item is looked at; after the last the bin asks for no other."""
+    """From so many angles an item is looked at; after the last the bin asks for no other. Of a robot that
+    presents itself this holds for what it shows by one grasp, whoever else presents themselves."""
+    grasps: int = 4
+    """For one recording the bin asks for other angles of so many grasps. A robot says itself when it took
+    hold of an item: without this bound it could get rid of pictures as often as it likes, and be asked for
+    others."""
     sure_at: float = 0.7
     """Below this confidence the bin takes further photos, and then asks for another angle."""
     retry_s: float = 1.0
@@ -83,6 +88,8 @@ class BinLimits:
 
 
 _LIMITS = BinLimits()
+_RECORDINGS = 64
+"""That are remembered to have been asked for other angles: more than there are while one of them runs."""
 
 
 class ClassificationRecord(BaseModel):
@@ -160,6 +167,13 @@ class Presented(BaseModel):
 
     claimant: Claimant
     at_s: float
+    grasped_s: float = 0.0
+    """When it took hold of it, as it says."""
+
+    @property
+    def recording(self) -> str:
+        """Whose, and which; each is of one attempt of one task."""
+        return f"{self.claimant.address}/{self.claimant.recording}".lower()
 
 
 class Memory(BaseModel):
@@ -177,6 +191,9 @@ class Memory(BaseModel):
     """Decided and not yet attested, oldest first."""
     presented: list[Presented] = []
     """Robots that said that they will show something, the newest first."""
+    asked: dict[str, list[float]] = {}
+    """Recording -> of what it showed another angle was asked for: when that was grasped, once for each time.
+    The last recording that was asked is at the end."""
     cells: dict[str, Cell] = {}
 
 
@@ -212,8 +229,8 @@ class Bin:
         """Angles before this one."""
         self._seen: list[_Seen] = []
         """The pictures of the item that differ, from all angles."""
-        self._shown_by: tuple[Claimant, ...] = ()
-        """Who presented themselves before the last angle."""
+        self._shown_by: Presented | None = None
+        """Who presented itself last before the last angle."""
         self._another = False
         """Whether what is looked at cannot be what the pending classification is about."""
         self._held_after: State | None = None
@@ -252,10 +269,11 @@ class Bin:
 
     # -- who shows something ---------------------------------------------------------------------------
 
-    def presented(self, claimant: Claimant, time_s: float) -> None:
-        """A robot says that it will show something next."""
+    def presented(self, claimant: Claimant, time_s: float, grasped_s: float = 0.0) -> None:
+        """A robot says that it will show something next, which it took hold of at `grasped_s`."""
         others = [one for one in self.memory.presented if one.claimant.address != claimant.address]
-        self.memory.presented = [Presented(claimant=claimant, at_s=time_s), *others][:MAX_CLAIMANTS]
+        newest = Presented(claimant=claimant, at_s=time_s, grasped_s=grasped_s)
+        self.memory.presented = [newest, *others][:MAX_CLAIMANTS]
 
     # -- sensors ---------------------------------------------------------------------------------------
 
@@ -297,7 +315,7 @@ class Bin:
         elif present and (
             state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= limits.again_gone_s)
         ):
-            self._another = absent_s >= limits.another_gone_s
+            self._another = absent_s >= limits.another_gone_s or self._grasped_anew(time_s)
             self._see_item(time_s, absent_s)
         if (
             self.memory.state is State.ITEM_SEEN
@@ -333,7 +351,8 @@ class Bin:
             return []
         compartment = self._config.compartment_for(found.label, found.told)
         self.memory.classifications += 1
-        self._shown_by = self._claimants(time_s)
+        named = self._named(time_s)
+        self._shown_by = named[0] if named else None
         *earlier, last = (one.look for one in self._seen)
         record = ClassificationRecord(
             number=self.memory.classifications,
@@ -344,11 +363,13 @@ class Bin:
             image_sha256=last.image_sha256,
             model_sha256=found.model_sha256,
             thresholds_sha256=found.thresholds_sha256,
-            claimants=self._shown_by,
+            claimants=tuple(one.claimant for one in named),
             shown_s=last.taken_s,
             earlier=tuple(earlier),
-            another_angle=unsure and self._angle + 1 < self._limits.angles,
+            another_angle=unsure and self._angle + 1 < self._limits.angles and self._may_ask(named),
         )
+        if record.another_angle:
+            self._asks(named)
         self.memory.pending = None if record.full else record
         self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
         return [self._sign(record)]
@@ -432,10 +453,26 @@ class Bin:
         """Whether it may have happened while nobody looked."""
         return step.time_s - step.after_s > self._limits.shaken_s
 
-    def _claimants(self, time_s: float) -> tuple[Claimant, ...]:
-        """Who presented themselves a moment ago."""
+    def _named(self, time_s: float) -> list[Presented]:
+        """Who presented themselves a moment ago, the newest first."""
         since_s = time_s - self._limits.presented_s
-        return tuple(one.claimant for one in self.memory.presented if one.at_s >= since_s)
+        return [one for one in self.memory.presented if one.at_s >= since_s]
+
+    def _may_ask(self, named: Collection[Presented]) -> bool:
+        """Whether none of them was asked for as many angles as there are. Any of them may show the item: if
+        one had to be the newest, two could take turns."""
+        angles = self._limits.angles - 1
+        for one in named:
+            asked = self.memory.asked.get(one.recording, [])
+            if asked.count(one.grasped_s) >= angles or len(asked) >= angles * self._limits.grasps:
+                return False
+        return True
+
+    def _asks(self, named: Collection[Presented]) -> None:
+        asked = self.memory.asked
+        for one in named:
+            asked[one.recording] = [*asked.pop(one.recording, []), one.grasped_s]
+        self.memory.asked = dict(list(asked.items())[-_RECORDINGS:])
 
     def _removal(self, compartment: str, step: Step) -> Attest:
         return self._sign(
@@ -492,14 +529,24 @@ class Bin:
         return named and not self._another
 
     def _goes_on(self, time_s: float, absent_s: float) -> bool:
-        """Whether what is shown now is the other angle that was asked for, by the same robots for the same
-        recordings: a robot that begins again proves nothing with pictures from before. Where nobody has
-        presented itself, somebody else comes after a longer while."""
+        """Whether what is shown now is the other angle that was asked for, by the same robot for the same
+        recording: one that begins again proves nothing with pictures from before. A robot presents itself
+        before each showing, so the newest is the one that shows. Where nobody has presented itself, somebody
+        else comes after a longer while."""
         pending = self.memory.pending
-        asked = pending is not None and pending.another_angle and bool(self._seen) and not self._another
-        now_by = _recordings(self._claimants(time_s))
-        same = bool(now_by) or absent_s <= self._limits.turned_s
-        return asked and same and now_by == _recordings(self._shown_by)
+        if pending is None or not pending.another_angle or not self._seen or self._another:
+            return False
+        named, before = self._named(time_s), self._shown_by
+        if not named or before is None:
+            return not named and before is None and absent_s <= self._limits.turned_s
+        return named[0].recording == before.recording
+
+    def _grasped_anew(self, time_s: float) -> bool:
+        """Whether who showed something last has taken hold of it again since."""
+        named, before = self._named(time_s), self._shown_by
+        if not named or before is None or named[0].recording != before.recording:
+            return False
+        return named[0].grasped_s != before.grasped_s
 
     def _see_item(self, time_s: float, absent_s: float, held_after: State | None = None) -> None:
         self._look = 0
@@ -520,8 +567,3 @@ class Bin:
             return False
         distances_m = [distance_m for _, distance_m in self._ranges]
         return max(distances_m) - min(distances_m) <= self._limits.still_m
-
-
-def _recordings(claimants: Collection[Claimant]) -> set[tuple[str, str]]:
-    """Whose they are, and which; each is of one attempt of one task."""
-    return {(one.address.lower(), one.recording.lower()) for one in claimants}

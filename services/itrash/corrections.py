@@ -25,6 +25,7 @@ from rodeo.evidence.errors import BadAttestation
 from rodeo.files import replace_file
 from rodeo.witness.correction import Correction, Judged
 from rodeo.witness.statement import Classification, Scope
+from services.itrash.pictures import NoSuchPicture, Pictures
 
 log = logging.getLogger(__name__)
 
@@ -64,6 +65,10 @@ class Kept(BaseModel):
     def right(self) -> bool:
         return bool(self.classification.payload["class"] == self.correction.payload["class"])
 
+    @property
+    def told(self) -> Classification:
+        return Classification.model_validate(self.classification.payload)
+
     def verify(self, name: str, bin_name: str) -> None:
         """Raises BadAttestation, ValidationError, and NotWhatItSays if it does not belong to this bin, into a
         file of this name: whoever can write into the folder signs for nobody else. Whether a signer was an
@@ -71,7 +76,7 @@ class Kept(BaseModel):
         signer = verify_attestation(self.correction)
         verify_attestation(self.classification)
         said = Correction.model_validate(self.correction.payload)
-        told = Classification.model_validate(self.classification.payload)
+        told = self.told
         if {said.bin, told.device} != {bin_name}:
             raise NotWhatItSays("it is about another bin", bin=said.bin, own=bin_name)
         if name != f"{said.image_sha256}-{signer.lower()}" or told.image_sha256 != said.image_sha256:
@@ -94,7 +99,8 @@ def read_correction(payload: bytes, scope: Scope, bin_name: str) -> tuple[Attest
 
 
 class Corrections:
-    """A folder with one file for each correction, and each corrected picture once. Thread-safe."""
+    """A folder with one file for each correction, and once each picture that the bin combined for a corrected
+    answer, as far as it still had them. Thread-safe."""
 
     def __init__(self, folder: Path, bin_name: str) -> None:
         self._folder = folder
@@ -116,11 +122,12 @@ class Corrections:
         signed: Attestation,
         said: Correction,
         classification: Attestation,
-        picture: bytes,
+        pictures: Mapping[str, bytes],
         classes: Collection[str],
         auditors: Mapping[str, str],
     ) -> None:
-        """Keep what an auditor signed (`read_correction`) about `classification`, which has this picture.
+        """Keep what an auditor signed (`read_correction`) about `classification`, which has these pictures,
+        by their hashes, and the one that is corrected among them.
 
         `auditors` are names by lower-case address.
 
@@ -139,8 +146,9 @@ class Corrections:
                     "this person already said what it was", image_sha256=said.image_sha256, said=first
                 )
             kept = Kept(correction=signed, classification=classification)
-            # The picture first: a correction without one teaches nothing.
-            replace_file(self._folder / said.image_sha256, picture)
+            # The pictures first: a correction without its own teaches nothing.
+            for sha256, picture in pictures.items():
+                replace_file(self._folder / sha256, picture)
             replace_file(self._folder / f"{name}.json", kept.model_dump_json())
             self._kept[name] = kept
 
@@ -155,12 +163,43 @@ class Corrections:
         }
 
     def judged(self, auditors: Mapping[str, str]) -> list[Judged]:
-        """How often the bin was right, by each person, those who are no auditors any more included."""
+        """How often the bin was right, by each person, those who are no auditors any more included. An item
+        counts once."""
         with self._lock:
             kept = list(self._kept.values())
         people = sorted({one.correction.signer.lower() for one in kept})
-        answers = {who: [one.right for one in kept if one.correction.signer.lower() == who] for who in people}
+        answers = {
+            who: _last_of_each_item([one for one in kept if one.correction.signer.lower() == who])
+            for who in people
+        }
         return [
             Judged(address=who, name=auditors.get(who), items=len(right), right=sum(right))
             for who, right in answers.items()
         ]
+
+
+def pictures_of(classification: Attestation, kept: Pictures) -> dict[str, bytes]:
+    """The pictures that the bin combined for this answer, by their hashes, as far as it still has them.
+
+    Raises NoSuchPicture where it does not have the last one.
+    """
+    told = Classification.model_validate(classification.payload)
+    found = {told.image_sha256: kept.find(told.image_sha256)}
+    for look in told.earlier:
+        try:
+            found[look.image_sha256] = kept.find(look.image_sha256)
+        except NoSuchPicture:
+            log.info("the bin has let go of a picture of %s", told.image_sha256)
+    return found
+
+
+def _last_of_each_item(judged: Collection[Kept]) -> list[bool]:
+    """Of each item whether the bin's last answer about it was right. What it says of another angle names the
+    pictures of those before."""
+    items: list[tuple[set[str], bool]] = []
+    for one in sorted(judged, key=lambda one: one.told.shown_s):
+        pictures = {look.image_sha256 for look in one.told.looks}
+        same = [item for item in items if item[0] & pictures]
+        items = [item for item in items if not item[0] & pictures]
+        items.append((pictures.union(*(item[0] for item in same)), one.right))
+    return [right for _, right in items]

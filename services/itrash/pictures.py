@@ -9,8 +9,8 @@ from pathlib import Path
 from rodeo.errors import DiskFull, RequestError, RodeoError
 from rodeo.files import replace_file
 
-_KEPT = 32
-"""More than a bin shows in the minutes for which a robot records."""
+_KEPT = 64
+"""More than a robot causes in one recording (`rodeo.recording.pictures`)."""
 _NAME = re.compile(r"0x[0-9a-f]{64}")
 
 

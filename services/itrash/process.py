@@ -54,7 +54,7 @@ from services.itrash.behaviour import (
     TakePhoto,
 )
 from services.itrash.camera import open_camera
-from services.itrash.corrections import Corrections, NotYetKnown, read_correction
+from services.itrash.corrections import Corrections, NotYetKnown, pictures_of, read_correction
 from services.itrash.journal import Journal, Kind
 from services.itrash.pictures import NoSuchPicture, Pictures
 from services.itrash.web import LIMITS, make_api
@@ -137,7 +137,7 @@ class Itrash:
         )
         now_s = self._process.clock.now_s()
         with self._lock:
-            self._bin.presented(claimant, now_s)
+            self._bin.presented(claimant, now_s, statement.grasped_s)
         log.info("%s presents itself for task %d", device.name, statement.task_id)
 
     # -- sensors ---------------------------------------------------------------------------------------
@@ -350,9 +350,9 @@ class Itrash:
             classification = self._journal.classified().get(said.image_sha256)
         if classification is None:
             raise NoSuchPicture("the bin said nothing of such a picture lately", sha256=said.image_sha256)
-        picture = self._pictures.find(said.image_sha256)
+        pictures = pictures_of(classification, self._pictures)
         classes = {*self.classifier.preprocessing.classes, UNKNOWN}
-        self._corrections.add(signed, said, classification, picture, classes, auditors)
+        self._corrections.add(signed, said, classification, pictures, classes, auditors)
         log.info("%s says that it was %s", auditors[signed.signer.lower()], said.item_class)
 
     def _update_status(self) -> None:

@@ -1,36 +1,56 @@
-"""`python -m services.itrash.train --data DIR --out FOLDER [--add-corrections SITE]`
+"""`python -m services.itrash.train [--data DIR] [--out FOLDER] [--add-corrections SITE]`
 
 Without corrections it trains the bin's classifier from ImageNet's weights (`services.itrash.training.train`);
 with those that the bins of a site keep it fine-tunes the installed one
 (`services.itrash.training.corrected`).
+
+What is not named is looked for in the project's folder, wherever the command is started.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import logging
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-
-if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
-    sys.exit(
-        "Training needs packages that running does not. Install them first:\n\n"
-        '    pip install --constraint constraints.txt -e ".[train]"'
-    )
 
 from rodeo.config import Site
 from rodeo.errors import RodeoError
+from services.itrash.training import needs
 from services.itrash.training.allowed import Allowed
 from services.itrash.training.card import FOLDS_DIR
-from services.itrash.training.corrected import GENTLE, Material, add_corrections
 from services.itrash.training.others import FETCHED
-from services.itrash.training.train import Recipe, main, prepare
 
-if __name__ == "__main__":
+
+@dataclass(frozen=True)
+class Asked:
+    """What the command is to do."""
+
+    data: Path
+    out: Path
+    site: Site | None
+    """Whose corrections it learns from; None: it trains from ImageNet's weights."""
+    folds: Path
+    others: Path
+    shorten: int
+
+
+def asked(given: Sequence[str] | None = None) -> Asked:
+    """By the command line. Raises ConfigError."""
     parser = argparse.ArgumentParser(description="Train the bin's classifier.")
-    parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the new model")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=needs.PHOTOS,
+        help="folder of train/<class>/ and val/<class>/ (%(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help=f"folder for the new model ({needs.MODEL}; of corrections: model in the site's data_dir)",
+    )
     parser.add_argument(
         "--add-corrections",
         type=Path,
@@ -38,29 +58,46 @@ if __name__ == "__main__":
         help="site file: learn from what people corrected there",
     )
     parser.add_argument(
-        "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
+        "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks (%(default)s)"
     )
-    parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
+    parser.add_argument(
+        "--others", type=Path, default=FETCHED, help="folder of photos of other things (%(default)s)"
+    )
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="less work, to try it out")
-    arguments = parser.parse_args()
+    found = parser.parse_args(given)
+    site = None if found.add_corrections is None else Site.load(found.add_corrections)
+    usual = needs.MODEL if site is None else site.data_dir / "model"
+    return Asked(found.data, found.out or usual, site, found.folds, found.others, found.shorten)
+
+
+def main(given: Sequence[str] | None = None) -> None:
+    """Raises ConfigError, NotInstalled, NoPhotos, NoSamples and NoFolds before any work, and what training
+    raises."""
+    what = asked(given)
+    needs.check(what.data, what.others, None if what.site is None else what.folds)
+    # What needs the train extra: without it, whoever calls is told what to install.
+    from services.itrash.training import corrected, train
+
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    prepare()
+    train.prepare()
+    if what.site is None:
+        train.main(what.data, what.others, what.out, train.Recipe().shortened(what.shorten), what.folds)
+        return
+    recipe = corrected.GENTLE.shortened(what.shorten)
+    report = corrected.add_corrections(
+        what.site,
+        Allowed.at(what.site),
+        what.data,
+        what.folds,
+        lambda: corrected.Material.load(recipe, what.data, what.others),
+        what.out,
+        recipe,
+    )
+    print("\n".join(report))
+
+
+if __name__ == "__main__":
     try:
-        if arguments.add_corrections is None:
-            recipe = Recipe().shortened(arguments.shorten)
-            main(arguments.data, arguments.others, arguments.out, recipe, arguments.folds)
-        else:
-            recipe = GENTLE.shortened(arguments.shorten)
-            site = Site.load(arguments.add_corrections)
-            report = add_corrections(
-                site,
-                Allowed.at(site),
-                arguments.data,
-                arguments.folds,
-                lambda: Material.load(recipe, arguments.data, arguments.others),
-                arguments.out,
-                recipe,
-            )
-            print("\n".join(report))
+        main()
     except RodeoError as error:
         sys.exit(str(error))

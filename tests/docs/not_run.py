@@ -55,8 +55,9 @@ NOT_RUN: dict[str, str] = {
     "--pack bench/itrash_folds": (
         "needs trained networks: tests/unit/services/itrash/training/test_cross_validate.py"
     ),
-    "python -m services.itrash.train --data ../shared/data/trashnet --add-corrections site.toml "
-    "--out ~/itrash-model": ("needs trained networks: tests/unit/services/itrash/training/test_corrected.py"),
+    "python -m services.itrash.train --add-corrections site.toml": (
+        "needs trained networks: tests/unit/services/itrash/training/test_corrected.py"
+    ),
     "export RODEO_KEYSTORE_PASSPHRASE=...": _SHELL,
     "rodeo up --site my-site.toml": _CHAIN,
     "rodeo site prepare --site my-site.toml": _CHAIN,

@@ -25,8 +25,8 @@ from services.itrash.training.metrics import Answers
 from services.itrash.training.trials import TRIALS
 
 CARD, CONFUSION, CALIBRATION = "MODEL_CARD.md", "confusion.png", "calibration.png"
-FOLDS_DIR = Path("bench/itrash_folds")
-"""Where the cross-validated networks of the installed recipe lie, seen from the project."""
+FOLDS_DIR = others.PROJECT / "bench/itrash_folds"
+"""Where the cross-validated networks of the installed recipe lie."""
 CORRUPTED_EVERY = 5
 """Every which photo is measured under a corruption and severity."""
 CORRUPTED_EVERY_OF_ALL = 30

@@ -1,15 +1,17 @@
 """Learns from what people said that items really were.
 
-    python -m services.itrash.train --data ../shared/data/trashnet --add-corrections SITE --out FOLDER
+    python -m services.itrash.train --add-corrections SITE
 
 Fine-tunes the installed weights with the corrections that the bins of a site keep, and writes another model,
 which no bin uses yet: its word counts once the organization lists its hash in the kind's rules. The site
 must run. Each signature is verified again, and whose it is: a correction counts if an auditor of the
 organization signed it, about what a key signed that was registered as the bin's then (`allowed.py`).
 
-The same fine-tuning is done to each cross-validated network, with the photos that it learnt from. Where these
-name fewer of the photos of their own folds rightly than before, no model is written. Nor is it where the new
-network itself does worse than the installed one on what neither learnt from (`held_out.py`).
+The same fine-tuning is done to each cross-validated network, with the photos that it learnt from, and without
+those corrected pictures that are near-duplicates of photos of its own fold (`folds.py`): they would flatter
+it. Where these name fewer of the photos of their own folds rightly than before, no model is written. Nor is
+it where the new network itself does worse than the installed one on what neither learnt from
+(`held_out.py`), near-duplicates of corrected pictures left out.
 
     RodeoError
     ├── NoCorrections         there is nothing to learn from
@@ -28,6 +30,7 @@ from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import torch
 from eth_utils import to_checksum_address
 from pydantic import ValidationError
@@ -55,10 +58,10 @@ from services.itrash.training import crossed, renderings
 from services.itrash.training.allowed import Allowed
 from services.itrash.training.augment import SELDOM
 from services.itrash.training.compact import compact, is_compact
-from services.itrash.training.cross_validate import split
+from services.itrash.training.cross_validate import seen_by_imagenet, split
 from services.itrash.training.crossed import TRAINING, Crossed, Training
 from services.itrash.training.dataset import CLASSES, Sample
-from services.itrash.training.folds import FOLDS
+from services.itrash.training.folds import FOLDS, near_folds
 from services.itrash.training.held_out import HeldOut
 from services.itrash.training.network import ARCHITECTURE, Network, export, exported
 from services.itrash.training.others import World
@@ -224,6 +227,16 @@ def add_corrections(
     crossed.check(folds, Training.model_validate_json((MODEL_DIR / TRAINING).read_bytes()))
     listed = {name: models for name, kind in kinds_of(site).items() if (models := kind.models())}
     photos, material = crossed.all_photos(data), load()
+    samples = [one.sample for one in corrected]
+    division = crossed.division_in(folds)
+    assert division is not None
+    division.check([photo.name for photo in photos])
+    fold_of = np.array([division.of(photo.name).fold for photo in photos])
+    apart = ~near_folds(samples, seen_by_imagenet(samples), photos, seen_by_imagenet(photos), fold_of)
+    held_out, doubles = material.held_out.apart_from(samples, seen_by_imagenet)
+    doubles = [*apart_lines(apart), *doubles]
+    for line in doubles:
+        log.info("%s", line)
     installed = Classifier()
     out.mkdir(parents=True, exist_ok=True)
     training = Training(
@@ -236,7 +249,11 @@ def add_corrections(
     # Beside their places until all are known to be no worse.
     with TemporaryDirectory(dir=out) as beside:
         made = Path(beside)
-        after = _cross_validated(photos, corrected, material, data, folds, made / _FOLDS, training, recipe)
+        own = [
+            [one for one, is_apart in zip(corrected, apart[:, fold], strict=True) if is_apart]
+            for fold in range(FOLDS)
+        ]
+        after = _cross_validated(photos, own, material, data, folds, made / _FOLDS, training, recipe)
         what = f"{len(photos)} photos named rightly, each by a network that did not learn from it"
         was, now = {what: before.answers.accuracy()}, {what: after.answers.accuracy()}
         refuse_worse(was, now)
@@ -244,8 +261,8 @@ def add_corrections(
         network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, material, recipe)
         changed = calibrated(after, made / _FOLDS, recipe.known_rejected)
         _write(network, load_preprocessing().model_copy(update=changed), training, made)
-        was |= material.held_out.shares(installed)
-        now |= material.held_out.shares(Classifier(made))
+        was |= held_out.shares(installed)
+        now |= held_out.shares(Classifier(made))
         refuse_worse(was, now)
         if (out / _FOLDS).exists():  # of an earlier run: a folder replaces no other one that has files
             (out / _FOLDS).rename(made / "earlier")
@@ -253,6 +270,7 @@ def add_corrections(
             (made / name).replace(out / name)
     return [
         *found_lines(corrected, left_out),
+        *doubles,
         *answers_table(corrected, installed, Classifier(out)),
         *(f"{what}: {was[what]:.4f}, now {now[what]:.4f}" for what in was),
         *next_steps(listed, out),
@@ -283,6 +301,17 @@ def found_lines(corrected: Sequence[Corrected], left_out: Sequence[str]) -> list
         f"{len(corrected)} corrected {_pictures(len(corrected))} to learn from",
         *(f"{person} judged {count} {_pictures(count)}" for person, count in sorted(people.items())),
         *(f"left out: {reason}" for reason in left_out),
+    ]
+
+
+def apart_lines(apart: np.ndarray) -> list[str]:
+    """How many corrected pictures each cross-validated network goes without; `apart` (corrected, folds) are
+    those that it learns from."""
+    return [
+        f"network {fold + 1} learns without {count} corrected {_pictures(count)}: near-duplicates of photos "
+        "that measure it"
+        for fold, count in enumerate((~apart).sum(axis=0).tolist())
+        if count
     ]
 
 
@@ -347,6 +376,8 @@ def tuned(
 
 def repeated(photos: int, corrected: int) -> int:
     """How often each of so many corrections stands among so many photos."""
+    if not corrected:
+        return 0
     return min(max(round(CORRECTED_SHARE * photos / corrected), 1), MOST_REPEATED)
 
 
@@ -364,7 +395,7 @@ def answers_table(corrected: Sequence[Corrected], before: Classifier, after: Cla
 
 def _cross_validated(
     photos: list[Sample],
-    corrected: Sequence[Corrected],
+    corrected: Sequence[Sequence[Corrected]],
     material: Material,
     data: Path,
     folds: Path,
@@ -373,6 +404,7 @@ def _cross_validated(
     recipe: Recipe,
 ) -> Crossed:
     """The answers of the cross-validated networks after the same fine-tuning, by their own thresholds.
+    `corrected` is what each learns from.
 
     So that nothing but the corrections makes a difference, each learns again from the photos that it learnt
     from, not from those that calibrated it, and its weights have as many bits as before.
@@ -386,7 +418,7 @@ def _cross_validated(
         folder.mkdir()
         learnt, _ = split(photos, division, fold)
         log.info("network %d of %d learns from the corrections", fold + 1, FOLDS + 1)
-        network = tuned(source / WEIGHTS, learnt, corrected, material, recipe)
+        network = tuned(source / WEIGHTS, learnt, corrected[fold], material, recipe)
         _write(network, load_preprocessing(source), training, folder)
         if is_compact((source / WEIGHTS).read_bytes()):
             (folder / WEIGHTS).write_bytes(compact((folder / WEIGHTS).read_bytes()))

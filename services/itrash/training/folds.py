@@ -46,18 +46,45 @@ def groups(photos: Sequence[Sample], features: np.ndarray) -> np.ndarray:
 
 def alike_by_print(photos: Sequence[Sample], bits: int = COPY_BITS) -> np.ndarray:
     """Pairs of indices (pairs, 2) whose prints differ in at most `bits` bits, in any of eight positions."""
+    return _pairs(np.argwhere(_differing(photos, photos) <= bits))
+
+
+def near(
+    first: Sequence[Sample], seen: np.ndarray, second: Sequence[Sample], other: np.ndarray
+) -> np.ndarray:
+    """Which of the first (n) are near-duplicates of which of the second (m), (n, m) bool. `seen` and `other`
+    are what a network sees in each."""
+    cosine = _unit(seen) @ _unit(other).T
+    bits = np.minimum(_differing(first, second), _differing(second, first).T)
+    return np.asarray((cosine >= ALIKE) | ((bits <= COPY_BITS) & (cosine >= NOT_CONTRADICTED)))
+
+
+def near_folds(
+    new: Sequence[Sample], seen: np.ndarray, photos: Sequence[Sample], other: np.ndarray, fold: np.ndarray
+) -> np.ndarray:
+    """Of which folds each new picture shows what one of their photos shows, (new, folds) bool. `fold`
+    (photos,) is where each photo is left out. What is a near-duplicate of a near-duplicate counts, too."""
+    of = near(new, seen, photos, other)
+    found = np.stack([of[:, fold == one].any(axis=1) for one in range(FOLDS)], axis=1)
+    group = joined(len(new), _pairs(np.argwhere(near(new, seen, new, seen))))
+    return np.stack([found[group == one].any(axis=0) for one in group])
+
+
+def _differing(first: Sequence[Sample], second: Sequence[Sample]) -> np.ndarray:
+    """In how many bits each of the first, as a whole and in any of eight positions, differs from the most
+    alike window of each of the second, (n, m)."""
     # As +1 and -1, so that a product counts the bits that agree.
-    windows = np.stack([_signs(photo_print(photo.image_bgr)) for photo in photos])
-    wholes = np.stack([_signs(np.stack([p[0] for p in turned_prints(s.image_bgr)])) for s in photos])
+    windows = np.stack([_signs(photo_print(photo.image_bgr)) for photo in second])
+    wholes = np.stack([_signs(np.stack([p[0] for p in turned_prints(s.image_bgr)])) for s in first])
     n, count = windows.shape[:2]
     columns = windows.reshape(n * count, BITS).T
     found = []
-    for start in range(0, n, _ROWS):
+    for start in range(0, len(wholes), _ROWS):
         rows = wholes[start : start + _ROWS]
         agree = rows.reshape(-1, BITS) @ columns
         best = agree.reshape(len(rows), rows.shape[1], n, count).max(axis=(1, 3))
-        found.append(np.argwhere((BITS - best) / 2 <= bits) + np.array([start, 0]))
-    return _pairs(np.concatenate(found))
+        found.append((BITS - best) / 2)
+    return np.concatenate(found)
 
 
 def alike_by_features(features: np.ndarray, least: float = ALIKE) -> np.ndarray:

@@ -2,11 +2,12 @@
 
     python -m services.itrash.training.others
 
-fetches packages of Debian, npm and PyPI into `out/others` (1.5 GB, kept after the first time) with the
-clients of the three. `LEARNT` are those that training draws pictures of nothing from. `MEASURED`, and the
-samples of scikit-image and scikit-learn (dev extra), only tell how often the bin says `unknown` of the world:
-they choose nothing, no threshold either. What learnt from corrections is refused where it knows fewer of
-`MEASURED` than before (`held_out.py`). No package is in both. None of the photos is in this repository.
+fetches packages of Debian, npm and PyPI into `out/others` of the project (1.5 GB, kept after the first
+time) with the clients of the three. `LEARNT` are those that training draws pictures of nothing from.
+`MEASURED`, and the samples of scikit-image and scikit-learn (dev extra), only tell how often the bin says
+`unknown` of the world: they choose nothing, no threshold either. What learnt from corrections is refused
+where it knows fewer of `MEASURED` than before (`held_out.py`). No package is in both. None of the photos is
+in this repository.
 
 Drawings, screens, food, tools, tins, pages of paper, and textures of metal or of one colour are left out:
 the bin may be shown such things.
@@ -47,8 +48,10 @@ PHOTOS = {
 """Installed package -> its photos."""
 
 
-FETCHED = Path("out/others")
-"""Where they are kept, seen from the project."""
+PROJECT = Path(__file__).resolve().parents[3]
+"""The project's folder, wherever a command is started."""
+FETCHED = PROJECT / "out/others"
+"""Where they are kept."""
 
 
 class NoSamples(RodeoError):
@@ -102,17 +105,22 @@ class Package:
     def photos(self, fetched: Path) -> dict[str, bytes]:
         """Name -> encoded photo, in a stable order. Raises NoSamples where a pattern matches nothing."""
         folder = self.folder(fetched)
+        self.check(fetched)
         found: dict[str, bytes] = {}
         for pattern in self.files:
             paths = sorted(folder.glob(pattern))
-            if not paths:
+            found |= {path.relative_to(fetched).as_posix(): path.read_bytes() for path in paths}
+        return found
+
+    def check(self, fetched: Path) -> None:
+        """Raises NoSamples where a pattern matches nothing."""
+        for pattern in self.files:
+            if next(self.folder(fetched).glob(pattern), None) is None:
                 raise NoSamples(
                     "fetch the photos of other things: python -m services.itrash.training.others",
                     package=self.name,
-                    missing=str(folder / pattern),
+                    missing=str(self.folder(fetched) / pattern),
                 )
-            found |= {path.relative_to(fetched).as_posix(): path.read_bytes() for path in paths}
-        return found
 
 
 _STAMPS = "usr/share/tuxpaint/stamps"

@@ -318,11 +318,16 @@ class AnsweringBin:
         self.full: set[str] = set()
         self.shown = 0
         self.presented: list[Claimant] = []
+        self.grasps_s: list[float] = []
+        """What the robot said at each showing of when it took hold of the item."""
+        self.combining: list[float] = []
+        """Times of earlier pictures that the next classifications name, one in each."""
         self.disposals = True
         self.on_wait: Callable[[type], None] = lambda kind: None
 
-    def present(self, claimant: Claimant) -> None:
+    def present(self, claimant: Claimant, grasped_s: float) -> None:
         self.presented.append(claimant)
+        self.grasps_s.append(grasped_s)
 
     def removed(self, compartment: str, after_s: float) -> Removal | None:
         if not self.thefts:
@@ -351,6 +356,8 @@ class AnsweringBin:
             more["full"] = more["compartment"] in self.full
             named = CLAIMANT.model_copy(update={"task_id": 99}) if self.mistaken else CLAIMANT
             more |= {"claimants": [named.model_dump()], "shown_s": now_s}
+            if self.combining:
+                more["earlier"] = [{"image_sha256": "0x" + "ee" * 32, "taken_s": self.combining.pop(0)}]
             self.mistaken = max(self.mistaken - 1, 0)
         else:
             more["settled_s"] = now_s

@@ -151,7 +151,7 @@ def test_the_robot_presents_itself_signed_and_again_until_the_bin_answers(
     listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bin_module, "_PRESENT_PERIOD_S", 0.05)
-    listener.bin.present(CLAIMANT)
+    listener.bin.present(CLAIMANT, 990.5)
     with pytest.raises(NoAnswer):
         listener.wait_for(Classification, 1_000.0, wall_s=1.0)
     said = listener.bus.published
@@ -165,10 +165,11 @@ def test_the_robot_presents_itself_signed_and_again_until_the_bin_answers(
         CLAIMANT.task_id,
         CLAIMANT.attempt,
     )
+    assert presentation.grasped_s == 990.5
 
 
 def test_a_robot_that_does_not_know_for_whom_it_signs_does_not_present_itself(listener: Listener) -> None:
     listener.voice.chain = None
     with pytest.raises(NoAnswer):
-        listener.bin.present(CLAIMANT)
+        listener.bin.present(CLAIMANT, 990.5)
     assert listener.bus.published == []

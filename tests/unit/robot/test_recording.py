@@ -30,6 +30,7 @@ from rodeo.ros2 import Node, types
 from rodeo.topics import Plane
 from rodeo.witness import (
     Classification,
+    Drop,
     Head,
     HeadBook,
     Header,
@@ -348,6 +349,33 @@ def test_all_pictures_that_the_bin_combined_are_in_the_recording(lab: Lab, sessi
     session.end()
     kept = session.proof.topics["/" + topics.BIN_IMAGE.name(bin="itrash")].data
     assert [types.deserialize(one, topics.BIN_IMAGE.type).data.tobytes() for one in kept] == pictures[::-1]
+
+
+def test_the_picture_of_what_fell_is_in_the_recording_however_many_were_taken_before(
+    lab: Lab, session: Session
+) -> None:
+    pictures = [b"\xff\xd8 picture %d" % number for number in range(50)]
+    by_hash = {"0x" + sha256(picture).hexdigest(): picture for picture in pictures}
+    lab.bus.serve(
+        topics.BIN_PICTURE.name(org=SITE.org, bin="itrash"),
+        lambda asked: {"data_base64": base64.b64encode(by_hash[asked.parameters["sha256"]]).decode()},
+    )
+    session.begin()
+    named = [session.recording.claimant.model_dump()]
+
+    def tell(model: type[Classification | Drop], **more: Any) -> None:
+        fields = payload_of(model, 1, BIN, about_s=lab.clock.now_s(), claimants=named, **more)
+        own = {key: fields[key] for key in fields if key not in Header.model_fields and key != "type"}
+        lab.tell(lab.itrash.sign(model, lab.clock.now_s(), **own), "itrash")
+
+    for number, name in enumerate(by_hash, 1):
+        tell(Classification, number=number, image_sha256=name)
+    tell(Drop, classification=len(by_hash))
+    lab.move()
+    session.end()
+    kept = session.proof.topics["/" + topics.BIN_IMAGE.name(bin="itrash")].data
+    assert pictures[-1] in [types.deserialize(one, topics.BIN_IMAGE.type).data.tobytes() for one in kept]
+    assert len(kept) == 37
 
 
 def test_the_picture_that_the_bin_classified_is_in_the_recording(lab: Lab, session: Session) -> None:

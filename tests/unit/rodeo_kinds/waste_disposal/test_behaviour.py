@@ -197,6 +197,31 @@ def test_the_robot_presents_itself_before_each_showing(scene: Scene) -> None:
     assert scene.bin.presented == [CLAIMANT, CLAIMANT]
 
 
+def test_the_robot_tells_the_bin_of_each_grasp_when_it_was(scene: Scene) -> None:
+    scene.bin.wondering = 1
+    scene.dispose()
+    first, again = scene.bin.grasps_s
+    held = scene.memory.held
+    assert first == again and held is None
+    scene.body.dropped_in = None
+    scene.dispose("item2")
+    assert scene.bin.grasps_s[-1] > first > 0
+
+
+def test_what_the_bin_names_with_pictures_from_before_the_grasp_is_shown_again(scene: Scene) -> None:
+    scene.bin.combining = [0.0]
+    scene.dispose()
+    assert (scene.bin.shown, scene.body.dropped_in) == (2, "yellow")
+
+
+def test_nothing_is_dropped_while_the_bin_names_pictures_from_before_the_grasp(scene: Scene) -> None:
+    scene.bin.combining = [0.0] * 99
+    with pytest.raises(TaskFailed) as caught:
+        scene.dispose()
+    assert caught.value.details["cause"] == "no_answer"
+    assert scene.body.dropped_in is None
+
+
 def test_what_the_bin_takes_for_somebody_elses_is_shown_again(scene: Scene) -> None:
     scene.bin.mistaken = 2
     scene.dispose()

@@ -934,6 +934,83 @@ def test_what_a_robot_shows_that_began_again_is_not_combined_with_pictures_of_it
     assert [look.taken_s > bench.time_s - 8 for look in bench.show().earlier] == [True, True]
 
 
+def present(bench: Bench, name: str, grasped_s: float = 0.0, recording: str = "cd") -> None:
+    bench.bin.presented(claimant(name, recording), bench.time_s, grasped_s)
+
+
+def test_what_a_robot_grasped_anew_is_not_combined_with_pictures_from_before_the_grasp() -> None:
+    bench = Looks(seen(0.55))
+    present(bench, "panther1", grasped_s=990.0)
+    bench.show()
+    bench.run(30.0)
+    grasped_s = bench.time_s
+    present(bench, "panther1", grasped_s)
+    assert [look.taken_s > grasped_s for look in bench.show().earlier] == [True, True]
+
+
+def test_what_a_robot_grasped_anew_is_said_to_be_unknown_although_it_was_known_before() -> None:
+    bench = Looks(seen(0.95), seen(0.95, item=0.05))
+    present(bench, "panther1", grasped_s=990.0)
+    assert bench.show().item_class == "plastic"
+    present(bench, "panther1", bench.time_s)
+    assert bench.show().item_class == UNKNOWN
+
+
+def test_a_robot_is_asked_for_a_named_number_of_angles_whoever_else_presents_itself() -> None:
+    bench = Looks(seen(0.55))
+    said = []
+    for number in range(5):
+        present(bench, "panther1")
+        said.append(bench.show())
+        present(bench, "panther2", recording=f"{number:02x}")
+    assert [one.another_angle for one in said] == [True, True, False, False, False]
+    assert [len(one.earlier) for one in said[:3]] == [2, 5, 8]
+
+
+def test_two_robots_that_take_turns_are_asked_for_no_more_angles() -> None:
+    bench = Looks(seen(0.55))
+    said = []
+    for number in range(6):
+        present(bench, "panther1")
+        present(bench, "panther2", recording=f"{number:02x}")
+        said.append(bench.show())
+    assert [one.another_angle for one in said] == [True, True, False, False, False, False]
+
+
+def test_an_angle_goes_on_although_another_robot_presented_itself_too_long_ago_by_now() -> None:
+    bench = Looks(seen(0.55))
+    present(bench, "panther2")
+    bench.run(110.0)
+    present(bench, "panther1")
+    assert len(bench.show().claimants) == 2
+    bench.run(5.0)
+    present(bench, "panther1")
+    said = bench.show()
+    assert (len(said.claimants), len(said.earlier)) == (1, 5)
+
+
+def test_what_another_robot_shows_is_not_combined_although_the_one_before_it_is_still_named() -> None:
+    bench = Looks(seen(0.55))
+    present(bench, "panther1")
+    bench.show()
+    present(bench, "panther2")
+    said = bench.show()
+    assert (len(said.claimants), len(said.earlier)) == (2, 2)
+
+
+def test_a_robot_that_says_each_time_that_it_grasped_anew_is_asked_no_more_often_than_it_may_grasp() -> None:
+    bench = Looks(seen(0.55), hashes=tuple(f"0x{number:064x}" for number in range(99)))
+    asked = 0
+    for number in range(12):
+        if number == 3:  # after a restart, too
+            memory = Memory.model_validate_json(bench.bin.memory.model_dump_json())
+            bench.bin = Bin(CONFIG, memory)
+            bench.run(2.0)
+        present(bench, "panther1", grasped_s=float(number))
+        asked += bench.show().another_angle
+    assert asked == 8
+
+
 def test_what_is_shown_after_a_drop_is_not_combined_with_what_fell() -> None:
     bench = Looks(seen(0.55))
     said = bench.show()

@@ -12,8 +12,9 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo.evidence import attest
 from rodeo.witness.correction import Correction, Judged
-from rodeo.witness.statement import Classification
-from services.itrash.corrections import AlreadyCorrected, Corrections, NotAnAuditor
+from rodeo.witness.statement import Classification, Look
+from services.itrash.corrections import AlreadyCorrected, Corrections, NotAnAuditor, pictures_of
+from services.itrash.pictures import NoSuchPicture, Pictures
 
 ANNA, BERT = Account.create(), Account.create()
 AUDITORS = {ANNA.address.lower(): "anna", BERT.address.lower(): "bert"}
@@ -22,18 +23,22 @@ BIN = Account.create()
 SCOPE = {"chain_id": 1, "task_manager": "0x" + "11" * 20, "organization": "0x" + "22" * 20}
 
 
-def add(kept: Corrections, who: LocalAccount, number: int, was: str, told: str) -> None:
+def add(kept: Corrections, who: LocalAccount, number: int, was: str, told: str, earlier: int = 0) -> None:
+    """A correction of the picture of that number, which the bin combined with so many before."""
     said = Correction(
         **SCOPE,
         bin="itrash",
         image_sha256="0x" + f"{number:064x}",
         item_class=was,
     )
-    signed, classification = attest(said.model_dump(by_alias=True), who), attest(stated(number, told), BIN)
-    kept.add(signed, said, classification, b"picture", CLASSES, AUDITORS)
+    signed, classification = (
+        attest(said.model_dump(by_alias=True), who),
+        attest(stated(number, told, earlier), BIN),
+    )
+    kept.add(signed, said, classification, {said.image_sha256: b"picture"}, CLASSES, AUDITORS)
 
 
-def stated(number: int, told: str) -> dict[str, Any]:
+def stated(number: int, told: str, earlier: int = 0) -> dict[str, Any]:
     """What the bin signed of its picture of that number."""
     return Classification(
         **SCOPE,
@@ -51,7 +56,10 @@ def stated(number: int, told: str) -> dict[str, Any]:
         model_sha256="0x" + "33" * 32,
         thresholds_sha256="0x" + "44" * 32,
         claimants=(),
-        shown_s=1.0,
+        shown_s=float(number),
+        earlier=[
+            Look(image_sha256=f"0x{one:064x}", taken_s=float(one)) for one in range(number - earlier, number)
+        ],
     ).model_dump(mode="json", by_alias=True)
 
 
@@ -67,6 +75,49 @@ def test_how_often_the_bin_was_right_is_counted_by_person_and_survives_a_restart
     with pytest.raises(AlreadyCorrected) as refused:
         add(again, ANNA, 1, "metal", told="metal")
     assert refused.value.details["said"] == "glass"
+
+
+def test_an_item_that_was_shown_from_several_angles_counts_once_by_the_bins_last_answer(
+    tmp_path: Path,
+) -> None:
+    kept = Corrections(tmp_path, "itrash")
+    add(kept, ANNA, 9, "glass", told="glass", earlier=8)
+    add(kept, ANNA, 3, "glass", told="metal", earlier=2)
+    add(kept, ANNA, 6, "glass", told="metal", earlier=5)
+    add(kept, ANNA, 12, "glass", told="metal", earlier=2)
+    (anna,) = kept.judged(AUDITORS)
+    assert (anna.items, anna.right) == (2, 1)
+
+
+def test_two_items_are_one_where_a_later_answer_names_pictures_of_both(tmp_path: Path) -> None:
+    kept = Corrections(tmp_path, "itrash")
+    add(kept, ANNA, 1, "glass", told="metal")
+    add(kept, ANNA, 2, "glass", told="metal")
+    add(kept, ANNA, 3, "glass", told="glass", earlier=2)
+    (anna,) = kept.judged(AUDITORS)
+    assert (anna.items, anna.right) == (1, 1)
+
+
+def test_all_pictures_of_a_corrected_answer_are_kept_that_the_bin_still_has(tmp_path: Path) -> None:
+    gallery = Pictures(tmp_path / "pictures")
+    first, last = (gallery.keep(data) for data in (b"first", b"last"))
+    said = stated(3, "glass")
+    said |= {
+        "image_sha256": last,
+        "earlier": [{"image_sha256": one, "taken_s": 0.0} for one in ("0x" + "99" * 32, first)],
+    }
+    found = pictures_of(attest(said, BIN), gallery)
+    assert found == {last: b"last", first: b"first"}
+    kept = Corrections(tmp_path / "corrections", "itrash")
+    correction = Correction(**SCOPE, bin="itrash", image_sha256=last, item_class="glass")
+    signed = attest(correction.model_dump(by_alias=True), ANNA)
+    kept.add(signed, correction, attest(said, BIN), found, CLASSES, AUDITORS)
+    assert {(tmp_path / "corrections" / name).read_bytes() for name in (first, last)} == {b"first", b"last"}
+
+
+def test_an_answer_whose_own_picture_is_gone_is_not_corrected(tmp_path: Path) -> None:
+    with pytest.raises(NoSuchPicture):
+        pictures_of(attest(stated(1, "glass"), BIN), Pictures(tmp_path))
 
 
 def test_a_person_who_is_no_auditor_changes_nothing_and_one_who_was_still_counts(tmp_path: Path) -> None:

@@ -11,6 +11,9 @@ from typing import Any
 import pytest
 
 from rodeo.config import Site
+from rodeo.payloads import EXAMPLES
+from rodeo.witness import Presentation, parse
+from rodeo_testing.assignments import devices
 from services.itrash.behaviour import Bin, Memory
 from services.itrash.process import Itrash
 
@@ -51,3 +54,14 @@ def test_a_weight_that_begins_to_change_wakes_the_bin_that_rests(site: Site) -> 
     weigh(0.3, 2.1)
     assert itrash._bin.attentive
     assert len(told) == before + 1
+
+
+def test_the_bin_hears_from_a_robots_presentation_when_it_grasped(site: Site) -> None:
+    itrash: Any = Itrash.__new__(Itrash)
+    itrash._process = SimpleNamespace(clock=SimpleNamespace(now_s=lambda: 1_000.0))
+    itrash._config, itrash._bin, itrash._lock = site.bins[0], Bin(site.bins[0], Memory()), threading.Lock()
+    robot = next(one for one in devices() if one.role == "robot")
+    said = parse(EXAMPLES[Presentation] | {"bin": site.bins[0].name, "grasped_s": 990.5})
+    itrash._on_statement(robot, said)
+    (presented,) = itrash._bin.memory.presented
+    assert (presented.claimant.device, presented.grasped_s) == ("panther1", 990.5)

@@ -290,6 +290,18 @@ def rendered() -> list[Sample]:
     return [*drawn(), Sample(np.full((64, 64, 3), 90, np.uint8), None)]
 
 
+@pytest.fixture(autouse=True)
+def seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a network sees in pictures, without one: where they are light and dark."""
+
+    def features(samples: list[Sample]) -> np.ndarray:
+        small = [cv2.resize(one.image_bgr, (8, 8), interpolation=cv2.INTER_AREA) for one in samples]
+        flat = np.stack(small).astype(float).reshape(len(samples), -1)
+        return np.asarray(flat - flat.mean(axis=1, keepdims=True))
+
+    monkeypatch.setattr(corrected, "seen_by_imagenet", features)
+
+
 def material() -> Material:
     nothing = (RENDERINGS / "unknown_1.jpg").read_bytes()
     empty = Sample(decode_image(nothing), None)
@@ -406,6 +418,29 @@ def test_nothing_but_the_corrections_makes_a_difference_between_before_and_after
         assert now == pytest.approx(was, rel=0.01)
 
 
+def test_no_network_learns_from_a_near_duplicate_of_the_photos_that_measure_it(
+    own: Site, data: Path, folds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The can's photos are in all folds but one."""
+    darker = cv2.imencode(".png", cv2.convertScaleAbs(decode_image(CAN), alpha=0.8))[1].tobytes()
+    nothing = (RENDERINGS / "unknown_1.jpg").read_bytes()
+    correct(own, ANNA, darker, "metal")
+    correct(own, ANNA, nothing, "unknown")
+    learnt: list[set[str | None]] = []
+
+    def unchanged(source: Path, _photos: list[Sample], given: list[corrected.Corrected], *_more: Any) -> Any:
+        learnt.append({one.label for one in given})
+        return exported(source).eval()
+
+    monkeypatch.setattr(corrected, "tuned", unchanged)
+    report = add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+    assert learnt == [{None}, {None}, {None}, {"metal", None}, {None}, {"metal", None}]
+    said = "learns without 1 corrected picture: near-duplicates of photos that measure it"
+    assert [line for line in report if "learns without" in line] == [
+        f"network {n} {said}" for n in (1, 2, 3, 5)
+    ]
+
+
 def test_a_model_that_names_fewer_photos_rightly_is_not_written(
     own: Site, data: Path, folds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -482,6 +517,10 @@ def test_each_share_that_fell_is_told_and_what_stayed_or_rose_is_not() -> None:
 @pytest.mark.parametrize(("corrections", "times"), [(1, 20), (10, 20), (100, 2), (1000, 1)])
 def test_a_single_correction_is_no_tenth_of_what_is_learnt(corrections: int, times: int) -> None:
     assert corrected.repeated(2091, corrections) == times
+
+
+def test_a_network_that_may_learn_from_no_correction_repeats_none() -> None:
+    assert corrected.repeated(2091, 0) == 0
 
 
 def test_a_thing_that_is_no_waste_is_not_drawn_more_often_than_a_photo_of_the_rarest_class() -> None:

@@ -15,6 +15,7 @@ from services.itrash.training import held_out
 from services.itrash.training.dataset import CLASSES, NoPhotos, Sample
 from services.itrash.training.held_out import HeldOut
 
+_SEEN = {False: [1.0, 0.0], True: [0.0, 1.0]}
 CAN, NOTHING = ((RENDERINGS / name).read_bytes() for name in ("metal_1.jpg", "unknown_1.jpg"))
 
 
@@ -31,6 +32,25 @@ def test_a_share_counts_what_is_right_of_its_kind() -> None:
         "drawn pictures without an item called unknown": 0.75,
         "real photos of other things called unknown": 0.25,
     }
+
+
+def test_near_duplicates_of_corrected_pictures_do_not_count_unless_nothing_else_is_there() -> None:
+    can, nothing = decode_image(CAN), decode_image(NOTHING)
+    turned = np.rot90(can).copy()
+    kinds = HeldOut([Sample(turned, "metal"), Sample(nothing, "glass")], [Sample(can, None)], [NOTHING])
+
+    def seen(samples: list[Sample]) -> np.ndarray:
+        """What shows no item differs, and of a can nothing but the hashes tell that it is one."""
+        return np.array([_SEEN[bool(np.array_equal(o.image_bgr, nothing))] for o in samples])
+
+    apart, told = kinds.apart_from([Sample(can, "metal")], seen)
+    assert [one.label for one in apart.rendered] == ["glass"]
+    assert (len(apart.drawn), apart.real) == (1, [NOTHING])
+    assert told == [
+        "1 of 2 held-out renderings are near-duplicates of corrected pictures: not counted",
+        "1 of 1 drawn pictures without an item are near-duplicates of corrected pictures: "
+        "counted all the same, as no others are there",
+    ]
 
 
 def test_the_pictures_are_those_of_the_model_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

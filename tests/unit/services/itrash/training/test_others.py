@@ -77,7 +77,7 @@ def test_a_package_is_fetched_once(fetched: Path, monkeypatch: pytest.MonkeyPatc
 def test_a_debian_package_is_unpacked_below_the_folder_of_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`out/others` is seen from where the command runs; the clients run in a folder below it."""
+    """`--out` is seen from where the command runs; the clients run in a folder below it."""
 
     def client(command: list[str], cwd: Path, check: bool) -> None:
         assert check
@@ -95,7 +95,7 @@ def test_a_debian_package_is_unpacked_below_the_folder_of_the_command(
     left = Path("out/others/photos.part/photos_1_all.deb")  # of a try that ended before it was unpacked
     left.parent.mkdir(parents=True)
     left.write_bytes(b"")
-    assert list(fetch(others.FETCHED)) == ["photos"]
+    assert list(fetch(Path("out/others"))) == ["photos"]
 
 
 def test_a_package_without_its_photos_is_named(fetched: Path) -> None:
