@@ -484,12 +484,14 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev What the policy chooses, and the price in whole units. A policy that fails has chosen NOTHING, so that it holds
-    /// up no work and no money. It does not fail for the caller's gas: nobody chooses by too little of it.
+    /// up no work and no money. It does not fail for want of gas: nobody chooses in its place by giving little.
     function _ask(IMatchingPolicy policy, bytes memory question)
         private
         view
         returns (uint256 chosen, uint256 price)
     {
+        // It gets 63 of 64 parts of what there is, at most.
+        bool enough = gasleft() > POLICY_GAS + POLICY_GAS / 32;
         bool success;
         // By hand, because `try` reverts here on a malformed answer, and copies as much as the policy returns.
         assembly ("memory-safe") {
@@ -497,9 +499,8 @@ contract ServiceManager is IServiceManager {
             success := and(success, eq(returndatasize(), 64))
             chosen := mload(0)
             price := mload(32)
-            // It had less than POLICY_GAS if less than a 63rd of that is left. All gas goes, as if it had run out here: callEach
-            // knows that by what is left.
-            if iszero(or(success, gt(gas(), div(POLICY_GAS, 63)))) { invalid() }
+            // All gas goes, as if it had run out here: callEach knows that by what is left.
+            if iszero(or(success, enough)) { invalid() }
         }
         if (!success) return (NOTHING, 0);
         price -= price % _unit;
