@@ -98,3 +98,29 @@ contract SlowPolicy is IMatchingPolicy {
         while (gasleft() > end) {}
     }
 }
+
+/// @notice Of the tasks that wait it chooses any, or one that does not wait, at any price, or fails.
+contract UnrulyPolicy is IMatchingPolicy {
+    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+        external
+        view
+        returns (ServiceId, uint256)
+    {
+        return (services.longestIdle(kind, reward), 0);
+    }
+
+    function taskFor(
+        IServiceListener tasks,
+        IServiceManager,
+        bytes32 kind,
+        ServiceId serviceId,
+        uint256 price
+    ) external view returns (TaskId, uint256) {
+        uint256 count = tasks.taskCount();
+        uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
+        require(seed % 16 != 0, "no");
+        uint256 paid = (seed >> 32) % 2 == 0 ? 0 : (seed >> 64) % 200 ether;
+        if ((seed >> 8) % 2 == 0) return (tasks.oldestOpen(kind, price + (seed >> 96) % 100 ether), paid);
+        return (TaskId.wrap((seed >> 16) % (count + 2)), paid);
+    }
+}

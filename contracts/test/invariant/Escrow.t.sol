@@ -11,6 +11,7 @@ import {SecondPrice} from "../../src/policies/SecondPrice.sol";
 import {ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
+import {UnrulyPolicy} from "../StubPolicies.sol";
 import {Handler} from "./Handler.sol";
 
 contract EscrowInvariants is Fixture {
@@ -29,9 +30,10 @@ contract EscrowInvariants is Fixture {
             vm.prank(providers[i]);
             coin.approve(address(tasks), type(uint256).max);
         }
-        IMatchingPolicy[] memory policies = new IMatchingPolicy[](4);
+        IMatchingPolicy[] memory policies = new IMatchingPolicy[](5);
         (policies[0], policies[1]) = (policy, new LowestPrice());
         (policies[2], policies[3]) = (new HighestReputation(), new SecondPrice());
+        policies[4] = new UnrulyPolicy();
         _participants = [alice, bob, robot1, robot2, robot3, address(organization)];
         _handler = new Handler(coin, organization, admin, oracle, auditor, creators, providers, policies);
         // Whoever may not audit has the role all the same: what stops it is that it is a party, or has judged.
