@@ -338,8 +338,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc IServiceListener
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId) {
-        return unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId, uint256 reward) {
+        taskId = unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
+        reward = _tasks.load(taskId, _unit).reward;
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {

@@ -87,10 +87,11 @@ contract SlowPolicy is IMatchingPolicy {
     function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
         external
         view
-        returns (TaskId, uint256)
+        returns (TaskId taskId, uint256 paid)
     {
         _spend();
-        return (tasks.oldestOpen(kind, price), price + 1 ether);
+        (taskId,) = tasks.oldestOpen(kind, price);
+        paid = price + 1 ether;
     }
 
     function _spend() private view {
@@ -119,8 +120,8 @@ contract UnrulyPolicy is IMatchingPolicy {
         uint256 count = tasks.taskCount();
         uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
         require(seed % 16 != 0, "no");
-        uint256 paid = (seed >> 32) % 2 == 0 ? 0 : (seed >> 64) % 200 ether;
-        if ((seed >> 8) % 2 == 0) return (tasks.oldestOpen(kind, price + (seed >> 96) % 100 ether), paid);
-        return (TaskId.wrap((seed >> 16) % (count + 2)), paid);
+        paid = (seed >> 32) % 2 == 0 ? 0 : (seed >> 64) % 200 ether;
+        if ((seed >> 8) % 2 == 0) (taskId,) = tasks.oldestOpen(kind, price + (seed >> 96) % 100 ether);
+        else taskId = TaskId.wrap((seed >> 16) % (count + 2));
     }
 }

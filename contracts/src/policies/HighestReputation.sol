@@ -22,8 +22,8 @@ contract HighestReputation is IMatchingPolicy {
     function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
         external
         view
-        returns (TaskId, uint256)
+        returns (TaskId taskId, uint256)
     {
-        return (tasks.oldestOpen(kind, price), 0);
+        (taskId,) = tasks.oldestOpen(kind, price);
     }
 }

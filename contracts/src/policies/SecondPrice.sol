@@ -5,9 +5,8 @@ import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
 import {IServiceListener} from "../interfaces/IServiceListener.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
-import {ITaskManager} from "../interfaces/ITaskManager.sol";
 import {ServiceId} from "../types/ServiceId.sol";
-import {NO_TASK, TaskId} from "../types/TaskId.sol";
+import {TaskId} from "../types/TaskId.sol";
 
 /// @title The cheapest service, paid what the second cheapest costs (Vickrey 1961), at most the reward.
 /// @notice What a provider asks decides whether it gets the task, not what it is paid. So it may ask what the work
@@ -27,9 +26,8 @@ contract SecondPrice is IMatchingPolicy {
     function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
         external
         view
-        returns (TaskId taskId, uint256 paid)
+        returns (TaskId, uint256)
     {
-        taskId = tasks.oldestOpen(kind, price);
-        if (taskId != NO_TASK) paid = ITaskManager(address(tasks)).task(taskId).reward;
+        return tasks.oldestOpen(kind, price);
     }
 }

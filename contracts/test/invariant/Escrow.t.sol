@@ -124,7 +124,8 @@ contract EscrowInvariants is Fixture {
             bool available = offered[i].state == ServiceState.Active && offered[i].taskId == NO_TASK;
             assertEq(offered[i].place != 0, available, "a service waits exactly when it is available");
             if (available) {
-                assertEq(tasks.oldestOpen(CLEANING, offered[i].price), NO_TASK, "a task and its service wait");
+                (TaskId fitting,) = tasks.oldestOpen(CLEANING, offered[i].price);
+                assertEq(fitting, NO_TASK, "a task and its service wait");
             }
         }
     }
@@ -148,7 +149,9 @@ contract EscrowInvariants is Fixture {
         for (uint256 i = 0; i < posted.length && oldest == NO_TASK; ++i) {
             if (posted[i].state == TaskState.Open && posted[i].hired == Hire.None) oldest = taskNo(i + 1);
         }
-        assertEq(tasks.oldestOpen(CLEANING, 0), oldest, "the oldest open task is not the next one");
+        (TaskId next, uint256 reward) = tasks.oldestOpen(CLEANING, 0);
+        assertEq(next, oldest, "the oldest open task is not the next one");
+        if (next != NO_TASK) assertEq(reward, tasks.task(next).reward, "its reward is another");
     }
 
     /// @dev Bonds, failures and suspensions are what the terms make of what happened.
