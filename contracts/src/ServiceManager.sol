@@ -460,7 +460,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function serviceFor(IMatchingPolicy policy, KindId kindId, uint256 reward)
+    function serviceFor(address policy, KindId kindId, uint256 reward)
         external
         view
         returns (ServiceId, uint256)
@@ -477,7 +477,7 @@ contract ServiceManager is IServiceManager {
         bytes32 kind = organization.kindNumbered(s.kindId);
         uint256 own = _priceOf(s);
         (uint256 chosen, uint256 price) = _ask(
-            organization.policy(),
+            address(organization.policy()),
             abi.encodeCall(IMatchingPolicy.taskFor, (tasks, this, kind, serviceId, own))
         );
         return (TaskId.wrap(chosen), Math.max(price, own));
@@ -485,7 +485,7 @@ contract ServiceManager is IServiceManager {
 
     /// @dev What the policy chooses, and the price in whole units. A policy that fails has chosen NOTHING, so that it holds
     /// up no work and no money. It does not fail for want of gas: nobody chooses in its place by giving little.
-    function _ask(IMatchingPolicy policy, bytes memory question)
+    function _ask(address policy, bytes memory question)
         private
         view
         returns (uint256 chosen, uint256 price)

@@ -391,7 +391,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _match(TaskId taskId, Record memory t, IMatchingPolicy policy) private {
         bool asks = t.hired == Hire.None && address(policy) != address(0);
         (ServiceId serviceId, uint256 wanted) =
-            asks ? services.serviceFor(policy, t.kindId, t.reward) : (t.serviceId, 0);
+            asks ? services.serviceFor(address(policy), t.kindId, t.reward) : (t.serviceId, 0);
         if (!asks || serviceId != NO_SERVICE) {
             if (_assign(taskId, t, serviceId, wanted)) return;
             if (asks) emit PolicyFailed(taskId);

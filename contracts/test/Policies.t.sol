@@ -549,7 +549,8 @@ contract PolicyTest is Fixture {
         (TaskId taskId, uint256 price) = services.taskFor(serviceId);
         assertEq(taskId, 7);
         assertEq(price, 12 ether);
-        (ServiceId chosen, uint256 wanted) = services.serviceFor(stub, organization.numberOf(CLEANING), 0);
+        (ServiceId chosen, uint256 wanted) =
+            services.serviceFor(address(stub), organization.numberOf(CLEANING), 0);
         assertEq(chosen, 7);
         assertEq(wanted, 12 ether);
         stub.tell(Way.Reverts, 7, 12 ether);

@@ -116,7 +116,7 @@ contract UnrulyPolicy is IMatchingPolicy {
         bytes32 kind,
         ServiceId serviceId,
         uint256 price
-    ) external view returns (TaskId, uint256) {
+    ) external view returns (TaskId taskId, uint256 paid) {
         uint256 count = tasks.taskCount();
         uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
         require(seed % 16 != 0, "no");

@@ -4,7 +4,6 @@ pragma solidity ^0.8.28;
 import {KindId} from "../types/KindId.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
-import {IMatchingPolicy} from "./IMatchingPolicy.sol";
 
 /// @notice Whom a task names: nobody, so that the policy chooses, one service, or one provider.
 enum Hire {
@@ -280,13 +279,13 @@ interface IServiceManager {
     function workOf(address provider) external view returns (uint256 done, uint256 failed);
 
     /// @notice Returns the idle service that a policy chooses for a task. Never reverts because of the policy.
-    /// @param policy the organization's
+    /// @param policy the organization's, an IMatchingPolicy
     /// @param kindId the number of what is to be done, see IOrganization.numberOf
     /// @param reward the most it may cost, in the token's smallest unit
     /// @return serviceId what the policy says, whether or not there is such a service; a number that no service has if it
     /// fails, and 0 if it finds none
     /// @return price what the service is to be paid, if that is more than its own price: a multiple of the unit of prices
-    function serviceFor(IMatchingPolicy policy, KindId kindId, uint256 reward)
+    function serviceFor(address policy, KindId kindId, uint256 reward)
         external
         view
         returns (ServiceId serviceId, uint256 price);
