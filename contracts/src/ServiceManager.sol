@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
+import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
 import {
@@ -108,6 +109,11 @@ contract ServiceManager is IServiceManager {
     /// @notice Grades of reputation by which waiting services are compared. More would mean more lines, and each new
     /// one costs whoever comes into it first two words.
     uint256 public constant GRADES = 8;
+
+    /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
+    uint256 private constant POLICY_GAS = 500_000;
+    /// @dev No service and no task has this number.
+    uint256 private constant NOTHING = type(uint256).max;
 
     /// @dev A newcomer counts as if it had done work for so many tokens well, and as much badly.
     uint256 private constant PRIOR = 100;
@@ -313,8 +319,8 @@ contract ServiceManager is IServiceManager {
         if (hired != Hire.None && !ofKind) {
             revert ServiceOfOtherKind(taker, organization.kindNumbered(kindId));
         }
-        price = Math.max(_priceOf(s), wanted);
-        if (!_isAvailable(s) || price > Math.min(maxPrice, Units.max(_unit)) || !ofKind) {
+        price = Math.max(_priceOf(s), Math.min(wanted, Units.max(_unit)));
+        if (!_isAvailable(s) || price > maxPrice || !ofKind) {
             if (hired > s.hired) _hire(s, hired);
             return (taker, address(0), 0, false);
         }
@@ -451,6 +457,53 @@ contract ServiceManager is IServiceManager {
     function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
         Idle storage idle = _idle[organization.numberOf(kind)];
         return unpackService(idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first);
+    }
+
+    /// @inheritdoc IServiceManager
+    function serviceFor(address policy, KindId kindId, uint256 reward)
+        external
+        view
+        returns (ServiceId, uint256)
+    {
+        bytes32 kind = organization.kindNumbered(kindId);
+        (uint256 chosen, uint256 price) =
+            _ask(policy, abi.encodeCall(IMatchingPolicy.serviceFor, (this, kind, reward)));
+        return (ServiceId.wrap(chosen), price);
+    }
+
+    /// @inheritdoc IServiceManager
+    function taskFor(ServiceId serviceId) external view returns (TaskId, uint256) {
+        Record storage s = _get(serviceId);
+        bytes32 kind = organization.kindNumbered(s.kindId);
+        uint256 own = _priceOf(s);
+        (uint256 chosen, uint256 price) = _ask(
+            address(organization.policy()),
+            abi.encodeCall(IMatchingPolicy.taskFor, (tasks, this, kind, serviceId, own))
+        );
+        return (TaskId.wrap(chosen), Math.max(price, own));
+    }
+
+    /// @dev What the policy chooses, and the price in whole units. A policy that fails has chosen NOTHING, so that it holds
+    /// up no work and no money. It does not fail for want of gas: nobody chooses in its place by giving little.
+    function _ask(address policy, bytes memory question)
+        private
+        view
+        returns (uint256 chosen, uint256 price)
+    {
+        // It gets 63 of 64 parts of what there is, at most.
+        bool enough = gasleft() > POLICY_GAS + POLICY_GAS / 32;
+        bool success;
+        // By hand, because `try` reverts here on a malformed answer, and copies as much as the policy returns.
+        assembly ("memory-safe") {
+            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 64)
+            success := and(success, eq(returndatasize(), 64))
+            chosen := mload(0)
+            price := mload(32)
+            // All gas goes, as if it had run out here: callEach knows that by what is left.
+            if iszero(or(success, enough)) { invalid() }
+        }
+        if (!success) return (NOTHING, 0);
+        price -= price % _unit;
     }
 
     function _longestIdle(KindId kindId, uint256 maxPrice) private view returns (ServiceId) {

@@ -46,6 +46,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint40 waiting;
         /// @dev How often a service began to wait. Each gets the next number, so that the lower was there earlier.
         uint40 places;
+        /// @dev When the newest task came, the policy was one that has to be asked. Known here, because a verdict would pay
+        /// 2,100 gas to look it up.
+        bool asks;
         uint128 held;
     }
 
@@ -71,9 +74,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     uint256 public constant GRACE_SHARE = 4;
     /// @notice The part of the price that an executor is paid for a task that is impossible: one in ten.
     uint256 public constant IMPOSSIBLE_SHARE = 10;
-
-    /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
-    uint256 private constant POLICY_GAS = 500_000;
 
     /// @notice What a payment may spend: whoever is called back by a token with hooks holds up neither party.
     uint256 public constant PAYMENT_GAS = 200_000;
@@ -337,9 +337,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return _totals.held;
     }
 
-    /// @inheritdoc ITaskManager
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId) {
-        return unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
+    /// @inheritdoc IServiceListener
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId, uint256 reward) {
+        taskId = unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
+        reward = _tasks.load(taskId, _unit).reward;
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
@@ -356,6 +357,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
         Texts.requireParams(request.params);
         taskId = TaskId.wrap(++_totals.tasks);
+        _totals.asks = address(policy) != address(0);
         (t.creator, t.reward) = (creator, request.reward.toUint88());
         t.executionWindow = request.executionWindow;
         t.verdictWindow = uint256(request.verdictWindow).toUint24();
@@ -387,62 +389,43 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
     function _match(TaskId taskId, Record memory t, IMatchingPolicy policy) private {
-        (ServiceId serviceId, uint256 price, bool failed) = (t.serviceId, 0, false);
-        bool hired = t.hired != Hire.None;
-        bool longestIdle = !hired && address(policy) == address(0);
-        if (!hired && !longestIdle) (serviceId, price, failed) = _ask(policy, _kindOf(t), t.reward);
-        if (serviceId != NO_SERVICE || longestIdle) {
-            if (_assign(taskId, t, serviceId, price)) return;
-            failed = !hired && !longestIdle;
+        bool asks = t.hired == Hire.None && address(policy) != address(0);
+        (ServiceId serviceId, uint256 wanted) =
+            asks ? services.serviceFor(address(policy), t.kindId, t.reward) : (t.serviceId, 0);
+        if (!asks || serviceId != NO_SERVICE) {
+            if (_assign(taskId, t, serviceId, wanted)) return;
+            if (asks) emit PolicyFailed(taskId);
         }
-        if (failed) emit PolicyFailed(taskId);
         _tasks.save(taskId, t, _unit);
         _open[_queue(t)].put(taskId.pack(), _weight(t.reward));
         ++_totals.waiting;
     }
 
-    /// @dev What the policy says, in whole units. Never reverts, so that a bad policy cannot keep money in escrow.
-    function _ask(IMatchingPolicy policy, bytes32 kind, uint256 reward)
-        private
-        view
-        returns (ServiceId serviceId, uint256 price, bool failed)
-    {
-        bytes memory question = abi.encodeCall(IMatchingPolicy.serviceFor, (services, kind, reward));
-        bool success;
-        // By hand, because `try` reverts here on a malformed answer, and copies as much as the policy returns.
-        assembly ("memory-safe") {
-            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 64)
-            success := and(success, eq(returndatasize(), 64))
-            serviceId := mul(success, mload(0))
-            price := mload(32)
-        }
-        failed = !success;
-        price -= price % _unit;
-    }
-
-    /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
+    /// @dev Give an available service that is in no line its next task, or let it wait.
     /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
     function _place(ServiceId serviceId, KindId kindId, uint256 price, uint256 named) private {
-        (uint256 queue, TaskId taskId) = _oldest(serviceId, kindId, price, named);
+        (uint256 queue, TaskId taskId, uint256 wanted) = _next(serviceId, kindId, price, named);
         if (taskId == NO_TASK) {
             services.enqueue(serviceId, ++_totals.places);
         } else {
             _leaveQueue(queue, taskId);
-            bool assigned = _assign(taskId, _tasks.load(taskId, _unit), serviceId, 0);
+            bool assigned = _assign(taskId, _tasks.load(taskId, _unit), serviceId, wanted);
             assert(assigned);
         }
     }
 
-    /// @dev The oldest task that waits for the service or for any of its kind, and in which queue; 0 if none does.
-    function _oldest(ServiceId serviceId, KindId kindId, uint256 price, uint256 named)
+    /// @dev The next task of the service, in which queue it waits, and what it pays if that is more than the service asks: of
+    /// those that name nobody the one that the policy chooses, or the oldest; but an older one that names the service, or its
+    /// provider, goes first, so that no policy lets it wait for ever.
+    function _next(ServiceId serviceId, KindId kindId, uint256 price, uint256 named)
         private
-        view
-        returns (uint256 queue, TaskId taskId)
+        returns (uint256 queue, TaskId taskId, uint256 wanted)
     {
-        if (_totals.waiting == 0) return (0, NO_TASK);
+        if (_totals.waiting == 0) return (0, NO_TASK, 0);
         uint64 minimum = Units.levelFor(price, _unit);
         queue = _queueOf(kindId);
         taskId = unpackTask(_open[queue].first(minimum));
+        if (taskId != NO_TASK && _totals.asks) (taskId, wanted) = _choose(serviceId, queue, taskId);
         while (named != 0) {
             uint256 own = _queueOf(named, kindId);
             // Who names whom it wants may pay its price exactly, which is between two levels: the oldest such task counts.
@@ -450,14 +433,38 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             if (first != NO_TASK && _tasks.load(first, _unit).reward < price) {
                 first = unpackTask(_open[own].first(minimum));
             }
-            if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) (queue, taskId) = (own, first);
+            if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) {
+                (queue, taskId, wanted) = (own, first, 0);
+            }
             named = named == ServiceId.unwrap(serviceId) ? 0 : ServiceId.unwrap(serviceId);
         }
+    }
+
+    /// @dev What the policy chooses from the queue, and at which price. If that is no task of this queue, or does not pay as
+    /// much: `oldest`, at the service's own price.
+    function _choose(ServiceId serviceId, uint256 queue, TaskId oldest)
+        private
+        returns (TaskId taskId, uint256 wanted)
+    {
+        (taskId, wanted) = services.taskFor(serviceId);
+        Record memory t = _tasks.load(taskId, _unit);
+        if (t.state == TaskState.Open && _queue(t) == queue && t.reward >= wanted) return (taskId, wanted);
+        emit PolicyFailed(oldest);
+        return (oldest, 0);
     }
 
     function _leaveQueue(uint256 queue, TaskId taskId) private {
         _open[queue].remove(taskId.pack());
         --_totals.waiting;
+    }
+
+    /// @dev The service's attempt is over, and it has its next task or waits for one.
+    function _free(Record memory t, ServiceId serviceId, Outcome outcome, uint256 value)
+        private
+        returns (Release memory r)
+    {
+        r = _release(t, serviceId, outcome, value);
+        if (r.available) _place(serviceId, t.kindId, r.price, r.named);
     }
 
     /// @dev The service's attempt is over. While no task waits, it is in line again after this call.
@@ -579,8 +586,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         (t.state, t.deadline) = (TaskState.Undecided, deadline.toUint32());
         _tasks.save(taskId, t, _unit);
         emit AuditRequested(taskId, t.attempt, deadline, t.silence);
-        Release memory r = _release(t, t.serviceId, Outcome.Unjudged, 0);
-        if (r.available) _place(t.serviceId, t.kindId, r.price, r.named);
+        Release memory r = _free(t, t.serviceId, Outcome.Unjudged, 0);
         _pay(r.payout, r.bond);
     }
 
@@ -609,8 +615,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         ServiceId serviceId = t.serviceId;
         uint256 price = t.price;
         bool last = _endAttempt(taskId, t, cause);
-        Release memory r = _release(t, serviceId, _outcome(cause), price);
-        if (r.available) _place(serviceId, t.kindId, r.price, r.named);
+        Release memory r = _free(t, serviceId, _outcome(cause), price);
         _pay(r.payout, r.bond);
         _pay(address(organization), r.penalty);
         if (last) _pay(t.creator, t.reward);

@@ -89,7 +89,9 @@ contract DecimalsTest is Fixture {
         assertEq(tasks.task(post(alice, TOKEN)).price, 4 * TOKEN / 100);
         TaskId waits = post(alice, 2 * TOKEN / 100 - 1);
         assertState(waits, TaskState.Open);
-        assertEq(tasks.oldestOpen(CLEANING, 19_900), waits, "three digits of it");
+        (TaskId oldest, uint256 reward) = tasks.oldestOpen(CLEANING, 19_900);
+        assertEq(oldest, waits, "three digits of it");
+        assertEq(reward, tasks.task(waits).reward);
     }
 
     /// @dev A hundred tokens make a name, not a hundred billion of their smallest units.

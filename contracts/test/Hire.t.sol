@@ -15,19 +15,7 @@ import {
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
-
-/// @notice Names a service and a price.
-contract FixedPolicy is IMatchingPolicy {
-    uint256 private immutable _price;
-
-    constructor(uint256 price) {
-        _price = price;
-    }
-
-    function serviceFor(IServiceManager, bytes32, uint256) external view returns (ServiceId, uint256) {
-        return (ServiceId.wrap(1), _price);
-    }
-}
+import {StubPolicy, Way} from "./StubPolicies.sol";
 
 /// @notice Tasks that name the service, or the provider, that is to do them.
 contract HireTest is Fixture {
@@ -312,7 +300,7 @@ contract HireTest is Fixture {
         ServiceId serviceId = offer(robot1, 80 ether);
         uint256[3] memory named = [uint256(1 ether), 90 ether, 101 ether];
         for (uint256 i = 0; i < 3; ++i) {
-            IMatchingPolicy policy_ = new FixedPolicy(named[i]);
+            IMatchingPolicy policy_ = new StubPolicy(Way.Answers, 1, named[i]);
             vm.prank(admin);
             organization.setPolicy(policy_);
             if (i == 2) {

@@ -5,42 +5,14 @@ import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol"
 import {Device, IDeviceRegistry, Revocation} from "../src/interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IOrganization, Review, Terms} from "../src/interfaces/IOrganization.sol";
-import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
-
-/// @notice Policies that misbehave, each in its own way.
-contract BadPolicy is IMatchingPolicy {
-    enum Way {
-        Reverts,
-        BurnsGas,
-        ReturnsTooMuch,
-        ReturnsNothing,
-        ChoosesUnfit
-    }
-
-    Way private immutable _way;
-
-    constructor(Way way) {
-        _way = way;
-    }
-
-    function serviceFor(IServiceManager, bytes32, uint256) external view returns (ServiceId, uint256) {
-        require(_way != Way.Reverts, "no");
-        while (_way == Way.BurnsGas) {}
-        uint256 size = _way == Way.ReturnsTooMuch ? 400_000 : 0;
-        if (size != 0 || _way == Way.ReturnsNothing) {
-            assembly {
-                return(0, size)
-            }
-        }
-        return (ServiceId.wrap(999), 0);
-    }
-}
+import {StubPolicy, Way} from "./StubPolicies.sol";
 
 contract OrganizationTest is Fixture {
     function _refusal(address caller, bytes32 role) private pure returns (bytes memory) {
@@ -192,11 +164,11 @@ contract OrganizationTest is Fixture {
     }
 
     function test_aBadPolicyDelaysMatchingButStopsNoVerdict() public {
-        for (uint8 way = 0; way <= uint8(type(BadPolicy.Way).max); ++way) {
+        for (uint8 way = 0; way <= uint8(type(Way).max); ++way) {
             uint256 snapshot = vm.snapshotState();
             offer(robot1, 80 ether);
             TaskId running = post(alice, 100 ether);
-            IMatchingPolicy bad = new BadPolicy(BadPolicy.Way(way));
+            IMatchingPolicy bad = new StubPolicy(Way(way), 999, 0);
             vm.expectEmit(address(organization));
             emit IOrganization.PolicyChanged(bad);
             vm.prank(admin);

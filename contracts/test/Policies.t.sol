@@ -3,8 +3,8 @@ pragma solidity ^0.8.28;
 
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ITaskManager, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
@@ -12,6 +12,8 @@ import {SecondPrice} from "../src/policies/SecondPrice.sol";
 import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
+import {PlainToken} from "./PlainToken.sol";
+import {SlowPolicy, StubPolicy, TaskStubPolicy, Way} from "./StubPolicies.sol";
 
 contract PolicyTest is Fixture {
     IMatchingPolicy private _lowestPrice;
@@ -151,11 +153,412 @@ contract PolicyTest is Fixture {
         assertEq(services.secondPrice(CLEANING), services.secondPrice("nothing"), "the greatest price");
     }
 
-    function test_secondPrice_whoBecomesFreeIsPaidItsOwnPrice() public {
+    function test_secondPrice_whoBecomesFreeIsPaidTheRewardOfTheOldestTaskThatItCanDo() public {
         _use(new SecondPrice());
-        TaskId taskId = post(alice, 100 ether);
+        post(alice, 5 ether);
+        TaskId taskId = post(alice, 100 ether + 1);
+        post(alice, 120 ether);
+        ServiceId serviceId = offer(robot2, 10 ether);
+        assertAssigned(taskId, serviceId);
+        assertEq(tasks.task(taskId).price, 100 ether, "in whole units");
+        attempt(taskId, true);
+        assertEq(coin.balanceOf(robot2), 100 ether);
+        assertAssigned(taskNo(3), serviceId);
+        assertEq(tasks.task(taskNo(3)).price, 120 ether);
+    }
+
+    function test_secondPrice_isAtMostWhatAnyServiceMayCost() public {
+        PlainToken token = new PlainToken(18);
+        found(token);
+        _use(new SecondPrice());
+        token.mint(alice, 200_000_000 ether);
+        vm.prank(alice);
+        token.approve(address(tasks), type(uint256).max);
+        TaskId taskId = post(alice, 200_000_000 ether);
         offer(robot1, 10 ether);
-        assertEq(tasks.task(taskId).price, 10 ether);
+        assertEq(tasks.task(taskId).price, Units.max(1 gwei));
+    }
+
+    function test_secondPrice_findsNoTaskWhereNoneWaits() public {
+        SecondPrice second = new SecondPrice();
+        (TaskId taskId, uint256 price) = second.taskFor(tasks, services, CLEANING, serviceNo(1), 0);
+        assertEq(taskId, 0);
+        assertEq(price, 0);
+    }
+
+    // -- a service that becomes free ----------------------------------------------------------------------
+
+    function test_theOldestTaskAtTheServicesPriceUnlessThePolicyPaysMore() public {
+        IMatchingPolicy[3] memory policies = [IMatchingPolicy(policy), _lowestPrice, _highestReputation];
+        for (uint256 i = 0; i < policies.length; ++i) {
+            uint256 snapshot = vm.snapshotState();
+            _use(policies[i]);
+            post(alice, 5 ether);
+            TaskId oldest = post(alice, 50 ether);
+            post(alice, 100 ether);
+            assertAssigned(oldest, offer(robot1, 10 ether));
+            assertEq(tasks.task(oldest).price, 10 ether);
+            vm.revertToState(snapshot);
+        }
+    }
+
+    /// @dev Ways in which a service becomes free.
+    enum Freed {
+        Registered,
+        Updated,
+        Accepted,
+        Impossible,
+        Rejected,
+        Undecided,
+        Expired,
+        Abandoned
+    }
+
+    /// @dev A service that asks 10 ether and is free after `_free`. Tasks 1 to 4 are of other services or over.
+    function _busy(Freed how) private returns (ServiceId serviceId) {
+        if (how == Freed.Registered) return serviceNo(services.serviceCount() + 1);
+        serviceId = offer(robot1, 10 ether);
+        if (how == Freed.Updated) update(serviceId, 20 ether, ServiceState.Paused);
+        else post(alice, 10 ether);
+    }
+
+    function _free(Freed how, ServiceId serviceId) private {
+        if (how == Freed.Registered) {
+            offer(robot1, 10 ether);
+            return;
+        }
+        if (how == Freed.Updated) {
+            update(serviceId, 10 ether, ServiceState.Active);
+            return;
+        }
+        TaskId taskId = services.service(serviceId).taskId;
+        if (how == Freed.Abandoned) {
+            vm.prank(robot1);
+            tasks.abandonTask(taskId, 1);
+            return;
+        }
+        if (how == Freed.Expired) {
+            vm.warp(block.timestamp + WINDOW + 1);
+            tasks.expireTask(taskId);
+            return;
+        }
+        submit(taskId);
+        if (how == Freed.Accepted || how == Freed.Rejected) judge(taskId, how == Freed.Accepted);
+        else judgeAs(oracle, taskId, how == Freed.Undecided ? Verdict.Undecided : Verdict.Impossible, 0);
+    }
+
+    /// @dev Whatever made it free.
+    function test_thePolicyChoosesTheTaskOfAServiceThatBecomesFreeAndItsPrice() public {
+        for (uint8 how = 0; how <= uint8(type(Freed).max); ++how) {
+            uint256 snapshot = vm.snapshotState();
+            TaskStubPolicy stub = new TaskStubPolicy();
+            _use(stub);
+            ServiceId serviceId = _busy(Freed(how));
+            post(alice, 40 ether);
+            TaskId chosen = post(bob, 50 ether);
+            post(alice, 60 ether);
+            stub.tell(Way.Answers, TaskId.unwrap(chosen), 45 ether + 1);
+            vm.expectCall(
+                address(stub),
+                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, services, CLEANING, serviceId, 10 ether))
+            );
+            _free(Freed(how), serviceId);
+            assertAssigned(chosen, serviceId);
+            assertEq(tasks.task(chosen).price, 45 ether, "in whole units");
+            stub.tell(Way.Answers, 0, 0);
+            attempt(chosen, true);
+            assertEq(coin.balanceOf(bob), 1955 ether, "the surplus goes back");
+            vm.revertToState(snapshot);
+        }
+    }
+
+    function test_thePriceIsAtLeastWhatTheServiceAsks() public {
+        TaskStubPolicy stub = new TaskStubPolicy();
+        _use(stub);
+        post(alice, 40 ether);
+        TaskId chosen = post(alice, 50 ether);
+        stub.tell(Way.Answers, TaskId.unwrap(chosen), 9 ether);
+        assertAssigned(chosen, offer(robot1, 10 ether));
+        assertEq(tasks.task(chosen).price, 10 ether);
+    }
+
+    function test_aChosenTaskMayPayExactlyWhatTheServiceAsks() public {
+        TaskStubPolicy stub = new TaskStubPolicy();
+        _use(stub);
+        post(alice, 100 ether);
+        TaskId exact = post(alice, 99.71 ether);
+        stub.tell(Way.Answers, TaskId.unwrap(exact), 0);
+        assertAssigned(exact, offer(robot1, 99.71 ether));
+    }
+
+    /// @dev Task 1 is done, 2 runs, 3 is of another kind, 4 names robot3, 5 pays too little, 6 is the oldest that fits, 7 does
+    /// as well.
+    function _queue(TaskStubPolicy stub) private returns (ServiceId serviceId) {
+        _use(stub);
+        serviceId = offer(robot1, 10 ether);
+        ServiceId other = offer(robot3, 10 ether);
+        attempt(post(alice, 10 ether), true);
+        update(serviceId, 10 ether, ServiceState.Paused);
+        post(alice, 10 ether);
+        TaskRequest memory r = request(50 ether);
+        r.kind = CHARGING;
+        vm.prank(alice);
+        tasks.registerTask(r);
+        r = request(50 ether);
+        r.serviceId = other.pack();
+        vm.prank(alice);
+        tasks.registerTask(r);
+        post(alice, 9 ether);
+        post(alice, 40 ether);
+        post(alice, 50 ether);
+        assertAssigned(taskNo(2), other);
+    }
+
+    function test_attack_aPolicyThatAnswersBadlyHoldsUpNoService() public {
+        TaskStubPolicy stub = new TaskStubPolicy();
+        ServiceId serviceId = _queue(stub);
+        uint256[9] memory unfit = [uint256(0), 1, 2, 3, 4, 5, 8, (1 << 40) + 7, type(uint256).max];
+        for (uint256 i = 0; i < unfit.length; ++i) {
+            _assertTakesTheOldest(stub, serviceId, Way.Answers, unfit[i], 0);
+        }
+        _assertTakesTheOldest(stub, serviceId, Way.Answers, 7, 51 ether);
+        _assertTakesTheOldest(stub, serviceId, Way.Answers, 7, 50 ether + 1 gwei);
+        _assertTakesTheOldest(stub, serviceId, Way.Answers, 7, type(uint256).max);
+        for (uint8 way = 1; way <= uint8(type(Way).max); ++way) {
+            _assertTakesTheOldest(stub, serviceId, Way(way), 7, 20 ether);
+        }
+        vm.etch(address(stub), "");
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.PolicyFailed(taskNo(6));
+        update(serviceId, 10 ether, ServiceState.Active);
+        assertAssigned(taskNo(6), serviceId);
+    }
+
+    function _assertTakesTheOldest(
+        TaskStubPolicy stub,
+        ServiceId serviceId,
+        Way way,
+        uint256 chosen,
+        uint256 price
+    ) private {
+        uint256 snapshot = vm.snapshotState();
+        stub.tell(way, chosen, price);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.PolicyFailed(taskNo(6));
+        update(serviceId, 10 ether, ServiceState.Active);
+        assertAssigned(taskNo(6), serviceId);
+        assertEq(tasks.task(taskNo(6)).price, 10 ether);
+        attempt(taskNo(6), true);
+        assertAssigned(taskNo(7), serviceId);
+        vm.revertToState(snapshot);
+    }
+
+    /// @dev Nor does it hold up a verdict or the money, whatever made the service free.
+    function test_attack_aBadPolicyHoldsUpNoAttemptThatEnds() public {
+        for (uint8 how = 0; how <= uint8(type(Freed).max); ++how) {
+            for (uint8 way = 1; way <= uint8(type(Way).max); ++way) {
+                uint256 snapshot = vm.snapshotState();
+                TaskStubPolicy stub = new TaskStubPolicy();
+                _use(stub);
+                ServiceId serviceId = _busy(Freed(how));
+                post(alice, 40 ether);
+                stub.tell(Way(way), 0, 0);
+                _free(Freed(how), serviceId);
+                TaskId next = services.service(serviceId).taskId;
+                assertTrue(next != NO_TASK, "the service has work");
+                assertEq(tasks.task(next).price, 10 ether);
+                vm.revertToState(snapshot);
+            }
+        }
+    }
+
+    function test_attack_aPolicyThatBurnsGasLosesAVerdictAmongOthers() public {
+        TaskStubPolicy stub = new TaskStubPolicy();
+        _use(stub);
+        bytes[] memory calls = new bytes[](2);
+        for (uint256 i = 0; i < 2; ++i) {
+            offer(i == 0 ? robot1 : robot2, 10 ether);
+            TaskId taskId = post(alice, 10 ether);
+            submit(taskId);
+            calls[i] = abi.encodeCall(
+                ITaskManager.postVerdict,
+                (taskId, 1, PROOF, Verdict.Accepted, 10 ether, REPORT, "report", "because")
+            );
+        }
+        post(alice, 40 ether);
+        post(alice, 40 ether);
+        stub.tell(Way.BurnsGas, 0, 0);
+        bool once = false;
+        for (uint256 gas = 300_000; gas < 2_000_000; gas += 20_000) {
+            uint256 snapshot = vm.snapshotState();
+            vm.prank(oracle);
+            try tasks.callEach{gas: gas}(calls) {
+                for (uint256 i = 1; i <= 2; ++i) {
+                    assertState(taskNo(i), TaskState.Settled);
+                    assertState(taskNo(i + 2), TaskState.Assigned);
+                }
+                once = true;
+            } catch {
+                assertFalse(once, "more gas was too little");
+            }
+            vm.revertToState(snapshot);
+        }
+        assertTrue(once);
+    }
+
+    /// @dev Whatever gas the transaction has, the policy is not made to fail by it.
+    function test_attack_theCallerChoosesByItsGas() public {
+        SlowPolicy slow = new SlowPolicy();
+        _use(slow);
+        ServiceId serviceId = offer(robot1, 10 ether);
+        TaskId running = post(alice, 10 ether);
+        TaskId waiting = post(alice, 40 ether);
+        update(serviceId, 10 ether, ServiceState.Active);
+        bool once = false;
+        for (uint256 gas = 400_000; gas < 1_400_000; gas += 2000) {
+            uint256 snapshot = vm.snapshotState();
+            vm.prank(robot1);
+            try tasks.abandonTask{gas: gas}(running, 1) {
+                once = true;
+                TaskId next = services.service(serviceId).taskId;
+                assertTrue(next == running || next == waiting);
+                assertEq(tasks.task(next).price, next == running ? 10 ether : 11 ether, "as the policy says");
+            } catch {
+                assertFalse(once, "more gas was too little");
+            }
+            vm.revertToState(snapshot);
+        }
+        assertTrue(once);
+    }
+
+    /// @dev Whatever the policy answers, the service has a task that fits, at a price that fits.
+    function testFuzz_whateverThePolicySaysTheTaskAndThePriceFit(uint256 chosen, uint256 price, bool near)
+        public
+    {
+        TaskStubPolicy stub = new TaskStubPolicy();
+        ServiceId serviceId = _queue(stub);
+        if (near) (chosen, price) = (bound(chosen, 0, 8), bound(price, 0, 60 ether));
+        stub.tell(Way.Answers, chosen, price);
+        update(serviceId, 10 ether, ServiceState.Active);
+        TaskId taskId = services.service(serviceId).taskId;
+        assertTrue(taskId == taskNo(6) || taskId == taskNo(7), "a task that fits");
+        Task memory t = tasks.task(taskId);
+        assertLe(t.price, t.reward);
+        assertGe(t.price, 10 ether);
+        assertEq(t.price % 1 gwei, 0);
+        bool fits = (chosen == 6 || chosen == 7) && price / 1 gwei * 1 gwei <= 10 ether * (chosen - 2);
+        if (fits) assertEq(taskId, chosen, "the policy's choice");
+        if (!fits) assertEq(taskId, 6, "the oldest");
+    }
+
+    // -- and tasks that name it ---------------------------------------------------------------------------
+
+    function _hire(ServiceId serviceId, address provider) private returns (TaskId) {
+        TaskRequest memory r = request(50 ether);
+        (r.serviceId, r.provider) = (serviceId.pack(), provider);
+        vm.prank(alice);
+        return tasks.registerTask(r);
+    }
+
+    function test_aTaskThatNamesTheServiceGoesFirstIfItIsOlderThanTheChosenOne() public {
+        for (uint256 i = 0; i < 2; ++i) {
+            uint256 snapshot = vm.snapshotState();
+            TaskStubPolicy stub = new TaskStubPolicy();
+            _use(stub);
+            ServiceId serviceId = offer(robot1, 10 ether);
+            update(serviceId, 10 ether, ServiceState.Paused);
+            post(alice, 40 ether);
+            TaskId naming = i == 0 ? _hire(serviceId, address(0)) : _hire(NO_SERVICE, robot1);
+            TaskId chosen = post(alice, 50 ether);
+            stub.tell(Way.Answers, TaskId.unwrap(chosen), 45 ether);
+            update(serviceId, 10 ether, ServiceState.Active);
+            assertAssigned(naming, serviceId);
+            assertEq(tasks.task(naming).price, 10 ether, "its own price");
+            attempt(naming, true);
+            assertAssigned(chosen, serviceId);
+            assertEq(tasks.task(chosen).price, 45 ether);
+            vm.revertToState(snapshot);
+        }
+    }
+
+    function test_theChosenTaskGoesFirstIfItIsOlderThanOneThatNamesTheService() public {
+        TaskStubPolicy stub = new TaskStubPolicy();
+        _use(stub);
+        ServiceId serviceId = offer(robot1, 10 ether);
+        update(serviceId, 10 ether, ServiceState.Paused);
+        post(alice, 40 ether);
+        TaskId chosen = post(alice, 50 ether);
+        TaskId naming = _hire(serviceId, address(0));
+        stub.tell(Way.Answers, TaskId.unwrap(chosen), 45 ether);
+        update(serviceId, 10 ether, ServiceState.Active);
+        assertAssigned(chosen, serviceId);
+        stub.tell(Way.Answers, TaskId.unwrap(post(alice, 60 ether)), 60 ether);
+        attempt(chosen, true);
+        assertAssigned(taskNo(1) < naming ? naming : taskNo(1), serviceId);
+    }
+
+    // -- who is asked -------------------------------------------------------------------------------------
+
+    function _expectQuestions(IMatchingPolicy policy_, uint64 number) private {
+        vm.expectCall(address(policy_), abi.encodeWithSelector(IMatchingPolicy.taskFor.selector), number);
+    }
+
+    function test_nobodyIsAskedWhereNoTaskWaitsThatTheServiceCanDo() public {
+        _expectQuestions(_lowestPrice, 0);
+        _use(_lowestPrice);
+        ServiceId serviceId = offer(robot1, 10 ether);
+        attempt(post(alice, 40 ether), true);
+        post(alice, 5 ether);
+        update(serviceId, 20 ether, ServiceState.Active);
+        attempt(post(alice, 40 ether), true);
+        _hire(serviceId, address(0));
+        TaskId last = _hire(serviceId, address(0));
+        attempt(services.service(serviceId).taskId, true);
+        assertAssigned(last, serviceId);
+    }
+
+    function test_firstCome_isNotAsked() public {
+        _expectQuestions(policy, 0);
+        offer(robot1, 10 ether);
+        TaskId taskId = post(alice, 40 ether);
+        post(alice, 40 ether);
+        post(alice, 40 ether);
+        attempt(taskId, true);
+        attempt(taskNo(2), false);
+        offer(robot2, 10 ether);
+    }
+
+    function test_aPolicyAfterFirstComeIsAskedFromTheNextTaskOn() public {
+        post(alice, 40 ether);
+        post(alice, 50 ether);
+        _use(new SecondPrice());
+        offer(robot1, 10 ether);
+        assertEq(tasks.task(taskNo(1)).price, 10 ether, "no task came meanwhile");
+        post(alice, 60 ether);
+        offer(robot2, 10 ether);
+        assertEq(tasks.task(taskNo(2)).price, 50 ether);
+        _use(policy);
+        offer(robot3, 10 ether);
+        assertEq(tasks.task(taskNo(3)).price, 10 ether, "at once");
+    }
+
+    function test_whatThePolicySaysCanBeAsked() public {
+        StubPolicy stub = new StubPolicy(Way.Answers, 7, 12 ether + 1);
+        _use(stub);
+        ServiceId serviceId = offer(robot1, 10 ether);
+        (TaskId taskId, uint256 price) = services.taskFor(serviceId);
+        assertEq(taskId, 7);
+        assertEq(price, 12 ether);
+        (ServiceId chosen, uint256 wanted) =
+            services.serviceFor(address(stub), organization.numberOf(CLEANING), 0);
+        assertEq(chosen, 7);
+        assertEq(wanted, 12 ether);
+        stub.tell(Way.Reverts, 7, 12 ether);
+        (taskId, price) = services.taskFor(serviceId);
+        assertEq(taskId, type(uint256).max);
+        assertEq(price, 10 ether, "its own");
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.UnknownService.selector, 2));
+        services.taskFor(serviceNo(2));
     }
 
     // -- levels -------------------------------------------------------------------------------------------

@@ -118,7 +118,8 @@ class ChainClient:
 
     def oldest_open(self, kind: str, price: int) -> int | None:
         """The oldest open task of `kind` that pays at least `price`."""
-        return self._view("TaskManager", "oldestOpen", kind_to_bytes32(kind), price) or None
+        task_id, _ = self._view("TaskManager", "oldestOpen", kind_to_bytes32(kind), price)
+        return task_id or None
 
     def service(self, service_id: int) -> Service:
         """Raises ContractReverted: UnknownService."""
@@ -321,8 +322,10 @@ class ChainClient:
         bound = self._contracts[contract].functions[function]
         with translated(self.currency):
             raw = bound(*args).call(block_identifier=block)
-        (output,) = bound.abi["outputs"]
-        return value(output, raw)
+        outputs = bound.abi["outputs"]
+        if len(outputs) == 1:
+            return value(outputs[0], raw)
+        return tuple(map(value, outputs, raw))
 
     # -- events --------------------------------------------------------------------------------------------
 

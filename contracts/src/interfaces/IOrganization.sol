@@ -207,8 +207,9 @@ interface IOrganization is IDeviceRegistry {
     /// @param serviceId see registerService
     function reinstateService(ServiceId serviceId) external;
 
-    /// @notice Replace the matching policy. Queues and live tasks stay as they are.
-    /// @param policy_ what matches from now on; 0: the service that has waited longest
+    /// @notice Replace the matching policy. Queues and live tasks stay as they are. Services that become free while tasks wait
+    /// ask the new one from the next task on, if it replaces FirstComeFirstServed.
+    /// @param policy_ what matches from now on; a contract
     function setPolicy(IMatchingPolicy policy_) external;
 
     /// @notice Limit what all holders of `role` together take out of the treasury. The first period begins now.

@@ -3,13 +3,14 @@ pragma solidity ^0.8.28;
 
 import {KindId} from "../types/KindId.sol";
 import {ServiceId} from "../types/ServiceId.sol";
+import {TaskId} from "../types/TaskId.sol";
 
 /// @title What the service manager asks of whoever gives its services their work: to hear of services that are free, and
 /// to hold their bonds.
 /// @notice The service manager owns this interface, and the task manager fulfils it. So the task manager knows services,
-/// and services do not know tasks.
+/// and services do not know tasks. Policies ask it which tasks wait.
 interface IServiceListener {
-    /// @notice Give an available service the oldest open task that it can do, or let it wait. Only the service
+    /// @notice Give an available service the next open task that it can do, or let it wait. Only the service
     /// manager.
     /// @param serviceId the service
     /// @param provider whose service it is
@@ -29,6 +30,13 @@ interface IServiceListener {
     /// @param payout who gets it: the provider's payout address
     /// @param amount in the token's smallest unit
     function returnBond(address payout, uint256 amount) external;
+
+    /// @notice Returns the oldest open task that pays enough and names nobody.
+    /// @param kind what is to be done, ASCII
+    /// @param price the least that it pays, in the token's smallest unit
+    /// @return taskId 0 if there is none
+    /// @return reward what it pays at most, in the token's smallest unit
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId, uint256 reward);
 
     /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);

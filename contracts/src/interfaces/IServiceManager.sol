@@ -153,7 +153,7 @@ interface IServiceManager {
     error NotTaskManager(address caller);
     error NotOrganization(address caller);
 
-    /// @notice Offer work of a kind. The service is assigned the oldest open task that it can do, or waits for one.
+    /// @notice Offer work of a kind. The service is assigned the next open task that it can do, or waits for one.
     /// The caller pays the bond of the organization's terms, and approves the task manager for it before. A provider
     /// has up to MAX_SERVICES services; the organization has no limit.
     /// @param kind what is done, ASCII
@@ -278,6 +278,25 @@ interface IServiceManager {
     /// @param provider who did the work
     function workOf(address provider) external view returns (uint256 done, uint256 failed);
 
+    /// @notice Returns the idle service that a policy chooses for a task. Never reverts because of the policy.
+    /// @param policy the organization's, an IMatchingPolicy
+    /// @param kindId the number of what is to be done, see IOrganization.numberOf
+    /// @param reward the most it may cost, in the token's smallest unit
+    /// @return serviceId what the policy says, whether or not there is such a service; a number that no service has if it
+    /// fails, and 0 if it finds none
+    /// @return price what the service is to be paid, if that is more than its own price: a multiple of the unit of prices
+    function serviceFor(address policy, KindId kindId, uint256 reward)
+        external
+        view
+        returns (ServiceId serviceId, uint256 price);
+
+    /// @notice Returns the waiting task that the organization's policy chooses for a service that is free, among those that
+    /// name nobody. Reverts with UnknownService; never because of the policy.
+    /// @param serviceId its number
+    /// @return taskId what the policy says, whether or not there is such a task; a number that no task has if it fails
+    /// @return price what the service is to be paid: a multiple of the unit of prices, and at least its own price
+    function taskFor(ServiceId serviceId) external view returns (TaskId taskId, uint256 price);
+
     /// @notice End a suspension, and forgive the provider its failures. Only the organization.
     /// @param serviceId its number
     function reinstate(ServiceId serviceId) external;
@@ -287,7 +306,7 @@ interface IServiceManager {
     /// @param serviceId the service that the policy chose, or that the task names; 0 for the one that has waited longest
     /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param maxPrice the most it may cost, in the token's smallest unit
-    /// @param wanted what it is to be paid, if that is more than its own price
+    /// @param wanted what it is to be paid, if that is more than its own price; more than any service may cost counts as that
     /// @param taskId the task that it gets
     /// @param hired whether the task names the service, or its provider. It then waits for it, and `release` says so.
     /// Reverts with UnknownService or ServiceOfOtherKind if it would wait forever.

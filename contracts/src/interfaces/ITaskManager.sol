@@ -202,7 +202,8 @@ interface ITaskManager is IServiceListener {
     /// @notice The executor agreed to this attempt by a call. A service with `autoAccept` agrees when it is assigned.
     event TaskAccepted(TaskId indexed taskId, uint8 attempt, address indexed executor);
     event TaskCancelled(TaskId indexed taskId, uint256 refund);
-    /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
+    /// @notice The organization's policy reverted or chose an unfit service, and the task waits (see matchTask); or a service
+    /// became free, the policy reverted or chose an unfit task for it, and this one, the oldest, took that one's place.
     event PolicyFailed(TaskId indexed taskId);
     /// @notice The token refused the transfer, or wanted more gas than PAYMENT_GAS; the amount is kept until
     /// `withdrawPayments`, so that it holds up nobody else.
@@ -361,12 +362,6 @@ interface ITaskManager is IServiceListener {
     /// @notice Returns a task as it is now. Reverts with UnknownTask.
     /// @param taskId its number
     function task(TaskId taskId) external view returns (Task memory);
-
-    /// @notice Returns the oldest open task that pays enough and names nobody.
-    /// @param kind what is to be done, ASCII
-    /// @param price the least that it pays, in the token's smallest unit
-    /// @return taskId 0 if there is none
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId);
 
     /// @notice Anyone has the amount paid that the token refused to transfer before. The account's payout address gets
     /// it, so that an account that the token refuses for ever can name another one (IServiceManager.setPayout).

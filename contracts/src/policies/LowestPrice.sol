@@ -2,8 +2,10 @@
 pragma solidity ^0.8.28;
 
 import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
+import {IServiceListener} from "../interfaces/IServiceListener.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
 import {ServiceId} from "../types/ServiceId.sol";
+import {TaskId} from "../types/TaskId.sol";
 
 /// @title The cheapest service. Among equals the best reputation, then the one that has waited longest.
 contract LowestPrice is IMatchingPolicy {
@@ -14,5 +16,14 @@ contract LowestPrice is IMatchingPolicy {
         returns (ServiceId, uint256)
     {
         return (services.cheapestIdle(kind, reward), 0);
+    }
+
+    /// @inheritdoc IMatchingPolicy
+    function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
+        external
+        view
+        returns (TaskId taskId, uint256)
+    {
+        (taskId,) = tasks.oldestOpen(kind, price);
     }
 }

@@ -11,6 +11,7 @@ import {SecondPrice} from "../../src/policies/SecondPrice.sol";
 import {ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
+import {UnrulyPolicy} from "../StubPolicies.sol";
 import {Handler} from "./Handler.sol";
 
 contract EscrowInvariants is Fixture {
@@ -29,9 +30,10 @@ contract EscrowInvariants is Fixture {
             vm.prank(providers[i]);
             coin.approve(address(tasks), type(uint256).max);
         }
-        IMatchingPolicy[] memory policies = new IMatchingPolicy[](4);
+        IMatchingPolicy[] memory policies = new IMatchingPolicy[](5);
         (policies[0], policies[1]) = (policy, new LowestPrice());
         (policies[2], policies[3]) = (new HighestReputation(), new SecondPrice());
+        policies[4] = new UnrulyPolicy();
         _participants = [alice, bob, robot1, robot2, robot3, address(organization)];
         _handler = new Handler(coin, organization, admin, oracle, auditor, creators, providers, policies);
         // Whoever may not audit has the role all the same: what stops it is that it is a party, or has judged.
@@ -122,7 +124,8 @@ contract EscrowInvariants is Fixture {
             bool available = offered[i].state == ServiceState.Active && offered[i].taskId == NO_TASK;
             assertEq(offered[i].place != 0, available, "a service waits exactly when it is available");
             if (available) {
-                assertEq(tasks.oldestOpen(CLEANING, offered[i].price), NO_TASK, "a task and its service wait");
+                (TaskId fitting,) = tasks.oldestOpen(CLEANING, offered[i].price);
+                assertEq(fitting, NO_TASK, "a task and its service wait");
             }
         }
     }
@@ -146,7 +149,9 @@ contract EscrowInvariants is Fixture {
         for (uint256 i = 0; i < posted.length && oldest == NO_TASK; ++i) {
             if (posted[i].state == TaskState.Open && posted[i].hired == Hire.None) oldest = taskNo(i + 1);
         }
-        assertEq(tasks.oldestOpen(CLEANING, 0), oldest, "the oldest open task is not the next one");
+        (TaskId next, uint256 reward) = tasks.oldestOpen(CLEANING, 0);
+        assertEq(next, oldest, "the oldest open task is not the next one");
+        if (next != NO_TASK) assertEq(reward, tasks.task(next).reward, "its reward is another");
     }
 
     /// @dev Bonds, failures and suspensions are what the terms make of what happened.

@@ -117,9 +117,11 @@ contract Handler is CommonBase, StdUtils, Numbers {
     mapping(bytes32 kind => Judged) private _judged;
     mapping(address creator => mapping(uint256 nonce => bool)) private _usedNonces;
 
-    /// @dev After every call: whoever was assigned was next in line.
+    /// @dev After every call: whoever was assigned was next in line. Of the tasks that name nobody the last policy, which is
+    /// unruly, chooses any.
     modifier inOrder() {
         _;
+        bool unruly = _organization.policy() == _policies[_policies.length - 1];
         uint256 count = _tasks.taskCount();
         for (uint256 number = 1; number <= count; ++number) {
             TaskId taskId = taskNo(number);
@@ -134,14 +136,14 @@ contract Handler is CommonBase, StdUtils, Numbers {
             if (_hiredFrom[taskId] != address(0) && _hiredFrom[taskId] != provider) {
                 violation = "another provider was hired";
             }
-            if (t.price < _services.service(t.serviceId).price) {
-                violation = "a service works below its price";
-            }
+            uint256 own = _services.service(t.serviceId).price;
+            if (t.price < own) violation = "a service works below its price";
+            if (t.hired != Hire.None && t.price != own) violation = "who was named is paid by the policy";
             if (t.price > t.reward) violation = "a price is above the reward";
             for (TaskId older = taskNo(1); older < taskId; older = following(older)) {
                 Task memory o = _tasks.task(older);
-                if (o.state != TaskState.Open || o.reward < t.price) continue;
-                bool mayTake = _hired[older] == NO_SERVICE && _hiredFrom[older] == address(0);
+                if (o.state != TaskState.Open || o.reward < own) continue;
+                bool mayTake = _hired[older] == NO_SERVICE && _hiredFrom[older] == address(0) && !unruly;
                 if (_hired[older] == t.serviceId || _hiredFrom[older] == provider) mayTake = true;
                 if (mayTake) violation = "a task was overtaken";
             }

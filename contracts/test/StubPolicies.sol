@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
+import {IServiceListener} from "../src/interfaces/IServiceListener.sol";
+import {IServiceManager} from "../src/interfaces/IServiceManager.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
+import {TaskId} from "../src/types/TaskId.sol";
+
+/// @notice How a policy answers: with what it was told, or not as a policy should.
+enum Way {
+    Answers,
+    Reverts,
+    BurnsGas,
+    ReturnsTooMuch,
+    ReturnsTooLittle,
+    ReturnsNothing
+}
+
+/// @notice Chooses what it was told, whoever asks, or misbehaves.
+contract StubPolicy is IMatchingPolicy {
+    Way public way;
+    uint256 public chosen;
+    uint256 public price;
+
+    constructor(Way way_, uint256 chosen_, uint256 price_) {
+        (way, chosen, price) = (way_, chosen_, price_);
+    }
+
+    function tell(Way way_, uint256 chosen_, uint256 price_) external {
+        (way, chosen, price) = (way_, chosen_, price_);
+    }
+
+    function serviceFor(IServiceManager, bytes32, uint256)
+        external
+        view
+        virtual
+        returns (ServiceId, uint256)
+    {
+        return (ServiceId.wrap(_answer()), price);
+    }
+
+    function taskFor(IServiceListener, IServiceManager, bytes32, ServiceId, uint256)
+        external
+        view
+        returns (TaskId, uint256)
+    {
+        return (TaskId.wrap(_answer()), price);
+    }
+
+    function _answer() private view returns (uint256) {
+        require(way != Way.Reverts, "no");
+        while (way == Way.BurnsGas) {}
+        if (way == Way.Answers) return chosen;
+        uint256 size = way == Way.ReturnsTooMuch ? 400_000 : way == Way.ReturnsTooLittle ? 32 : 0;
+        assembly {
+            return(0, size)
+        }
+    }
+}
+
+/// @notice The same for services that become free. Tasks get the service that has waited longest.
+contract TaskStubPolicy is StubPolicy {
+    constructor() StubPolicy(Way.Answers, 0, 0) {}
+
+    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+        external
+        view
+        override
+        returns (ServiceId, uint256)
+    {
+        return (services.longestIdle(kind, reward), 0);
+    }
+}
+
+/// @notice Answers right, after it has spent most of what it may.
+contract SlowPolicy is IMatchingPolicy {
+    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+        external
+        view
+        returns (ServiceId, uint256)
+    {
+        _spend();
+        return (services.longestIdle(kind, reward), reward);
+    }
+
+    function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
+        external
+        view
+        returns (TaskId taskId, uint256 paid)
+    {
+        _spend();
+        (taskId,) = tasks.oldestOpen(kind, price);
+        paid = price + 1 ether;
+    }
+
+    function _spend() private view {
+        uint256 end = gasleft() - 450_000;
+        while (gasleft() > end) {}
+    }
+}
+
+/// @notice Of the tasks that wait it chooses any, or one that does not wait, at any price, or fails.
+contract UnrulyPolicy is IMatchingPolicy {
+    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+        external
+        view
+        returns (ServiceId, uint256)
+    {
+        return (services.longestIdle(kind, reward), 0);
+    }
+
+    function taskFor(
+        IServiceListener tasks,
+        IServiceManager,
+        bytes32 kind,
+        ServiceId serviceId,
+        uint256 price
+    ) external view returns (TaskId taskId, uint256 paid) {
+        uint256 count = tasks.taskCount();
+        uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
+        require(seed % 16 != 0, "no");
+        paid = (seed >> 32) % 2 == 0 ? 0 : (seed >> 64) % 200 ether;
+        if ((seed >> 8) % 2 == 0) (taskId,) = tasks.oldestOpen(kind, price + (seed >> 96) % 100 ether);
+        else taskId = TaskId.wrap((seed >> 16) % (count + 2));
+    }
+}
