@@ -237,20 +237,24 @@ def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organiza
     assert all(b - a >= MIN_UPDATE_S - 5 for a, b in itertools.pairwise(changes))
 
 
-def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organization: Organization) -> None:
-    task_id = organization.post("item99", max_attempts=1)
-    event = organization.wait_for_event("TaskFailed", task_id)
-    task = organization.task(task_id)
-    assert (task["state"], task["verdict"]) == ("failed", "rejected")
-    assert "item" in task["reason"]
-    assert event.args["refund_iec"] == "100"
-
+def test_what_cannot_be_done_costs_the_robot_nothing_and_it_goes_on(organization: Organization) -> None:
     # What it can tell beforehand it abandons, without a proof that somebody had to reject.
-    params = {"item_id": "item2", "x_m": 1.0, "y_m": 1.0, "bin": "nowhere"}
-    nowhere = organization.post("item2", params=params, max_attempts=1)
-    organization.wait_for_event("TaskFailed", nowhere)
-    task = organization.task(nowhere)
-    assert (task["verdict"], task["proof_sha256"]) == ("abandoned", None)
+    unknown = {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}
+    nowhere = {"item_id": "item2", "x_m": 1.0, "y_m": 1.0, "bin": "nowhere"}
+    behind_a_wall = {"item_id": "item2", "x_m": -3.0, "y_m": 1.0}
+    for params in (unknown, nowhere, behind_a_wall):
+        task_id = organization.post("item2", params=params, max_attempts=1)
+        event = organization.wait_for_event("TaskFailed", task_id)
+        task = organization.task(task_id)
+        assert (task["verdict"], task["proof_sha256"], event.args["refund_iec"]) == ("abandoned", None, "100")
+
+    # Where it has to look, motion capture vouches for what it does not find.
+    pose = organization.running.site.items[1].pose
+    beside = {"item_id": "item2", "x_m": pose.x_m, "y_m": pose.y_m - 0.6}
+    task_id = organization.post("item2", params=beside)
+    organization.wait_for_event("TaskSettled", task_id)
+    task = organization.task(task_id)
+    assert (task["verdict"], task["paid_iec"], task["attempt"]) == ("impossible", "10", 1), task["reason"]
 
     organization.lay("item2")
     following = organization.post("item2")

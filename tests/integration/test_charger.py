@@ -254,6 +254,7 @@ def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
     assert hardware.commands[-1] is False
 
 
+@pytest.mark.long
 def test_a_robot_that_signs_nothing_gets_nothing_and_costs_the_seller_nothing(
     dao: Organization, hardware: Hardware
 ) -> None:
