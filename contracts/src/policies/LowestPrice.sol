@@ -24,6 +24,7 @@ contract LowestPrice is IMatchingPolicy {
         view
         returns (TaskId taskId, uint256)
     {
+        // slither-disable-next-line unused-return
         (taskId,) = tasks.oldestOpen(kind, price);
     }
 }
