@@ -33,18 +33,19 @@ _SOURCE = "motion capture of the item"
 
 
 def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
-    """Impossible: the site has no such item or bin, or motion capture saw the item elsewhere from the
-    assignment on. Undecided where it does not tell, where somebody else took the item away meanwhile, and
-    where the bin that was shown the item said that its compartment is full.
+    """Impossible: motion capture saw the item elsewhere from the assignment on. Undecided where it does not
+    tell, where somebody else took the item away meanwhile, and where the bin that was shown the item said
+    that its compartment is full.
 
     None where the executor reports another failure, did not go there, left statements out, or where the item
-    lay there.
+    lay there; and where the site has no such item or bin: another site of the organization may have it, and
+    whoever sees that gives the task back at no cost.
     """
     params = ordered(case, CleaningParams)
     if params.item_id not in {one.id for one in case.site.items}:
-        return impossible("the site has no such item", THE_CREATOR, source="the site file")
+        return None
     if params.bin not in {None, *(one.name for one in case.site.bins)}:
-        return impossible("the site has no such bin", THE_CREATOR, source="the site file")
+        return None
     if (full := _full(case)) is not None:
         return full
     details = failure.get("details")
