@@ -733,12 +733,13 @@ class Agent:
                 self._orders.working_on(None)
         if journal.phase == Phase.EXECUTED:
             self._seal(task, journal, folder)
-        if journal.phase == Phase.SEALED and self._gives_back(task, journal):
-            self._give_back(task, str(journal.failure))
-        elif journal.phase == Phase.SEALED:
+        if journal.phase == Phase.SEALED:
             if self._off_duty:
                 self._close_services_first(task)
-            self._submit(task, journal, folder)
+            if self._gives_back(task, journal):
+                self._give_back(task, str(journal.failure))
+            else:
+                self._submit(task, journal, folder)
             # Work that failed, or was interrupted, may have left the robot in somebody's way.
             self._behaviours[task.kind].tidy()
         if journal.phase == Phase.SUBMITTED:
@@ -792,11 +793,11 @@ class Agent:
             recording.suspend()
 
     def _close_services_first(self, task: Task) -> None:
-        """Before the verdict frees a service, and the next task that waits is given to it."""
+        """Before the task's end frees a service, and the next one that waits is given to it."""
         try:
             self._close_services(self._behaviours)
         except RemoteError as error:
-            log.warning("submitting the proof of task %d first: %s", task.id, error)
+            log.warning("ending task %d first: %s", task.id, error)
 
     def _seal(self, task: Task, journal: Journal, folder: Path) -> None:
         """Finish, as it is, a recording whose process was interrupted. Raises EvidenceError, BusError."""

@@ -274,11 +274,14 @@ def test_what_others_failed_at_and_nobody_signed_is_given_back_while_that_costs_
     now_s = mind._clock.now_s()
     window = {"execution_deadline": now_s - ago_s + 9000, "execution_window_s": 9000}
     mind._site = SITE.model_copy(update={"lab": SITE.lab.model_copy(update={"mocap": mocap})})
+    tidied: list[str] = []
     mind._behaviours["guarding"].execute = fail
+    mind._behaviours["guarding"].tidy = lambda: tidied.append("guarding")
     mind._dao.assigned = [guarding(7, assigned=now_s - ago_s).model_copy(update=window)]
     mind._step()
     assert tapes[0].notes[-1]["event"] == "execution_failed"
     assert (mind._dao.abandoned, mind._dao.proofs) == (([7], []) if given_back else ([], [7]))
+    assert tidied == ["guarding"]
 
 
 def test_an_operator_who_gives_a_task_up_ends_its_motions_and_not_those_after_it(mind: Any) -> None:
