@@ -274,8 +274,9 @@ def providing_energy(site: Site) -> Kind:
     return kind
 
 
+@cache
 def installed() -> dict[str, EntryPoint]:
-    """Every kind that is installed, by name; none is imported."""
+    """Every kind that was installed when this was asked first, by name; none is imported."""
     return {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda point: point.name)}
 
 

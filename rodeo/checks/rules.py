@@ -45,8 +45,14 @@ def rules(kind: Kind) -> dict[str, Any] | None:
         "sources": {module: source.sha256 for module, source in sources.items()},
         "models_sha256": kind.models(),
         "rates": {str(rate.from_hour): f"{rate.iec.normalize():f}" for rate in kind.rates},
-        "mujoco": version(_PHYSICS).partition(".")[0] if physics else None,
+        "mujoco": physics_version() if physics else None,
     }
+
+
+@cache
+def physics_version() -> str:
+    """MuJoCo's major version."""
+    return version(_PHYSICS).partition(".")[0]
 
 
 class Source:

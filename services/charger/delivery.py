@@ -78,7 +78,7 @@ class Delivery:
         """Start the recording, or go on with it. Raises RecordingSealed when it is finished."""
         self.job = order.job
         self.session = Session(order.job.session, order.limits)
-        self.power_w = 0.0
+        self.power_w = self._power_rises_w_s = 0.0
         self.refusals = Refusals()
         self._order = order
         self._chain = chain
@@ -195,6 +195,8 @@ class Delivery:
             if not self._let_in(self._output_topic, topics.DOCK_OUTPUT.type, info):
                 return
             reading = Reading(stamp_s(message.header.stamp), float(message.voltage), float(message.current))
+            since_s, risen_w = reading.time_s - self._last_time_s, reading.power_w - self.power_w
+            self._power_rises_w_s = risen_w / since_s if since_s > 0 and self.power_w > 0 else 0.0
             self._last_time_s = reading.time_s
             if self.job.session.phase is not Phase.WAITING:
                 self._meter.reading(reading)
@@ -323,15 +325,15 @@ class Delivery:
         self._clock.notify()
 
     def _look_ahead(self) -> None:
-        """Say which reading the dock acts on next, as far as the power stays what it is. In a step it
-        rises by less than what is left of _STEADY."""
+        """Say which reading the dock acts on next, as far as the power goes on changing as it does. In a step
+        it comes to more than that by less than what is left of _STEADY."""
         due_s, last_s = self.session.due_s, self._last_time_s
         if self.job.session.phase is Phase.CHARGING and self.power_w > 0:
-            left_s = _STEADY * self._left_wh * 3600 / self.power_w
+            left_s = _STEADY * _lasts_s(self._left_wh * 3600, self.power_w, self._power_rises_w_s)
             due_s = min(due_s, last_s + left_s, last_s + self._meter.readings_left * _READING_S)
         readings = max(1, math.ceil(min(max(due_s - last_s, 0.0), _FAR_S) / _READING_S))
         look_s = last_s + readings * _READING_S - _EARLY_S
-        if last_s >= self._look_s or look_s < self._look_s - _READING_S / 2:
+        if last_s >= self._look_s or abs(look_s - self._look_s) > _READING_S / 2:
             self._look_s = look_s
 
     @property
@@ -445,6 +447,12 @@ class Delivery:
 
     def _note(self, payload: dict[str, Any]) -> None:
         self._recorder.write_json(EVENT_CHANNEL, payload)
+
+
+def _lasts_s(energy_ws: float, power_w: float, rises_w_s: float) -> float:
+    """How long it takes until so much has flowed, at a power that rises or falls steadily; a power that falls
+    so fast that it never does is taken to end there."""
+    return 2 * energy_ws / (power_w + math.sqrt(max(0.0, power_w**2 + 2 * rises_w_s * energy_ws)))
 
 
 _READING_S = 1.0

@@ -251,9 +251,15 @@ class Bin:
 
     @property
     def attentive(self) -> bool:
-        """Whether something is shown, awaited or settling, so that the next reading may decide."""
-        restless = any(cell.restless for cell in self._cells.values())
-        return self.memory.state is not State.IDLE or bool(self._ranges) or restless
+        """Whether something is shown, awaited or settling."""
+        return self.memory.state is not State.IDLE or self.decides
+
+    @property
+    def decides(self) -> bool:
+        """Whether the next reading may lead to an action although it is no other than the last. Nothing that
+        is awaited comes of an empty view and of weights at rest."""
+        looks = self.memory.state in (State.ITEM_SEEN, State.CLASSIFYING)
+        return looks or bool(self._ranges) or any(cell.restless for cell in self._cells.values())
 
     @property
     def loads_n(self) -> dict[str, float | None]:

@@ -176,7 +176,8 @@ class Itrash:
     def _remembered(self) -> tuple[Any, ...]:
         bin_, memory = self._bin, self._bin.memory
         # Whoever waits at rest has to see each reading once the next one may decide.
-        return memory.state, memory.since_s, memory.pending, bin_.attentive, tuple(bin_.loads_n.values())
+        watch = bin_.attentive, bin_.decides
+        return memory.state, memory.since_s, memory.pending, *watch, tuple(bin_.loads_n.values())
 
     # -- actions ---------------------------------------------------------------------------------------
 
@@ -205,14 +206,14 @@ class Itrash:
 
     def _await_action(self) -> bool:
         """Whether there is one before it is time to tell how things are. While something is shown or falls,
-        each reading may be the one that decides: a simulated clock waits after it, and a simulator that skips
-        a charge goes on showing readings."""
-        attentive = self._bin.attentive
+        each reading may be the one that decides: a simulated clock waits after it. A simulator that skips a
+        charge goes on showing readings, also while something is awaited."""
+        attentive, decides = self._bin.attentive, self._bin.decides
         self._process.clock.wait_for(
             lambda: not self._actions.empty(),
             self._process.stop,
             wall_s=_TELL_S,
-            every_s=_READING_S if attentive else math.inf,
+            every_s=_READING_S if decides else math.inf,
             resting=not attentive,
         )
         return not self._actions.empty() and not self._process.stop.is_set()

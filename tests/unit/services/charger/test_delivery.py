@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +76,8 @@ class Bench:
         self.closed = False
         self.delivered_wh = 0.0
         self.sequence = 0
+        self.current_a: Callable[[float], float] = lambda _time_s: 10.0
+        """While the contactor is closed, by the seconds since the beginning."""
         self.start()
 
     def start(self, binding: Binding = CHARGE_BINDING) -> None:
@@ -130,7 +134,7 @@ class Bench:
     def run(self, seconds: int) -> None:
         for _ in range(seconds):
             self.clock.time_s += 1.0
-            current_a = 10.0 if self.closed else 0.0
+            current_a = self.current_a(self.clock.time_s - START_S) if self.closed else 0.0
             self.delivered_wh += 42.0 * current_a / 3600
             stamp = new("builtin_interfaces/msg/Time", sec=int(self.clock.time_s))
             header = new("std_msgs/msg/Header", stamp=stamp)
@@ -187,6 +191,26 @@ def test_the_dock_acts_at_no_reading_that_it_did_not_name_and_names_few(
     assert acts > 5
     waiting = 0 if signed_s == 2000 else 900  # for a receipt each reading may be the one that decides
     assert len(named_s) <= 3 * acts + waiting
+
+
+@pytest.mark.parametrize("changes_s", [-900.0, 900.0], ids=["power that falls", "power that rises"])
+def test_a_dock_names_each_reading_once_also_when_the_power_changes(tmp_path: Path, changes_s: float) -> None:
+    """A battery that is nearly full takes less and less: a simulated clock need not stop before."""
+    bench = Bench(tmp_path)
+    bench.current_a = lambda time_s: 10.0 * math.exp(time_s / changes_s)
+    named_s, acts = set[float | None](), 0
+    for _ in range(600):
+        bench.delivery.wait(0.0)
+        due_s, before = bench.clock.named_s, len(bench.published)
+        bench.run(1)
+        if due_s is not None and due_s <= bench.clock.time_s:
+            named_s.add(due_s)
+        if len(bench.published) != before:
+            acts += 1
+            assert due_s is None or due_s <= bench.clock.time_s
+    assert acts >= 20
+    # Its limit is a little early, so that no reading is missed.
+    assert len(named_s) <= 1.25 * acts
 
 
 def test_silence_opens_the_contactor_one_step_after_the_last_receipt(tmp_path: Path) -> None:

@@ -14,24 +14,46 @@ from rodeo.config import Site
 from rodeo.payloads import EXAMPLES
 from rodeo.witness import Presentation, parse
 from rodeo_testing.assignments import devices
-from services.itrash.behaviour import Bin, Memory
+from services.itrash.behaviour import Bin, Memory, State
 from services.itrash.process import Itrash
 
 
-@pytest.mark.parametrize("attentive", [True, False])
-def test_while_a_reading_may_decide_the_clock_waits_after_each_and_readings_go_on(attentive: bool) -> None:
+@pytest.mark.parametrize(("attentive", "decides"), [(True, True), (True, False), (False, False)])
+def test_while_a_reading_may_decide_the_clock_waits_after_each_and_readings_go_on(
+    attentive: bool, decides: bool
+) -> None:
     """A simulator skips a charge without showing readings, where everybody rests: what lies in a bucket would
     never come to rest for a bin that waits for the next one."""
     asked: dict[str, Any] = {}
     clock = SimpleNamespace(wait_for=lambda done, stop, **how: asked.update(how))
     bin_: Any = SimpleNamespace(
         _process=SimpleNamespace(clock=clock, stop=threading.Event()),
-        _bin=SimpleNamespace(attentive=attentive),
+        _bin=SimpleNamespace(attentive=attentive, decides=decides),
         _actions=queue.SimpleQueue(),
     )
     assert not Itrash._await_action(bin_)
     assert asked["resting"] is not attentive
-    assert math.isinf(asked["every_s"]) is not attentive
+    assert math.isinf(asked["every_s"]) is not decides
+
+
+def test_what_is_awaited_is_not_decided_by_an_empty_view(site: Site) -> None:
+    """While a drop is awaited and for a while after it, the clock waits for the bin only where something is
+    in view or a weight is not at rest."""
+    waiting = Memory(state=State.AWAITING_DROP)
+    bin_ = Bin(site.bins[0], waiting)
+    assert (bin_.attentive, bin_.decides) == (True, False)
+    bin_.presence(math.inf, 0.0)
+    assert not bin_.decides
+    bin_.presence(0.2, 0.1)
+    assert bin_.decides, "something is in view"
+    bin_.presence(math.inf, 0.2)
+    assert not bin_.decides
+    compartment = next(iter(site.bins[0].compartments))
+    for tenth in range(20):
+        bin_.load(compartment, 0.0, tenth / 10)
+    assert not bin_.decides
+    bin_.load(compartment, 0.3, 2.0)
+    assert bin_.decides, "a weight changes"
 
 
 def test_a_weight_that_begins_to_change_wakes_the_bin_that_rests(site: Site) -> None:
