@@ -29,6 +29,8 @@ from tests.support.chain import Answer, EmbeddedChain, FaultyNode
 from tests.support.dao import PARAMS, Dao
 from tests.support.site import WAIT_S, RunningSite, readyz
 
+pytestmark = pytest.mark.long
+
 SEND = "eth_sendRawTransaction"
 
 
@@ -162,7 +164,6 @@ def test_a_bridge_that_is_killed_before_the_receipt_gives_the_same_one(
     assert dao.client().task_count() == dao.state("tasks")["total"] == 1
 
 
-@pytest.mark.long
 def test_bridge_node_and_router_killed_at_random_moments_settle_every_task_once(chain_backend: str) -> None:
     """A short run of `make bench ONLY=soak`."""
     found = soak.faults(tasks=5, kills=2, backend=chain_backend, at_once=4, limit_s=270)

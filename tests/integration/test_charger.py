@@ -229,6 +229,7 @@ def test_a_charge_is_delivered_metered_countersigned_sealed_and_submitted(
     assert session_end(proof)["reason"] == "target_reached"
 
 
+@pytest.mark.long
 def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
@@ -265,6 +266,7 @@ def test_a_robot_that_signs_nothing_gets_nothing_and_costs_the_seller_nothing(
     assert hardware.energy_wh == 0
 
 
+@pytest.mark.long
 def test_a_robot_that_falls_silent_costs_the_seller_a_step_and_goes_on_when_it_is_back(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
@@ -326,6 +328,7 @@ def test_a_robot_that_never_comes_is_said_so_and_nothing_is_switched_on(
     assert True not in hardware.commands
 
 
+@pytest.mark.long
 def test_a_robot_that_leaves_early_gets_a_proof_of_what_was_delivered(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:

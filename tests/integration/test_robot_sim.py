@@ -188,6 +188,7 @@ def test_a_goal_nobody_can_reach_is_aborted_with_nav2s_code(remote: Remote) -> N
     assert aborted.value.result.error_code == 204
 
 
+@pytest.mark.long
 @SLOWLY
 def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remote) -> None:
     parking = BinLayout(remote.site.bins[0]).parking
