@@ -338,6 +338,8 @@ contract Disputes is IDisputes {
     }
 
     function _post(Vote calldata vote, string calldata reportUri) private {
+        // The votes were counted before.
+        // slither-disable-next-line unused-return
         tasks.postVerdict(
             vote.taskId,
             vote.attempt,

@@ -7,20 +7,19 @@ import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {IOracleCommittee, Judge, Quorum} from "./interfaces/IOracleCommittee.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
-import {ITaskManager, Verdict, Vote} from "./interfaces/ITaskManager.sol";
+import {ITaskManager, Submission, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
 import {KindId, NO_KIND} from "./types/KindId.sol";
-import {ServiceId} from "./types/ServiceId.sol";
 import {TaskId} from "./types/TaskId.sol";
 
 contract OracleCommittee is IOracleCommittee, EIP712 {
-    /// @dev A task whose proof waits for its verdict.
-    struct Waiting {
-        TaskId taskId;
-        KindId kindId;
-        ServiceId serviceId;
-        uint40 submitted;
-        address creator;
+    /// @dev What the votes on a submission have to fit. All of it is read once, whatever the number of votes.
+    struct Question {
+        Submission submission;
+        Quorum quorum;
+        address provider;
+        /// @dev Others than the creator and the provider may be parties, too.
+        bool others;
     }
 
     /// @notice As many as Quorum.judges has bits.
@@ -109,8 +108,23 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     /// @inheritdoc IOracleCommittee
     function postVotes(Vote calldata vote, string calldata reportUri, bytes calldata signatures) external {
-        _countVotes(vote, digestOf(vote), signatures);
-        _post(vote, reportUri);
+        // The verdict goes first: TaskManager, which reads the task once, answers with what the votes have to fit. Unless
+        // they do, nothing of this happens.
+        Submission memory judged = tasks.postVerdict(
+            vote.taskId,
+            vote.attempt,
+            vote.proofHash,
+            vote.verdict,
+            vote.amount,
+            vote.reportHash,
+            reportUri,
+            vote.reason
+        );
+        // What was left undecided is for auditors alone.
+        if (judged.submitted == 0) {
+            revert ITaskManager.WrongState(vote.taskId, TaskState.Undecided, TaskState.Submitted);
+        }
+        _countVotes(vote, judged, digestOf(vote), signatures);
     }
 
     /// @inheritdoc IVoteCounter
@@ -119,7 +133,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         onlyJudging(vote.taskId)
         returns (bytes4)
     {
-        _countVotes(vote, digest, signatures);
+        _countVotes(vote, tasks.toJudge(vote.taskId), digest, signatures);
         return this.countVotes.selector;
     }
 
@@ -129,7 +143,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         onlyJudging(vote.taskId)
         returns (uint64)
     {
-        return _countVotes(vote, digest, signatures);
+        return _countVotes(vote, tasks.toJudge(vote.taskId), digest, signatures);
     }
 
     /// @inheritdoc IOracleCommittee
@@ -166,89 +180,77 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         );
     }
 
-    function _countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures)
-        private
-        returns (uint64 voters)
-    {
-        voters = _voters(vote, _waiting(vote.taskId), digest, signatures);
+    function _countVotes(
+        Vote calldata vote,
+        Submission memory submission,
+        bytes32 digest,
+        bytes calldata signatures
+    ) private returns (uint64 voters) {
+        Quorum memory quorum = _quorums[submission.kindId];
+        if (quorum.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(submission.kindId));
+        (address provider, bool others) = _services.partiesOf(submission.serviceId, submission.creator);
+        Question memory q = Question(submission, quorum, provider, others);
+        voters = _voters(vote, q, digest, signatures);
         emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
     }
 
-    function _post(Vote calldata vote, string calldata reportUri) private {
-        tasks.postVerdict(
-            vote.taskId,
-            vote.attempt,
-            vote.proofHash,
-            vote.verdict,
-            vote.amount,
-            vote.reportHash,
-            reportUri,
-            vote.reason
-        );
-    }
-
     /// @dev One bit for each seat that signed the vote, all of which may judge the task, and enough of them.
-    function _voters(Vote calldata vote, Waiting memory t, bytes32 digest, bytes calldata signatures)
+    function _voters(Vote calldata vote, Question memory q, bytes32 digest, bytes calldata signatures)
         private
         view
         returns (uint64 voters)
     {
-        Quorum memory quorum = _quorums[t.kindId];
-        if (quorum.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(t.kindId));
         if (signatures.length % SIGNATURE_BYTES != 0) revert InvalidSignatures(signatures.length);
         uint256 votes = signatures.length / SIGNATURE_BYTES;
-        if (votes < quorum.votes) revert TooFewVotes(vote.taskId, votes, quorum.votes);
+        if (votes < q.quorum.votes) revert TooFewVotes(vote.taskId, votes, q.quorum.votes);
         for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
+            (bytes32 r, bytes32 vs) = abi.decode(signatures[i:i + SIGNATURE_BYTES], (bytes32, bytes32));
             // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the
             // key is 0, which is no judge's.
             // slither-disable-next-line unused-return
-            (address key,,) = ECDSA.tryRecover(
-                digest, bytes32(signatures[i:i + 32]), bytes32(signatures[i + 32:i + SIGNATURE_BYTES])
-            );
-            uint64 bit = _requireJudge(vote, t, quorum, key);
+            (address key,,) = ECDSA.tryRecover(digest, r, vs);
+            uint64 bit = _requireJudge(vote, q, key);
             if (voters & bit != 0) revert VotedTwice(vote.taskId, key);
             voters |= bit;
         }
     }
 
     /// @dev The bit of the judge with `key`, who may vote on the task now.
-    function _requireJudge(Vote calldata vote, Waiting memory t, Quorum memory quorum, address key)
+    function _requireJudge(Vote calldata vote, Question memory q, address key)
         private
         view
         returns (uint64 bit)
     {
-        Judge memory sitting = _judges[key];
+        Judge storage sitting = _judges[key];
+        address owner = sitting.owner;
         bit = uint64(1 << sitting.seat);
-        if (sitting.owner == address(0) || quorum.judges & bit == 0) {
-            revert NotAJudge(key, organization.kindNumbered(t.kindId));
+        if (owner == address(0) || q.quorum.judges & bit == 0) {
+            revert NotAJudge(key, organization.kindNumbered(q.submission.kindId));
         }
         // The registry may know another owner than the seat.
-        if (_isParty(t, key) || (sitting.owner != key && _isParty(t, sitting.owner))) {
+        if (_isParty(q, key) || (owner != key && _isParty(q, owner))) {
             revert ITaskManager.JudgeIsParty(vote.taskId, key);
         }
         if (vote.verdict == Verdict.Undecided && organization.mayAudit(key)) {
             revert JudgeIsAuditor(vote.taskId, key);
         }
-        if (quorum.panel < quorum.count) _requireInPanel(t, quorum, bit, key);
+        if (q.quorum.panel < q.quorum.count) _requireInPanel(vote.taskId, q, bit, key);
     }
 
     /// @dev The line begins with another judge each day, and the panel grows while judges are absent.
-    function _requireInPanel(Waiting memory t, Quorum memory quorum, uint64 bit, address key) private view {
-        uint256 submitted = t.submitted;
+    function _requireInPanel(TaskId taskId, Question memory q, uint64 bit, address key) private view {
+        uint256 submitted = q.submission.submitted;
+        Quorum memory quorum = q.quorum;
         uint256 panel = quorum.panel;
         if (quorum.rotation != 0) panel += (block.timestamp - submitted) / quorum.rotation;
         uint256 first = (submitted / TURN) % quorum.count;
         uint256 place = (_count(quorum.judges & (bit - 1)) + quorum.count - first) % quorum.count;
-        if (place >= panel) revert NotInPanel(t.taskId, key, place, panel);
+        if (place >= panel) revert NotInPanel(taskId, key, place, panel);
     }
 
-    function _waiting(TaskId taskId) private view returns (Waiting memory t) {
-        t.taskId = taskId;
-        (t.creator, t.kindId, t.serviceId, t.submitted) = tasks.toJudge(taskId);
-    }
-
-    function _isParty(Waiting memory t, address account) private view returns (bool) {
-        return _services.isParty(account, t.serviceId, t.creator);
+    function _isParty(Question memory q, address account) private view returns (bool) {
+        if (account == q.submission.creator || account == q.provider) return true;
+        return q.others && _services.isParty(account, q.submission.serviceId, q.submission.creator);
     }
 
     function _isAdministrator(address account) private view returns (bool) {

@@ -69,8 +69,6 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     mapping(bytes32 kind => Kind) private _kinds;
     /// @inheritdoc IOrganization
     mapping(KindId number => bytes32) public kindNumbered;
-    /// @dev Kind.review, where a verdict finds it in one word.
-    mapping(KindId number => Review) private _reviews;
     /// @dev The newest last.
     mapping(bytes32 kind => bytes32[]) private _rules;
     /// @dev The last of them, or 0, so that most tasks find their rules in one word.
@@ -108,7 +106,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (review != k.review) _retireAll(kind);
         k.allowed = true;
         k.review = review;
-        _reviews[k.number] = review;
+        services.recordReview(k.number, uint8(review));
         if (rules != 0) {
             bytes32[] storage current = _rules[kind];
             _remove(current, rules);
@@ -373,12 +371,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function mayJudge(address account, bytes32 kind) external view returns (bool) {
-        return mayJudgeNumbered(account, _kinds[kind].number);
-    }
-
-    /// @inheritdoc IOrganization
-    function mayJudgeNumbered(address account, KindId kindId) public view returns (bool) {
-        Review review = _reviews[kindId];
+        Review review = _kinds[kind].review;
         if (review == Review.None) return false;
         return hasRole(review == Review.Oracle ? ORACLE_ROLE : AUDITOR_ROLE, account);
     }
@@ -420,10 +413,24 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         return (_terms, rules.number);
     }
 
+    function _grantRole(bytes32 role, address account) internal override returns (bool granted) {
+        granted = super._grantRole(role, account);
+        if (granted) _recordJudge(role, account);
+    }
+
     /// @dev Who may not take part any more gets no more tasks, however the role was lost.
     function _revokeRole(bytes32 role, address account) internal override returns (bool revoked) {
         revoked = super._revokeRole(role, account);
+        if (revoked) _recordJudge(role, account);
         if (revoked && role == MEMBER_ROLE && membersOnly) services.suspendServicesOf(account);
+    }
+
+    /// @dev If `role` is one of judges: a verdict looks the right up at the service manager, which it calls anyway.
+    function _recordJudge(bytes32 role, address account) private {
+        if (role != ORACLE_ROLE && role != AUDITOR_ROLE) return;
+        uint256 oracle = hasRole(ORACLE_ROLE, account) ? 1 << uint8(Review.Oracle) : 0;
+        uint256 auditor = hasRole(AUDITOR_ROLE, account) ? 1 << uint8(Review.Auditor) : 0;
+        services.recordJudge(account, uint8(oracle | auditor));
     }
 
     /// @dev Its rules. A kind has a number from its first rule on.

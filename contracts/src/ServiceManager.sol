@@ -74,6 +74,9 @@ contract ServiceManager is IServiceManager {
         bool hired;
         /// @dev Another address is paid (see _payouts). Here, because this word is read before each payment.
         bool paidElsewhere;
+        /// @dev What it judges, as the organization's roles say (see recordJudge). Here, because whoever judges must not be
+        /// a party.
+        uint8 reviews;
     }
 
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
@@ -138,6 +141,8 @@ contract ServiceManager is IServiceManager {
     /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
     mapping(address provider => uint32[MAX_SERVICES]) private _live;
     mapping(address device => address) private _owners;
+    /// @dev See recordReview.
+    mapping(KindId kindId => uint8) private _reviews;
     /// @dev Only where `paidElsewhere`.
     mapping(address provider => address) private _payouts;
     /// @dev The services that abandoned a task, 32 bits each, the last in the lowest; of more than eight the last eight.
@@ -263,6 +268,16 @@ contract ServiceManager is IServiceManager {
         _owners[device] = owner;
         _providers[device].owned = true;
         _providers[owner].owns = true;
+    }
+
+    /// @inheritdoc IServiceManager
+    function recordJudge(address account, uint8 reviews) external onlyOrganization {
+        _providers[account].reviews = reviews;
+    }
+
+    /// @inheritdoc IServiceManager
+    function recordReview(KindId kindId, uint8 review) external onlyOrganization {
+        _reviews[kindId] = review;
     }
 
     /// @inheritdoc IServiceManager
@@ -399,17 +414,38 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function isParty(address account, ServiceId serviceId, address creator) external view returns (bool) {
+    function isParty(address account, ServiceId serviceId, address creator) public view returns (bool) {
         address provider = _services[serviceId].provider;
         if (account == creator || account == provider) return true;
-        Provider storage p = _providers[account];
         // Most judges have nothing to do with devices: each verdict pays for one word.
-        if (!p.owned && !p.owns) return false;
+        if (!_hasDevices(account)) return false;
         address owner = _owners[account];
         if (owner == address(0)) owner = account;
         (address creatorsOwner, address providersOwner) = (_owners[creator], _owners[provider]);
         return owner == creator || owner == creatorsOwner || owner == provider || owner == providersOwner
             || account == creatorsOwner || account == providersOwner;
+    }
+
+    /// @inheritdoc IServiceManager
+    function rightOf(address account, uint8 review, KindId kindId, ServiceId serviceId, address creator)
+        external
+        view
+        returns (bool mayJudge, bool party)
+    {
+        if (review == 0) review = _reviews[kindId];
+        // Nobody has the bit 0, which a kind without a review asks for.
+        mayJudge = (_providers[account].reviews >> review) & 1 == 1;
+        party = isParty(account, serviceId, creator);
+    }
+
+    /// @inheritdoc IServiceManager
+    function partiesOf(ServiceId serviceId, address creator)
+        external
+        view
+        returns (address provider, bool others)
+    {
+        provider = _services[serviceId].provider;
+        others = _hasDevices(creator) || _hasDevices(provider);
     }
 
     /// @inheritdoc IServiceManager
@@ -650,6 +686,12 @@ contract ServiceManager is IServiceManager {
         address payer = _owners[creator];
         if (payer == address(0)) payer = creator;
         return payer == (p.owned ? _owners[provider] : provider) || payer == payout;
+    }
+
+    /// @dev Whether it is a device, or has had one: nobody else has anything to do with the owners of others.
+    function _hasDevices(address account) private view returns (bool) {
+        Provider storage p = _providers[account];
+        return p.owned || p.owns;
     }
 
     /// @dev A proof was accepted, of work for others.

@@ -16,6 +16,7 @@ import {
     ITaskManager,
     SignedBy,
     Silence,
+    Submission,
     Task,
     TaskRequest,
     TaskState,
@@ -210,10 +211,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bytes32 reportHash,
         string calldata reportUri,
         string calldata reason
-    ) external nonReentrant {
+    ) external nonReentrant returns (Submission memory judged) {
         Record memory t = _get(taskId);
         _requireJudge(taskId, t, attempt, proofHash, verdict);
         _requireContent(taskId, t, verdict, amount, reportUri, reason);
+        judged = _submission(t);
         emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
         _decide(taskId, t, msg.sender, verdict, amount, proofHash);
     }
@@ -321,10 +323,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function toJudge(TaskId taskId) external view returns (address, KindId, ServiceId, uint40) {
+    function toJudge(TaskId taskId) external view returns (Submission memory) {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Submitted);
-        return (t.creator, t.kindId, t.serviceId, uint40(t.deadline - t.verdictWindow));
+        return _submission(t);
     }
 
     /// @inheritdoc IServiceListener
@@ -675,6 +677,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
 
+    function _submission(Record memory t) private pure returns (Submission memory) {
+        uint256 submitted = t.state == TaskState.Submitted ? t.deadline - t.verdictWindow : 0;
+        return Submission(t.creator, t.kindId, t.serviceId, uint40(submitted));
+    }
+
     function _kindOf(Record memory t) private view returns (bytes32) {
         return organization.kindNumbered(t.kindId);
     }
@@ -742,10 +749,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (bool disputed)
     {
         disputed = t.state == TaskState.Undecided;
-        bool mayJudge =
-            disputed ? organization.mayAudit(judge) : organization.mayJudgeNumbered(judge, t.kindId);
+        uint8 review = disputed ? uint8(Review.Auditor) : 0;
+        (bool mayJudge, bool party) = services.rightOf(judge, review, t.kindId, t.serviceId, t.creator);
         if (!mayJudge) revert NotJudge(judge, _kindOf(t));
-        if (services.isParty(judge, t.serviceId, t.creator)) revert JudgeIsParty(taskId, judge);
+        if (party) revert JudgeIsParty(taskId, judge);
         // A task that was posted without an audit has no window for one, whatever its kind has now.
         if (
             verdict == Verdict.Undecided

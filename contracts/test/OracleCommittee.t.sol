@@ -19,12 +19,12 @@ contract OracleCommitteeTest is Committee {
         TaskId taskId = submitted();
         Vote memory vote = accepting(taskId);
         uint256 before = coin.balanceOf(robot1);
-        vm.expectEmit(address(committee));
-        emit IOracleCommittee.VotesCounted(taskId, 1, RULES, 7);
         vm.expectEmit(address(tasks));
         emit ITaskManager.VerdictPosted(
             taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, REPORT_URI, "accepted"
         );
+        vm.expectEmit(address(committee));
+        emit IOracleCommittee.VotesCounted(taskId, 1, RULES, 7);
         vm.prank(stranger);
         committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
         assertState(taskId, TaskState.Settled);
@@ -112,21 +112,60 @@ contract OracleCommitteeTest is Committee {
         );
     }
 
+    /// @dev Votes on something else, with a verdict that TaskManager takes.
     function test_everythingThatTheyVotedOnIsSigned() public {
-        Vote memory signed = accepting(submitted());
-        bytes memory votes = signatures(signed, 3);
+        Vote memory vote = accepting(submitted());
         for (uint256 part = 0; part < 7; ++part) {
-            Vote memory vote = accepting(signed.taskId);
-            if (part == 0) vote.attempt = 2;
-            if (part == 1) vote.proofHash = "other";
-            if (part == 2) vote.reportHash = "other";
-            if (part == 3) vote.rulesHash = "other";
-            if (part == 4) (vote.verdict, vote.amount) = (Verdict.Rejected, 0);
-            if (part == 5) vote.amount = 1;
-            if (part == 6) vote.reason = "other";
+            Vote memory signed = accepting(vote.taskId);
+            if (part == 0) signed.attempt = 2;
+            if (part == 1) signed.proofHash = "other";
+            if (part == 2) signed.reportHash = "other";
+            if (part == 3) signed.rulesHash = "other";
+            if (part == 4) (signed.verdict, signed.amount) = (Verdict.Rejected, 0);
+            if (part == 5) signed.amount = 1;
+            if (part == 6) signed.reason = "other";
+            bytes memory votes = signatures(signed, 3);
             vm.expectPartialRevert(IOracleCommittee.NotAJudge.selector);
             committee.postVotes(vote, REPORT_URI, votes);
+            assertState(vote.taskId, TaskState.Submitted);
         }
+    }
+
+    /// @dev The verdict goes to TaskManager before the votes are counted.
+    function test_aVerdictWithoutEnoughVotesPaysNobody() public {
+        Vote memory vote = accepting(submitted());
+        uint256 before = coin.balanceOf(robot1);
+        _refused(
+            vote,
+            signatures(vote, 2),
+            abi.encodeWithSelector(IOracleCommittee.TooFewVotes.selector, vote.taskId, 2, 3)
+        );
+        assertState(vote.taskId, TaskState.Submitted);
+        assertEq(coin.balanceOf(robot1), before);
+        assertEq(tasks.held(), 100 ether);
+    }
+
+    /// @dev Not even one whose judges are the organization's auditors: these decide as persons.
+    function test_aCommitteeDoesNotDecideWhatWasLeftUndecided() public {
+        TaskId taskId = submitted();
+        Vote memory vote = accepting(taskId);
+        (vote.verdict, vote.amount) = (Verdict.Undecided, 0);
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        OracleCommittee another = new OracleCommittee(organization);
+        bytes32 role = organization.AUDITOR_ROLE();
+        vm.startPrank(admin);
+        organization.grantRole(role, address(another));
+        another.seat(judges[0], judges[0]);
+        another.setQuorum(CLEANING, 1, 1, 0, 1);
+        vm.stopPrank();
+        (vote.verdict, vote.amount) = (Verdict.Accepted, 80 ether);
+        (bytes32 r, bytes32 vs) = vm.signCompact(judgeKeys[0], another.digestOf(vote));
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Undecided, TaskState.Submitted
+            )
+        );
+        another.postVotes(vote, REPORT_URI, abi.encodePacked(r, vs));
     }
 
     function test_aVoteOnOneTaskIsNoneOnAnother() public {
@@ -238,6 +277,30 @@ contract OracleCommitteeTest is Committee {
         Vote memory vote = accepting(submitted());
         (, uint256 key) = makeAddrAndKey("robot2");
         _refused(vote, abi.encodePacked(sign(key, vote), signatures(vote, 2)), _isParty(vote, sister));
+    }
+
+    /// @dev One relation at a time: a party's device, a party's owner, another device of its owner.
+    function test_noJudgeHasADeviceOrAnOwnerInCommonWithAParty() public {
+        address[2] memory parties = [alice, robot1];
+        for (uint256 i = 0; i < 2; ++i) {
+            for (uint256 relation = 0; relation < 3; ++relation) {
+                uint256 before = vm.snapshotState();
+                (address party, address company) = (parties[i], makeAddr("company"));
+                (address sister, uint256 key) = makeAddrAndKey("robot2");
+                (address device, address owner) = relation == 0 ? (sister, party) : (party, company);
+                if (relation == 1) owner = sister;
+                vm.startPrank(admin);
+                Possession.register(organization, device, "wallet", owner, "one");
+                if (relation == 2) Possession.register(organization, sister, "wallet", company, "other");
+                committee.seat(sister, sister);
+                vm.stopPrank();
+                setQuorum(3, 5, 0, 0x3f);
+                Vote memory vote = accepting(submitted());
+                bytes memory votes = abi.encodePacked(sign(key, vote), signatures(vote, 2));
+                _refused(vote, votes, _isParty(vote, sister));
+                assertTrue(vm.revertToStateAndDelete(before));
+            }
+        }
     }
 
     function test_theJudgeOfAnybodyElseDoes() public {

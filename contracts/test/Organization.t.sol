@@ -5,9 +5,10 @@ import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol"
 import {Device, IDeviceRegistry, Revocation} from "../src/interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IOrganization, Review, Terms} from "../src/interfaces/IOrganization.sol";
-import {ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
+import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -17,6 +18,17 @@ import {StubPolicy, Way} from "./StubPolicies.sol";
 contract OrganizationTest is Fixture {
     function _refusal(address caller, bytes32 role) private pure returns (bytes memory) {
         return abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, caller, role);
+    }
+
+    /// @dev Kinds are judged by oracles here. The organization and what a verdict asks agree.
+    function _assertJudges(address who, bool oracles, bool audits) private view {
+        KindId cleaning = organization.numberOf(CLEANING);
+        (bool mayJudge,) = services.rightOf(who, 0, cleaning, serviceNo(1), alice);
+        (bool mayAudit,) = services.rightOf(who, uint8(Review.Auditor), cleaning, serviceNo(1), alice);
+        assertEq(mayJudge, oracles);
+        assertEq(mayAudit, audits);
+        assertEq(organization.mayJudge(who, CLEANING), oracles);
+        assertEq(organization.mayAudit(who), audits);
     }
 
     // -- as a participant ---------------------------------------------------------------------------------
@@ -294,6 +306,50 @@ contract OrganizationTest is Fixture {
             vm.prank(admin);
             organization.setAudit(CLEANING, windows[i], silences[i]);
         }
+    }
+
+    /// @dev The service manager knows what the roles say, whichever way they change.
+    function test_whoLosesARoleJudgesByTheOtherAlone() public {
+        bytes32[2] memory roles = [organization.ORACLE_ROLE(), organization.AUDITOR_ROLE()];
+        for (uint256 i = 0; i < 2; ++i) {
+            vm.prank(admin);
+            organization.grantRole(roles[i], bob);
+        }
+        _assertJudges(bob, true, true);
+        vm.prank(bob);
+        organization.renounceRole(roles[0], bob);
+        _assertJudges(bob, false, true);
+        vm.startPrank(admin);
+        organization.grantRole(roles[0], bob);
+        organization.revokeRole(roles[1], bob);
+        vm.stopPrank();
+        _assertJudges(bob, true, false);
+    }
+
+    function test_otherRolesJudgeNothing() public {
+        bytes32 role = organization.OPERATOR_ROLE();
+        vm.prank(admin);
+        organization.grantRole(role, bob);
+        _assertJudges(bob, false, false);
+    }
+
+    function test_nobodyJudgesAKindWithoutAReview() public {
+        vm.prank(admin);
+        organization.setAudit("painting", 1 days, Silence.Creator);
+        KindId painting = organization.numberOf("painting");
+        (bool mayJudge,) = services.rightOf(oracle, 0, painting, serviceNo(1), alice);
+        assertFalse(mayJudge);
+    }
+
+    function test_onlyTheOrganizationRecordsWhoJudges() public {
+        bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotOrganization.selector, bob);
+        vm.startPrank(bob);
+        vm.expectRevert(refusal);
+        services.recordJudge(bob, type(uint8).max);
+        KindId cleaning = organization.numberOf(CLEANING);
+        vm.expectRevert(refusal);
+        services.recordReview(cleaning, uint8(Review.Auditor));
+        vm.stopPrank();
     }
 
     function test_aDisallowedKindKeepsItsJudges() public {

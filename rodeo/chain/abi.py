@@ -165,6 +165,14 @@ class SignedBy(Struct):
 
 
 @dataclass(frozen=True)
+class Submission(Struct):
+    creator: str
+    kind_id: int
+    service_id: int
+    submitted: int
+
+
+@dataclass(frozen=True)
 class Task(Struct):
     creator: str
     reward: int
@@ -461,6 +469,12 @@ class ServiceManagerCalls(ContractCalls):
 
     def count_abandoned(self, task_id: int, service_id: int, creator: str) -> Call:
         return self._call("ServiceManager", "countAbandoned", task_id, service_id, creator)
+
+    def record_judge(self, account: str, reviews: int) -> Call:
+        return self._call("ServiceManager", "recordJudge", account, reviews)
+
+    def record_review(self, kind_id: int, review: int) -> Call:
+        return self._call("ServiceManager", "recordReview", kind_id, review)
 
     def register_service(
         self, kind: str, price: int, max_bond: int, auto_accept: bool, description: str

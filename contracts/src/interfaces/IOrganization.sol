@@ -328,11 +328,6 @@ interface IOrganization is IDeviceRegistry {
     /// @param kind what is to be done, ASCII
     function mayJudge(address account, bytes32 kind) external view returns (bool);
 
-    /// @notice mayJudge for a kind that is given by its number.
-    /// @param account who would judge
-    /// @param kindId see numberOf
-    function mayJudgeNumbered(address account, KindId kindId) external view returns (bool);
-
     /// @notice Returns the number of a kind, from 1; 0 if it never had a rule.
     /// @param kind what is to be done, ASCII
     function numberOf(bytes32 kind) external view returns (KindId);

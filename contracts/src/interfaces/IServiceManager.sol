@@ -209,6 +209,26 @@ interface IServiceManager {
     /// @param creator who posted it
     function isParty(address account, ServiceId serviceId, address creator) external view returns (bool);
 
+    /// @notice Whether `account` may post a verdict on a task, and whether it is a party to it (isParty).
+    /// @param account who judges
+    /// @param review the number of the Review by which it has to judge; 0 for the one of the kind
+    /// @param kindId the number of what is done, see IOrganization.numberOf
+    /// @param serviceId the service that does the task
+    /// @param creator who posted it
+    function rightOf(address account, uint8 review, KindId kindId, ServiceId serviceId, address creator)
+        external
+        view
+        returns (bool mayJudge, bool party);
+
+    /// @notice Returns who does a task, and whether others may be parties to it: unless its creator or provider is, or has
+    /// had, a device, nobody else is (isParty).
+    /// @param serviceId the service that does the task
+    /// @param creator who posted it
+    function partiesOf(ServiceId serviceId, address creator)
+        external
+        view
+        returns (address provider, bool others);
+
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services
     function asleepUntil(address provider) external view returns (uint256);
@@ -265,6 +285,17 @@ interface IServiceManager {
     /// @param device the device's key
     /// @param owner the participant that owns the device
     function recordOwner(address device, address owner) external;
+
+    /// @notice Remember by which reviews an account judges, where a verdict finds it together with whose device the account
+    /// is. Only the organization, whose roles these are.
+    /// @param account who judges
+    /// @param reviews the bit 1 << review for each Review
+    function recordJudge(address account, uint8 reviews) external;
+
+    /// @notice Remember the review of a kind. Only the organization.
+    /// @param kindId the number of what is done, see IOrganization.numberOf
+    /// @param review the number of its Review
+    function recordReview(KindId kindId, uint8 review) external;
 
     /// @notice Know providers for their work in another organization, such as the one that this one follows. Only the
     /// administrator, and only before the first task: nobody has posted one to providers that were known for less.

@@ -119,6 +119,18 @@ struct Vote {
     string reason;
 }
 
+/// @notice What a committee has to know of an attempt that it judges.
+/// @param creator who posted the task
+/// @param kindId the number of its kind, see IOrganization.numberOf
+/// @param serviceId the service that made the attempt
+/// @param submitted when the proof came, block time in seconds; 0 if it had a verdict before, and was left undecided
+struct Submission {
+    address creator;
+    KindId kindId;
+    ServiceId serviceId;
+    uint40 submitted;
+}
+
 /// @param judge who signed a verdict, or the committee whose judges did
 /// @param deadline until when the verdict can be used, block time in seconds; signed, too
 /// @param reportUri where the report can be fetched; only in the event
@@ -320,6 +332,7 @@ interface ITaskManager is IServiceListener {
     /// @param reportHash SHA-256 of the report
     /// @param reportUri where the report can be fetched; only in the event
     /// @param reason why, in words; only in the event
+    /// @return what was judged, as it was before the verdict
     function postVerdict(
         TaskId taskId,
         uint8 attempt,
@@ -329,7 +342,7 @@ interface ITaskManager is IServiceListener {
         bytes32 reportHash,
         string calldata reportUri,
         string calldata reason
-    ) external;
+    ) external returns (Submission memory);
 
     /// @notice Anyone ends an attempt whose window has passed, or that its executor did not accept in the grace
     /// period. The task queues again, or fails and its creator is refunded. If nobody judged a proof in time and the
@@ -350,14 +363,7 @@ interface ITaskManager is IServiceListener {
     /// @notice What a committee has to know of a task before it judges. Reverts with WrongState unless a proof waits for
     /// its verdict.
     /// @param taskId the task
-    /// @return creator who posted it
-    /// @return kindId the number of its kind, see IOrganization.numberOf
-    /// @return serviceId the service that did it
-    /// @return submitted when the proof came, block time in seconds
-    function toJudge(TaskId taskId)
-        external
-        view
-        returns (address creator, KindId kindId, ServiceId serviceId, uint40 submitted);
+    function toJudge(TaskId taskId) external view returns (Submission memory);
 
     /// @notice Returns a task as it is now. Reverts with UnknownTask.
     /// @param taskId its number
