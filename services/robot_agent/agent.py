@@ -476,7 +476,7 @@ class Agent:
         while self._orders.standing.stopped and not self._stop.is_set():
             self._body.emergency_stop(True)
             self._report("stopped by an operator")
-            self._wait_for_news()
+            self._wait_for_news(looks=True)
             self._wake.clear()
         if not self._stop.is_set():
             self._body.emergency_stop(False)
@@ -529,7 +529,9 @@ class Agent:
 
         A pause does not put off what the robot has been given already, so that is done first.
         """
-        for name in wanted:
+        # In the order of the site file: a set of names has another in each process, and who offers first is
+        # matched first.
+        for name in [name for name in self._behaviours if name in wanted]:
             kind = self._kinds[name]
             try:
                 self._dao.offer_service(name, self._prices.asked(kind), f"{kind.title} by {self._robot.name}")
@@ -538,7 +540,7 @@ class Agent:
                     raise
                 log.info("cannot offer %s yet: %s", name, error)
         if len(wanted) < len(self._behaviours) and self._dao.next_assignment(self._behaviours) is None:
-            self._close_services(self._behaviours.keys() - set(wanted))
+            self._close_services([name for name in self._behaviours if name not in wanted])
 
     def _close_services(self, kinds: Collection[str]) -> None:
         """Pause the offers, also while the robot is at work: no further task comes after that."""
@@ -562,7 +564,7 @@ class Agent:
             self._go_home()
             self._fold()
             self._report("idle")
-        self._wait_for_news()
+        self._wait_for_news(looks=bool(self._process.disk_problem))
 
     def _be_off(self, situation: Situation) -> None:
         """Go where the robot rests, switch the motors off, and wait for the hours to begin, or for news."""
@@ -621,8 +623,9 @@ class Agent:
         home, here = self._robot.pose, self._body.base_pose()
         return math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M
 
-    def _wait_for_news(self) -> None:
-        """Until something happens on chain, or it is time to look at the battery or to explore again."""
+    def _wait_for_news(self, looks: bool = False) -> None:
+        """Until something happens on chain, or it is time to look at the battery or to explore again. It
+        `looks` also at what no site time changes."""
         now_s = self._clock.now_s()
         until_s = now_s + (_ASTRAY_S if 0 < self._astray < _ASTRAY_TRIES else _IDLE_S)
         if self._site.agent.explore_when_idle and self._exploring.is_used_up(now_s):
@@ -631,9 +634,16 @@ class Agent:
             self._wake.is_set,
             self._stop,
             until_s=until_s,
-            wall_s=_IDLE_WALL_S,
+            wall_s=None if self._leaves_the_wall and not looks else _IDLE_WALL_S,
             resting=True,
         )
+
+    @property
+    def _leaves_the_wall(self) -> bool:
+        """Whether site time goes as fast as can be, and nothing that the robot does may depend on the wall's:
+        how long a clock stands for others is the machine's choice."""
+        clock = self._site.clock
+        return not clock.keeps_wall_time and clock.speed == clock.idle_speed == 0
 
     def _explore(self, situation: Situation) -> None:
         self._upkeep.ask_for_care()

@@ -377,6 +377,26 @@ def test_time_does_not_jump_while_the_chain_is_away() -> None:
     assert (pauses.resting, pauses.wall_s) == ([False] * 2, [10.0] * 2)
 
 
+@pytest.mark.parametrize(
+    ("clock", "looks", "wall_s"),
+    [
+        (ClockConfig(speed=0, idle_speed=0), False, None),
+        (ClockConfig(speed=0, idle_speed=0), True, 2.0),
+        (ClockConfig(speed=10, idle_speed=0), False, 2.0),
+        (ClockConfig(), False, 2.0),
+    ],
+    ids=["as fast as can be", "with something to look at", "ten times real time", "real time"],
+)
+def test_where_time_is_as_fast_as_can_be_how_long_others_hold_it_wakes_no_robot_that_rests(
+    clock: ClockConfig, looks: bool, wall_s: float | None
+) -> None:
+    agent = Night(at(10)).mind()
+    agent._site.clock = clock
+    pauses = agent._clock = Pauses(1)
+    agent._wait_for_news(looks)
+    assert (pauses.site_s, pauses.wall_s, pauses.resting) == ([600.0], [wall_s], [True])
+
+
 # -- the assignment while a robot works --------------------------------------------------------------------
 
 
