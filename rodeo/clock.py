@@ -124,6 +124,27 @@ class WallClock:
         return nullcontext()
 
 
+class Patience:
+    """How long others are waited for: until `limit_s` have passed on the wall's clock and on the site's.
+
+    However fast the site's goes, a process needs its wall time. And while the site's stands, because another
+    process holds it, nobody who acts by it can answer.
+    """
+
+    def __init__(self, clock: TimeSource, limit_s: float) -> None:
+        self._clock = clock
+        self._limit_s = limit_s
+        self.renew()
+
+    def renew(self) -> None:
+        self._wall_s, self._site_s = time.monotonic(), self._clock.now_s()
+
+    @property
+    def is_over(self) -> bool:
+        passed_s = min(time.monotonic() - self._wall_s, self._clock.now_s() - self._site_s)
+        return passed_s >= self._limit_s
+
+
 @contextmanager
 def unlocked(condition: threading.Condition) -> Iterator[None]:
     """Without the condition's lock meanwhile."""

@@ -11,6 +11,7 @@ import os
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -91,8 +92,14 @@ class BusConfig(_Table):
         return self
 
 
+ROS_TIME_ENDS_S = 2**31
+"""Unix time after which builtin_interfaces/Time, which has 32 bits of seconds, has no times any more."""
+
+
 class ClockConfig(_Table):
     source: Literal["sim", "wall"] = "sim"
+    """With `wall` the site runs on the machine's own clock, and both speeds are 1, whatever the file says: so
+    one line swaps a simulated site for a real one."""
     speed: float = Field(default=1.0, ge=0)
     """Simulated seconds per wall second; 0 runs as fast as the machine allows."""
     idle_speed: float = Field(default=1.0, ge=0)
@@ -111,6 +118,20 @@ class ClockConfig(_Table):
     seed: int | None = Field(default=None, ge=0)
     """Seed of every random choice on the site, real or simulated (rodeo.chance). None: a robot's mind chooses
     differently at each start, and the simulated sensors have the noise of seed 0."""
+
+    @field_validator("start")
+    @classmethod
+    def _starts_in_ros_time(cls, start: datetime | None) -> datetime | None:
+        if start is not None and not 0 <= start.timestamp() < ROS_TIME_ENDS_S:
+            end = datetime.fromtimestamp(ROS_TIME_ENDS_S, UTC)
+            raise ValueError(f"times in ROS messages lie between 1970 and {end:%Y-%m-%d}, not {start}")
+        return start
+
+    @model_validator(mode="after")
+    def _the_wall_goes_at_its_own_speed(self) -> Self:
+        if self.source == "wall":
+            self.speed = self.idle_speed = 1.0
+        return self
 
     @model_validator(mode="after")
     def _starts_only_what_goes_its_own_way(self) -> Self:

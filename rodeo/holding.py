@@ -17,6 +17,9 @@ from typing import Any
 import zenoh
 
 from rodeo import topics
+from rodeo.bus import decode_json, validate
+from rodeo.errors import RodeoError
+from rodeo.messages import ClockMark
 from rodeo.receiving import direct
 
 log = logging.getLogger(__name__)
@@ -166,8 +169,8 @@ class Holder:
     def _on_mark(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
         try:
-            number = int(json.loads(payload)["number"])
-        except (ValueError, TypeError, KeyError):
+            number = validate(ClockMark, decode_json(payload)).number
+        except RodeoError:
             log.warning("left out a message on %s: not a ClockMark: %s", sample.key_expr, payload[:50])
             return
         asker = None if sample.timestamp is None else str(sample.timestamp.get_id())

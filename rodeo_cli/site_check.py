@@ -95,7 +95,13 @@ def check(path: Path) -> list[Finding]:
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
-        for place, text in (*_one_host(site), *_standby(site), *_overlaps(site), *_unreachable(site))
+        for place, text in (
+            *_one_host(site),
+            *_hurried(site),
+            *_standby(site),
+            *_overlaps(site),
+            *_unreachable(site),
+        )
     ]
 
 
@@ -235,6 +241,18 @@ def _standby(site: Site) -> Iterator[tuple[Place, str]]:
                 ("robots", number, "battery", "standby_power_w"),
                 f"{robot.name} draws more power switched off ({off_w:g} W) than idle ({on_w:g} W)",
             )
+
+
+def _hurried(site: Site) -> Iterator[tuple[Place, str]]:
+    """People whose windows may be over before anybody knows that they have a task."""
+    clock = site.clock
+    jumps = not clock.keeps_wall_time and clock.idle_speed == 0
+    if jumps and site.participants and site.people.min_window_s > 0 and "bridge" not in clock.holders:
+        yield (
+            ("clock", "idle_speed"),
+            "the clock may jump over a person's whole window before the simulator hears of the task: list "
+            '"bridge" in clock.holders, too',
+        )
 
 
 def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:

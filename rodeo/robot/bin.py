@@ -12,7 +12,7 @@ from typing import TypeVar, get_args
 
 from rodeo import topics
 from rodeo.bus import Bus
-from rodeo.clock import Clock
+from rodeo.clock import Clock, Patience
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import Attestation
@@ -113,10 +113,11 @@ class SmartBin:
         """A statement about what was later than `after_s` (site time).
 
         Raises NoAnswer after `timeout_wall_s`. Wall time, because another process has to work, however fast
-        the site's clock runs.
+        the site's clock runs; what is waited for does not come while that stands, see `Patience`.
         """
         now_s = time.monotonic()
-        deadline_s = now_s + timeout_wall_s
+        patience = Patience(self._clock, timeout_wall_s)
+        look_s = now_s + timeout_wall_s
         ask_s = now_s + _ASK_PERIOD_S
         present_s = now_s + _PRESENT_PERIOD_S if kind is Classification else math.inf
         while True:
@@ -125,11 +126,12 @@ class SmartBin:
                 return said
             self._clock.wait_for(
                 lambda: self.said_after(kind, after_s) is not None,
-                wall_s=min(deadline_s, ask_s, present_s) - now_s,
+                wall_s=min(look_s, ask_s, present_s) - now_s,
                 check=self._interrupts.check,
             )
             now_s = time.monotonic()
-            if now_s >= deadline_s:
+            look_s = look_s if now_s < look_s else math.inf
+            if patience.is_over:
                 if not self._listener.answered:
                     raise NoAnswer(
                         "the bridge did not answer which devices are registered, so the robot cannot check "

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +16,7 @@ from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.bus import Bus
-from rodeo.clock import Clock
+from rodeo.clock import Clock, Patience
 from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, EvidenceError, Recorder
 from rodeo.evidence.errors import BadStatement, ContainerError
@@ -43,8 +42,9 @@ from rodeo.witness import Claimant, Classification, Drop, Motion, Scope, Stateme
 log = logging.getLogger(__name__)
 
 _SILENT_WALL_S = 10.0
-_WITNESS_WALL_S = 20.0
-"""Motion capture lists heads every two seconds and shows a resting item every ten, however slow the clock."""
+_WITNESS_S = 20.0
+"""Motion capture lists heads every two seconds and shows a resting item every ten, however slow the clock
+(`Patience`)."""
 _MOST_EARLY = 1000
 """Statements of a downtime that the recording which goes on takes up."""
 _LOOK_S = 0.5
@@ -245,16 +245,16 @@ class Recording:
             attempt=self._binding.attempt,
         )
 
-    def _await(self, done: Callable[[], bool], wall_s: float) -> bool:
-        """Let site time pass until `done()`, which is looked at now and then; False after `wall_s`."""
-        deadline_s = time.monotonic() + wall_s
+    def _await(self, done: Callable[[], bool], limit_s: float) -> bool:
+        """Let site time pass until `done()`, which is looked at now and then; False after `limit_s`."""
+        patience = Patience(self._clock, limit_s)
         while True:
             # What has arrived by now is looked at first, or on a busy machine the next look would find it.
             self._listener.settle()
             with self._lock:
                 if done():
                     return True
-            if time.monotonic() >= deadline_s:
+            if patience.is_over:
                 return False
             self._clock.wait_until(self._clock.now_s() + _LOOK_S)
 
@@ -364,7 +364,7 @@ class Recording:
         """Wait until motion capture listed this recording and showed where `item` lies and the robot stands:
         what is moved before proves nothing. A robot that begins beside the item may grasp it without a drive.
         Raises NoAnswer; returns at once on a site without motion capture."""
-        deadline_s = time.monotonic() + _WITNESS_WALL_S
+        patience = Patience(self._clock, _WITNESS_S)
         while self._watches:
             with self._lock:
                 listed, shown = self._listed, {item, self._robot} <= self._shown
@@ -374,14 +374,14 @@ class Recording:
             self._interrupts.check()
             if not self._listener.answered:
                 # Motion capture may vouch for it all the time: nobody can be asked whether it is the one.
-                deadline_s = time.monotonic() + _WITNESS_WALL_S
-            if time.monotonic() >= deadline_s:
+                patience.renew()
+            if patience.is_over:
                 raise NoAnswer(
                     "motion capture does not list this recording",
                     listed=listed,
                     shown=shown,
                     item=item,
-                    timeout_s=_WITNESS_WALL_S,
+                    timeout_s=_WITNESS_S,
                 )
 
     def catch_up(self) -> None:

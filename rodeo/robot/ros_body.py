@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rodeo import topics
-from rodeo.clock import Clock
+from rodeo.clock import Clock, Patience
 from rodeo.config import Site
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2, RobotConfig
@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 
 _SLICE_S = 0.1
 _SILENT_AFTER_S = 10.0
-"""Wall time without a message until the body counts as silent."""
+"""Without a message until the body counts as silent, see `Patience`."""
 _FRESH_S = 0.1
 """Site time for which a message tells how things are now, unless a motion ended since it came."""
 _CLOCK_BEHIND_S = 1.0
@@ -100,9 +100,11 @@ class Latest:
         self._newest = _Arrival(info.cdr, self._newest.number + 1, time.monotonic(), self._clock.now_s())
 
     def recent(self) -> Any:
-        """The newest message without waiting, None when it is older than `_SILENT_AFTER_S`."""
+        """The newest message without waiting, None when it is older than `_SILENT_AFTER_S`. While the site's
+        clock stands nobody says more, and it gets no older."""
         newest = self._newest
-        return self._decoded(newest.cdr) if time.monotonic() - newest.wall_s < _SILENT_AFTER_S else None
+        age_s = min(time.monotonic() - newest.wall_s, self._clock.now_s() - newest.site_s)
+        return self._decoded(newest.cdr) if age_s < _SILENT_AFTER_S else None
 
     def since(self, moved_s: float) -> Any:
         """The newest message if it is fresh and came after `moved_s`, else the next. Raises BodySilent.
@@ -128,9 +130,9 @@ class Latest:
 
     def next(self) -> Any:
         """The first message that arrives from now on. Raises BodySilent."""
-        deadline_s = time.monotonic() + _SILENT_AFTER_S
+        patience = Patience(self._clock, _SILENT_AFTER_S)
         seen = self._newest
-        while time.monotonic() < deadline_s:
+        while not patience.is_over:
             # A body tells its state each period; a simulated one has told it when that has passed.
             self._clock.wait_until(self._clock.now_s() + CONTROL_PERIOD_S)
             before, seen = seen, self._newest

@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 import math
 import queue
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from rodeo import topics
-from rodeo.clock import Clock
+from rodeo.clock import Clock, Patience
 from rodeo.lab.config import RobotConfig
 from rodeo.robot.arm import Arm
 from rodeo.robot.errors import NoAnswer
@@ -26,7 +25,10 @@ log = logging.getLogger(__name__)
 
 _FRAMES = 2
 """Pictures per view: their noise differs."""
-_PICTURE_WALL_S = 10.0
+_PICTURE_S = 10.0
+"""Without a picture until the camera counts as silent, see `Patience`."""
+_SLICE_S = 0.5
+"""Wall time between two looks whether that is so."""
 _DEPTH_ENCODING = "32FC1"
 _MOST_PIXELS = 1_000_000
 
@@ -73,15 +75,15 @@ class WristCamera:
         node.raw_subscription(topic.name(**self._names), topic.type, take, inline=True)
 
     def _next(self, topic: Topic, messages: queue.SimpleQueue[bytes]) -> Any:
-        deadline_s, check = time.monotonic() + _PICTURE_WALL_S, self._body.interrupts.check
-        while (left_s := deadline_s - time.monotonic()) > 0:
-            if self._clock.wait_for(lambda: not messages.empty(), wall_s=left_s, check=check):
+        patience, check = Patience(self._clock, _PICTURE_S), self._body.interrupts.check
+        while not patience.is_over:
+            if self._clock.wait_for(lambda: not messages.empty(), wall_s=_SLICE_S, check=check):
                 try:
                     return types.deserialize(messages.get(), topic.type)
                 except MalformedMessage as error:
                     log.warning("ignored a message on %s: %s", topic.name(**self._names), error)
                     check()
-        raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_WALL_S)
+        raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_S)
 
     def _pose(self) -> tuple[Array, Array]:
         """Of the optical frame in the map."""

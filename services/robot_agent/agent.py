@@ -14,7 +14,7 @@ from typing import Any
 from eth_account.signers.local import LocalAccount
 from pydantic import ValidationError
 
-from rodeo import topics
+from rodeo import queries, topics
 from rodeo.bus import DaoEvents
 from rodeo.chance import generator
 from rodeo.errors import BusError, DiskFull, RemoteError, wrong_fields
@@ -24,6 +24,7 @@ from rodeo.evidence.errors import RecordingSealed
 from rodeo.files import is_full
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.lab.config import Pose2, RobotConfig
+from rodeo.lab.world import CONTROL_PERIOD_S
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.process import Process
@@ -88,6 +89,9 @@ away, and simulated time, where news end it."""
 _NEWS_AFTER_S = 1.0
 """Simulated time that passes after a refusal even with news: a mind that repeats itself must not stop the
 clock."""
+_IN_ORDER_S = 600.0
+"""Site time for which a robot lets those before it offer their work first, on a site with a seed."""
+_PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 _LAST_LOOK_S = 1.0
 """Site time for which the recording of a failed attempt goes on, so that it shows why."""
 _EVENTS_KEPT = 500
@@ -201,6 +205,8 @@ class Agent:
         self._schedule = robot.schedule
         self._payout = robot.payout
         """Who is to be paid, by the site file; None once the chain was asked."""
+        self._has_begun_in_order = False
+        """Whether it has let those robots begin that are before it in the site file."""
         self._astray = 0
         """Tries in a row to get home that failed."""
         self._off_since: Situation | None = None
@@ -311,6 +317,7 @@ class Agent:
                 if self._stop.is_set():  # asked after clearing: `_wake_to_stop` comes once
                     return
                 try:
+                    self._take_slot()
                     self._step()
                 except Stopped:
                     return
@@ -367,7 +374,10 @@ class Agent:
         if intent is not Intent.WORK:
             # A task to be done comes first: its motion must not wait for the chain.
             self._name_payout()
-            self._open_services(situation.able if takes_work(situation) else ())
+            wanted = situation.able if takes_work(situation) else ()
+            if wanted:
+                self._let_others_begin()
+            self._open_services(wanted)
         self._process.ready()
         act: dict[Intent, Callable[[Situation], None]] = {
             Intent.WORK: self._work,
@@ -379,6 +389,48 @@ class Agent:
             Intent.OFF: self._be_off,
         }
         act[intent](situation)
+
+    # -- several minds, and one seed -------------------------------------------------------------------
+
+    @property
+    def _is_one_of_several(self) -> bool:
+        """Whether there are other robots, and a run of the site is to be repeatable."""
+        clock = self._site.clock
+        return len(self._site.robots) > 1 and clock.seed is not None and not clock.keeps_wall_time
+
+    def _take_slot(self) -> None:
+        """Begin a step in one of this robot's own control periods, none of which is another's. What two do at
+        the same site time reaches the chain in an order that the machine chooses."""
+        if not self._is_one_of_several:
+            return
+        robots = self._site.robots
+        tick = self._clock.now_ns() // _PERIOD_NS + 1
+        tick += (robots.index(self._robot) - tick) % len(robots)
+        # Half a period early: a float of its end may lie behind it.
+        until_s = (tick - 0.5) * CONTROL_PERIOD_S
+        self._clock.wait_for(lambda: False, self._stop, until_s=until_s, resting=True)
+
+    def _let_others_begin(self) -> None:
+        """Before the first offer: robots begin in the order of the site file, because how long each takes to
+        start is the machine's choice, and who has offered first is matched first."""
+        if not self._is_one_of_several or self._has_begun_in_order:
+            return
+        robots, end_s = self._site.robots, self._clock.now_s() + _IN_ORDER_S
+        before = robots[: robots.index(self._robot)]
+        while (now_s := self._clock.now_s()) < end_s:
+            self._wake.clear()
+            late = next((one for one in before if self._has_yet_to_offer(one, now_s)), None)
+            if late is None:
+                break
+            self._report(f"waiting for {late.name} to offer its work first")
+            self._clock.wait_for(self._wake.is_set, self._stop, until_s=end_s)
+            self._check_orders()
+        self._has_begun_in_order = True
+        self._wake.set()  # what happened meanwhile is still to be looked at
+
+    def _has_yet_to_offer(self, robot: RobotConfig, now_s: float) -> bool:
+        on_duty = robot.schedule.is_open(now_s)
+        return on_duty and not self._dao.ask(queries.SERVICES, provider=robot.name).services
 
     def _keep(self, now: Situation, intent: Intent, reason: str) -> None:
         """For whoever asks why."""
@@ -476,7 +528,7 @@ class Agent:
         while self._orders.standing.stopped and not self._stop.is_set():
             self._body.emergency_stop(True)
             self._report("stopped by an operator")
-            self._wait_for_news()
+            self._wait_for_news(looks=True)
             self._wake.clear()
         if not self._stop.is_set():
             self._body.emergency_stop(False)
@@ -529,7 +581,9 @@ class Agent:
 
         A pause does not put off what the robot has been given already, so that is done first.
         """
-        for name in wanted:
+        # In the order of the site file: a set of names has another in each process, and who offers first is
+        # matched first.
+        for name in [name for name in self._behaviours if name in wanted]:
             kind = self._kinds[name]
             try:
                 self._dao.offer_service(name, self._prices.asked(kind), f"{kind.title} by {self._robot.name}")
@@ -538,7 +592,7 @@ class Agent:
                     raise
                 log.info("cannot offer %s yet: %s", name, error)
         if len(wanted) < len(self._behaviours) and self._dao.next_assignment(self._behaviours) is None:
-            self._close_services(self._behaviours.keys() - set(wanted))
+            self._close_services([name for name in self._behaviours if name not in wanted])
 
     def _close_services(self, kinds: Collection[str]) -> None:
         """Pause the offers, also while the robot is at work: no further task comes after that."""
@@ -562,7 +616,7 @@ class Agent:
             self._go_home()
             self._fold()
             self._report("idle")
-        self._wait_for_news()
+        self._wait_for_news(looks=bool(self._process.disk_problem))
 
     def _be_off(self, situation: Situation) -> None:
         """Go where the robot rests, switch the motors off, and wait for the hours to begin, or for news."""
@@ -621,8 +675,9 @@ class Agent:
         home, here = self._robot.pose, self._body.base_pose()
         return math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M
 
-    def _wait_for_news(self) -> None:
-        """Until something happens on chain, or it is time to look at the battery or to explore again."""
+    def _wait_for_news(self, looks: bool = False) -> None:
+        """Until something happens on chain, or it is time to look at the battery or to explore again. It
+        `looks` also at what no site time changes."""
         now_s = self._clock.now_s()
         until_s = now_s + (_ASTRAY_S if 0 < self._astray < _ASTRAY_TRIES else _IDLE_S)
         if self._site.agent.explore_when_idle and self._exploring.is_used_up(now_s):
@@ -631,9 +686,16 @@ class Agent:
             self._wake.is_set,
             self._stop,
             until_s=until_s,
-            wall_s=_IDLE_WALL_S,
+            wall_s=None if self._leaves_the_wall and not looks else _IDLE_WALL_S,
             resting=True,
         )
+
+    @property
+    def _leaves_the_wall(self) -> bool:
+        """Whether site time goes as fast as can be, and nothing that the robot does may depend on the wall's:
+        how long a clock stands for others is the machine's choice."""
+        clock = self._site.clock
+        return not clock.keeps_wall_time and clock.speed == clock.idle_speed == 0
 
     def _explore(self, situation: Situation) -> None:
         self._upkeep.ask_for_care()

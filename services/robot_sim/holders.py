@@ -320,7 +320,9 @@ class Holders:
     @property
     def _next_ns(self) -> int:
         times = (one.hold.until_ns for one in self._seen.values())
-        return min((time_ns for time_ns in times if time_ns is not None), default=NEVER_NS)
+        return min(
+            (time_ns for time_ns in times if time_ns is not None and time_ns < NEVER_NS), default=NEVER_NS
+        )
 
     @property
     def resting(self) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import queue
 import threading
 import time
@@ -279,7 +278,8 @@ class Loop:
             # No more than a period's wall time at once: a person's last minutes must not pass in one jump.
             most_ns = min(most_ns, max(1, int(speed)) * PERIOD_NS)
         left_ns = self._next_ns - self.simulation.time_ns
-        return min(most_ns, max(1, math.ceil(left_ns / PERIOD_NS)) * PERIOD_NS)
+        # In whole numbers: what somebody on the bus says may be no float any more.
+        return min(most_ns, max(1, -(-left_ns // PERIOD_NS)) * PERIOD_NS)
 
     @property
     def _next_ns(self) -> int:

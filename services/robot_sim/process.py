@@ -22,7 +22,7 @@ from services.robot_sim.periods import Periods
 from services.robot_sim.plane import Column, LabPlane, RobotPlane
 from services.robot_sim.sessions import BodySessions
 from services.robot_sim.simulation import PERIOD_NS, PROCESS, Simulation
-from services.robot_sim.state import StateFile, saved_time_ns
+from services.robot_sim.state import StateFile, note_time, saved_time_ns
 
 log = logging.getLogger(__name__)
 
@@ -125,7 +125,10 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
         process.serve_alone(served_by(site, "robot_sim"))
         path = process.data_dir / "world.state"
         # Site time starts at wall time and never goes back, not even for a new world.
-        start_ns = saved_time_ns(path) or site.clock.begin_s() * 1_000_000_000
+        local_chain = site.chain.backend != "external"  # another one keeps the wall's time
+        start_ns = saved_time_ns(path, noted_too=local_chain) or site.clock.begin_s() * 1_000_000_000
+        # Before the saved world is looked at: who is told that it is another lab's moves it away.
+        note_time(path, start_ns)
         if fresh:
             path.unlink(missing_ok=True)
         simulation = Simulation(site, start_ns)
@@ -173,3 +176,4 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                 commander.close()
             sessions.close()
             mocap.close()
+            note_time(path, simulation.time_ns)

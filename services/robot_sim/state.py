@@ -5,6 +5,7 @@ kernel keeps the pages of a killed process; what a power cut tears, the checksum
 """
 
 import hashlib
+import logging
 import mmap
 import os
 import struct
@@ -15,8 +16,10 @@ from typing import Self
 
 import numpy as np
 
-from rodeo.errors import RodeoError
-from rodeo.files import writing
+from rodeo.errors import DiskFull, RodeoError
+from rodeo.files import replace_file, writing
+
+log = logging.getLogger(__name__)
 
 _HEADER = struct.Struct("<8s32sQqI")
 """Magic, fingerprint of the world, sequence, site time in ns, CRC-32."""
@@ -138,16 +141,31 @@ def _checksum(sequence: int, time_ns: int, numbers: bytes) -> int:
     return zlib.crc32(numbers, zlib.crc32(struct.pack("<Qq", sequence, time_ns)))
 
 
-def saved_time_ns(path: Path) -> int | None:
-    """Site time at which any world was last saved there: a new world starts no earlier."""
-    try:
-        stored = path.read_bytes()
-    except FileNotFoundError:
-        return None
+def saved_time_ns(path: Path, *, noted_too: bool = True) -> int | None:
+    """Site time at which any world was last saved there, or that was noted: a new world starts no earlier."""
     times = []
+    noted = _noted(path)
+    if noted_too and noted.exists() and (text := noted.read_text().strip()).isdecimal():
+        times.append(int(text))
+    stored = path.read_bytes() if path.exists() else b""
     for offset in (0, len(stored) // 2):
         if len(stored) >= offset + _HEADER.size:
             magic, _, _, time_ns, _ = _HEADER.unpack_from(stored, offset)
             if magic == _MAGIC:
                 times.append(time_ns)
     return max(times, default=None)
+
+
+def note_time(path: Path, time_ns: int) -> None:
+    """Keep the site time beside the world saved at `path`, for when that is moved away: a local chain stays
+    where it is, and work that began before its task was assigned is not paid. A full disk gets no note.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        replace_file(_noted(path), f"{time_ns}\n")
+    except DiskFull as error:
+        log.warning("the site's time is not noted: %s", error)
+
+
+def _noted(path: Path) -> Path:
+    return path.with_suffix(".time")

@@ -127,7 +127,9 @@ def remote(lab: RunningSite) -> Iterator[Remote]:
     remote.clock.close()
 
 
-def test_the_robot_docks_and_is_charged(remote: Remote) -> None:
+def test_the_robot_docks_and_is_charged_and_a_new_world_begins_no_earlier(
+    lab: RunningSite, remote: Remote
+) -> None:
     remote.watch("dock1/output", "sensor_msgs/msg/BatteryState")
     remote.watch("panther1/battery_state", "sensor_msgs/msg/BatteryState")
     assert remote.drive(dock_parking(remote.site.docks[0])).result(WALL_LIMIT_S).error_code == 0
@@ -139,9 +141,23 @@ def test_the_robot_docks_and_is_charged(remote: Remote) -> None:
     assert remote.call("dock1/enable", "std_srvs/srv/SetBool", data=True).success
     remote.until("dock1/output", lambda output: output.current == pytest.approx(10.5))
     remote.until("panther1/battery_state", lambda battery: battery.current > 0)
+    # By more than a start takes.
+    ahead_s = time.time() + WALL_LIMIT_S
+    remote.until("panther1/battery_state", lambda battery: seconds(battery.header.stamp) > ahead_s)
     assert remote.call("dock1/enable", "std_srvs/srv/SetBool", data=False).success
     remote.until("dock1/output", lambda output: output.current == 0)
     remote.until("panther1/battery_state", lambda battery: battery.current < 0)
+
+    ended_s = remote.clock.now_s()
+    body = lab.children.pop("robot_sim")
+    body.send_signal(signal.SIGTERM)
+    assert body.wait(WALL_LIMIT_S) == 0
+    world = lab.site.data_dir / "robot_sim" / "world.state"
+    world.rename(world.with_suffix(".old"))
+    lab.start("robot_sim")
+    follower = SimClock(lab.bus.session, lab.site.bus.domain_id)
+    assert follower.wait_ready(threading.Event(), WALL_LIMIT_S) and follower.now_s() >= ended_s
+    follower.close()
 
 
 def test_arm_and_gripper_do_as_told_and_refuse_nonsense(remote: Remote) -> None:

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.long
 
 ROBOTS = ("panther1", "panther2")
 SITE = """clock.speed = 20
+clock.seed = 7
 agent.explore_when_idle = false
 
 [[robots]]
@@ -32,7 +33,13 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
     running.start("router", "chain")
     running.deploy_contracts()
     agents = [f"robot_agent.{name}" for name in ROBOTS]
-    running.start("bridge", "oracle", "itrash", "robot_sim", *agents)
+    running.start("bridge", "oracle", "itrash", "robot_sim")
+    # The last one first: it waits for the others, however long they take.
+    running.start(agents[1], ready=False)
+    first = f"waiting for {ROBOTS[0]} to offer its work first"
+    running.wait_for_status(agents[1], lambda status: status.activity == first)
+    running.start(agents[0])
+    running.wait_ready(agents[1])
     organization = Organization(running, wait_s=350.0)
     yield organization
     organization.close()
@@ -42,6 +49,9 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
 @pytest.mark.timeout(720)
 def test_two_tasks_are_done_by_two_robots_which_are_both_paid(organization: Organization) -> None:
     running = organization.running
+    offers = running.bus.query(f"rodeo/{running.site.org}/state/services")["services"]
+    offers = [one for one in offers if one["kind"] == "waste_disposal"]
+    assert [one["provider_name"] for one in sorted(offers, key=lambda one: one["id"])] == list(ROBOTS)
     tasks = []
     for task_id in [organization.post(item) for item in ("item1", "item2")]:
         organization.wait_for_event("TaskSettled", task_id)

@@ -214,6 +214,26 @@ def test_a_simulated_site_begins_when_its_file_says(tmp_path: Path) -> None:
         Site.load(path)
 
 
+@pytest.mark.parametrize(
+    "start", ["1969-12-31T23:59:59Z", "2038-01-19T03:14:08Z", "2040-05-04T08:00:00+02:00"]
+)
+def test_a_site_does_not_begin_when_ros_has_no_time(tmp_path: Path, start: str) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\nclock.start = {start}\n')
+    with pytest.raises(ConfigError, match="between 1970 and 2038-01-19"):
+        Site.load(path)
+
+
+def test_a_site_that_is_swapped_to_the_wall_by_one_line_has_no_speeds_left(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\nclock.source = "wall"\n')
+    assert Site.load(LAB).clock.idle_speed > 1
+    clock = Site.load(path).clock
+    assert (clock.speed, clock.idle_speed) == (1, 1)
+    path.write_text(path.read_text() + 'chain.backend = "external"\n')
+    assert Site.load(path).chain.backend == "external"
+
+
 def three(tables: str) -> str:
     return tables + "".join(f'[[oracles]]\nname = "{name}"\n' for name in ("anna", "bert", "carl"))
 

@@ -243,6 +243,12 @@ DOUBTFUL = [
         5,
         "robots.0.battery.standby_power_w: panther1 draws more power switched off (50 W) than idle (45 W)",
     ),
+    (
+        'clock.idle_speed = 0\n[[participants]]\nname = "alice"\n',
+        3,
+        "clock.idle_speed: the clock may jump over a person's whole window before the simulator hears of the "
+        'task: list "bridge" in clock.holders, too',
+    ),
     (item(x_m=6.98), 7, "items.0.pose: item1 reaches into a wall"),
     (item() + item("item2", x_m=4.63), 12, "items.1.pose: item2 overlaps item1"),
     (
@@ -264,6 +270,19 @@ def test_what_is_doubtful_is_a_warning_and_no_reason_to_refuse(
 ) -> None:
     assert f"my.toml:{line}: warning: {sentence}" in said(text)
     Site.load(tmp_path / "my.toml")
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        'clock.holders = ["robot_agent", "itrash", "charger", "bridge"]',
+        "people.min_window_s = 0",
+        "clock.idle_speed = 1\nclock.speed = 1",
+    ],
+)
+def test_people_whose_time_the_clock_knows_are_no_doubt(said: Said, clock: str) -> None:
+    jumps = "" if "idle_speed" in clock else "clock.idle_speed = 0\n"
+    assert said(f'{jumps}{clock}\n[[participants]]\nname = "alice"\n') == []
 
 
 def test_what_stands_in_the_file_that_is_extended_is_found_there(said: Said) -> None:

@@ -23,6 +23,7 @@ from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose, shape_of
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import (
+    CONTROL_PERIOD_S,
     GRIPPER_CLOSED_M,
     GRIPPER_OPEN_M,
     PAD_THICKNESS_M,
@@ -77,6 +78,19 @@ class ManualClock(WallClock):
     def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
         self.time_s = max(self.time_s, time_s)
         return stop is None or not stop.is_set()
+
+    def wait_for(
+        self,
+        done: Callable[[], bool],
+        stop: threading.Event | None = None,
+        *,
+        wall_s: float | None = None,
+        **limits: Any,
+    ) -> bool:
+        happened = super().wait_for(done, stop, wall_s=wall_s, **limits)
+        if not happened and wall_s is not None:
+            self.time_s += max(wall_s, CONTROL_PERIOD_S)
+        return happened
 
 
 class KinematicBody:

@@ -293,7 +293,7 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
 ) -> None:
     lab.lists_heads = False
     session.begin()
-    monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", 0.3)
+    monkeypatch.setattr(recording_module, "_WITNESS_S", 0.3)
     assert until(lambda: bool(lab.heads), lab.move)
     lab.watch("item1")
     with pytest.raises(NoAnswer) as caught:
@@ -306,9 +306,9 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
         session.recording.await_witness("item1")
     assert not caught.value.details["shown"]
     lab.watch("panther1")
-    monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", WAIT_S)
+    monkeypatch.setattr(recording_module, "_WITNESS_S", WAIT_S)
     session.recording.await_witness("item1")
-    monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", 0.3)
+    monkeypatch.setattr(recording_module, "_WITNESS_S", 0.3)
     with pytest.raises(NoAnswer):
         session.recording.await_witness("item2")
     session.end()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.robot.arm import Trajectory
-from rodeo.robot.errors import MotionFailed, Stopped
+from rodeo.robot.errors import BodySilent, MotionFailed, NoAnswer, Stopped
 from rodeo.robot.interrupts import Interrupts
-from rodeo.robot.ros_body import RosBody
+from rodeo.robot.recording import Recording
+from rodeo.robot.ros_body import Latest, RosBody
 from rodeo.ros2 import ActionServer, Node, ServerGoal, types
 from tests.support.site import LAB, WAIT_S, free_port
 
@@ -292,3 +294,71 @@ def test_a_body_that_cannot_switch_is_asked_again_and_works_on(
     body.navigate(GOAL)
     assert len(asked) >= 2 and all(asked)
     assert "no relay" in caplog.text
+
+
+# -- while the clock stands ----------------------------------------------------------------------------------
+
+
+class Held(WallClock):
+    """A site's clock that stands for half a minute of the wall's time in the first wait, because another
+    process holds it. Afterwards a period of it takes a millisecond."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        super().__init__()
+        self.site_ns, self.wall_s, self.step_s = 10**18, 1000.0, 30.0
+        self.after: list[Callable[[], None]] = []
+        """What happens after so many waits."""
+        monkeypatch.setattr(time, "monotonic", lambda: self.wall_s)
+
+    def now_ns(self) -> int:
+        return self.site_ns
+
+    def now_s(self) -> float:
+        return self.site_ns * 1e-9
+
+    def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
+        self.wall_s, self.step_s = self.wall_s + self.step_s, 1e-3
+        self.site_ns = max(self.site_ns + 1, round(time_s * 1e9))
+        if self.after:
+            self.after.pop(0)()
+        return True
+
+
+class OneTopic(SimpleNamespace):
+    """A node on which nothing else is heard."""
+
+    def raw_subscription(
+        self, _topic: str, _type: str, heard: Callable[[Any], None], *, inline: bool
+    ) -> None:
+        self.heard = heard
+
+
+def test_a_body_is_not_silent_while_another_process_holds_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    node, clock = OneTopic(), Held(monkeypatch)
+    typename = "sensor_msgs/msg/BatteryState"
+    battery = Latest(node, "battery_state", typename, clock, Interrupts(), simulated=True)  # type: ignore[arg-type]
+    cdr = types.serialize(types.new(typename, percentage=0.5))
+    # It tells its state once a second.
+    clock.after = [lambda: None] * 40 + [lambda: node.heard(SimpleNamespace(cdr=cdr))]
+    assert battery.next().percentage == pytest.approx(0.5)
+    clock.wall_s += 30.0
+    assert battery.recent() is not None, "the site's clock stood"
+    clock.site_ns += 30 * 10**9
+    assert battery.recent() is None
+    with pytest.raises(BodySilent):
+        battery.next()
+
+
+def test_motion_capture_has_its_time_while_another_process_holds_the_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recording: Any = Recording.__new__(Recording)
+    recording._watches, recording._lock, recording._robot = True, threading.Lock(), "panther1"
+    recording._interrupts, recording._listener = Interrupts(), SimpleNamespace(answered=True)
+    recording._listed, recording._shown = False, {"item1", "panther1"}
+    clock = recording._clock = Held(monkeypatch)
+    clock.after = [lambda: None] * 8 + [lambda: setattr(recording, "_listed", True)]
+    recording.await_witness("item1")
+    recording._listed, clock.step_s = False, 1.0
+    with pytest.raises(NoAnswer):
+        recording.await_witness("item1")

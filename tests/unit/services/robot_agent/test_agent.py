@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import pytest
 from rodeo.clock import WallClock
 from rodeo.config import AgentConfig, ClockConfig
 from rodeo.errors import NoResponder, RemoteError, RodeoError
-from rodeo.lab.config import Pose2
+from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.messages import DaoEvent, Task
 from rodeo.robot.behaviour import Estimate
 from rodeo.robot.errors import BodySilent, CapReached, MotionFailed, Revoked
@@ -81,7 +82,9 @@ class Night:
         agent._schedule, agent._off_since, agent._astray = Schedule(["08:00-18:00"]), None, 0
         agent._orders = SimpleNamespace(standing=self.standing)
         agent._exploring, agent._keep = HourlyBudget(3600.0), lambda *_: None
-        agent._site = SimpleNamespace(agent=AgentConfig(explore_when_idle=False), robots=[None] * self.robots)
+        agent._site = SimpleNamespace(
+            agent=AgentConfig(explore_when_idle=False), robots=[None] * self.robots, clock=ClockConfig()
+        )
         agent._energy = SimpleNamespace(name="energy")
         agent._robot = SimpleNamespace(name="panther1", pose=HOME)
         agent._process = SimpleNamespace(disk_problem="", ready=lambda: None)
@@ -375,6 +378,119 @@ def test_on_wall_time_a_refused_robot_tries_again_after_seconds(
 def test_time_does_not_jump_while_the_chain_is_away() -> None:
     pauses = refused(AWAY, ClockConfig(speed=0, idle_speed=0))
     assert (pauses.resting, pauses.wall_s) == ([False] * 2, [10.0] * 2)
+
+
+@pytest.mark.parametrize(
+    ("clock", "looks", "wall_s"),
+    [
+        (ClockConfig(speed=0, idle_speed=0), False, None),
+        (ClockConfig(speed=0, idle_speed=0), True, 2.0),
+        (ClockConfig(speed=10, idle_speed=0), False, 2.0),
+        (ClockConfig(), False, 2.0),
+    ],
+    ids=["as fast as can be", "with something to look at", "ten times real time", "real time"],
+)
+def test_where_time_is_as_fast_as_can_be_how_long_others_hold_it_wakes_no_robot_that_rests(
+    clock: ClockConfig, looks: bool, wall_s: float | None
+) -> None:
+    agent = Night(at(10)).mind()
+    agent._site.clock = clock
+    pauses = agent._clock = Pauses(1)
+    agent._wait_for_news(looks)
+    assert (pauses.site_s, pauses.wall_s, pauses.resting) == ([600.0], [wall_s], [True])
+
+
+# -- several minds, and one seed ---------------------------------------------------------------------------
+
+SEEDED = ClockConfig(speed=0, idle_speed=0, seed=7)
+
+
+class Jumping(WallClock):
+    """A clock that goes by whole control periods, to the end of each wait; `meanwhile` happens in it."""
+
+    def __init__(self, period: int, meanwhile: Callable[[], object] = lambda: None) -> None:
+        super().__init__()
+        self.period, self.meanwhile = period, meanwhile
+
+    def now_ns(self) -> int:
+        return self.period * 20_000_000
+
+    def now_s(self) -> float:
+        return self.now_ns() * 1e-9
+
+    def wait_for(
+        self, done: Callable[[], bool], *_stop: object, until_s: float | None = None, **_: object
+    ) -> bool:
+        self.meanwhile()
+        if not done():
+            assert until_s is not None
+            self.period = math.ceil(math.ceil(until_s * 1e9) / 20_000_000)
+        return done()
+
+
+def one_of_three(number: int, clock: ClockConfig = SEEDED) -> Any:
+    agent = Night(at(10), robots=3).mind()
+    hours = [("08:00-18:00",), ("20:00-22:00",), ("08:00-18:00",)]
+    agent._site.robots = [
+        RobotConfig(name=f"panther{k}", pose=HOME, working_hours=hours[k]) for k in range(3)
+    ]
+    agent._site.clock, agent._robot, agent._has_begun_in_order = clock, agent._site.robots[number], False
+    return agent
+
+
+def test_no_two_minds_begin_a_step_at_the_same_site_time() -> None:
+    begun: list[set[int]] = []
+    for number in range(3):
+        agent = one_of_three(number)
+        agent._clock = Jumping(round(at(10) * 50))
+        begun.append(set())
+        for _ in range(30):
+            before = agent._clock.period
+            agent._take_slot()
+            assert before < agent._clock.period <= before + 3
+            begun[-1].add(agent._clock.period)
+            agent._clock.period += number  # a step takes time, too
+    assert not (begun[0] & begun[1] or begun[0] & begun[2] or begun[1] & begun[2])
+
+
+def test_robots_that_are_on_duty_offer_first_in_the_order_of_the_site_file() -> None:
+    agent = one_of_three(2)
+    asked: list[str] = []
+    offers: list[object] = []
+
+    def ask(_query: object, provider: str) -> Any:
+        asked.append(provider)
+        return SimpleNamespace(services=offers)
+
+    agent._dao = SimpleNamespace(ask=ask)
+
+    def meanwhile() -> None:
+        offers.append("its service")
+        agent._wake.set()
+
+    agent._clock = Jumping(round(at(10) * 50), meanwhile)
+    agent._let_others_begin()
+    assert asked == ["panther0"] * 2, "panther1 is off until the evening"
+    assert agent._clock.now_s() == at(10) and agent._wake.is_set()
+    agent._let_others_begin()
+    assert len(asked) == 2, "only before its first offer"
+
+
+def test_who_never_offers_is_not_waited_for_long() -> None:
+    agent = one_of_three(2)
+    agent._dao = SimpleNamespace(ask=lambda _query, provider: SimpleNamespace(services=[]))
+    agent._clock = Jumping(round(at(10) * 50))
+    agent._let_others_begin()
+    assert agent._clock.now_s() == pytest.approx(at(10) + 600)
+
+
+@pytest.mark.parametrize("clock", [ClockConfig(speed=0, idle_speed=0), ClockConfig(seed=7)])
+def test_without_a_seed_or_a_clock_of_its_own_nobody_waits_for_another(clock: ClockConfig) -> None:
+    agent = one_of_three(2, clock)
+    agent._clock = Jumping(50)
+    agent._take_slot()
+    agent._let_others_begin()
+    assert agent._clock.period == 50
 
 
 # -- the assignment while a robot works --------------------------------------------------------------------

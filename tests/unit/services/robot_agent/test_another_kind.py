@@ -188,7 +188,7 @@ def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     agent._make_node = lambda _name: None
     agent._report = lambda *_: None
     agent._rest = agent._explore = lambda _situation: None
-    agent._wait_for_news = lambda: None
+    agent._wait_for_news = lambda **_: None
     agent._store = SimpleNamespace(put=lambda _path: "file:///proofs/0123.mcap")
     agent._process = SimpleNamespace(
         data_dir=tmp_path, disk_problem="", ready=lambda: None, look_at_disk=lambda: "", bus=None
@@ -225,9 +225,16 @@ def test_a_robot_that_drives_to_a_place_and_stays_has_done_its_task(mind: Any, t
     assert journal is not None and (journal.phase, journal.failure) == (Phase.SUBMITTED, None)
 
 
+def test_a_robot_offers_in_the_order_of_its_site_whatever_order_a_set_has(mind: Any) -> None:
+    for wanted in (["guarding", "watching"], ["watching", "guarding"]):
+        mind._dao.offers.clear()
+        mind._open_services(wanted)
+        assert list(mind._dao.offers) == ["guarding", "watching"]
+
+
 def test_what_it_can_tell_beforehand_it_cannot_do_it_abandons(mind: Any) -> None:
     mind._dao.assigned = [guarding(7, x_m="there")]
-    mind._wait_for_news = lambda: None
+    mind._wait_for_news = lambda **_: None
     mind._step()
     assert (mind._dao.abandoned, mind._dao.proofs, mind._body.drives) == ([7], [], [])
 
@@ -240,7 +247,7 @@ def test_a_task_whose_time_is_too_short_is_given_back_although_the_battery_would
     mind._behaviours["guarding"].weigh = lambda _task, here: Estimate(2000.0, 100.0, here)
     mind._upkeep.enough_m = 100.0
     mind._dao.assigned = [guarding(7).model_copy(update=short)]
-    mind._wait_for_news = lambda: None
+    mind._wait_for_news = lambda **_: None
     mind._step()
     assert (mind._dao.abandoned, mind._body.drives) == ([7], [])
 

@@ -18,7 +18,7 @@ from rodeo.ros2 import Node
 from rodeo.sim_clock import SimClock
 from services.robot_sim import holders as holders_module
 from services.robot_sim import messages
-from services.robot_sim.holders import Holders
+from services.robot_sim.holders import NEVER_NS, Holders, Session
 from tests.support.site import LAB, free_port
 
 SOON_S = 10.0
@@ -541,12 +541,33 @@ def test_a_last_word_that_is_lost_is_asked_for_again(
     assert simulator.may_pass()
 
 
-def test_a_mark_that_is_none_is_left_out(simulator: Simulator, mind: Mind, site: Site) -> None:
+def test_a_mark_that_is_none_is_left_out(
+    simulator: Simulator, mind: Mind, site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
-    for nonsense in (b"", b"[]", b'{"number": null}', b"\xff"):
-        simulator.session.put(topics.CLOCK_MARK.name(org=site.org, to=EVERYBODY), nonsense)
+    # The last one overflows the stack of who reads it with json.loads where py-evm has lifted the limit.
+    nonsense = (b"", b"[]", b'{"number": null}', b"\xff", b'{"number": 1e999}', b"[" * 100_000)
+    for text in nonsense:
+        simulator.session.put(topics.CLOCK_MARK.name(org=site.org, to=EVERYBODY), text)
     simulator.holders.sent()
     assert simulator.may_pass()
+    assert caplog.text.count("not a ClockMark") == len(nonsense)
+
+
+def test_what_somebody_says_of_a_time_far_off_is_heard(
+    simulator: Simulator, connect: Callable[[], zenoh.Session], site: Site
+) -> None:
+    """A time that is no float any more, as anybody on the bus may say."""
+    session = connect()
+    who = Session("robot_agent", str(session.info.zid()))
+    key = topics.CLOCK_HOLD.name(org=site.org, process=who.process, session=who.id)
+    token = session.liveliness().declare_token(key)
+    assert not stays(lambda: who not in simulator.holders._there)
+    said = '{"heard": 0, "busy": false, "until_ns": %s, "works": 0, "resting": true}'
+    session.put(key, said % ("9" * 400))
+    assert not stays(lambda: who not in simulator.holders._seen)
+    assert simulator.holders.next_ns == NEVER_NS
+    token.undeclare()
 
 
 def test_who_holds_it_for_long_is_named_until_it_goes_on(

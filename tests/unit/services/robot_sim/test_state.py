@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.robot_sim.state import AnotherWorld, StateFile, WorldLost, saved_time_ns
+from services.robot_sim.state import AnotherWorld, StateFile, WorldLost, note_time, saved_time_ns
 
 SIZE = 5
 
@@ -34,6 +34,22 @@ def test_the_last_save_is_what_is_loaded(path: Path) -> None:
     assert loaded[0] == 1006
     assert loaded[1].tolist() == [6.0] * SIZE
     assert saved_time_ns(path) == 1006
+
+
+def test_a_world_that_was_moved_away_leaves_its_time(path: Path) -> None:
+    with open_file(path) as state:
+        state.save(1000, np.zeros(SIZE))
+    note_time(path, 900)
+    assert saved_time_ns(path) == 1000
+    note_time(path, 1000)
+    path.rename(path.with_suffix(".old"))
+    assert saved_time_ns(path) == 1000
+    assert saved_time_ns(path, noted_too=False) is None
+
+
+def test_a_note_of_the_time_that_is_none_says_nothing(path: Path) -> None:
+    path.with_suffix(".time").write_text("")
+    assert saved_time_ns(path) is None
 
 
 def test_saving_goes_on_after_loading(path: Path) -> None:
