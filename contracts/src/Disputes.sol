@@ -495,10 +495,10 @@ contract Disputes is IDisputes {
         return ofCreator ? then < before : then > before;
     }
 
-    /// @dev To the executor, for comparing: what it is paid, and if that is the same, what it is known for.
+    /// @dev To the executor, for comparing: what it is paid, and in two bits what it is known for, if that is the same.
     function _worth(Task memory t, Verdict verdict, uint256 amount) private view returns (uint256) {
-        if (verdict == Verdict.Accepted) return 4 * amount + 2;
-        return verdict == Verdict.Impossible ? 4 * (t.price / tasks.IMPOSSIBLE_SHARE()) + 1 : 0;
+        if (verdict == Verdict.Accepted) return amount << 2 | 2;
+        return verdict == Verdict.Impossible ? t.price / tasks.IMPOSSIBLE_SHARE() << 2 | 1 : 0;
     }
 
     function _isJudge(bytes32 kind, Instance[] storage all, address account) private view returns (bool) {
