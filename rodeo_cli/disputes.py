@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -159,7 +160,8 @@ def _told(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
         ("reason", said.reason),
         ("proof", task.proof_uri or ""),
         ("report", dispute.report_uri),
-        ("replay", f"rodeo verify {(task.proof_uri or '').removeprefix('file://')}"),
+        # The executor wrote the location, and a judge may paste the line into a shell.
+        ("replay", f"rodeo verify {shlex.quote((task.proof_uri or '').removeprefix('file://'))}"),
     ]
     if dispute.challenger is None:
         return [*told, ("challenge", f"until {formatting.moment(dispute.until, site)}")]

@@ -10,6 +10,7 @@ import {IOracleCommittee, Quorum} from "./interfaces/IOracleCommittee.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, Task, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
+import {Payments} from "./libraries/Payments.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {TaskId} from "./types/TaskId.sol";
 
@@ -133,7 +134,7 @@ contract Disputes is IDisputes {
         (c.challenged, c.until, ruling.challenger) = (true, until.toUint40(), msg.sender);
         uint256 stake = all[number].stake;
         emit Challenged(taskId, number, msg.sender, stake, until, reason);
-        _token.safeTransferFrom(msg.sender, address(this), stake);
+        _take(stake);
     }
 
     /// @inheritdoc IDisputes
@@ -175,7 +176,7 @@ contract Disputes is IDisputes {
         // All that a seat has fits into one word, whatever part of it leaves.
         d.stake = (amount + d.stake + d.leaving).toUint96() - d.leaving;
         emit StakeDeposited(committee, seat, msg.sender, amount);
-        _token.safeTransferFrom(msg.sender, address(this), amount);
+        _take(amount);
     }
 
     /// @inheritdoc IDisputes
@@ -380,9 +381,17 @@ contract Disputes is IDisputes {
         _send(to, amount);
     }
 
-    /// @dev A token that refuses holds up no case.
+    /// @dev All of `amount` arrives from the caller, or nothing happened: else stakes of others would pay for it.
+    function _take(uint256 amount) private {
+        uint256 before = _token.balanceOf(address(this));
+        _token.safeTransferFrom(msg.sender, address(this), amount);
+        uint256 received = _token.balanceOf(address(this)) - before;
+        if (received != amount) revert ITaskManager.WrongAmountReceived(amount, received);
+    }
+
+    /// @dev A token that refuses holds up no case, and neither does a recipient that the token calls.
     function _send(address to, uint256 amount) private {
-        if (_token.trySafeTransfer(to, amount)) return;
+        if (Payments.pay(_token, to, amount)) return;
         pendingPayments[to] += amount;
         emit StakeDeferred(to, amount);
     }
@@ -484,14 +493,14 @@ contract Disputes is IDisputes {
         bool ofCreator = _speaksFor(challenger, t.creator);
         if (ofCreator == _speaksFor(challenger, _services.providerOf(t.serviceId))) return true;
         (uint256 before, uint256 then) =
-            (_worth(ruling.verdict, ruling.amount), _worth(vote.verdict, vote.amount));
+            (_worth(t, ruling.verdict, ruling.amount), _worth(t, vote.verdict, vote.amount));
         return ofCreator ? then < before : then > before;
     }
 
-    /// @dev To the executor, for comparing.
-    function _worth(Verdict verdict, uint256 amount) private pure returns (uint256) {
-        if (verdict == Verdict.Accepted) return 2 + amount;
-        return verdict == Verdict.Impossible ? 1 : 0;
+    /// @dev To the executor, for comparing: what it is paid, and in two bits what it is known for, if that is the same.
+    function _worth(Task memory t, Verdict verdict, uint256 amount) private view returns (uint256) {
+        if (verdict == Verdict.Accepted) return amount << 2 | 2;
+        return verdict == Verdict.Impossible ? t.price / tasks.IMPOSSIBLE_SHARE() << 2 | 1 : 0;
     }
 
     function _isJudge(bytes32 kind, Instance[] storage all, address account) private view returns (bool) {

@@ -168,8 +168,12 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint256 amount = tasks.rescue(token_, to);
         if (token_ != token) {
             uint256 own = token_.balanceOf(address(this));
+            uint256 treasury = token.balanceOf(address(this));
             amount += own;
             if (own != 0) token_.safeTransfer(to, own);
+            // The payment token may have a second address.
+            bool missing = token.balanceOf(address(tasks)) < tasks.held();
+            if (missing || token.balanceOf(address(this)) < treasury) revert NotByMistake(token_);
         }
         emit TokensRescued(token_, to, amount);
     }

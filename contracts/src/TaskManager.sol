@@ -24,6 +24,7 @@ import {
     Vote
 } from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
+import {Payments} from "./libraries/Payments.sol";
 import {SignedVerdicts} from "./libraries/SignedVerdicts.sol";
 import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
@@ -73,11 +74,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @notice The part of the execution window in which an executor accepts or abandons: one in four.
     uint256 public constant GRACE_SHARE = 4;
-    /// @notice The part of the price that an executor is paid for a task that is impossible: one in ten.
+    /// @inheritdoc ITaskManager
     uint256 public constant IMPOSSIBLE_SHARE = 10;
 
-    /// @notice What a payment may spend: whoever is called back by a token with hooks holds up neither party.
-    uint256 public constant PAYMENT_GAS = 200_000;
+    /// @notice What a payment may spend.
+    uint256 public constant PAYMENT_GAS = Payments.GAS;
 
     /// @dev Whatever runs out of gas in callEach leaves a 64th of it in each of the contracts it was in: at most three.
     uint256 private constant GAS_SHARE = 16;
@@ -95,7 +96,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     Totals private _totals;
     TaskRecords.Store private _tasks;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
-    /// weight is its reward. Each kind has a queue, and each service and provider one of the tasks that name it (see _queue).
+    /// weight is its reward (see _weight). Each kind has a queue, and each service and provider one of the tasks that name it (see _queue).
     mapping(uint256 queue => WeightTree.Tree) private _open;
     mapping(ServiceId serviceId => Worker) private _workers;
     mapping(TaskId taskId => Dispute) private _disputes;
@@ -399,7 +400,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             if (asks) emit PolicyFailed(taskId);
         }
         _tasks.save(taskId, t, _unit);
-        _open[_queue(t)].put(taskId.pack(), _weight(t.reward));
+        _open[_queue(t)].put(taskId.pack(), _weight(t));
         ++_totals.waiting;
     }
 
@@ -424,17 +425,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (uint256 queue, TaskId taskId, uint256 wanted)
     {
         if (_totals.waiting == 0) return (0, NO_TASK, 0);
-        uint64 minimum = Units.levelFor(price, _unit);
         queue = _queueOf(kindId);
-        taskId = unpackTask(_open[queue].first(minimum));
+        taskId = unpackTask(_open[queue].first(Units.levelFor(price, _unit)));
         if (taskId != NO_TASK && _totals.asks) (taskId, wanted) = _choose(serviceId, queue, taskId);
         while (named != 0) {
             uint256 own = _queueOf(named, kindId);
-            // Who names whom it wants may pay its price exactly, which is between two levels: the oldest such task counts.
-            TaskId first = unpackTask(_open[own].first(Units.levelOf(price, _unit)));
-            if (first != NO_TASK && _tasks.load(first, _unit).reward < price) {
-                first = unpackTask(_open[own].first(minimum));
-            }
+            TaskId first = unpackTask(_open[own].first(uint64(price / _unit)));
             if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) {
                 (queue, taskId, wanted) = (own, first, 0);
             }
@@ -651,25 +647,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev A token that refuses `to` holds up neither the task nor the service: the amount waits for `withdrawPayments`.
     function _pay(address to, uint256 amount) private {
         if (amount == 0) return;
-        if (_transfer(to, amount)) {
+        if (Payments.pay(token, to, amount)) {
             _totals.held -= uint128(amount);
             return;
         }
         pendingPayments[to] += amount;
         emit PaymentDeferred(to, amount);
-    }
-
-    /// @dev SafeERC20.trySafeTransfer with bounded gas and answer.
-    function _transfer(address to, uint256 amount) private returns (bool success) {
-        IERC20 paid = token;
-        bytes memory request = abi.encodeCall(IERC20.transfer, (to, amount));
-        assembly ("memory-safe") {
-            success := call(PAYMENT_GAS, paid, 0, add(request, 32), mload(request), 0, 32)
-            // Nothing, or true.
-            if returndatasize() {
-                success := and(success, and(gt(returndatasize(), 31), eq(mload(0), 1)))
-            }
-        }
     }
 
     function _get(TaskId taskId) private view returns (Record memory t) {
@@ -821,8 +804,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (window < MIN_WINDOW || window > MAX_WINDOW) revert InvalidWindow(window, MIN_WINDOW, MAX_WINDOW);
     }
 
-    function _weight(uint256 reward) private view returns (Weight) {
-        return weigh(Units.levelOf(reward, _unit), 0);
+    /// @dev By what an open task is found. Who names whom it wants may pay its price exactly, which is between two levels.
+    function _weight(Record memory t) private view returns (Weight) {
+        bool exact = t.hired != Hire.None;
+        return weigh(exact ? Units.wholeOf(t.reward, _unit) : Units.levelOf(t.reward, _unit), 0);
     }
 
     function _outcome(Cause cause) private pure returns (Outcome) {

@@ -61,6 +61,13 @@ contract BudgetVotesTest is Fixture {
         rounds.pay(roundId, 0);
     }
 
+    /// @dev 2 votes for each of 16 entries would be 32 votes, of 64 credits.
+    function test_nobodyIsInARoundTwice() public {
+        recipients.push(recipients[0]);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.RecipientTwice.selector, recipients[0]));
+        _open(100 ether);
+    }
+
     /// @notice The Sybil bound: one identity moves at most √CREDITS votes, k admitted ones k times as many, and accounts
     /// that nobody admitted, or too late, none.
     function test_votesGrowWithIdentitiesAndNotWithMoney() public {

@@ -9,6 +9,12 @@ import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/I
 import {TaskId} from "../src/types/TaskId.sol";
 import {Instances} from "./Instances.sol";
 
+contract Burner {
+    fallback() external {
+        while (true) {}
+    }
+}
+
 contract DisputesTest is Instances {
     // -- nobody objects ---------------------------------------------------------------------------------------
 
@@ -291,6 +297,43 @@ contract DisputesTest is Instances {
         assertEq(coin.balanceOf(robot1), executor + STAKE + 50 ether);
     }
 
+    /// @dev A little for the work, and a tenth of the price for the trouble: what is better is what pays more.
+    function test_aTenthIsMoreThanLittle() public {
+        Vote memory little = voteOf(waiting(), Verdict.Accepted);
+        little.amount = 1 ether;
+        Vote memory tenth = voteOf(little.taskId, Verdict.Impossible); // 8 ether
+        address[2] memory challengers = [alice, robot1];
+        for (uint256 i = 0; i < 4; ++i) {
+            uint256 snapshot = vm.snapshotState();
+            (Vote memory first, Vote memory last) = i < 2 ? (little, tenth) : (tenth, little);
+            disputes.postVotes(first, REPORT_URI, signatures(first, 3));
+            (uint256 creator, uint256 executor) = (coin.balanceOf(alice), coin.balanceOf(robot1));
+            challenge(challengers[i % 2], first.taskId);
+            disputes.postVotes(last, REPORT_URI, by(second, secondKeys, 4, last));
+            skip(CHALLENGE + 1);
+            disputes.close(last, REPORT_URI);
+            uint256 paid = i < 2 ? 8 ether : 1 ether;
+            (uint256 creators, uint256 executors) = (creator + 100 ether - paid, executor + paid);
+            if (i == 0) (creators, executors) = (creators - STAKE, executors + STAKE);
+            if (i == 3) (creators, executors) = (creators + STAKE, executors - STAKE);
+            assertEq(coin.balanceOf(alice), creators, "creator");
+            assertEq(coin.balanceOf(robot1), executors, "executor");
+            vm.revertToState(snapshot);
+        }
+    }
+
+    function test_ofTheSamePayTheAcceptedWorkIsBetter() public {
+        Vote memory vote = ruled(Verdict.Impossible);
+        uint256 before = coin.balanceOf(robot1);
+        challenge(robot1, vote.taskId);
+        vote = voteOf(vote.taskId, Verdict.Accepted);
+        vote.amount = 8 ether;
+        disputes.postVotes(vote, REPORT_URI, by(second, secondKeys, 4, vote));
+        skip(CHALLENGE + 1);
+        disputes.close(vote, REPORT_URI);
+        assertEq(coin.balanceOf(robot1), before + 8 ether);
+    }
+
     function test_anAppealTakesTheStakeOfWhoIsWrongAtTheEnd() public {
         Vote memory vote = ruled(Verdict.Accepted);
         uint256 creator = coin.balanceOf(alice);
@@ -469,6 +512,20 @@ contract DisputesTest is Instances {
         assertEq(coin.balanceOf(alice), before + STAKE);
         vm.expectRevert(abi.encodeWithSelector(IDisputes.NothingOwed.selector, alice));
         disputes.withdrawPayments(alice);
+    }
+
+    /// @dev A token that calls whom it pays. Burning its gas, the executor would have the verdict miss its window.
+    function test_aRecipientThatBurnsAllGasHoldsUpNoCase() public {
+        Vote memory vote = ruled(Verdict.Rejected);
+        challenge(alice, vote.taskId);
+        Vote memory same = voteOf(vote.taskId, Verdict.Rejected);
+        disputes.postVotes(same, REPORT_URI, by(second, secondKeys, 4, same));
+        skip(CHALLENGE + 1);
+        bytes memory payment = abi.encodeCall(coin.transfer, (robot1, uint256(STAKE)));
+        vm.mockFunction(address(coin), address(new Burner()), payment);
+        disputes.close{gas: 3_000_000}(same, REPORT_URI);
+        assertEq(tasks.task(vote.taskId).attempt, 2, "rejected");
+        assertEq(disputes.pendingPayments(robot1), STAKE);
     }
 
     // -- instances --------------------------------------------------------------------------------------------
@@ -879,6 +936,19 @@ contract JudgeStakesTest is Instances {
         vm.prank(bob); // approved nothing
         vm.expectRevert();
         disputes.depositStake(committee, 0, 1 ether);
+        assertStake(committee, 0, JUDGE_STAKE, 0);
+    }
+
+    /// @dev As one that begins to take a fee: what it lost on the way would be paid from others' stakes.
+    function test_whatDoesNotArriveIsNoStake() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        vm.mockCall(address(coin), abi.encodeWithSelector(coin.transferFrom.selector), abi.encode(true));
+        vm.startPrank(alice);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAmountReceived.selector, STAKE, 0));
+        disputes.challenge(vote.taskId, "wrong");
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAmountReceived.selector, 1 ether, 0));
+        disputes.depositStake(committee, 0, 1 ether);
+        vm.stopPrank();
         assertStake(committee, 0, JUDGE_STAKE, 0);
     }
 

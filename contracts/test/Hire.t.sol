@@ -114,6 +114,32 @@ contract HireTest is Fixture {
         assertState(cheap, TaskState.Open);
     }
 
+    /// @dev Otherwise anybody could keep those that pay exactly waiting, for a reward that is refunded.
+    function test_aTaskThatPaysTooLittleIsNotInTheWayOfOneThatPaysExactly() public {
+        ServiceId busy = offer(robot1, 12.345 ether);
+        TaskId running = post(bob, 100 ether);
+        TaskId[2] memory cheap = [_hire(busy, 12.34 ether), _hireFrom(robot1, 12.344999999 ether)];
+        TaskId taskId = _hire(busy, 12.345 ether);
+        TaskId ofProvider = _hireFrom(robot1, 12.345 ether);
+        attempt(running, true);
+        assertAssigned(taskId, busy);
+        attempt(taskId, true);
+        assertAssigned(ofProvider, busy);
+        attempt(ofProvider, true);
+        assertState(cheap[0], TaskState.Open);
+        assertState(cheap[1], TaskState.Open);
+    }
+
+    function test_aRewardAboveTheGreatestPricePaysForEach() public {
+        uint256 price = ((uint256(1) << 57) - 2) * 1 gwei;
+        ServiceId busy = offer(robot1, price);
+        deal(address(coin), alice, 3 * (price + 1 ether));
+        TaskId running = _hire(busy, price);
+        TaskId taskId = _hire(busy, price + 1 ether);
+        attempt(running, true);
+        assertAssigned(taskId, busy);
+    }
+
     function test_whoIsNamedAndGivesTheTaskBackDoesNotGetItAgain() public {
         ServiceId named = offer(robot1, 80 ether);
         for (uint256 i = 0; i < 2; ++i) {

@@ -45,6 +45,11 @@ contract WeirdToken is ERC20("Weird", "WRD") {
         _mint(to, amount);
     }
 
+    /// @dev For its second address.
+    function move(address from, address to, uint256 amount) external {
+        _transfer(from, to, amount);
+    }
+
     function transfer(address to, uint256 amount) public override returns (bool) {
         return _weird(msg.sender, to, amount, false);
     }
@@ -70,6 +75,24 @@ contract WeirdToken is ERC20("Weird", "WRD") {
         }
         if (spend) _spendAllowance(from, msg.sender, amount);
         _transfer(from, to, amount);
+        return true;
+    }
+}
+
+/// @notice The same token under another address.
+contract SecondAddress {
+    WeirdToken private immutable _token;
+
+    constructor(WeirdToken token) {
+        _token = token;
+    }
+
+    function balanceOf(address account) external view returns (uint256) {
+        return _token.balanceOf(account);
+    }
+
+    function transfer(address to, uint256 amount) external returns (bool) {
+        _token.move(msg.sender, to, amount);
         return true;
     }
 }
@@ -242,6 +265,25 @@ contract TokenTest is Fixture {
         tasks.withdrawPayments(robot1);
         assertEq(tasks.held(), 150 ether);
         assertEq(_token.balanceOf(address(tasks)), 150 ether);
+    }
+
+    /// @dev As of tokens that were moved behind a proxy and kept their old address.
+    function test_aSecondAddressOfTheTokenRescuesNeitherEscrowNorTreasury() public {
+        SecondAddress second = new SecondAddress(_token);
+        post(alice, 100 ether);
+        bytes memory refused = abi.encodeWithSelector(IOrganization.NotByMistake.selector, address(second));
+        vm.startPrank(admin);
+        vm.expectRevert(refused);
+        organization.rescueTokens(ERC20(address(second)), admin);
+        vm.stopPrank();
+        assertEq(_token.balanceOf(address(tasks)), 100 ether);
+        vm.prank(alice);
+        tasks.cancelTask(taskNo(1));
+        _token.mint(address(organization), 5 ether);
+        vm.prank(admin);
+        vm.expectRevert(refused);
+        organization.rescueTokens(ERC20(address(second)), admin);
+        assertEq(_token.balanceOf(address(organization)), 5 ether);
     }
 
     function test_otherTokensAreRescuedFromBothContracts() public {

@@ -227,6 +227,10 @@ class ChainClient:
         """Who judges `kind` one after the other; none where its verdicts cannot be challenged."""
         return self._view("Disputes", "instancesOf", kind_to_bytes32(kind))
 
+    def longest_case(self, kind: str) -> int:
+        """How long a case of `kind` lasts at most after its first verdict, s; 0 where there are none."""
+        return self._view("Disputes", "longestCase", kind_to_bytes32(kind))
+
     def stake(self, seat: int, committee: str = artifacts.COMMITTEES[0]) -> int:
         """What counts for the votes of the judge in this seat of the committee, wei."""
         raw = self._contracts["Disputes"].functions.stakeOf(self.deployment.address(committee), seat)

@@ -587,3 +587,13 @@ class VoteCast(Event):
     support: int
     weight: int
     reason: str
+
+
+@dataclass(frozen=True)
+class VoteCastWithParams(Event):
+    voter: str
+    proposal_id: int
+    support: int
+    weight: int
+    reason: str
+    params: bytes

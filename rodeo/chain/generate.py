@@ -38,7 +38,8 @@ OF_GOVERNANCE = {
     "OrganizationGovernor": frozenset(
         {
             *("propose", "castVote", "queue", "execute"),
-            *("ProposalCreated", "VoteCast", "ProposalQueued", "ProposalExecuted", "ProposalCanceled"),
+            *("ProposalCreated", "VoteCast", "VoteCastWithParams"),
+            *("ProposalQueued", "ProposalExecuted", "ProposalCanceled"),
         }
     ),
 }

@@ -141,6 +141,7 @@ from services.bridge.errors import (
     UnknownProposal,
     UnknownService,
     UnknownTask,
+    VerdictWindowTooShort,
 )
 from services.bridge.index import Index, Row
 from services.bridge.journal import decoded
@@ -726,6 +727,7 @@ class Wallet:
             found.append(calls.set_min_window(command.kind, command.min_window_s))
         if command.min_verdict_window_s is not None and command.max_verdict_window_s is not None:
             bounds = command.min_verdict_window_s, command.max_verdict_window_s
+            self._require_time_for_challenges(command.kind, command.min_verdict_window_s)
             found.append(calls.set_verdict_windows(command.kind, *bounds))
         if command.review is None:
             return [*found, calls.disallow_kind(command.kind)]
@@ -738,6 +740,19 @@ class Wallet:
                 kind=command.kind,
             )
         return [*found, calls.allow_kind(command.kind, Review[command.review.upper()], _bytes32(rules))]
+
+    def _require_time_for_challenges(self, kind: str, shortest_s: int) -> None:
+        """A task whose window is too short for a case is judged at once, and its creator chooses the window.
+        Raises VerdictWindowTooShort."""
+        longest_s = 0 if self.client.disputes is None else self.client.longest_case(kind)
+        if longest_s and shortest_s <= longest_s:
+            raise VerdictWindowTooShort(
+                "nobody could challenge verdicts on tasks with such windows: the shortest one has to be "
+                "longer than a case",
+                kind=kind,
+                min_verdict_window_s=shortest_s,
+                longest_case_s=longest_s,
+            )
 
     def _retire_rules(self, command: RetireRules) -> list[Call]:
         calls = self.client.organization_calls

@@ -25,6 +25,7 @@
     │   ├── MembersDecide         no key alone may do this where members decide
     │   ├── UnknownProposal
     │   ├── UnexpectedProposalState  its delay runs, or it was executed or cancelled
+    │   ├── VerdictWindowTooShort  challenges of verdicts take longer
     │   ├── NoDispute             no verdict waits to be challenged, or it was challenged before
     │   ├── CannotSign            the participant signs nothing for others to send
     │   ├── NoPermit              the payment token takes no signed permits
@@ -107,6 +108,11 @@ class NotAJudge(RequestError):
 
 class StakeTooLow(RequestError):
     """A judge has not deposited what its vote needs."""
+
+
+class VerdictWindowTooShort(RequestError):
+    """A case lasts longer than the shortest verdict window of its kind is to be: nobody could challenge
+    verdicts on tasks with such windows."""
 
 
 class InvalidQuorum(RequestError):

@@ -374,7 +374,8 @@ class Projection:
                     vote_end=event.vote_end,
                     **dict.fromkeys(SUPPORT, 0),
                 )
-            case events.VoteCast():
+            # Whoever votes says how, by calling one function or another: both count.
+            case events.VoteCast() | events.VoteCastWithParams():
                 support, key = SUPPORT[event.support], proposal_key(event.proposal_id)
                 rows.change(
                     schema.proposals,

@@ -37,6 +37,8 @@ contract BudgetVotes {
 
     error NotAdministrator(address account);
     error InvalidRound(uint256 recipients, uint256 max, uint256 duration);
+    /// @notice Votes split between two entries would cost fewer credits.
+    error RecipientTwice(address recipient);
     error UnknownRound(uint256 roundId);
     error NotAMember(address account);
     error RoundEnded(uint256 roundId, uint256 end);
@@ -50,7 +52,7 @@ contract BudgetVotes {
     }
 
     /// @notice Open a round, in which the members split an amount among recipients. Administrator only.
-    /// @param recipients the accounts that votes are for
+    /// @param recipients the accounts that votes are for, each once
     /// @param amount in the token's smallest unit
     /// @param duration how long members may vote, s
     /// @return roundId the number of the round, counted from 0
@@ -64,6 +66,11 @@ contract BudgetVotes {
         uint256 count = recipients.length;
         if (count == 0 || count > MAX_RECIPIENTS || duration == 0) {
             revert InvalidRound(count, MAX_RECIPIENTS, duration);
+        }
+        for (uint256 i = 0; i < count; ++i) {
+            for (uint256 j = 0; j < i; ++j) {
+                if (recipients[i] == recipients[j]) revert RecipientTwice(recipients[i]);
+            }
         }
         roundId = _rounds.length;
         Round storage round = _rounds.push();

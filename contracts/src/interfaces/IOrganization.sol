@@ -122,6 +122,8 @@ interface IOrganization is IDeviceRegistry {
     /// @notice The role may take `left` until the period ends at `until`.
     error OverBudget(bytes32 role, uint256 amount, uint256 left, uint256 until);
     /// @notice A guardian has paused new tasks.
+    /// @notice Under this address, too, it is the token of the organization, of which escrow and treasury are not rescued.
+    error NotByMistake(IERC20 token);
     error TasksArePaused(uint256 until);
     error InvalidPause(uint32 duration, uint32 max);
     /// @notice A guardian may pause again at `earliest`.

@@ -378,6 +378,10 @@ interface ITaskManager is IServiceListener {
     /// @param account who is owed it
     function pendingPayments(address account) external view returns (uint256);
 
+    /// @notice The part of the price that an executor is paid for a task that is impossible: one in so many.
+    // solhint-disable-next-line func-name-mixedcase
+    function IMPOSSIBLE_SHARE() external view returns (uint256);
+
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);
 

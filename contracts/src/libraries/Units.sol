@@ -45,9 +45,14 @@ library Units {
     /// @dev Levels of each power of ten: 100 to 999.
     uint256 private constant STEPS = 900;
 
+    /// @notice A reward in whole units, or the greatest price where it is more: it pays for the same prices.
+    function wholeOf(uint256 reward, uint256 unit) internal pure returns (uint64) {
+        return uint64(Math.min(reward / unit, MAX));
+    }
+
     /// @notice The level of a reward: the highest that it pays for.
     function levelOf(uint256 reward, uint256 unit) internal pure returns (uint64) {
-        uint256 units = Math.min(reward / unit, MAX);
+        uint256 units = wholeOf(reward, unit);
         uint256 exponent = _exponent(units);
         return uint64(exponent * STEPS + units / 10 ** exponent);
     }

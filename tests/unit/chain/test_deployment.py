@@ -224,6 +224,7 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         alice = "0x" + "a1" * 20
         assert client.judge(alice, "DisputeCommittee") is not None and client.judge(alice) is None
         assert deployment.committees == ["OracleCommittee", "DisputeCommittee"]
+        assert client.longest_case(kind) == 2 * 600 + 900
         assert client.kind(kind).min_verdict_window == 2 * 600 + 900 + site.oracle.verdict_within_s
         block = client.w3.eth.block_number
         organization.deploy()

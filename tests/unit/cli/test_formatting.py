@@ -190,6 +190,12 @@ def test_a_task_says_which_verdict_stands_and_how_long_it_can_be_challenged() ->
     one = waits.model_copy(update={"dispute": challenged})
     said = dict(tasks._told(one, Site.load(LAB)))
     assert said["stands"] == "rejected; it is challenged" and "01:00:00" in said["decision"]
+    plain = one.model_copy(update={"proof_uri": "file:///store/aa.mcap"})
+    said = dict(disputes._told(Site.load(LAB), plain, challenged))
+    assert said["replay"] == "rodeo verify /store/aa.mcap"
+    hostile = one.model_copy(update={"proof_uri": "file:///store/aa.mcap; reboot"})
+    said = dict(disputes._told(Site.load(LAB), hostile, challenged))
+    assert said["replay"] == "rodeo verify '/store/aa.mcap; reboot'", "one argument of a shell's command"
 
 
 # -- tables -----------------------------------------------------------------------------------------------
