@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
@@ -12,7 +13,7 @@ import pytest
 
 from services.bridge import inspection
 from services.bridge.follower import Follower
-from services.bridge.index import Index, sqlite_url
+from services.bridge.index import NOWHERE, Index, Position, sqlite_url
 from services.bridge.inspection import Inspector
 from services.bridge.node import Node
 from tests.support.deployed import DeployedChain
@@ -55,6 +56,19 @@ def test_a_balance_that_the_token_does_not_know_is_found_even_with_a_digest_that
     assert found is not None and address in found and str(said.balances[address]) in found
     # Asked for one after the other, its turn comes.
     assert any(inspector.compare(most=1) for _ in said.balances)
+
+
+@pytest.mark.parametrize("blocks", [-1, 0], ids=["nowhere", "while it is founded"])
+def test_before_there_are_contracts_nothing_is_compared(
+    chain: DeployedChain, index: Index, monkeypatch: pytest.MonkeyPatch, blocks: int
+) -> None:
+    block = chain.deployment.block + blocks
+    node = Node(chain.site.chain.url)
+    (header,) = node.batch([("eth_getBlockByNumber", [hex(block), False])])
+    at = Position(block, header["hash"], 0) if blocks >= 0 else NOWHERE
+    said = replace(index.said(), position=at)
+    monkeypatch.setattr(index, "said", lambda: said)
+    assert Inspector(index, node, chain.deployment).compare() is None
 
 
 def test_what_is_changed_while_the_bridge_runs_is_found_by_itself(
