@@ -207,7 +207,9 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()
-    chosen = RECIPES[arguments.recipe].shortened(arguments.shorten)
+    chosen = RECIPES[arguments.recipe]
+    if arguments.start is None:  # else the networks there had all of its steps
+        chosen = chosen.shortened(arguments.shorten)
     if arguments.choose is not None:
         choose(arguments.data, arguments.out, arguments.choose, chosen.known_rejected)
     elif arguments.pack is not None:
