@@ -56,6 +56,13 @@ class Training(BaseModel):
     learnt: tuple[str, ...] = ("train",)
     """Of `PARTS` those that it learnt from. Of both: what measures it are the cross-validated networks."""
 
+    weather: dict[str, Any] | None = None
+    """Of the steps that followed (`train.Weather`); None where there were none."""
+
+    def as_read(self) -> Training:
+        """As it comes back from its file."""
+        return Training.model_validate_json(self.model_dump_json())
+
     @property
     def learnt_all(self) -> bool:
         return set(self.learnt) == set(PARTS)
@@ -139,12 +146,15 @@ def check(out: Path, training: Training) -> None:
         raise Unfinished("cross-validated networks are missing", folder=str(out))
     for fold in range(FOLDS):
         found = Training.model_validate_json((folder_of(out, fold) / TRAINING).read_bytes())
-        # By way of JSON, as what was read came.
-        own = Training.model_validate_json(training.model_dump_json())
-        if (found.recipe, found.others_sha256) != (own.recipe, own.others_sha256):
+        own = training.as_read()
+        if _made(found) != _made(own):
             raise OtherRecipe(
                 "the cross-validated networks are of another recipe", folder=str(out), fold=fold
             )
+
+
+def _made(training: Training) -> tuple[Any, ...]:
+    return training.recipe, training.others_sha256, training.weather
 
 
 def measured(out: Path, data: Path) -> Crossed:

@@ -21,7 +21,7 @@ def _colour(rng: np.random.Generator) -> np.ndarray:
     return np.clip(grey + rng.normal(0, rng.choice((4.0, 40.0)), 3), 0, 255)
 
 
-def _fractal(side: int, rng: np.random.Generator, roughness: float) -> np.ndarray:
+def fractal(side: int, rng: np.random.Generator, roughness: float) -> np.ndarray:
     """Noise summed over octaves, float32 (side, side) in 0..1; rougher means more of the small ones."""
     total = np.zeros((side, side), np.float32)
     cells, weight = int(rng.integers(2, 6)), 1.0
@@ -50,7 +50,7 @@ def board(side: int, rng: np.random.Generator) -> np.ndarray:
 
 def clouds(side: int, rng: np.random.Generator) -> np.ndarray:
     """Soft spots: plaster, shadow, something out of focus."""
-    return _blend(_fractal(side, rng, 0.4), rng)
+    return _blend(fractal(side, rng, 0.4), rng)
 
 
 def grain(side: int, rng: np.random.Generator) -> np.ndarray:
@@ -105,7 +105,7 @@ def checks(side: int, rng: np.random.Generator) -> np.ndarray:
 
 def marble(side: int, rng: np.random.Generator) -> np.ndarray:
     """Veins: rough fractal noise folded on itself."""
-    veins = np.abs(np.sin(rng.uniform(4, 20) * _fractal(side, rng, 0.6)))
+    veins = np.abs(np.sin(rng.uniform(4, 20) * fractal(side, rng, 0.6)))
     return _blend(veins.astype(np.float32), rng)
 
 
@@ -177,7 +177,7 @@ def _paint(image_bgr: np.ndarray, mask: np.ndarray, colour: np.ndarray, rng: np.
     """Fill `mask` with `colour`, lit unevenly so that it looks round."""
     height, width = mask.shape
     inside = cv2.GaussianBlur(mask, (0, 0), min(height, width) / 40).astype(np.float32) / 255
-    spots = cv2.resize(_fractal(min(height, width), rng, 0.4), (width, height))
+    spots = cv2.resize(fractal(min(height, width), rng, 0.4), (width, height))
     shade = (0.55 + 0.45 * inside + 0.15 * (spots - 0.5))[..., None]
     alpha = cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32)[..., None] / 255
     image_bgr[:] = np.clip(alpha * shade * colour + (1 - alpha) * image_bgr, 0, 255).astype(np.uint8)

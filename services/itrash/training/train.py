@@ -37,14 +37,22 @@ from torch import nn
 from rodeo.errors import RodeoError
 from rodeo.vision.classification import PREPROCESSING, WEIGHTS, Preprocessing, load_preprocessing
 from rodeo.vision.classifier import Classifier, to_input
-from services.itrash.training import crossed, metrics, renderings, scenery
+from services.itrash.training import crossed, metrics, renderings, scenery, weather
 from services.itrash.training.abstention import RISK, threshold
 from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment, drawn
 from services.itrash.training.card import FOLDS_DIR, held_out_samples, write_card
 from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.evaluation import bare_board
-from services.itrash.training.network import ARCHITECTURE, KEPT_POOLS, MEAN, SCALE, Network, export
+from services.itrash.training.network import (
+    ARCHITECTURE,
+    KEPT_POOLS,
+    MEAN,
+    SCALE,
+    Network,
+    export,
+    exported,
+)
 from services.itrash.training.others import FETCHED, World
 
 log = logging.getLogger("itrash.train")
@@ -105,6 +113,25 @@ class Recipe:
         return replace(self, **{part: max(getattr(self, part) // times, 1) for part in parts})
 
 
+@dataclass(frozen=True)
+class Weather:
+    """Steps that may follow, of which a part of the pictures is disturbed strongly (`weather.py`, decision
+    0077). The shipped networks had none. They start from an exported network."""
+
+    steps: int = 180
+    px: int = 208
+    rate: float = 2e-4
+    rate_decay: float = 0.8
+    """Noise is met by the first layers, so they learn at more of the rate than before."""
+    nothing_share: float = 0.2
+    """More than before: what is hard to see is not therefore no item, and what is none is none in haze."""
+    disturbed: float = 0.5
+
+    def shortened(self, times: int) -> Weather:
+        """To try the program out."""
+        return replace(self, steps=max(self.steps // times, 1))
+
+
 class Draws:
     """Random training pictures. Rare classes come more often than their share, yet not the same few photos
     all the time: a class is drawn by the square root of its size."""
@@ -117,10 +144,12 @@ class Draws:
         recipe: Recipe,
         seed: int,
         chances: Chances,
+        disturbed: float = 0.0,
     ) -> None:
+        """So much of the pictures is `disturbed`, those of nothing too: haze alone must not tell waste."""
         self._world = world
         self._rng = np.random.default_rng(seed)
-        self._chances = chances
+        self._chances, self._disturbed = chances, disturbed
         self._recipe = recipe
         self._photos = photos
         self._items = [sample for sample in rendered if sample.label is not None]
@@ -153,6 +182,8 @@ class Draws:
             if source <= recipe.nothing_share + recipe.rendered_share:
                 chances = replace(chances, clutter=0.0)
             view = augment(sample.image_bgr, side, rng, chances, self._background)
+            if self._disturbed and rng.random() < self._disturbed:
+                view = weather.disturbed(view, rng)
             inputs[row] = (view[..., ::-1].transpose(2, 0, 1).astype(np.float32) - MEAN) * SCALE
             target = len(CLASSES) if sample.label is None else CLASSES.index(sample.label)
             targets[row, target] += 1 - recipe.label_smoothing
@@ -219,6 +250,11 @@ def finish(recipe: Recipe) -> Schedule:
     """A low rate that falls to zero."""
     steps = recipe.finish_steps
     return [(recipe.input_px, recipe.finish_rate * _fall(step / steps)) for step in range(steps)]
+
+
+def foul(after: Weather) -> Schedule:
+    """The same for the steps in all weathers."""
+    return [(after.px, after.rate * _fall(step / after.steps)) for step in range(after.steps)]
 
 
 def _fall(share: float) -> float:
@@ -369,6 +405,23 @@ def finished(
     kept = _checkpoint(checkpoints, "finish")
     network = last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay, kept))
     return settled(network, photos, rendered, world, recipe)
+
+
+def weathered(
+    weights: Path,
+    photos: list[Sample],
+    rendered: list[Sample],
+    world: World,
+    recipe: Recipe,
+    after: Weather,
+    checkpoints: Path | None = None,
+) -> Network:
+    """The exported network of `weights` after the steps in all weathers; in evaluation mode."""
+    torch.manual_seed(recipe.seed + 3)
+    recipe = replace(recipe, rate_decay=after.rate_decay, nothing_share=after.nothing_share)
+    draws = Draws(photos, rendered, world, recipe, recipe.seed + 3, SELDOM, after.disturbed)
+    network, kept = exported(weights, recipe.drop_connect), _checkpoint(checkpoints, "weather")
+    return last(fit(network, draws, foul(after), recipe, recipe.finish_ema_decay, kept)).eval()
 
 
 def _checkpoint(folder: Path | None, stage: str) -> Checkpoint | None:

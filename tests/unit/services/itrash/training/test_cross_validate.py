@@ -108,6 +108,22 @@ def test_training_that_was_killed_goes_on_to_the_same_weights(
         assert torch.equal(value, resumed.state_dict()[name]), name
 
 
+def test_as_many_pictures_are_disturbed_as_is_asked_and_no_other_is_drawn_otherwise(
+    photos: list[Sample], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rendered, recipe = renderings.render_samples(0, 2), replace(TINY, batch=64)
+
+    def batch(*share: float) -> np.ndarray:
+        draws = training.Draws(photos, rendered, WORLD, recipe, 5, training.SELDOM, *share)
+        return draws.batch(64)[0]
+
+    assert np.array_equal(batch(), batch(0.0))  # the steps before are as they were
+    monkeypatch.setattr(training.weather, "disturbed", lambda view, _rng: np.zeros_like(view))
+    black = (batch(0.5) == batch(0.5).min()).all(axis=(1, 2, 3))
+    assert 20 < black.sum() < 44
+    assert (batch(1.0) == batch(1.0).min()).all()
+
+
 def test_a_fold_is_trained_once_and_measured_from_its_files(
     photos: list[Sample], division: Division, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +145,41 @@ def test_a_fold_is_trained_once_and_measured_from_its_files(
     cross_validate.main(data, tmp_path / "others", out, TINY, [3])
     cross_validate.pack(data, out, tmp_path / "small")
     assert crossed.measured(tmp_path / "small", data).folds == (3,)
+
+
+def test_networks_that_are_there_learn_on_in_all_weathers(
+    photos: list[Sample], division: Division, tmp_path: Path
+) -> None:
+    data, before, out, others = (tmp_path / name for name in ("data", "before", "out", "others"))
+    (before / "fold3").mkdir(parents=True)
+    (before / crossed.DIVISION).write_text(division.model_dump_json())
+    clear = training.Network(training.OUTPUTS, TINY.drop_connect).eval()
+    clear.keep_pools(training.KEPT_POOLS, [torch.zeros(1, 3, 64, 64)])
+    training.export(clear, before / "fold3" / WEIGHTS, TINY.input_px)
+    made_by = crossed.Training(
+        architecture=training.ARCHITECTURE, recipe=asdict(TINY), others_sha256=WORLD.sha256
+    )
+    (before / "fold3" / crossed.TRAINING).write_text(made_by.model_dump_json())
+    after = training.Weather(steps=2, px=64)
+    cross_validate.main(data, others, out, TINY, [3], cross_validate.Start(before, after))
+    assert crossed.division_in(out) == division
+    kept = crossed.Training.model_validate_json((out / "fold3" / crossed.TRAINING).read_bytes())
+    assert kept.weather == asdict(after)
+    learnt, _ = cross_validate.split(crossed.all_photos(data), division, 3)
+    rendered = renderings.render_samples(0, 2)
+    expected = training.weathered(before / "fold3" / WEIGHTS, learnt, rendered, WORLD, TINY, after)
+    training.export(expected, tmp_path / WEIGHTS, TINY.input_px)
+    found = (out / "fold3" / WEIGHTS).read_bytes()
+    assert found == (tmp_path / WEIGHTS).read_bytes() != (before / "fold3" / WEIGHTS).read_bytes()
+    again = tmp_path / "again"
+    # Another recipe, and one that has had these steps.
+    for folder, recipe in ((before, replace(TINY, seed=9)), (out, TINY)):
+        with pytest.raises(OtherRecipe):
+            cross_validate.main(data, others, again, recipe, [3], cross_validate.Start(folder, after))
+    whole = made_by.model_copy(update={"learnt": crossed.PARTS})
+    (before / "fold3" / crossed.TRAINING).write_text(whole.model_dump_json())
+    with pytest.raises(OtherRecipe):  # it learnt from the photos that would measure it
+        cross_validate.main(data, others, again, TINY, [3], cross_validate.Start(before, after))
 
 
 def test_weights_of_8_bits_take_half_the_room_and_answer_alike(tmp_path: Path) -> None:
