@@ -233,8 +233,8 @@ class Bus:
     ) -> dict[str, Any]:
         """Ask the one responder of `key`; `timeout_s` is wall time.
 
-        Raises RemoteError (the responder's own error), NoResponder, QueryTimeout, MalformedAnswer, or
-        InvalidRequest when `key` is no key.
+        Raises RemoteError (the responder's own error), NoResponder, QueryTimeout, MalformedAnswer,
+        InvalidRequest when `key` is no key, or BusUnavailable after `close`.
         """
         selector = key
         if parameters:
@@ -243,7 +243,7 @@ class Bus:
         try:
             replies = self.session.get(selector, payload=body, timeout=timeout_s)
         except zenoh.ZError as refusal:
-            raise InvalidRequest("this is not a key of the bus", key=selector) from refusal
+            raise self._refused(selector) from refusal
         for reply in replies:
             if reply.ok is not None:
                 return _answer(key, reply.ok.payload.to_bytes())
@@ -264,7 +264,8 @@ class Bus:
     ) -> list[dict[str, Any]]:
         """What everybody answers who serves `key`, at most `most` answers: on an open bus others may.
 
-        Errors and what is no JSON object are left out. Raises InvalidRequest when `key` is no key.
+        Errors and what is no JSON object are left out. Raises InvalidRequest when `key` is no key, and
+        BusUnavailable after `close`.
         """
         selector = key + "?" + ";".join(f"{name}={_escaped(value)}" for name, value in parameters.items())
         try:
@@ -275,7 +276,7 @@ class Bus:
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as refusal:
-            raise InvalidRequest("this is not a key of the bus", key=selector) from refusal
+            raise self._refused(selector) from refusal
         answers: list[dict[str, Any]] = []
         for reply in replies:
             if reply.ok is None:
@@ -288,6 +289,12 @@ class Bus:
             if len(answers) >= most:
                 break
         return answers
+
+    def _refused(self, selector: str) -> RodeoError:
+        """Why Zenoh takes no such query."""
+        if self.session.is_closed():
+            return BusUnavailable("this process has left the bus", key=selector)
+        return InvalidRequest("this is not a key of the bus", key=selector)
 
     def serve(
         self, key: str, handler: Handler, workers: Callable[[str], Executor | None] = lambda _key: None

@@ -96,7 +96,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     Totals private _totals;
     TaskRecords.Store private _tasks;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
-    /// weight is its reward (see _weight). Each kind has a queue, and each service and provider one of the tasks that name it (see _queue).
+    /// weight is its reward (see _weight). Each kind has a queue, and each service and provider one of the tasks that
+    /// name it (see _queue).
     mapping(uint256 queue => WeightTree.Tree) private _open;
     mapping(ServiceId serviceId => Worker) private _workers;
     mapping(TaskId taskId => Dispute) private _disputes;

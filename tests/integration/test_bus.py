@@ -66,6 +66,19 @@ def test_an_error_of_the_responder_keeps_code_and_values(running: RunningSite, p
     assert (caught.value.code, caught.value.details) == ("invalid_request", {"thing": 7})
 
 
+@pytest.mark.parametrize(("closed", "error"), [(False, InvalidRequest), (True, BusUnavailable)])
+def test_what_is_no_key_and_a_bus_that_was_left_are_told_apart(
+    peer: Bus, closed: bool, error: type[Exception]
+) -> None:
+    if closed:
+        peer.close()
+    key = "t/key" if closed else "t//key"
+    with pytest.raises(error):
+        peer.query(key)
+    with pytest.raises(error):
+        peer.query_all(key, parameters={"a": "1"}, timeout_s=1.0, most=1)
+
+
 @pytest.mark.parametrize(
     ("payload", "code"),
     [
