@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {IGovernor} from "@openzeppelin/contracts/governance/IGovernor.sol";
+import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {BudgetVotes} from "../src/governance/BudgetVotes.sol";
 import {MemberVotes} from "../src/governance/MemberVotes.sol";
 import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
@@ -110,6 +113,65 @@ contract BudgetVotesTest is Fixture {
         vm.expectRevert(abi.encodeWithSelector(BudgetVotes.RoundEnded.selector, roundId, end));
         _vote(alice, roundId, 1, 1);
         // Nobody voted: nothing is paid.
+        rounds.pay(roundId, 0);
+        assertEq(coin.balanceOf(recipients[0]), 0);
+    }
+
+    /// @dev As its votes on proposals do. Who is admitted again has the ballot that it had.
+    function test_whoWasDismissedVotesNoMoreAndWhatItGaveStays() public {
+        uint256 roundId = _open(100 ether);
+        _vote(alice, roundId, 10, 0);
+        _vote(bob, roundId, 0, 10);
+        vm.prank(admin);
+        organization.dismiss(bob);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.NotAMember.selector, bob));
+        _vote(bob, roundId, 10, 0);
+        assertEq(rounds.roundOf(roundId).votes[1], 10);
+        _admit(bob);
+        _vote(bob, roundId, 0, 5);
+        assertEq(rounds.roundOf(roundId).votes[1], 5);
+        assertEq(rounds.roundOf(roundId).total, 15);
+    }
+
+    function test_aShareThatCannotBePaidStaysDueAndKeepsNobodyElseWaiting() public {
+        uint256 treasury = coin.balanceOf(address(organization));
+        uint256 roundId = _open(uint96(treasury));
+        _vote(alice, roundId, 9, 1);
+        vm.warp(block.timestamp + 1 days);
+        bytes32 role = organization.TREASURER_ROLE();
+        vm.startPrank(admin);
+        organization.withdraw(admin, treasury / 2);
+        vm.stopPrank();
+        vm.expectPartialRevert(IERC20Errors.ERC20InsufficientBalance.selector);
+        rounds.pay(roundId, 0);
+        rounds.pay(roundId, 1);
+        assertEq(coin.balanceOf(recipients[1]), treasury / 10);
+        // What the treasurers may pay in a period bounds it, too.
+        vm.startPrank(admin);
+        coin.approve(address(organization), treasury);
+        organization.deposit(treasury / 2);
+        organization.setBudget(role, uint96(treasury / 2), 1 days);
+        vm.stopPrank();
+        vm.expectPartialRevert(IOrganization.OverBudget.selector);
+        rounds.pay(roundId, 0);
+        vm.prank(admin);
+        organization.setBudget(role, uint96(treasury), 1 days);
+        rounds.pay(roundId, 0);
+        assertEq(coin.balanceOf(recipients[0]), treasury / 10 * 9);
+    }
+
+    function test_withoutTheRoleOfTreasurersNobodyIsPaid() public {
+        uint256 roundId = _open(100 ether);
+        _vote(alice, roundId, 10, 0);
+        vm.warp(block.timestamp + 1 days);
+        bytes32 role = organization.TREASURER_ROLE();
+        vm.prank(admin);
+        organization.revokeRole(role, address(rounds));
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IAccessControl.AccessControlUnauthorizedAccount.selector, address(rounds), role
+            )
+        );
         rounds.pay(roundId, 0);
         assertEq(coin.balanceOf(recipients[0]), 0);
     }
