@@ -9,19 +9,17 @@ from types import SimpleNamespace
 from typing import Any, get_args
 
 import pytest
-from eth_account.signers.local import LocalAccount
 from eth_utils import to_bytes
 
 from deploy import contracts, founding
 from rodeo import wallets
-from rodeo.bus import Request
-from rodeo.chain import Call, ChainClient, ContractReverted, Role, TimelockRole, abi
+from rodeo.chain import ChainClient, ContractReverted, Role, TimelockRole, abi
 from rodeo.chain.client import connect
 from rodeo.chain.governance import WHY
 from rodeo.config import GovernanceConfig, ParticipantConfig
 from rodeo.errors import InvalidRequest
 from rodeo.messages import CancelProposal, HandOver, Proposable
-from services.bridge.commands import _OF_ADMINISTRATOR, Wallet
+from services.bridge.commands import _OF_ADMINISTRATOR
 from services.bridge.errors import (
     ActsAtOnce,
     HasToBeProposed,
@@ -30,68 +28,12 @@ from services.bridge.errors import (
     UnexpectedProposalState,
     UnknownProposal,
 )
-from services.bridge.index import Index, Position, TimedLog, sqlite_url
-from services.bridge.names import Names
-from services.bridge.queries import Queries
-from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
+from tests.support.office import Office
+from tests.support.organization import GENESIS_S, Organization, running_chain
 
 DELAY_S = 3600
 TERMS = {"bond_iec": "3", "penalty_iec": "1", "max_failures": 2}
 VOTING = dict.fromkeys(("OrganizationTimelock", "OrganizationGovernor", "MemberVotes"), f"0x{7:040}")
-
-
-class Office:
-    """An organization whose administrator waits, and a bridge's wallets and index, without its processes."""
-
-    def __init__(self, organization: Organization, folder: Path) -> None:
-        self.organization, self.client = organization, organization.client
-        self.now_s = GENESIS_S
-        deployment = self.client.deployment
-        self.index = Index(
-            sqlite_url(folder / "index.sqlite"), CHAIN_ID, deployment.genesis_hash, deployment.contracts
-        )
-        self.names = Names(organization.site, deployment)
-        chain: Any = SimpleNamespace(index=self.index, deployment=deployment, node=None)
-        self.queries = Queries(chain, self.names, self.client, "", [])
-
-    def account(self, who: str) -> LocalAccount:
-        return wallets.load(self.organization.site, who)
-
-    def wallet(self, who: str) -> Wallet:
-        unused: Any = SimpleNamespace()
-        return Wallet(
-            who, self.client, unused, self.index, self.names, unused, self.organization.site.economy, unused
-        )
-
-    def command(self, who: str, name: str, **fields: Any) -> None:
-        """Checked and built as the bridge does it, and sent."""
-        wallet = self.wallet(who)
-        for order in wallet._orders(name, *wallet._parse(name, fields)):
-            self.send(who, order.call)
-
-    def propose(
-        self, command: str, request: dict[str, Any], why: str = "why", who: str = "organization"
-    ) -> int:
-        self.command(who, "propose", command=command, request=request, description=why)
-        return int(self.proposals()[0]["number"])
-
-    def send(self, who: str, call: Call) -> None:
-        self.organization.send(self.account(who), call)
-        self.read()
-
-    def read(self) -> None:
-        """Take in the blocks that the index lacks."""
-        eth = self.client.w3.eth
-        for number in range(self.index.position.block + 1, eth.block_number + 1):
-            block = eth.get_block(number)
-            logs = [TimedLog(log, block["timestamp"]) for log in self.client.logs(number, number)]
-            self.index.apply(logs, Position(number, block["hash"].to_0x_hex(), block["timestamp"]))
-
-    def proposals(self) -> list[dict[str, Any]]:
-        return list(self.queries._proposals(Request("state/proposals", {}, {}))["proposals"])
-
-    def state(self, number: int) -> str:
-        return str(next(one["state"] for one in self.proposals() if one["number"] == number))
 
 
 @pytest.fixture(scope="module")
