@@ -23,6 +23,7 @@ const CONTRACTS = [
   "WrappedVotes",
   "OrganizationTimelock",
   "OrganizationGovernor",
+  "BudgetVotes",
   "OrganizationRegistry",
 ];
 

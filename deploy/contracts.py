@@ -420,6 +420,9 @@ def _missing_rules(
     if client.deployment.has_timelock:
         # So that proposals set the prices of the organization's services.
         roles.append((Role.OPERATOR, client.deployment.address("OrganizationTimelock")))
+    if client.deployment.has_budget_votes:
+        # It pays what members have split, and nothing else.
+        roles.append((Role.TREASURER, client.deployment.address("BudgetVotes")))
     for former in _former_oracles(site, client):
         yield administrator, calls.revoke_role(Role.ORACLE, former)
     for role, account in roles:

@@ -258,6 +258,7 @@ def _parts(
         arguments |= {
             "MemberVotes": (organization,),
             "WrappedVotes": (coin,),
+            "BudgetVotes": (organization, addresses.get("MemberVotes")),
             "OrganizationGovernor": (
                 addresses[artifacts.VOTES[governance.votes]],
                 addresses["OrganizationTimelock"],

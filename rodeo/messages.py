@@ -499,8 +499,9 @@ class RevokeRole(Command):
 
 
 Proposable = Literal[
-    "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "hand_over", "register_device",
-    "reinstate_provider", "reinstate_service", "rescue_tokens", "resume_tasks", "retire_rules",
+    "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "hand_over",
+    "open_budget_vote", "register_device", "reinstate_provider", "reinstate_service", "rescue_tokens",
+    "resume_tasks", "retire_rules",
     "revoke_device", "revoke_role",
     "seat_judge", "set_budget", "set_delay", "set_members_only", "set_policy", "set_quorum", "set_terms",
     "suspend_provider", "suspend_service", "unseat_judge", "update_service",
@@ -518,6 +519,33 @@ class Propose(Command):
     request: dict[str, Any] = {}
     """The command's own fields."""
     description: Annotated[str, StringConstraints(min_length=1, max_length=4096)]
+
+
+class OpenBudgetVote(Command):
+    """Let the members split an amount of the treasury among recipients by quadratic votes. It can only be
+    proposed, and only where members vote. It begins when the proposal is executed."""
+
+    recipients: Annotated[list[Party], Field(min_length=1, max_length=16)]
+    """Who gets a share, each once."""
+    amount_iec: Payment
+    duration_s: Annotated[int, Field(ge=60, lt=2**32)] = 3 * 24 * 3600
+    """How long members may vote, s of block time."""
+
+
+class CastBudgetVote(Command):
+    """Say how many votes each recipient of a budget vote gets from this member. n votes cost n² of its 100
+    credits. Voting again before the end replaces all its votes."""
+
+    budget_vote: Id
+    votes: Annotated[dict[Party, Annotated[int, Field(strict=True, ge=0, lt=2**32)]], Field(max_length=16)]
+    """Recipient -> a whole number of votes. Who is left out gets none."""
+
+
+class PayBudgetShare(Command):
+    """Pay one recipient its share after the end of a budget vote. Anybody may."""
+
+    budget_vote: Id
+    recipient: Party
 
 
 class WrapTokens(Command):
@@ -753,6 +781,9 @@ COMMANDS: dict[str, type[Command]] = {
     "cancel_proposal": CancelProposal,
     "hand_over": HandOver,
     "set_delay": SetDelay,
+    "open_budget_vote": OpenBudgetVote,
+    "cast_budget_vote": CastBudgetVote,
+    "pay_budget_share": PayBudgetShare,
     "relay": Relay,
     "allow_payments": AllowPayments,
     "revoke_request": RevokeRequest,

@@ -332,6 +332,9 @@ _VALUES: dict[str, Any] = {
     "votes": 3,
     "judges": ["anna", "bert", "carl", "dora"],
     "support": "for",
+    "recipients": ["panther1", "alice"],
+    "budget_vote": 0,
+    "recipient": "panther1",
 }
 _SHOWN: dict[str, tuple[str, ...]] = {
     "register_task": ("params", "request_id"),
@@ -347,6 +350,7 @@ _SHOWN: dict[str, tuple[str, ...]] = {
 """Optional fields that the example of a command has, too."""
 _OWN: dict[str, dict[str, Any]] = {
     "set_budget": {"role": "treasurer"},
+    "cast_budget_vote": {"votes": {"panther1": 6, "alice": 8}},
     "challenge_verdict": {"reason": "the item lies beside the bin"},
     "revoke_device": {"reason": "superseded"},
     "grant_role": {"role": "auditor"},

@@ -103,6 +103,15 @@ class RootFilters(Message):
     offset: Id = 0
 
 
+class BudgetVoteFilters(Message):
+    """Parameters of `state/budget_votes`."""
+
+    number: Id | None = None
+    """Only this one."""
+    limit: Annotated[int, Field(ge=1, le=100)] = 20
+    offset: Id = 0
+
+
 class ProposalFilters(Message):
     """Parameters of `state/proposals`."""
 
@@ -466,6 +475,51 @@ class Proposals(Answer):
     total: int
 
 
+class BudgetShare(Answer):
+    """One recipient of a budget vote."""
+
+    address: str
+    name: str | None
+    votes: int
+    """Of all members together, until now."""
+    share_iec: Amount
+    """What it is paid with these votes."""
+    paid_iec: Amount | None
+    """None until it was paid."""
+
+
+class BudgetBallot(Answer):
+    voter: str
+    voter_name: str | None
+    votes: list[int]
+    """For each recipient, in their order."""
+    credits_used: int
+    """What these cost: the sum of their squares."""
+
+
+class BudgetVote(Answer):
+    """An amount of the treasury that members split."""
+
+    number: int
+    """From 0, as the contract counts."""
+    state: Literal["open", "ended", "paid"]
+    """Open while members vote, paid when everybody has their share."""
+    amount_iec: Amount
+    opened_s: float
+    """Who became a member at this block time or later has no votes in it."""
+    end_s: float
+    """Block time before which members vote, and from which shares are paid."""
+    credits: int
+    """Of each member."""
+    recipients: list[BudgetShare]
+    ballots: list[BudgetBallot]
+
+
+class BudgetVotes(Answer):
+    budget_votes: list[BudgetVote]
+    total: int
+
+
 class Chain(Answer):
     chain_id: int
     genesis_hash: str
@@ -523,6 +577,9 @@ ORGANIZATION = Query(
 )
 PROPOSALS = Query(
     "proposals", ProposalFilters, Proposals, "what was proposed and what became of it, the newest first"
+)
+BUDGET_VOTES = Query(
+    "budget_votes", BudgetVoteFilters, BudgetVotes, "money that members split by votes, the newest first"
 )
 CHAIN = Query("chain", Nothing, Chain, "the chain, and the newest block in the index")
 EVENTS = Query("events", EventRange, Events, "events after a number, each as a DaoEvent below")

@@ -15,6 +15,7 @@ from rodeo.durations import span
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import KindError, installed, kinds_of, load
 from rodeo.messages import LIVE_STATES, Policy, RoleName
+from rodeo_cli import budget_votes
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -85,7 +86,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             for one in state.judges
         ),
         *(
-            (_ROLES.get(role, role), ", ".join(one.name or one.address for one in holders) or "nobody")
+            (_ROLES.get(role, role), ", ".join(_holder(one, state) for one in holders) or "nobody")
             for role, holders in sorted(state.roles.items())
         ),
     ]
@@ -182,6 +183,13 @@ def migrate(
             abort=True,
         )
     migrate_site(site, say, threading.Event())
+
+
+def _holder(one: queries.Holder, state: queries.Organization) -> str:
+    """Who holds a role: a participant, a contract of the organization, or an address."""
+    contracts = state.contracts.model_dump(by_alias=True)
+    name = one.name or next((name for name, address in contracts.items() if address == one.address), None)
+    return name or one.address
 
 
 def _decides_in_words(state: queries.Organization) -> str:
@@ -888,3 +896,4 @@ register(
         "quorum": quorum,
     },
 )
+budget_votes.register(organization)

@@ -223,6 +223,17 @@ class Vote(Struct):
     reason: str
 
 
+class BudgetVotesCalls(ContractCalls):
+    def open(self, recipients: list[str], amount: int, duration: int) -> Call:
+        return self._call("BudgetVotes", "open", recipients, amount, duration)
+
+    def pay(self, round_id: int, index: int) -> Call:
+        return self._call("BudgetVotes", "pay", round_id, index)
+
+    def vote(self, round_id: int, votes: list[int]) -> Call:
+        return self._call("BudgetVotes", "vote", round_id, votes)
+
+
 class DisputesCalls(ContractCalls):
     def announce_withdrawal(self, committee: str, seat: int, amount: int) -> Call:
         return self._call("Disputes", "announceWithdrawal", committee, seat, amount)

@@ -279,6 +279,15 @@ class ChainClient:
             artifacts.VOTES[self.deployment.votes_by or "members"], "getVotes", to_checksum_address(account)
         )
 
+    def voting_time_s(self) -> int:
+        """Time of a block that would be mined now, where members vote."""
+        return int(self._view("MemberVotes", "clock", block="pending"))
+
+    def has_credits(self, account: str, opened_s: int) -> bool:
+        """Whether the account has credits in a budget vote that was opened at this block time: it was a
+        member before, and is one."""
+        return bool(self._view("MemberVotes", "getPastVotes", to_checksum_address(account), opened_s - 1))
+
     def decision_delay_s(self) -> int:
         """Between a proposal, or a decision's place in the queue, and its execution, s; 0 while somebody sets
         it all up."""

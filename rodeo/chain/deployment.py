@@ -74,6 +74,11 @@ class Deployment(BaseModel):
         return self.votes_by is not None
 
     @property
+    def has_budget_votes(self) -> bool:
+        """Whether members split money by votes."""
+        return artifacts.BUDGET_VOTES in self.contracts
+
+    @property
     def has_timelock(self) -> bool:
         """Whether the administrator is a timelock: what it is to do is proposed, and done after a delay."""
         return "OrganizationTimelock" in self.contracts

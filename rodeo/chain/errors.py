@@ -58,8 +58,8 @@ _AMOUNTS_OF = {
     "BondTooHigh": {"max_bond"},
 }
 """The same where another error's argument of that name is something else."""
-_NO_AMOUNTS_OF = {"TooFewVotes": {"needed"}, "TooLate": {"needed"}}
-"""Arguments of these names that are something else: a number of votes, a time."""
+_NO_AMOUNTS_OF = {"TooFewVotes": {"needed"}, "TooFewCredits": {"needed"}, "TooLate": {"needed"}}
+"""Arguments of these names that are something else: a number of votes or credits, a time."""
 
 
 class ContractReverted(ChainError):

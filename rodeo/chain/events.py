@@ -597,3 +597,25 @@ class VoteCastWithParams(Event):
     weight: int
     reason: str
     params: bytes
+
+
+@dataclass(frozen=True)
+class BudgetPaid(Event):
+    round_id: int
+    recipient: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class BudgetVoteCast(Event):
+    round_id: int
+    account: str
+    votes: list[int]
+
+
+@dataclass(frozen=True)
+class RoundOpened(Event):
+    round_id: int
+    amount: int
+    end: int
+    recipients: list[str]

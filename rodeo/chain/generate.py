@@ -42,8 +42,9 @@ OF_GOVERNANCE = {
             *("ProposalQueued", "ProposalExecuted", "ProposalCanceled"),
         }
     ),
+    "BudgetVotes": frozenset({"open", "vote", "pay", "RoundOpened", "BudgetVoteCast", "BudgetPaid"}),
 }
-"""What is used of contracts that are OpenZeppelin's for the most part."""
+"""What is used of contracts that are OpenZeppelin's for the most part, or that not every organization has."""
 
 IGNORED_EVENTS = frozenset(
     {

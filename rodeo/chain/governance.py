@@ -24,6 +24,9 @@ STATES = ("pending", "active", "canceled", "defeated", "succeeded", "queued", "e
 OPERATION_STATES = ("canceled", "waiting", "ready", "executed")
 """By OpenZeppelin's TimelockController.OperationState; what it does not know any more was cancelled."""
 
+BUDGET_CREDITS = 100
+"""Of each member in each budget vote: n votes for one recipient cost n² of them (BudgetVotes.CREDITS)."""
+
 WHY = to_checksum_address("0x0000000000000000000000000000000000000004")
 """The call of a proposal to here has its text as data. A timelock has no place for a text, and this contract,
 which every chain has, only returns what it is sent (`identity`, Ethereum Yellow Paper, appendix E)."""
@@ -83,6 +86,8 @@ class GovernanceCalls:
         self.votes = abi.MemberVotesCalls(deployment)
         self.tokens = abi.WrappedVotesCalls(deployment)
         """Where tokens vote, in place of `votes`."""
+        self.budgets = abi.BudgetVotesCalls(deployment)
+        """Where members vote: how they split money."""
 
     def propose(self, calls: Sequence[Call], description: str) -> Call:
         return self._governor.propose(
@@ -147,6 +152,12 @@ class GovernanceCalls:
         more; otherwise `founder` is the administrator's key, and may propose and cancel."""
         given_up = [self._timelock.revoke_role(role, founder) for role in TimelockRole]
         return [self.set_delay(delay_s), *(given_up if self._by_vote else ())]
+
+
+def shares(amount: int, votes: Sequence[int]) -> list[int]:
+    """What each recipient of a budget vote is paid with so many `votes`, wei, as the contract divides."""
+    total = sum(votes)
+    return [amount * one // total if total else 0 for one in votes]
 
 
 def text_of(targets: Sequence[str], calldatas: Sequence[bytes]) -> str:

@@ -35,7 +35,7 @@ from rodeo.chain import (
     Verdict,
     Vote,
 )
-from rodeo.chain.governance import Operation, Proposed
+from rodeo.chain.governance import BUDGET_CREDITS, Operation, Proposed, shares
 from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
@@ -52,6 +52,7 @@ from rodeo.messages import (
     Broadcast,
     CancelProposal,
     CancelTask,
+    CastBudgetVote,
     CastVote,
     ChallengeVerdict,
     ChangeJudgeKey,
@@ -67,7 +68,9 @@ from rodeo.messages import (
     GrantRole,
     HandOver,
     MatchTask,
+    OpenBudgetVote,
     PauseTasks,
+    PayBudgetShare,
     PostRoot,
     PostVerdict,
     PostVotes,
@@ -114,6 +117,7 @@ from rodeo.messages import (
 )
 from rodeo.signed_requests import UNLIMITED
 from services.bridge.errors import (
+    AboveBudget,
     ActsAtOnce,
     AlreadyOffered,
     AssignmentChanged,
@@ -126,15 +130,22 @@ from services.bridge.errors import (
     KindWithoutChecks,
     KindWithoutRules,
     MembersDecide,
+    NoBudgetVotes,
+    NoCredits,
     NoDispute,
     NotAJudge,
+    NotARecipient,
+    NothingToPay,
     NotThisWallets,
     NoVotes,
     ProviderWithoutService,
     RewardBelowPrice,
     RulesNotCurrent,
     StakeTooLow,
+    TooFewCredits,
+    UnexpectedBudgetVoteState,
     UnexpectedProposalState,
+    UnknownBudgetVote,
     UnknownCommand,
     UnknownKind,
     UnknownParticipant,
@@ -668,13 +679,17 @@ class Wallet:
 
     def _set_payout(self, command: SetPayout) -> list[Call]:
         provider = self.address if command.provider is None else self.names.address(command.provider)
-        # Nobody could correct a mistyped one.
-        payout = self.names.addresses.get(command.payout)
+        return [self.client.calls.set_payout(provider, self._payee("payout", command.payout))]
+
+    def _payee(self, field: str, who: str) -> str:
+        """The address of whoever is to be paid: nobody could correct a mistyped one.
+
+        Raises InvalidRequest.
+        """
         try:
-            payout = payout or typed_address(command.payout)
+            return self.names.addresses.get(who) or typed_address(who)
         except ValueError as error:
-            raise InvalidRequest(f"payout: neither a participant nor {error}") from error
-        return [self.client.calls.set_payout(provider, payout)]
+            raise InvalidRequest(f"{field}: neither a participant nor {error}") from error
 
     def _transfer(self, command: Transfer) -> list[Call]:
         amount = self._currency.to_units(command.amount_iec)
@@ -1035,6 +1050,102 @@ class Wallet:
     def _collect(self, _command: Collect) -> list[Call]:
         return [self.client.calls.withdraw_payments(self.address)]
 
+    # -- money that members split --------------------------------------------------------------------------
+
+    def _open_budget_vote(self, command: OpenBudgetVote) -> list[Call]:
+        self._require_budget_votes()
+        amount = self._currency.to_units(command.amount_iec)
+        recipients = [self._payee("recipients", one) for one in command.recipients]
+        for number, (one, who) in enumerate(zip(recipients, command.recipients, strict=True)):
+            if one in (ZERO_ADDRESS, *self.client.deployment.contracts.values()):
+                raise NotARecipient(
+                    "the organization's own contracts, and nobody, cannot be paid a share", recipient=who
+                )
+            if one in recipients[:number]:
+                raise NotARecipient("each recipient is named once", recipient=who)
+        # The members would split what is not there, or cannot be paid.
+        self._require_funds(self.client.organization, amount)
+        limit = self.client.budget(Role.TREASURER)
+        if limit.period and amount > limit.amount:
+            raise AboveBudget(
+                "one recipient could get more than treasurers may pay in a period: propose a higher budget "
+                "of the treasurers first, or a lower amount",
+                amount_iec=self._currency.text(amount),
+                budget_iec=self._currency.text(limit.amount),
+                period_s=limit.period,
+            )
+        return [self.client.governance_calls.budgets.open(recipients, amount, command.duration_s)]
+
+    def _cast_budget_vote(self, command: CastBudgetVote) -> list[Call]:
+        row = self._budget_vote(command.budget_vote, "open")
+        places = {self._place(row, who): votes for who, votes in command.votes.items()}
+        if len(places) < len(command.votes):
+            raise InvalidRequest("a recipient is named twice", votes=command.votes)
+        votes = [places.get(place, 0) for place in range(len(row["recipients"]))]
+        if (needed := sum(one * one for one in votes)) > BUDGET_CREDITS:
+            raise TooFewCredits(
+                "these votes cost more credits than a member has: n votes cost n * n",
+                votes=command.votes,
+                needed=needed,
+                credits=BUDGET_CREDITS,
+            )
+        if not self.client.has_credits(self.key_address, int(row["opened"])):
+            raise NoCredits(
+                "only who was a member before the budget vote was opened, and still is, has credits in it",
+                participant=self.participant,
+                budget_vote=row["number"],
+            )
+        return [self.client.governance_calls.budgets.vote(row["number"], votes)]
+
+    def _pay_budget_share(self, command: PayBudgetShare) -> list[Call]:
+        row = self._budget_vote(command.budget_vote, "ended")
+        place = self._place(row, command.recipient)
+        share, paid = shares(row["amount"], row["votes"])[place], row["paid"][place]
+        if paid is not None or not share:
+            raise NothingToPay(
+                "this recipient got no votes" if paid is None else "this recipient was paid its share",
+                budget_vote=row["number"],
+                recipient=command.recipient,
+                paid_iec=self._currency.text(int(paid or 0)),
+            )
+        self._require_funds(self.client.organization, share)
+        return [self.client.governance_calls.budgets.pay(row["number"], place)]
+
+    def _budget_vote(self, number: int, state: str) -> Row:
+        """A budget vote in which members vote still (`open`), or no more (`ended`)."""
+        self._require_budget_votes()
+        row = self.index.budget_vote(number)
+        if row is None:
+            raise UnknownBudgetVote(
+                "no such budget vote; `rodeo organization budget-votes` lists them", budget_vote=number
+            )
+        found = "open" if self.client.voting_time_s() < row["end"] else "ended"
+        if found != state:
+            raise UnexpectedBudgetVoteState(
+                "members vote no more" if state == "open" else "members vote still, and nobody is paid yet",
+                budget_vote=number,
+                end_s=row["end"],
+            )
+        return row
+
+    def _place(self, row: Row, who: str) -> int:
+        """Where a recipient stands in the list of a budget vote. Raises NotARecipient."""
+        recipients, address = row["recipients"], self._payee("recipient", who)
+        if address not in recipients:
+            raise NotARecipient(
+                "this budget vote has no such recipient",
+                recipient=who,
+                known=[self.names.name(one) or one for one in recipients],
+            )
+        return int(recipients.index(address))
+
+    def _require_budget_votes(self) -> None:
+        if not self.client.deployment.has_budget_votes:
+            raise NoBudgetVotes(
+                "members split no money in this organization: it was founded without votes of its members",
+                votes_by=self.client.deployment.votes_by,
+            )
+
     # -- checks --------------------------------------------------------------------------------------------
 
     def _bond(self) -> int:
@@ -1201,6 +1312,9 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "cancel_proposal": (CancelProposal, Wallet._cancel_proposal),
     "hand_over": (HandOver, Wallet._hand_over),
     "set_delay": (SetDelay, Wallet._set_delay),
+    "open_budget_vote": (OpenBudgetVote, Wallet._open_budget_vote),
+    "cast_budget_vote": (CastBudgetVote, Wallet._cast_budget_vote),
+    "pay_budget_share": (PayBudgetShare, Wallet._pay_budget_share),
     "collect": (Collect, Wallet._collect),
     "relay": (Relay, Wallet._relay),
     "allow_payments": (AllowPayments, Wallet._allow_payments),

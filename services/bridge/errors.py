@@ -25,6 +25,14 @@
     │   ├── MembersDecide         no key alone may do this where members decide
     │   ├── UnknownProposal
     │   ├── UnexpectedProposalState  its delay runs, or it was executed or cancelled
+    │   ├── NoBudgetVotes         members split no money by votes in this organization
+    │   ├── UnknownBudgetVote
+    │   ├── UnexpectedBudgetVoteState  members vote still, or no more
+    │   ├── NotARecipient         nobody can vote for this account, or pay it its share
+    │   ├── AboveBudget           treasurers may not pay that much in a period
+    │   ├── NoCredits             the account was no member before the budget vote was opened, or is none now
+    │   ├── TooFewCredits         these votes cost more than a member has
+    │   ├── NothingToPay          the recipient got no votes, or was paid its share
     │   ├── VerdictWindowTooShort  challenges of verdicts take longer
     │   ├── NoDispute             no verdict waits to be challenged, or it was challenged before
     │   ├── CannotSign            the participant signs nothing for others to send
@@ -166,6 +174,38 @@ class UnknownProposal(RequestError):
 
 class UnexpectedProposalState(RequestError):
     """The delay of the administrator's proposal runs, or it was executed or cancelled before."""
+
+
+class NoBudgetVotes(RequestError):
+    """Members split money by votes only where they decide, in an organization that was founded so."""
+
+
+class UnknownBudgetVote(RequestError):
+    """No such budget vote was ever opened."""
+
+
+class UnexpectedBudgetVoteState(RequestError):
+    """Members vote until the end of a budget vote, and shares are paid from then on."""
+
+
+class NotARecipient(RequestError):
+    """The account gets no share of this budget vote, or can get none."""
+
+
+class AboveBudget(RequestError):
+    """Treasurers may not pay as much in a period as one recipient of the budget vote could get."""
+
+
+class NoCredits(RequestError):
+    """Who was no member before the budget vote was opened, or is none any more, has no credits in it."""
+
+
+class TooFewCredits(RequestError):
+    """The squares of the votes add up to more credits than a member has."""
+
+
+class NothingToPay(RequestError):
+    """The recipient got no votes, or was paid its share."""
 
 
 class WalletElsewhere(RequestError):

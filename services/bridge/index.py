@@ -543,6 +543,20 @@ class Index:
         """Of the proposal with this id in hex."""
         return self._scalar(select(schema.proposals.c.number).where(schema.proposals.c.id == key))
 
+    def budget_votes(self, page: Page, number: int | None = None) -> tuple[list[Row], int]:
+        """The newest first, or the one with this number, each with its `ballots`."""
+        table, ballots = schema.budget_votes, schema.budget_ballots
+        conditions = [] if number is None else [table.c.number == number]
+        rows, total = self._page(select(table).where(*conditions).order_by(table.c.number.desc()), page)
+        numbers = [row["number"] for row in rows]
+        cast = self._rows(select(ballots).where(ballots.c.budget_vote.in_(numbers)).order_by(ballots.c.voter))
+        return [
+            {**row, "ballots": [one for one in cast if one["budget_vote"] == row["number"]]} for row in rows
+        ], total
+
+    def budget_vote(self, number: int) -> Row | None:
+        return self._first(select(schema.budget_votes).where(schema.budget_votes.c.number == number))
+
     def balances(self) -> dict[str, int]:
         """Address -> wei of IECoin, of everyone who ever had any."""
         return {row["address"]: row["balance"] for row in self._rows(select(schema.balances))}

@@ -403,6 +403,26 @@ class Projection:
             case events.MinDelayChange():
                 if event.new_duration and rows.find(schema.settings, "founded") is None:
                     rows.put(schema.settings, name="founded", value=log.tx_hash)
+            case events.RoundOpened():
+                rows.add(
+                    schema.budget_votes,
+                    number=event.round_id,
+                    amount=event.amount,
+                    opened=time_s,
+                    end=event.end,
+                    recipients=event.recipients,
+                    votes=[0] * len(event.recipients),
+                    paid=[None] * len(event.recipients),
+                )
+            case events.BudgetVoteCast():
+                self._cast_budget_vote(event)
+            case events.BudgetPaid():
+                before = rows.get(schema.budget_votes, event.round_id)
+                paid = [
+                    str(event.amount) if one == event.recipient else amount
+                    for one, amount in zip(before["recipients"], before["paid"], strict=True)
+                ]
+                rows.change(schema.budget_votes, event.round_id, paid=paid)
             case events.PaymentDeferred():
                 self._change_balance(event.account, owed=event.amount)
             case events.PaymentCollected():
@@ -464,6 +484,17 @@ class Projection:
         if is_last and (founded is None or founded["value"] == tx_hash):
             self.rows.change(schema.proposals, key, number=None)
             self.rows.put(schema.settings, name="proposals", value=self._proposal_count() - 1)
+
+    def _cast_budget_vote(self, event: events.BudgetVoteCast) -> None:
+        """The member's votes, in place of those that it gave before."""
+        ballot = self.rows.find(schema.budget_ballots, event.round_id, event.account)
+        before = [0] * len(event.votes) if ballot is None else ballot["votes"]
+        votes = self.rows.get(schema.budget_votes, event.round_id)["votes"]
+        added = [total + new - old for total, new, old in zip(votes, event.votes, before, strict=True)]
+        self.rows.change(schema.budget_votes, event.round_id, votes=added)
+        self.rows.put(
+            schema.budget_ballots, budget_vote=event.round_id, voter=event.account, votes=event.votes
+        )
 
     def _next_proposal(self) -> int:
         """The number of a new one."""

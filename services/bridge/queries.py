@@ -11,12 +11,13 @@ from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
 from rodeo.chain import ChainClient, Role
-from rodeo.chain.governance import SUPPORT, WHY, described
+from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, WHY, described, shares
 from rodeo.chain.reputation import Work
 from rodeo.currency import Currency
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
     Account,
+    BudgetVoteFilters,
     EventRange,
     HistoryRange,
     ProposalFilters,
@@ -67,6 +68,7 @@ class Queries:
             "roots": self._roots,
             "organization": self._organization,
             "proposals": self._proposals,
+            "budget_votes": self._budget_votes,
             "chain": self._chain,
             "events": self._events,
         }
@@ -393,6 +395,45 @@ class Queries:
 
     def _weight(self, votes: int) -> int | str:
         return self._iec(votes) if self._deployment.votes_by == "tokens" else votes
+
+    def _budget_votes(self, request: Request) -> Json:
+        wanted = validate(BudgetVoteFilters, request.parameters)
+        rows, total = self._index.budget_votes(Page(wanted.limit, wanted.offset), wanted.number)
+        now_s = self._client.voting_time_s() if rows else 0
+        return {"budget_votes": [self._budget_vote_json(row, now_s) for row in rows], "total": total}
+
+    def _budget_vote_json(self, row: Mapping[str, Any], now_s: int) -> Json:
+        owed = shares(row["amount"], row["votes"])
+        each = list(zip(row["recipients"], row["votes"], owed, row["paid"], strict=True))
+        open_or_ended = "open" if now_s < row["end"] else "ended"
+        is_paid = any(owed) and all(paid is not None for _, _, share, paid in each if share)
+        return {
+            "number": row["number"],
+            "state": "paid" if is_paid else open_or_ended,
+            "amount_iec": self._iec(row["amount"]),
+            "opened_s": row["opened"],
+            "end_s": row["end"],
+            "credits": BUDGET_CREDITS,
+            "recipients": [
+                {
+                    "address": address,
+                    "name": self._names.name(address),
+                    "votes": votes,
+                    "share_iec": self._iec(share),
+                    "paid_iec": None if paid is None else self._iec(int(paid)),
+                }
+                for address, votes, share, paid in each
+            ],
+            "ballots": [
+                {
+                    "voter": one["voter"],
+                    "voter_name": self._names.name(one["voter"]),
+                    "votes": one["votes"],
+                    "credits_used": sum(votes * votes for votes in one["votes"]),
+                }
+                for one in row["ballots"]
+            ],
+        }
 
     def _chain(self, _request: Request) -> Json:
         position = self._index.position

@@ -297,6 +297,26 @@ ballots = Table(
     Column("weight", Wei, nullable=False),
 )
 
+budget_votes = Table(
+    "budget_votes",
+    metadata,
+    Column("number", BigInteger, primary_key=True, autoincrement=False, doc="from 0, the contract's"),
+    Column("amount", Wei, nullable=False),
+    Column("opened", Float, nullable=False),
+    Column("end", BigInteger, nullable=False, doc="members vote before it, and shares are paid from it on"),
+    Column("recipients", JSON, nullable=False),
+    Column("votes", JSON, nullable=False, doc="of all members together, for each recipient"),
+    Column("paid", JSON, nullable=False, doc="wei, decimal text, for each recipient; null until it was paid"),
+)
+
+budget_ballots = Table(
+    "budget_ballots",
+    metadata,
+    Column("budget_vote", BigInteger, primary_key=True, autoincrement=False),
+    Column("voter", String(42), primary_key=True),
+    Column("votes", JSON, nullable=False, doc="for each recipient, as it last voted"),
+)
+
 balances = Table(
     "balances",
     metadata,

@@ -23,6 +23,7 @@ from rodeo.messages import (
     Admit,
     AllowKind,
     CancelTask,
+    CastBudgetVote,
     CastVote,
     ChallengeVerdict,
     Deposit,
@@ -295,9 +296,9 @@ def _judge(actions: Actions, user: User, request: Judge) -> Json:
     return {"task_id": request.task_id, "accepted": request.accepted}
 
 
-def _cast_vote(actions: Actions, user: User, request: CastVote) -> Json:
+def _of_member(command: str) -> Perform:
     # Only in one's own name: who administers the console has no vote of others.
-    return actions.command(user.participant or ORGANIZATION, "cast_vote", request)
+    return lambda actions, user, request: actions.command(user.participant or ORGANIZATION, command, request)
 
 
 def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
@@ -396,7 +397,10 @@ _TABLE = (
            _submit_work),
     Action("judge", "Approve or reject a proof that waits for an auditor, or call its task impossible", Judge,
            _AUDITOR, _judge),
-    Action("cast_vote", "Vote on a proposal as a member; once and for all", CastVote, _EXECUTOR, _cast_vote),
+    Action("cast_vote", "Vote on a proposal as a member; once and for all", CastVote, _EXECUTOR,
+           _of_member("cast_vote")),
+    Action("cast_budget_vote", "Vote as a member on who gets how much of a budget", CastBudgetVote, _EXECUTOR,
+           _of_member("cast_budget_vote")),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),

@@ -9,7 +9,7 @@ from typing import Any
 
 from rodeo.durations import span
 from rodeo.errors import RodeoError, snake_case
-from rodeo.queries import KindRules, ProposedCall
+from rodeo.queries import BudgetBallot, BudgetVote, KindRules, ProposedCall
 
 STATE_COLOURS = {
     "open": "warn",
@@ -32,6 +32,7 @@ STATE_COLOURS = {
     "expired": "bad",
     "abandoned": "warn",
     "impossible": "warn",
+    "paid": "good",
     "superseded": "",
     "compromised": "bad",
     "at work": "info",
@@ -190,6 +191,12 @@ def _call_in_words(function: str, args: Mapping[str, Any]) -> str:
     if function == "multicall" and "calls" in args:
         return "; ".join(_call_in_words(one["function"], one["args"]) for one in args["calls"])
     return f"{function or '?'}({', '.join(f'{name} {value}' for name, value in args.items())})"
+
+
+def split_in_words(vote: BudgetVote, ballot: BudgetBallot) -> str:
+    """Whom a member gave how many votes: alice 6, bob 8."""
+    given = zip(vote.recipients, ballot.votes, strict=True)
+    return ", ".join(f"{party(to.name, to.address)} {votes}" for to, votes in given if votes) or "nobody"
 
 
 def quorum_in_words(kind: KindRules) -> str:

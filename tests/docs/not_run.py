@@ -9,6 +9,7 @@ _SHELL = "sets the reader's shell up"
 _FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the others beside it"
 _JUDGES = "needs a site with several oracles: tests/integration/test_quorum.py runs such commands"
 _DISPUTES = "needs a verdict that waits: tests/integration/test_disputes.py runs such commands"
+_MEMBERS = "needs an organization whose members vote: tests/integration/test_governance.py runs such commands"
 _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
 NOT_RUN: dict[str, str] = {
@@ -66,6 +67,9 @@ NOT_RUN: dict[str, str] = {
     "rodeo organization seat 0x... --owner panther1": _JUDGES,
     "rodeo organization unseat carl": _JUDGES,
     "rodeo organization quorum waste_disposal 2 --judge anna --judge bert --judge dora": _JUDGES,
+    "rodeo organization budget-votes --as alice": _MEMBERS,
+    "rodeo organization vote-budget 0 alice=6 bob=8 --as alice": _MEMBERS,
+    "rodeo organization pay-budget 0": _MEMBERS,
     "rodeo organization migrate": "moves the organization: tests/integration/test_migration.py does it",
     "ros2 topic hz /fleet/arthur/joint_states": _ROS,
 }

@@ -4,17 +4,26 @@ An administrator who waits proposes, waits and executes."""
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from playwright.sync_api import expect
 from typer.testing import CliRunner
 
+from rodeo import wallets
+from rodeo.dao import Participant
+from rodeo.messages import CastBudgetVote
 from rodeo_cli import app
+from services.console.roles import Role
+from tests.support.browser import chromium
+from tests.support.console import PASSPHRASE, Desk, open_page
 from tests.support.dao import PARAMS, Dao
 from tests.support.site import RunningSite, write_site
 
 DELAY_S, PERIOD_S = 3600, 86_400
+REPAIRS = "0x4E4E4E4e4E4e4e4E4e4E4E4e4E4E4E4E4e4E4e4e"
 SITE = f"""participants = [{{ name = "alice" }}, {{ name = "bob" }}, {{ name = "carla" }}]
 
 [governance]
@@ -68,6 +77,10 @@ def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
     )
     assert done.exit_code == status, done.output
     return done.output
+
+
+def wallet(dao: Dao, name: str) -> str:
+    return next(str(one["address"]) for one in dao.state("wallets")["wallets"] if one["name"] == name)
 
 
 def proposals(dao: Dao) -> dict[int, dict[str, Any]]:
@@ -128,6 +141,98 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
     assert dao.client().votes(carla) == 1
     (seated,) = dao.state("organization")["judges"]
     assert (seated["key"].lower(), seated["owner_name"]) == (judge, "carla")
+
+
+def budget_vote(dao: Dao, number: int) -> dict[str, Any]:
+    (found,) = dao.state("budget_votes", number=number)["budget_votes"]
+    return found  # type: ignore[no-any-return]
+
+
+def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: Dao) -> None:
+    now_s = float(dao.client().w3.eth.get_block("pending")["timestamp"])
+
+    def pass_time(s: float) -> None:
+        nonlocal now_s
+        now_s += s
+        dao.set_clock(now_s)
+
+    assert "There are none." in rodeo(dao, "budget-votes")
+    assert "BudgetVotes" in rodeo(dao, "show")  # among the treasurers
+    pass_time(10)
+    open_it = ("budget-vote", "90", "carla", "bob", REPAIRS, "--duration", str(PERIOD_S))
+    propose = ("propose", "--why", "who needs it?")
+    assert "needed: 90,000 IEC" in rodeo(dao, *propose, "budget-vote", "90000", "bob", status=1)
+    told = rodeo(dao, *propose, *open_it, "--as", "alice")
+    number = re.findall(r"Proposal (\d+):", told)[0]
+    pass_time(10)
+    for member in ("alice", "panther1"):
+        rodeo(dao, "vote", number, "for", "--as", member)
+    pass_time(PERIOD_S)
+    rodeo(dao, "queue", number)
+    pass_time(DELAY_S + 1)
+    rodeo(dao, "execute", number, "--as", "carla")
+    (call,) = proposals(dao)[int(number)]["calls"]
+    assert (call["contract"], call["function"]) == ("BudgetVotes", "open")
+    assert call["args"]["amount"] == 90 * 10**18 and call["args"]["duration"] == PERIOD_S
+    pass_time(10)
+
+    give = ("vote-budget", "0", "--as")
+    for votes, why in (
+        (("carla=11",), "needed: 121, credits: 100"),
+        (("alice=1",), "not_a_recipient"),
+        (("carla=1", f"{wallet(dao, 'carla')}=9"), "named twice"),
+    ):
+        assert why in rodeo(dao, *give, "alice", *votes, status=1)
+    assert "no_credits" in rodeo(dao, *give, "organization", "carla=10", status=1)
+    assert "unknown_budget_vote" in rodeo(dao, "vote-budget", "1", "carla=1", "--as", "alice", status=1)
+    assert "with 64 credits" in rodeo(dao, *give, "alice", "carla=8")
+    # A wallet that the bridge has no key of signs for itself. What it gave before is replaced.
+    bob = Participant(dao.running.bus, dao.site.org, "bob", wallets.load(dao.site, "bob"))
+    for given in ({"bob": 10}, {"bob": 8, REPAIRS: 6}):
+        bob.command("cast_budget_vote", CastBudgetVote(budget_vote=0, votes=given))
+    shown = rodeo(dao, "budget-votes", "--as", "bob")
+    assert "bob has given 100 of 100 credits: bob 8, 0x4E4E4E4e…4E4e4e 6" in shown and "vote until" in shown
+    assert "members vote still" in rodeo(dao, "pay-budget", "0", status=1)
+
+    dao.running.start("console")
+    with chromium() as browser:
+        desk = Desk(dao.running, browser)
+        desk.accounts.add_user("alice", PASSPHRASE, [Role.EXECUTOR], "alice")
+        page, reader = desk.page("alice"), desk.page("reader")
+        for one in (page, reader):
+            open_page(one, "/proposals")
+        card = page.get_by_role("region", name="Budget vote 0")
+        expect(card).to_contain_text("64 of 100 credits: carla 8")
+        expect(card.get_by_role("progressbar", name="Share of carla")).to_have_attribute(
+            "aria-valuenow",
+            "36",  # 8 of 22
+        )
+        card.get_by_role("button", name="Change your votes").click()
+        dialog = page.get_by_role("dialog", name="Budget vote 0")
+        dialog.get_by_label("Votes for bob").fill("10")
+        expect(dialog.get_by_role("status")).to_have_text("164 of 100 credits: too many")
+        expect(dialog.get_by_role("button", name="Vote")).to_be_disabled()
+        dialog.get_by_label("Votes for bob").fill("6")
+        dialog.get_by_role("button", name="Vote").click()
+        expect(card).to_contain_text("100 of 100 credits: carla 8, bob 6")
+        other = reader.get_by_role("region", name="Budget vote 0")
+        expect(other).to_contain_text("14 votes, would get 45 IEC")
+        expect(other.get_by_role("button")).to_have_count(0)
+        pass_time(PERIOD_S)
+        assert "members vote no more" in rodeo(dao, *give, "alice", "carla=1", status=1)
+        before = {name: dao.balances()[name] for name in ("carla", "bob")}
+        paid = rodeo(dao, "pay-budget", "0", "--as", "carla")
+        # 28 votes: 8 for carla, 14 for bob and 6 for the repairs.
+        assert "bob was paid 45 IEC." in paid
+        expect(other).to_contain_text("14 votes, was paid 45 IEC")
+    found = budget_vote(dao, 0)
+    assert found["state"] == "paid"
+    cents = [int(float(one["paid_iec"]) * 100) for one in found["recipients"]]
+    assert cents == [2571, 4500, 1928] and [one["votes"] for one in found["recipients"]] == [8, 14, 6]
+    assert dao.balances()["bob"] - before["bob"] == 45
+    assert round(dao.balances()["carla"] - before["carla"], 2) == 25.71
+    assert dao.client().balance(REPAIRS) == 90 * 10**18 * 6 // 28
+    assert "There is nothing to pay of budget vote 0." in rodeo(dao, "pay-budget", "0")
 
 
 def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) -> None:

@@ -34,14 +34,16 @@ VOTES = {"members": "MemberVotes", "tokens": "WrappedVotes"}
 """What votes -> the contract that counts it."""
 
 _GOVERNORS = ("OrganizationTimelock", "OrganizationGovernor")
-GOVERNANCE = (*VOTES.values(), *_GOVERNORS)
-"""Contracts that an organization has, too, if it decides by votes: one of VOTES, and all others. If its
+BUDGET_VOTES = "BudgetVotes"
+"""By which members split money; where tokens vote, nobody has one vote each."""
+GOVERNANCE = (*VOTES.values(), *_GOVERNORS, BUDGET_VOTES)
+"""Contracts that an organization has, too, if it decides by votes: those of `governance`. If its
 administrator proposes and waits, it has the timelock alone."""
 
 
 def governance(votes: str) -> tuple[str, ...]:
     """Contracts of an organization where this votes, one of VOTES."""
-    return VOTES[votes], *_GOVERNORS
+    return VOTES[votes], *_GOVERNORS, *((BUDGET_VOTES,) if votes == "members" else ())
 
 
 TOLD = (*CONTRACTS, "Disputes", *GOVERNANCE)

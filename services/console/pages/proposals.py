@@ -1,4 +1,4 @@
-"""What was proposed and what became of it, with the calls that each proposal would make."""
+"""Budget votes, and what was proposed and what became of it, with the calls that each proposal would make."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from rodeo import queries
 from rodeo.errors import RodeoError
 from rodeo.messages import Support
 from services.console.formatting import calls_in_words, moment, number, party
+from services.console.pages.budget_votes import BudgetVotesSection
 from services.console.pages.frame import Console, act, ask, follow_async, frame, problem_section, stale, user
 from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts
 from services.console.roles import Role
@@ -23,6 +24,7 @@ def register(console: Console) -> None:
     @ui.page("/proposals")
     def proposals() -> None:
         with frame(console, "Proposals", "/proposals"):
+            BudgetVotesSection(console)
             ProposalsPage(console)
 
 
@@ -48,12 +50,15 @@ class ProposalsPage:
                 "Nothing was proposed yet. Members, or an administrator who waits, propose with "
                 "`rodeo organization propose`."
             )
-        for one in proposals:
-            with card(f"Proposal {one.number}"):
-                self._draw_one(one)
+            return
+        with ui.element("div").classes("stack"):
+            for one in proposals:
+                with card(f"Proposal {one.number}") as head:
+                    with head:
+                        badge(one.state)
+                    self._draw_one(one)
 
     def _draw_one(self, one: queries.Proposal) -> None:
-        badge(one.state)
         Text("p", one.description, "wrap")
         with facts():
             fact("Would call", calls_in_words(one.calls), "wrap")

@@ -20,9 +20,10 @@ import typer
 from typer.testing import CliRunner
 
 from rodeo.config import Site
+from rodeo.errors import RemoteError
 from rodeo.messages import Status
 from rodeo.processes import processes_of
-from rodeo_cli import app, common, organization, proposals, robot, tasks
+from rodeo_cli import app, budget_votes, common, organization, proposals, robot, tasks
 from rodeo_cli import site as site_commands
 from rodeo_testing import answers
 from services.console.accounts import Accounts, accounts_path
@@ -46,13 +47,13 @@ ACTS = {
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
         "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
         "seat", "unseat", "quorum", "wrap", "unwrap",
-        "deposit-stake", "announce-withdrawal", "withdraw-stake",
+        "deposit-stake", "announce-withdrawal", "withdraw-stake", "vote-budget", "pay-budget",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
-        "price", "judge-key", "seat", "unseat", "quorum", "hand-over", "delay",
+        "price", "judge-key", "seat", "unseat", "quorum", "hand-over", "delay", "budget-vote",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""
@@ -87,6 +88,14 @@ PROPOSAL = {
     "votes": {"against": 0, "for": 1, "abstain": 0},
     "ballots": [{"voter": ALICE, "voter_name": "alice", "support": "for", "weight": 1}],
 }  # fmt: skip
+BUDGET_VOTE = {
+    "number": 0, "state": "open", "amount_iec": "100", "opened_s": 1.0, "end_s": 9.0, "credits": 100,
+    "recipients": [
+        {"address": KEY, "name": "carla", "votes": 16, "share_iec": "80", "paid_iec": None},
+        {"address": ALICE, "name": None, "votes": 4, "share_iec": "20", "paid_iec": None},
+    ],
+    "ballots": [{"voter": ALICE, "voter_name": "alice", "votes": [6, 4], "credits_used": 52}],
+}  # fmt: skip
 REPLIES: dict[str, dict[str, Any]] = {
     "tasks": {"tasks": [TASK], "total": 1},
     "task/12": TASK,
@@ -98,6 +107,7 @@ REPLIES: dict[str, dict[str, Any]] = {
     "roots": answers.roots([{"day": 3, "device": KEY, "root": "0x" + "d4" * 32, "uri": "file:///roots/3"}]),
     "state": {"robot": "panther1", "activity": "cleaning", "progress": 0.4, "soc": 0.5, "paused": False},
     "proposals": {"proposals": [PROPOSAL], "total": 1},
+    "budget_votes": {"budget_votes": [BUDGET_VOTE], "total": 1},
     "transactions": {"transactions": [], "total": 0},
 }  # fmt: skip
 
@@ -137,7 +147,7 @@ def answered(monkeypatch: pytest.MonkeyPatch, piped: None) -> dict[str, dict[str
     def connected(_site: Path) -> Iterator[tuple[Site, Any]]:
         yield Site.load(LAB), SimpleNamespace(query=query)
 
-    for module in (tasks, organization, proposals, robot):
+    for module in (tasks, organization, proposals, budget_votes, robot):
         monkeypatch.setattr(module, "connected", connected)
     return replies  # type: ignore[no-any-return]
 
@@ -150,6 +160,7 @@ LISTINGS = {
     "organization devices": "devices",
     "organization roots": "roots",
     "organization proposals": "proposals",
+    "organization budget-votes": "budget_votes",
     "robot state panther1": "state",
 }
 
@@ -269,6 +280,65 @@ def test_a_quorum_that_undoes_a_pending_one_is_proposed_with_a_warning_that_name
     assert done.exit_code == 0 and "Proposal 5" in done.stdout
     told = f"proposal 4 ({before['state']}) sets the judges of waste_disposal, too" in done.stdout
     assert told is warned
+
+
+@pytest.mark.parametrize(
+    ("member", "told"),
+    [
+        ("alice", "alice has given 52 of 100 credits: carla 6, 0xa1a1a1a1…a1a1a1 4"),
+        ("bob", "bob has given none of 100 credits"),
+    ],
+)
+def test_a_budget_vote_shows_who_gets_what_and_what_a_member_has_given(
+    answered: dict[str, dict[str, Any]], member: str, told: str
+) -> None:
+    done = CliRunner().invoke(app, ["organization", "budget-votes", "--as", member])
+    header, first, second, note = done.stdout.splitlines()
+    assert header.split() == ["no.", "state", "amount", "when", "recipient", "votes", "share"]
+    assert first.split()[:4] == ["0", "open", "100", "IEC"] and "vote until" in first
+    assert first.split()[-4:] == ["carla", "16", "80", "IEC"]
+    assert second.split() == [ALICE, "4", "20", "IEC"] and note.strip() == told
+
+
+@pytest.mark.parametrize("votes", ["carla", "carla=", "=5", "carla=-1", "carla=1.5", "carla=²", "carla=x"])
+def test_votes_for_a_budget_that_cannot_be_read_are_refused_with_what_was_given(
+    answered: dict[str, dict[str, Any]], votes: str
+) -> None:
+    done = CliRunner().invoke(app, ["organization", "vote-budget", "0", votes])
+    assert done.exit_code == 1 and f"given: {votes}" in done.output
+    twice = CliRunner().invoke(app, ["organization", "vote-budget", "0", "carla=1", "carla=2"])
+    assert twice.exit_code == 1 and "a recipient is named twice" in twice.output
+
+
+def test_a_share_that_cannot_be_paid_keeps_no_other_waiting(
+    answered: dict[str, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answered["budget_votes"]["budget_votes"][0]["state"] = "ended"
+    paid: list[str] = []
+
+    def query(key: str, request: Any = None, **_more: Any) -> Any:
+        if key.endswith("/budget_votes"):
+            return answered["budget_votes"]
+        assert key.endswith("/wallet/bob/pay_budget_share")
+        if request["recipient"] == KEY:
+            raise RemoteError("insufficient_funds", "the account's balance is too low for this", {})
+        paid.append(request["recipient"])
+        return {}
+
+    @contextmanager
+    def connected(_site: Path) -> Iterator[tuple[Site, Any]]:
+        yield Site.load(LAB), SimpleNamespace(query=query)
+
+    monkeypatch.setattr(budget_votes, "connected", connected)
+    done = CliRunner().invoke(app, ["organization", "pay-budget", "0", "--as", "bob"])
+    assert paid == [ALICE] and done.exit_code == 1
+    assert "was paid 20 IEC" in done.output and "insufficient_funds" in done.output
+    answered["budget_votes"]["budget_votes"][0]["recipients"] = []
+    nothing = CliRunner().invoke(app, ["organization", "pay-budget", "0", "--as", "bob"])
+    assert nothing.exit_code == 0 and "There is nothing to pay of budget vote 0." in nothing.output
+    answered["budget_votes"]["budget_votes"] = []
+    unknown = CliRunner().invoke(app, ["organization", "pay-budget", "3", "--as", "bob"])
+    assert unknown.exit_code == 1 and "no such budget vote" in unknown.output
 
 
 def test_what_others_wrote_does_not_steer_the_terminal(answered: dict[str, dict[str, Any]]) -> None:

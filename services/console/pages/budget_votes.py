@@ -1,0 +1,123 @@
+"""Money that members split by votes: what each recipient gets, and how a member votes."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from nicegui import ui
+
+from rodeo import queries
+from rodeo.errors import RodeoError
+from services.console.formatting import count, iec, moment, party, split_in_words
+from services.console.pages.frame import Console, act, ask, follow_async, problem_section, stale, user
+from services.console.pages.widgets import (
+    Section,
+    Text,
+    badge,
+    card,
+    fact,
+    facts,
+    modal,
+    on_page,
+    progress_bar,
+)
+from services.console.roles import Role
+
+SHOWN = 20
+
+
+class BudgetVotesSection:
+    """Part of a page, empty where no budget vote was ever opened."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._problem = problem_section()
+        self._all = Section(self._draw)
+        self._refresh = follow_async(console, "events", self._load)
+
+    async def _load(self) -> None:
+        try:
+            answer = await ask(self._console.queries.ask, queries.BUDGET_VOTES, limit=SHOWN)
+        except RodeoError as error:
+            self._problem.show(stale(error))
+            return
+        self._problem.show("")
+        self._all.show(answer.budget_votes)
+
+    def _draw(self, budget_votes: list[queries.BudgetVote]) -> None:
+        if not budget_votes:
+            return
+        with ui.element("div").classes("stack"):
+            for one in budget_votes:
+                with card(f"Budget vote {one.number}") as head:
+                    with head:
+                        badge(one.state)
+                    self._draw_one(one)
+
+    def _draw_one(self, one: queries.BudgetVote) -> None:
+        member = user().participant if user().has(Role.EXECUTOR) else None
+        own = next((ballot for ballot in one.ballots if member and ballot.voter_name == member), None)
+        with facts():
+            fact("Amount", iec(one.amount_iec))
+            fact("Members vote until", moment(one.end_s))
+            voters = ", ".join(party(ballot.voter_name, ballot.voter) for ballot in one.ballots)
+            fact("Voted", voters or "nobody", "wrap")
+            if own is not None:
+                used = f"{own.credits_used} of {one.credits} credits: {split_in_words(one, own)}"
+                fact("Your votes", used, "wrap")
+        with ui.element("ul").classes("list"):
+            for to in one.recipients:
+                self._draw_recipient(one, to)
+        if one.state == "open" and member is not None:
+            with ui.element("div").classes("line"):
+                words = "Vote" if own is None else "Change your votes"
+                ui.button(words, on_click=partial(self._vote, one, own)).props("outline")
+
+    def _draw_recipient(self, one: queries.BudgetVote, to: queries.BudgetShare) -> None:
+        name = party(to.name, to.address)
+        if one.state == "open":
+            gets = f"would get {iec(to.share_iec)}"
+        elif to.paid_iec is not None:
+            gets = f"was paid {iec(to.paid_iec)}"
+        else:
+            gets = f"gets {iec(to.share_iec)}, not paid yet" if to.share_iec else "gets nothing"
+        with ui.element("li"):
+            Text("span", name, "title").props(f'title="{to.address}"')
+            Text("span", f"{count(to.votes, 'vote')}, {gets}", "soft end")
+            progress_bar(float(to.share_iec / one.amount_iec), f"Share of {name}")
+
+    @on_page
+    async def _vote(self, one: queries.BudgetVote, own: queries.BudgetBallot | None) -> None:
+        before = [0] * len(one.recipients) if own is None else own.votes
+        entries: list[ui.number] = []
+
+        def votes() -> list[int]:
+            return [int(entry.value or 0) for entry in entries]
+
+        def recount() -> None:
+            used = sum(one * one for one in votes())
+            over = used > one.credits
+            total.set_text(f"{used} of {one.credits} credits" + (": too many" if over else ""))
+            button.set_enabled(not over)
+
+        async def cast() -> None:
+            given = {to.address: number for to, number in zip(one.recipients, votes(), strict=True)}
+            request = {"budget_vote": one.number, "votes": given}
+            if await act(self._console, "cast_budget_vote", request, f"Voted in budget vote {one.number}"):
+                dialog.submit(True)
+
+        with modal(f"Budget vote {one.number}") as dialog:
+            dialog.props("no-backdrop-dismiss")
+            Text("p", f"n votes for a recipient cost n × n of your {one.credits} credits.", "soft")
+            with ui.element("div").classes("form").style("width: 100%"):
+                for to, number in zip(one.recipients, before, strict=True):
+                    label = f"Votes for {party(to.name, to.address)}"
+                    entry = ui.number(label, value=number, min=0, precision=0, on_change=recount)
+                    entries.append(entry.props("outlined dense").classes("whole"))
+            total = Text("p", "").props('role="status"')
+            with ui.element("div").classes("dialog-buttons"):
+                ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
+                button = ui.button("Vote", on_click=cast).props("unelevated")
+            recount()
+        if await dialog:
+            self._refresh()
