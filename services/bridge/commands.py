@@ -1142,7 +1142,8 @@ class Wallet:
     def _require_budget_votes(self) -> None:
         if not self.client.deployment.has_budget_votes:
             raise NoBudgetVotes(
-                "members split no money in this organization: it was founded without votes of its members",
+                "members split no money in this organization: the contract for it is founded with those by "
+                "which members vote",
                 votes_by=self.client.deployment.votes_by,
             )
 
