@@ -331,13 +331,13 @@ class KindRules(Answer):
 
 
 class Judge(Answer):
-    """One of several oracles that have to agree."""
+    """One of several oracles that have to agree, or of those who decide about challenges."""
 
     seat: int
     key: str
     """Address of the key with which it votes."""
     name: str | None
-    """Its name in the device registry."""
+    """Its name in the device registry; of who decides about challenges, the participant's."""
     owner: str
     owner_name: str | None
     stake_iec: Amount = Decimal(0)
@@ -346,6 +346,33 @@ class Judge(Answer):
     """What is being withdrawn, and can be lost, too."""
     leaving_until_s: int = 0
     """Block time after which that is paid."""
+
+
+class ChallengeKind(Answer):
+    """A kind whose verdicts a committee decides about when they are challenged."""
+
+    kind: str
+    votes: int
+    """How many equal votes decide."""
+    seats: list[int]
+    """Of the judges who vote."""
+    judge_stake_iec: Amount
+    """What the stake of each of them must be for its vote to count."""
+
+
+class Committee(Answer):
+    """Who decides about challenges of verdicts."""
+
+    name: str
+    """The contract's."""
+    judges: list[Judge]
+    """By their seats."""
+    kinds: list[ChallengeKind]
+
+    def stake_needed(self, judge: Judge) -> Decimal:
+        """As `Organization.stake_needed`."""
+        needed = (kind.judge_stake_iec for kind in self.kinds if judge.seat in kind.seats)
+        return max(needed, default=Decimal(0))
 
 
 class Terms(Answer):
@@ -404,6 +431,8 @@ class Organization(Answer):
     where the administrator's key acts at once."""
     judges: list[Judge] = []
     """Of the committee of oracles, by their seats."""
+    committees: list[Committee] = []
+    """Those that decide about challenges, one after the other."""
     roles: dict[str, list[Holder]]
     """Keys are the contract's names of the roles."""
     contracts: Contracts

@@ -86,6 +86,16 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             for one in state.judges
         ),
         *(
+            (
+                f"judge of {'challenges' if number == 0 else 'the appeal'} in seat {one.seat}",
+                f"{one.name or 'unnamed'}, {one.key}"
+                + _stake_in_words(one, committee.stake_needed(one), loaded)
+                + ("" if any(one.seat in kind.seats for kind in committee.kinds) else ", judges nothing"),
+            )
+            for number, committee in enumerate(state.committees)
+            for one in committee.judges
+        ),
+        *(
             (_ROLES.get(role, role), ", ".join(_holder(one, state) for one in holders) or "nobody")
             for role, holders in sorted(state.roles.items())
         ),

@@ -55,6 +55,7 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "votes_by": None,
         "delay_s": 0,
         "judges": [],
+        "committees": [],
         "suspended_providers": [],
         "budgets": {},
         "roles": {},

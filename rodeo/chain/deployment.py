@@ -97,8 +97,8 @@ class Deployment(BaseModel):
     def event_sources(self) -> list[ChecksumAddress]:
         """The contracts whose events tell the organization's state. Where members decide, the governor's tell
         of proposals, and not the timelock's. Whether a member has a vote is in the organization's events, and
-        wrapped tokens are no payments. Committees that decide about challenges have seats of their own."""
-        others = {*artifacts.VOTES.values(), *artifacts.COMMITTEES[1:]}
+        wrapped tokens are no payments. Each committee has seats of its own."""
+        others = {*artifacts.VOTES.values()}
         if self.decides_by_vote:
             others.add("OrganizationTimelock")
         return [self.address(name) for name in self.contracts if name not in others]

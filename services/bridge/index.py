@@ -31,7 +31,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DBAPIError
 
-from rodeo.chain import Log
+from rodeo.chain import Log, events
 from rodeo.currency import IEC, Currency
 from rodeo.messages import GRACE_SHARE, LIVE_STATES, DaoEvent
 from services.bridge import schema
@@ -39,7 +39,7 @@ from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert
 from services.bridge.digest import MODULUS, position_digest, row_digest, rows_digest
 from services.bridge.errors import IndexDamaged, IndexUnusable
-from services.bridge.projection import Projection
+from services.bridge.projection import ORACLES, Projection
 from services.bridge.rows import Rows, roll_back
 
 log = logging.getLogger(__name__)
@@ -509,10 +509,24 @@ class Index:
         return held
 
     def judges(self) -> list[Row]:
-        """Of the committee, by their seats, each with its name in the device registry, if it has one."""
+        """Of the committee of oracles, by their seats, each with its name in the device registry, if it has
+        one."""
         judges, devices = schema.judges.c, schema.devices.c
         named = schema.judges.outerjoin(schema.devices, judges.first_key == devices.address)
-        return self._rows(select(schema.judges, devices.name).select_from(named).order_by(judges.seat))
+        query = select(schema.judges, devices.name).select_from(named)
+        return self._rows(query.where(judges.committee == ORACLES).order_by(judges.seat))
+
+    def challenge_judges(self, committee: str) -> list[Row]:
+        """Of a committee that decides about challenges, by their seats."""
+        judges = schema.judges.c
+        query = select(schema.judges).where(judges.committee == committee).order_by(judges.seat)
+        return self._rows(query)
+
+    def challenge_kinds(self, committee: str) -> list[Row]:
+        """The kinds that it decides about."""
+        kinds = schema.challenge_kinds.c
+        query = select(schema.challenge_kinds).where(kinds.committee == committee, kinds.votes > 0)
+        return self._rows(query.order_by(kinds.kind))
 
     def devices(self) -> list[Row]:
         return self._rows(select(schema.devices).order_by(schema.devices.c.registered))
@@ -675,9 +689,18 @@ def _dao_event(seq: int, timed: TimedLog, chain: str, currency: Currency) -> Dao
         tx_hash=log.tx_hash,
         time_s=float(timed.time_s),
         task_id=getattr(log.event, "task_id", None),
-        args=event_args(log.event, currency),
+        args=_args(log, currency),
         chain=chain,
     )
+
+
+_OF_COMMITTEES = (events.JudgeSeated, events.JudgeKeyChanged, events.QuorumChanged)
+
+
+def _args(log: Log, currency: Currency) -> dict[str, Any]:
+    """Events of the committees do not say of which of them they are: its address is added."""
+    args = event_args(log.event, currency)
+    return {**args, "committee": log.contract} if isinstance(log.event, _OF_COMMITTEES) else args
 
 
 def _event_row(event: DaoEvent, undone: bool = False) -> Row:

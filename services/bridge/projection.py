@@ -10,7 +10,7 @@ from typing import Any
 from eth_utils import keccak
 
 from rodeo.bus import decode_json
-from rodeo.chain import Cause, Log, TimelockRole, Vote, events
+from rodeo.chain import Cause, Log, TimelockRole, Vote, artifacts, events
 from rodeo.chain.governance import SUPPORT, text_of
 from rodeo.chain.reputation import Work, is_own
 from rodeo.currency import Currency
@@ -19,6 +19,9 @@ from services.bridge import schema
 from services.bridge.rows import Rows
 
 ZERO_ADDRESS = "0x" + "00" * 20
+ORACLES = artifacts.COMMITTEES[0]
+
+_OfStake = events.StakeDeposited | events.WithdrawalAnnounced | events.StakeWithdrawn | events.StakeLost
 
 
 def proposal_key(proposal_id: int) -> str:
@@ -287,34 +290,48 @@ class Projection:
                 bounds = {"min_verdict_window_s": event.min, "max_verdict_window_s": event.max}
                 self._change_kind(event.kind, **bounds)
             case events.JudgeSeated():
-                judge = {"seat": event.seat, "key": event.key, "first_key": event.key, "owner": event.owner}
-                rows.add(schema.judges, **judge, stake=0, leaving=0, leaving_until_s=0)
-            case events.JudgeKeyChanged():
-                rows.change(schema.judges, event.seat, key=event.key)
-            case events.QuorumChanged():
-                self._change_kind(
-                    event.kind,
-                    votes=event.votes,
-                    panel=event.panel,
-                    rotation_s=event.rotation,
-                    seats=[seat for seat in range(64) if event.judges >> seat & 1],
+                rows.add(
+                    schema.judges,
+                    committee=self._committee(log.contract),
+                    seat=event.seat,
+                    key=event.key,
+                    first_key=event.key,
+                    owner=event.owner,
+                    stake=0,
+                    leaving=0,
+                    leaving_until_s=0,
                 )
+            case events.JudgeKeyChanged():
+                rows.change(schema.judges, self._committee(log.contract), event.seat, key=event.key)
+            case events.QuorumChanged():
+                seats = [seat for seat in range(64) if event.judges >> seat & 1]
+                committee = self._committee(log.contract)
+                if committee == ORACLES:
+                    self._change_kind(
+                        event.kind,
+                        votes=event.votes,
+                        panel=event.panel,
+                        rotation_s=event.rotation,
+                        seats=seats,
+                    )
+                else:
+                    self._change_challenges(committee, event.kind, votes=event.votes, seats=seats)
             case events.InstancesChanged():
-                first = event.instances[0]
-                needed = first.judge_stake if self._is_oracles(first.committee) else 0
-                self._change_kind(event.kind, judge_stake=needed)
-            case events.StakeDeposited() if self._is_oracles(event.committee):
-                self._change_stake(event.seat, stake=event.amount)
-            case events.WithdrawalAnnounced() if self._is_oracles(event.committee):
-                self._change_stake(event.seat, stake=-event.amount, leaving=event.amount)
-                rows.change(schema.judges, event.seat, leaving_until_s=event.until)
-            case events.StakeWithdrawn() if self._is_oracles(event.committee):
-                self._change_stake(event.seat, leaving=-event.amount)
-                rows.change(schema.judges, event.seat, leaving_until_s=0)
-            case events.StakeLost() if self._is_oracles(event.committee):
-                # First what counts for votes, as the contract takes it.
-                counted = min(event.amount, rows.get(schema.judges, event.seat)["stake"])
-                self._change_stake(event.seat, stake=-counted, leaving=counted - event.amount)
+                # Of one that is named twice, the first counts.
+                needed = {
+                    self._staked_in(one.committee): one.judge_stake for one in reversed(event.instances)
+                }
+                self._change_kind(event.kind, judge_stake=needed.get(ORACLES, 0))
+                for committee in self._later_committees:
+                    self._change_challenges(committee, event.kind, judge_stake=needed.get(committee, 0))
+            case events.StakeDeposited():
+                self._change_stake(event, stake=event.amount)
+            case events.WithdrawalAnnounced():
+                self._change_stake(event, event.until, stake=-event.amount, leaving=event.amount)
+            case events.StakeWithdrawn():
+                self._change_stake(event, 0, leaving=-event.amount)
+            case events.StakeLost():
+                self._lose_stake(event)
             case events.Ruled():
                 dispute = {
                     "instance": event.instance,
@@ -531,14 +548,44 @@ class Projection:
     def _change_kind(self, kind: str, **values: Any) -> None:
         self.rows.put(schema.kinds, **{**self._kind(kind), **values})
 
-    def _is_oracles(self, committee: str) -> bool:
-        """Whether it is the committee of oracles, which alone has its judges here: anybody may deposit for
-        the seats of another one."""
-        return committee == self.contracts.get("OracleCommittee")
+    @property
+    def _later_committees(self) -> list[str]:
+        """Names of those that decide about challenges."""
+        return [name for name in artifacts.COMMITTEES[1:] if name in self.contracts]
 
-    def _change_stake(self, seat: int, **by: int) -> None:
-        row = self.rows.get(schema.judges, seat)
-        self.rows.change(schema.judges, seat, **{name: row[name] + change for name, change in by.items()})
+    def _committee(self, contract: str) -> str:
+        """The name of the committee that logs at this address."""
+        found = (name for name in self._later_committees if self.contracts[name] == contract)
+        return next(found, ORACLES)
+
+    def _staked_in(self, committee: str) -> str | None:
+        """The name of the organization's committee at this address. Anybody may deposit for the seats of
+        another contract."""
+        names = (ORACLES, *self._later_committees)
+        return next((name for name in names if self.contracts.get(name) == committee), None)
+
+    def _change_stake(self, event: _OfStake, until_s: int | None = None, **by: int) -> None:
+        committee = self._staked_in(event.committee)
+        if committee is None:
+            return
+        row = self.rows.get(schema.judges, committee, event.seat)
+        values = {name: row[name] + change for name, change in by.items()}
+        if until_s is not None:
+            values["leaving_until_s"] = until_s
+        self.rows.change(schema.judges, committee, event.seat, **values)
+
+    def _lose_stake(self, event: events.StakeLost) -> None:
+        """First what counts for votes, as the contract takes it."""
+        committee = self._staked_in(event.committee)
+        if committee is not None:
+            counted = min(event.amount, self.rows.get(schema.judges, committee, event.seat)["stake"])
+            self._change_stake(event, stake=-counted, leaving=counted - event.amount)
+
+    def _change_challenges(self, committee: str, kind: str, **values: Any) -> None:
+        key = {"committee": committee, "kind": kind}
+        before = self.rows.find(schema.challenge_kinds, committee, kind)
+        unknown = {**key, "votes": 0, "seats": [], "judge_stake": 0}
+        self.rows.put(schema.challenge_kinds, **{**(before or unknown), **values})
 
     def _change_rules(self, kind: str, rules: bytes, *, current: bool) -> None:
         """They are the newest now, or current no longer."""

@@ -337,14 +337,23 @@ class Queries:
                 if (budget := self._index.setting(f"budget {role}")) is not None and budget["period_s"]
             },
             "paused_until_s": self._index.setting("paused_until_s") or 0,
-            "judges": [
+            "judges": [self._judge_json(row, row["name"]) for row in self._index.judges()],
+            "committees": [
                 {
-                    **{key: row[key] for key in ("seat", "key", "name", "owner", "leaving_until_s")},
-                    "owner_name": self._names.name(row["owner"]),
-                    "stake_iec": self._iec(row["stake"]),
-                    "leaving_iec": self._iec(row["leaving"]),
+                    "name": committee,
+                    "judges": [
+                        self._judge_json(row, self._names.name(row["key"]))
+                        for row in self._index.challenge_judges(committee)
+                    ],
+                    "kinds": [
+                        {
+                            **{key: row[key] for key in ("kind", "votes", "seats")},
+                            "judge_stake_iec": self._iec(row["judge_stake"]),
+                        }
+                        for row in self._index.challenge_kinds(committee)
+                    ],
                 }
-                for row in self._index.judges()
+                for committee in self._deployment.committees[1:]
             ],
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
             "votes_by": self._deployment.votes_by,
@@ -354,6 +363,15 @@ class Queries:
                 for role, holders in self._index.roles().items()
             },
             "contracts": self._deployment.contracts,
+        }
+
+    def _judge_json(self, row: Mapping[str, Any], name: str | None) -> Json:
+        return {
+            **{key: row[key] for key in ("seat", "key", "owner", "leaving_until_s")},
+            "name": name,
+            "owner_name": self._names.name(row["owner"]),
+            "stake_iec": self._iec(row["stake"]),
+            "leaving_iec": self._iec(row["leaving"]),
         }
 
     def _proposals(self, request: Request) -> Json:

@@ -235,6 +235,7 @@ kinds = Table(
 judges = Table(
     "judges",
     metadata,
+    Column("committee", String(32), primary_key=True, doc="the contract's name"),
     Column("seat", Integer, primary_key=True, autoincrement=False),
     Column("key", String(42), nullable=False),
     Column("first_key", String(42), nullable=False, doc="by which the device registry names the judge"),
@@ -242,7 +243,18 @@ judges = Table(
     Column("stake", Wei, nullable=False, doc="what counts for its votes"),
     Column("leaving", Wei, nullable=False, doc="what is being withdrawn"),
     Column("leaving_until_s", BigInteger, nullable=False, doc="block time after which that is paid"),
-    comment="of the committee of oracles",
+    comment="of the committee of oracles, and of those that decide about challenges",
+)
+
+challenge_kinds = Table(
+    "challenge_kinds",
+    metadata,
+    Column("committee", String(32), primary_key=True, doc="the contract's name; not that of the oracles"),
+    Column("kind", Word, primary_key=True),
+    Column("votes", Integer, nullable=False, doc="of its judges that decide; or 0"),
+    Column("seats", JSON, nullable=False, doc="of the judges of this kind"),
+    Column("judge_stake", Wei, nullable=False, doc="which the vote of each of them needs"),
+    comment="whose verdicts can be challenged before which committee",
 )
 
 roles = Table(

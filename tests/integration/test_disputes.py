@@ -424,3 +424,24 @@ def test_what_cannot_be_challenged_is_refused(dao: Dao) -> None:
     assert refused("anna", "post_votes", **false) == "not_a_judge"
     pass_time(dao, DECISION_S + 10)
     ended(dao, task_id, "TaskSettled")
+
+
+def test_everybody_sees_the_judges_of_challenges_and_what_they_have_at_stake(dao: Dao) -> None:
+    first, second = show(dao)["committees"]
+    for committee, name, judges, needed in (
+        (first, "DisputeCommittee", JUDGES, 3),
+        (second, "AppealCommittee", APPEAL, 4),
+    ):
+        assert committee["name"] == name
+        assert [(one["seat"], one["name"]) for one in committee["judges"]] == list(enumerate(judges))
+        kinds = {one["kind"]: (one["votes"], one["seats"]) for one in committee["kinds"]}
+        assert kinds["waste_disposal"] == (needed, [0, 1, 2, 3])
+    before = first["judges"][3]
+    organization(dao, "deposit-stake", "dora", "2")
+    first, second = show(dao)["committees"]
+    added = float(first["judges"][3]["stake_iec"]) - float(before["stake_iec"])
+    assert added == 2 and first["judges"][3]["leaving_iec"] == "0"
+    shown = organization(dao, "show")
+    assert "judge of challenges in seat 3" in shown and "judge of the appeal in seat 0" in shown
+    (dora,) = [line for line in shown.splitlines() if "dora" in line]
+    assert f"stake {float(first['judges'][3]['stake_iec']):g} IEC" in dora

@@ -344,6 +344,23 @@ class ServicesPage:
                     for one in organization.judges
                 ],
             )
+        for number, committee in enumerate(organization.committees):
+            table(
+                "Judges of the appeal" if number else "Judges of challenges",
+                [
+                    ("Judge of the appeal" if number else "Judge of challenges", ""),
+                    ("Stake", "number"),
+                    ("Key", "wide-only"),
+                ],
+                [
+                    (
+                        one.name or str(one.seat),
+                        _stake(one, committee.stake_needed(one)),
+                        partial(hash_text, one.key),
+                    )
+                    for one in committee.judges
+                ],
+            )
         if user().has(Role.ADMINISTRATOR):
             with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")

@@ -39,13 +39,13 @@ class Chain:
     def __init__(self, index: Index) -> None:
         self.index = index
 
-    def block(self, *happened: Event, time_s: int = 1_000) -> list[int]:
-        """Sequence numbers of a new block's events."""
+    def block(
+        self, *happened: Event, time_s: int = 1_000, contract: str = CONTRACTS["TaskManager"]
+    ) -> list[int]:
+        """Sequence numbers of a new block's events, which `contract` has logged."""
         number = self.index.position.block + 1
         logs = [
-            TimedLog(
-                Log(event, CONTRACTS["TaskManager"], number, f"0x{number:064x}", i, "0x" + "0" * 64), time_s
-            )
+            TimedLog(Log(event, contract, number, f"0x{number:064x}", i, "0x" + "0" * 64), time_s)
             for i, event in enumerate(happened)
         ]
         return [event.seq for event in self.index.apply(logs, Position(number, f"0x{number:064x}", time_s))]
@@ -690,3 +690,45 @@ def test_a_judge_has_the_stake_that_the_contract_says_it_has(tmp_path: Path) -> 
     first, last = Instance(committee, 60, 0, 1, 2 * IEC), Instance(other, 0, 60, 0, 0)
     chain.block(events.InstancesChanged("waste_disposal", [first, last]))
     assert [row["judge_stake"] for row in chain.index.all_kinds()] == [2 * IEC]
+
+
+def test_judges_of_each_committee_have_seats_and_stakes_of_their_own(tmp_path: Path) -> None:
+    oracles, first, second, other = ("0x" + digits * 20 for digits in ("cc", "c1", "c2", "33"))
+    committees = {"OracleCommittee": oracles, "DisputeCommittee": first, "AppealCommittee": second}
+    chain = Chain(open_index(tmp_path, contracts={**CONTRACTS, **committees}))
+    for committee, key in ((oracles, CREATOR), (first, ROBOT), (second, other)):
+        chain.block(
+            events.JudgeSeated(0, key, key),
+            events.QuorumChanged("waste_disposal", 1, 1, 0, 0b1),
+            contract=committee,
+        )
+    instances = [Instance(one, 60, 60, 1, stake * IEC) for stake, one in enumerate(committees.values(), 1)]
+    chain.block(
+        events.InstancesChanged("waste_disposal", instances),
+        events.StakeDeposited(first, 0, CREATOR, 5 * IEC),
+        events.StakeDeposited(second, 0, CREATOR, 7 * IEC),
+        events.StakeLost(1, second, 0, 3 * IEC),
+    )
+    chain.block(events.JudgeKeyChanged(0, other, CREATOR), contract=second)
+
+    def found(judges: list[dict[str, Any]]) -> list[tuple[int, str, int]]:
+        return [(one["seat"], one["key"], one["stake"] // IEC) for one in judges]
+
+    index = chain.index
+    assert found(index.judges()) == [(0, CREATOR, 0)]
+    assert found(index.challenge_judges("DisputeCommittee")) == [(0, ROBOT, 5)]
+    assert found(index.challenge_judges("AppealCommittee")) == [(0, CREATOR, 4)]
+    (row,) = index.all_kinds()
+    assert (row["votes"], row["seats"], row["judge_stake"]) == (1, [0], 1 * IEC)
+    for committee, stake in (("DisputeCommittee", 2), ("AppealCommittee", 3)):
+        (of_kind,) = index.challenge_kinds(committee)
+        assert (of_kind["votes"], of_kind["seats"], of_kind["judge_stake"]) == (1, [0], stake * IEC)
+    # Whoever hears of it hears of which committee it is.
+    told = [event.args["committee"] for event in index.events_after(0, 10, ("JudgeSeated", "QuorumChanged"))]
+    assert told == [oracles, oracles, first, first, second, second]
+    # Where nobody can challenge any more, none of them needs a stake for it.
+    chain.block(events.InstancesChanged("waste_disposal", instances[:1]))
+    assert [
+        index.challenge_kinds(one)[0]["judge_stake"] for one in ("DisputeCommittee", "AppealCommittee")
+    ] == [0, 0]
+    assert index.problem() is None
