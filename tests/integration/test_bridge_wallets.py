@@ -18,9 +18,10 @@ from eth_account.signers.local import LocalAccount
 from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
+from rodeo import wallets
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, RemoteError
-from rodeo.instance import PARENT_VARIABLE
+from rodeo.instance import GAVE_UP, PARENT_VARIABLE
 from rodeo.messages import (
     CancelTask,
     RegisterService,
@@ -318,6 +319,23 @@ def test_health_and_metrics_are_served_over_http(dao: Dao) -> None:
     assert 'rodeo_bridge_queue_length{wallet="bob"}' in metrics
     assert 'rodeo_bridge_command_seconds_bucket{command="transfer"' in metrics
     assert 'rodeo_bridge_failures_total{code="daily_limit_reached"}' in metrics
+
+
+def test_a_bridge_whose_keystore_has_an_address_and_no_key_says_which_one_and_gives_up(dao: Dao) -> None:
+    path = wallets.keystore_path(dao.site, "bob")
+    whole = path.read_text()
+    dao.running.kill("bridge")
+    path.write_text(json.dumps({"address": json.loads(whole)["address"]}))
+    try:
+        dao.running.start("bridge", ready=False)
+        # Starting it again would not help: its launcher leaves it.
+        assert dao.running.children["bridge"].wait(timeout=WAIT_S) == GAVE_UP
+        told = dao.running.log("bridge")
+        assert f"wallet_error: this is not a keystore (name='bob', path='{path}')" in told
+    finally:
+        path.write_text(whole)
+    dao.running.start("bridge")
+    assert dao.balances()["bob"] > 0
 
 
 def test_a_robots_own_bridge_has_its_wallet_alone(dao: Dao) -> None:
