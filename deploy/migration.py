@@ -44,7 +44,7 @@ from rodeo.instance import lock_holder
 Say = Callable[[str], object]
 
 _MOST_TOGETHER = 100
-"""Providers or services in one transaction: each costs some 30,000 gas."""
+"""Members, providers or services in one transaction: each costs some 30,000 gas."""
 _NO_TASKS = "The organization moves to new contracts: no new tasks."
 _NO_SERVICES = "The organization moves to new contracts: nobody is assigned a task here any more."
 _TREASURY = "The organization moves to new contracts, and so does its treasury."
@@ -213,9 +213,9 @@ def _is_of_this_release(former: Deployment, w3: Web3) -> bool:
 
 
 def _send(client: ChainClient, administrator: LocalAccount, calls: list[Call]) -> None:
-    """Several are all to the organization, in one transaction."""
-    if calls:
-        for call in contracts.at_once(client, calls):
+    """Several are all to the organization, as many in one transaction as it may have."""
+    for first in range(0, len(calls), _MOST_TOGETHER):
+        for call in contracts.at_once(client, calls[first : first + _MOST_TOGETHER]):
             client.send(administrator, call)
 
 
@@ -226,8 +226,7 @@ def _administer(
     if waiting.waits(client):
         waiting.perform(client, administrator, [[call] for call in calls], why, say)
         return
-    for first in range(0, len(calls), _MOST_TOGETHER):
-        _send(client, administrator, calls[first : first + _MOST_TOGETHER])
+    _send(client, administrator, calls)
 
 
 def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say) -> None:

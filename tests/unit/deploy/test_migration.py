@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +29,7 @@ from deploy.migration import (
 from deploy.waiting import DelayRuns
 from rodeo import wallets
 from rodeo.chain import (
+    Call,
     ChainClient,
     ChainUnavailable,
     ContractReverted,
@@ -220,6 +221,31 @@ def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
 def _windows(rules: KindRules) -> tuple[object, ...]:
     verdict = rules.min_verdict_window, rules.max_verdict_window
     return rules.min_window, *verdict, rules.audit_window, rules.silence
+
+
+def test_many_members_move_in_as_many_transactions_as_they_take(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of them in one could take more gas than a transaction, or a block, may have."""
+    together: list[int] = []
+    at_once = contracts.at_once
+
+    def counted(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
+        together.append(len(calls))
+        return at_once(client, calls)
+
+    monkeypatch.setattr(contracts, "at_once", counted)
+    monkeypatch.setattr(migration, "_MOST_TOGETHER", 4)
+    members = [Account.create().address for _ in range(9)]
+    admissions = [lab.client.organization_calls.admit(one) for one in members]
+    for call in at_once(lab.client, admissions):
+        lab.send(lab.operator, call)
+    lab.judge()
+    # What the site file says is told in larger steps.
+    monkeypatch.setattr(contracts, "_MOST_TOGETHER", 4)
+    lab.migrate()
+    assert max(together) == 4
+    assert all(lab.new().is_member(one) for one in members)
 
 
 def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> None:
