@@ -106,7 +106,7 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     follower = create_contracts(site, w3, administrator, lambda text: say(f"contracts: {text}"), former)
     contracts.keep_unfinished(site, follower)
     new = ChainClient(site.chain.url, follower)
-    _move_rules(client, new, administrator, happened, say)
+    _move_rules(site, client, new, administrator, happened, say)
     _move_work(client, new, administrator, happened, say)
     _move_treasury(client, new, administrator, say)
     done = contracts.set_up(site, w3, follower, administrator, lambda text: say(f"contracts: {text}"))
@@ -306,7 +306,12 @@ def _suspensions(client: ChainClient, services: list[int]) -> list[Call]:
 
 
 def _move_rules(
-    client: ChainClient, new: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say
+    site: Site,
+    client: ChainClient,
+    new: ChainClient,
+    administrator: LocalAccount,
+    happened: list[Event],
+    say: Say,
 ) -> None:
     """What was told the old organization on chain; what the site file says, the new one is told as any is."""
     calls, old = new.organization_calls, client.deployment
@@ -317,6 +322,8 @@ def _move_rules(
         if role not in list(Role):
             continue  # that nothing asks for
         name = Role(role)
+        if name is Role.ORACLE and site.oracles:
+            continue  # nobody who alone judged may beside those who have to agree
         held = name is not Role.ADMINISTRATOR and account not in ours and client.has_role(name, account)
         if held and not new.has_role(name, account):
             admits = name is Role.MEMBER

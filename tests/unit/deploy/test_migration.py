@@ -48,7 +48,7 @@ from rodeo.chain import (
 from rodeo.chain.abi import KindRules
 from rodeo.chain.client import connect
 from rodeo.chain.registry import PROXY
-from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, Site, TokenConfig
+from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, JudgeConfig, Site, TokenConfig
 from rodeo.currency import IEC
 from rodeo.instance import lock_instance
 from rodeo.kinds import kinds_of
@@ -246,6 +246,21 @@ def test_many_members_move_in_as_many_transactions_as_they_take(
     lab.migrate()
     assert max(together) == 4
     assert all(lab.new().is_member(one) for one in members)
+
+
+def test_nobody_who_alone_judged_does_so_where_several_oracles_have_to_agree(lab: Lab) -> None:
+    lab.send(lab.operator, lab.client.organization_calls.grant_role(Role.ORACLE, lab.stranger.address))
+    lab.judge()
+    judged = lab.oracle.address, lab.stranger.address
+    # The key of the one that judged is not at hand any more.
+    (lab.site.data_dir / "keys" / "oracle.json").unlink()
+    oracles = [JudgeConfig(name=name) for name in ("anna", "bert", "carl")]
+    lab.site = lab.site.model_copy(update={"oracles": oracles})
+    wallets.ensure_wallets(lab.site)
+    lab.migrate()
+    new = lab.new()
+    assert new.has_role(Role.ORACLE, new.committee) and new.quorum(KIND).votes == 2
+    assert not any(new.has_role(Role.ORACLE, one) for one in judged)
 
 
 def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> None:
