@@ -11,10 +11,12 @@ Each step may be done already: then nothing is done. So it goes on where it was 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from eth_account.signers.local import LocalAccount
+from eth_utils import to_bytes
 from web3 import Web3
 
 from deploy import contracts, waiting
@@ -29,6 +31,7 @@ from rodeo.chain import (
     Event,
     NotDeployed,
     Policy,
+    Review,
     Role,
     ServiceState,
     Silence,
@@ -39,6 +42,7 @@ from rodeo.chain.errors import translated
 from rodeo.chain.governance import Operation, described
 from rodeo.config import Site, bridge_wallets
 from rodeo.errors import RodeoError, WalletError
+from rodeo.files import replace_file
 from rodeo.instance import lock_holder
 
 Say = Callable[[str], object]
@@ -92,6 +96,7 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     client = ChainClient(site.chain.url, former)
     happened = [log.event for log in client.history()]
     _require_no_revoked_key(site, happened)
+    judged = _judged_by_people(site, client, happened)
     if waiting.waits(client):
         # What is done last is proposed at the same time, so that the delay passes once for both.
         suspended = _suspensions(client, _others(site, client))
@@ -109,8 +114,10 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     _move_rules(site, client, new, administrator, happened, say)
     _move_work(client, new, administrator, happened, say)
     _move_treasury(client, new, administrator, say)
+    _move_kinds(new, administrator, judged, say)
     done = contracts.set_up(site, w3, follower, administrator, lambda text: say(f"contracts: {text}"))
     _under_way(site, former.chain_id).rename(_kept(site, former))
+    _peoples(site, former.chain_id).unlink(missing_ok=True)
     say(f"the organization is at {new.organization} now; the record of the old one is {_kept(site, former)}")
     return done
 
@@ -130,6 +137,7 @@ def cancel(site: Site, say: Say) -> None:
         waiting.withdraw(client, wallets.load(site, "organization"), (_NO_TASKS, _NO_SERVICES))
         again = "`rodeo organization propose kind` lets tasks be posted again where no more were"
     _under_way(site, left.chain_id).unlink()
+    _peoples(site, left.chain_id).unlink(missing_ok=True)
     say(
         f"the organization stays: {again}, and services that were suspended meanwhile can be reinstated with "
         "`rodeo organization reinstate`"
@@ -139,6 +147,12 @@ def cancel(site: Site, say: Say) -> None:
 def _under_way(site: Site, chain_id: int) -> Path:
     """The old organization's record, until it is left."""
     return Deployment.path(contracts.left_folder(site), chain_id)
+
+
+def _peoples(site: Site, chain_id: int) -> Path:
+    """What people judge in the old organization, beside its record: once it accepts nothing, no contract says
+    so."""
+    return _under_way(site, chain_id).with_name(f"{chain_id}-kinds.json")
 
 
 def _kept(site: Site, former: Deployment) -> Path:
@@ -157,6 +171,7 @@ def _former(site: Site, w3: Web3, administrator: LocalAccount) -> Deployment:
     if former.genesis_hash != genesis_hash:
         raise NotDeployed("the recorded contracts are on another chain", chain_id=chain_id)
     _require_movable(site, w3, former, administrator)
+    _peoples(site, chain_id).unlink(missing_ok=True)
     former.save(contracts.left_folder(site))
     return former
 
@@ -227,6 +242,19 @@ def _administer(
         waiting.perform(client, administrator, [[call] for call in calls], why, say)
         return
     _send(client, administrator, calls)
+
+
+def _judged_by_people(site: Site, client: ChainClient, happened: list[Event]) -> dict[str, list[str]]:
+    """Kinds of work that the organization has accepted since it began to move, and auditors judge -> hashes
+    of their rules."""
+    path = _peoples(site, client.deployment.chain_id)
+    kinds: dict[str, list[str]] = json.loads(path.read_text()) if path.exists() else {}
+    for kind in sorted({one.kind for one in happened if isinstance(one, chain_events.KindAllowed)}):
+        rules = client.kind(kind)
+        if rules.allowed and rules.review is Review.AUDITOR:
+            kinds[kind] = ["0x" + one.hex() for one in client.current_rules(kind)]
+    replace_file(path, json.dumps(kinds))
+    return kinds
 
 
 def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say) -> None:
@@ -380,6 +408,19 @@ def _move_work(
         _send(new, administrator, [new.calls.adopt_work(services, some)])
         for provider in some:
             say(f"{provider} is known for its work")
+
+
+def _move_kinds(
+    new: ChainClient, administrator: LocalAccount, judged: dict[str, list[str]], say: Say
+) -> None:
+    """What people judge. What oracles judge, the site file says: they need its checks. After what providers
+    are known for, which nobody moves once there is a task."""
+    missing = [kind for kind in judged if not new.is_kind_allowed(kind)]
+    hashes = [(kind, one) for kind in missing for one in judged[kind] or ["0x" + "00" * 32]]
+    allow = new.organization_calls.allow_kind
+    _send(new, administrator, [allow(kind, Review.AUDITOR, to_bytes(hexstr=one)) for kind, one in hashes])
+    for kind in missing:
+        say(f"people judge {kind} in the new organization, too")
 
 
 def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAccount, say: Say) -> None:

@@ -36,6 +36,7 @@ from rodeo.chain import (
     Deployment,
     NotDeployed,
     Policy,
+    Review,
     Revocation,
     Role,
     ServiceState,
@@ -261,6 +262,31 @@ def test_nobody_who_alone_judged_does_so_where_several_oracles_have_to_agree(lab
     new = lab.new()
     assert new.has_role(Role.ORACLE, new.committee) and new.quorum(KIND).votes == 2
     assert not any(new.has_role(Role.ORACLE, one) for one in judged)
+
+
+def test_what_people_judge_is_accepted_and_judged_by_people_in_the_new_organization(lab: Lab) -> None:
+    calls = lab.client.organization_calls
+    rules = [bytes([number]) * 32 for number in (1, 2)]
+    for call in (
+        # A kind that the site file does not list, one that it lets the oracle judge, and one that was ended.
+        *(calls.allow_kind("window_cleaning", Review.AUDITOR, one) for one in rules),
+        calls.allow_kind("battery_charging", Review.AUDITOR, bytes(32)),
+        calls.allow_kind("singing", Review.AUDITOR, bytes(32)),
+        calls.disallow_kind("singing"),
+    ):
+        lab.send(lab.operator, call)
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    assert not lab.client.is_kind_allowed("window_cleaning")
+    lab.judge()
+    lab.migrate()
+    new = lab.new()
+    for kind, current in (("window_cleaning", rules), ("battery_charging", [])):
+        assert new.is_kind_allowed(kind) and new.kind(kind).review is Review.AUDITOR
+        assert new.current_rules(kind) == current
+    assert not new.is_kind_allowed("singing")
+    assert new.work(lab.robot.address) == lab.client.work(lab.robot.address)
+    assert list(contracts.left_folder(lab.site).glob("deployments/*")) == []
 
 
 def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> None:
