@@ -425,6 +425,7 @@ def _move_kinds(
 
 def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAccount, say: Say) -> None:
     """Straight to the new organization, so that nobody holds it in between."""
+    _collect(client, administrator, say)
     amount = client.balance(client.organization)
     if not amount:
         return
@@ -441,6 +442,16 @@ def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAc
         told.insert(0, calls.grant_role(Role.TREASURER, administrator.address))
     _send(client, administrator, told)
     say(f"{client.currency.from_units(amount):f} IEC are in the treasury of the new organization")
+
+
+def _collect(client: ChainClient, administrator: LocalAccount, say: Say) -> None:
+    """What the token once refused to the treasury."""
+    if not client.pending_payments(client.organization):
+        return
+    try:
+        client.send(administrator, client.calls.withdraw_payments(client.organization))
+    except ContractReverted as error:
+        say(f"the token still refuses what it owes the old treasury, which can be collected later: {error}")
 
 
 def _move_treasury_later(

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
+from web3.types import RPCEndpoint
 
 from deploy import contracts, migration
 from deploy.founding import OtherToken
@@ -304,6 +305,28 @@ def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> N
     (lab.site.data_dir / "keys" / "mocap-device.json").write_text("{")
     lab.migrate()
     assert lab.new().device(wallets.address(lab.site, "itrash-device")).revoked_at == 0
+
+
+def test_what_the_token_once_refused_to_the_treasury_moves_with_it(tmp_path: Path) -> None:
+    with running_chain("anvil", tmp_path) as site:
+        lab = Lab(site)
+        lab.deploy()
+        old, provider = lab.client, lab.client.w3.provider
+        offer = old.calls.register_service(KIND, IEC.to_units(Decimal(80)), 2**95, True, "")
+        lab.send(lab.robot, offer)
+        lab.post()
+        token = old.deployment.address("IECoin")
+        code = old.w3.eth.get_code(token).to_0x_hex()
+        # It answers everything with false.
+        provider.make_request(RPCEndpoint("anvil_setCode"), [token, "0x600060005260206000f3"])
+        lab.judge()
+        provider.make_request(RPCEndpoint("anvil_setCode"), [token, code])
+        refused, treasury = IEC.to_units(Decimal(20)), old.balance(old.organization)
+        assert old.pending_payments(old.organization) == refused
+        lab.migrate()
+        new = lab.new()
+        assert new.balance(new.organization) == treasury + refused
+        assert old.pending_payments(old.organization) == 0
 
 
 @pytest.mark.long
