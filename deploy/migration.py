@@ -72,6 +72,10 @@ class Founded(RodeoError):
     """The organization that follows is there: from now on there is no way back."""
 
 
+class JudgeUnseated(RodeoError):
+    """The new organization would have somebody judge who does not judge in the old one any more."""
+
+
 class JustMoved(RodeoError):
     """There is nothing to move."""
 
@@ -88,14 +92,15 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     """Do what can be done now, and say it. The new organization's record.
 
     Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, DelayRuns where the
-    administrator waits and what was proposed cannot be done yet, KeyRevoked, MembersDecide, NotAdministrator,
-    OtherToken, JustMoved, NotDeployed, ChainError, WalletError, KindError.
+    administrator waits and what was proposed cannot be done yet, KeyRevoked, JudgeUnseated, MembersDecide,
+    NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError, WalletError, KindError.
     """
     administrator = wallets.load(site, "organization")
     former = _former(site, w3, administrator)
     client = ChainClient(site.chain.url, former)
     happened = [log.event for log in client.history()]
-    _require_no_revoked_key(site, happened)
+    _require_no_revoked_key(site, client, happened)
+    _require_no_unseated_judge(site, client, happened)
     judged = _judged_by_people(site, client, happened)
     if waiting.waits(client):
         # What is done last is proposed at the same time, so that the delay passes once for both.
@@ -203,20 +208,52 @@ def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: Lo
         )
 
 
-def _require_no_revoked_key(site: Site, happened: list[Event]) -> None:
-    """The keys of the site's devices are registered in the new organization, which knows of no revocation."""
+def _require_no_revoked_key(site: Site, client: ChainClient, happened: list[Event]) -> None:
+    """The new organization knows neither of the revocation of a device's key, nor that a judge has another
+    key now."""
     revoked = {one.device for one in happened if isinstance(one, chain_events.DeviceRevoked)}
-    for keystore, (_, name) in wallets.device_names(site).items():
-        try:
-            address = wallets.address(site, keystore)
-        except WalletError:
-            continue  # the setup says so, and registers no key that it cannot read
+    committees = [client.deployment.address(name) for name in client.deployment.committees]
+    for log in client.history(committees):
+        if isinstance(log.event, chain_events.JudgeKeyChanged):
+            revoked = {*revoked, log.event.old_key} - {log.event.key}
+    used = {keystore: name for keystore, (_, name) in wallets.device_names(site).items()}
+    if site.disputes is not None:
+        used |= {name: name for one in site.disputes.instances for name in one.judges}
+    for keystore, name in used.items():
+        address = _address(site, keystore)
         if address in revoked:
             raise KeyRevoked(
                 f"the key of {name} was revoked: put another in its place before the organization moves",
                 keystore=keystore,
                 address=address,
             )
+
+
+def _require_no_unseated_judge(site: Site, client: ChainClient, happened: list[Event]) -> None:
+    """The site file says who judges in the new organization."""
+    kinds = {one.kind for one in happened if isinstance(one, chain_events.QuorumChanged)}
+    judging = 0
+    for kind in kinds:
+        judging |= client.quorum(kind).judges
+    for oracle in site.oracles:
+        key = _address(site, f"{oracle.name}-device")
+        judge = None if key is None else client.judge(key)
+        if judge is not None and not judging >> judge.seat & 1:
+            raise JudgeUnseated(
+                f"{oracle.name} judges no kind of work any more: take it out of [[oracles]], or let it judge "
+                "again with `rodeo organization quorum`",
+                judge=oracle.name,
+                key=key,
+            )
+
+
+def _address(site: Site, name: str) -> str | None:
+    """Of a participant or device; None where its keystore cannot be read: the setup says so, and seats or
+    registers nobody with it."""
+    try:
+        return wallets.wallets_elsewhere(site).get(name) or wallets.address(site, name)
+    except WalletError:
+        return None
 
 
 def _is_of_this_release(former: Deployment, w3: Web3) -> bool:

@@ -18,6 +18,7 @@ from deploy import contracts, migration
 from deploy.founding import OtherToken
 from deploy.migration import (
     Founded,
+    JudgeUnseated,
     JustMoved,
     KeyRevoked,
     MembersDecide,
@@ -248,6 +249,44 @@ def test_many_members_move_in_as_many_transactions_as_they_take(
     lab.migrate()
     assert max(together) == 4
     assert all(lab.new().is_member(one) for one in members)
+
+
+@pytest.fixture
+def judged(tmp_path: Path) -> Iterator[Lab]:
+    """Three oracles judge, of which two have to agree."""
+    with running_chain("eth-tester", tmp_path) as site:
+        oracles = [JudgeConfig(name=name) for name in ("anna", "bert", "carl")]
+        lab = Lab(site.model_copy(update={"oracles": oracles}))
+        lab.deploy()
+        yield lab
+
+
+def test_an_organization_does_not_move_with_a_key_that_its_judge_has_no_more(judged: Lab) -> None:
+    """Somebody else may have it."""
+    old = judged.client
+    key, other = wallets.address(judged.site, "bert-device"), Account.create().address
+    judged.send(judged.operator, old.calls.change_key(key, other))
+    with pytest.raises(KeyRevoked, match="the key of bert was revoked"):
+        judged.migrate()
+    assert old.is_kind_allowed(KIND)
+    judged.send(judged.operator, old.calls.change_key(other, key))  # it was found again
+    judged.migrate()
+    assert judged.new().judge(key) is not None
+
+
+def test_a_judge_that_was_unseated_does_not_judge_again_in_the_new_organization(judged: Lab) -> None:
+    old = judged.client
+    for kind in kinds_of(judged.site):
+        if (now := old.quorum(kind)).votes:
+            told = old.calls.set_quorum(kind, 2, 2, now.rotation, now.judges & ~(1 << 1))
+            judged.send(judged.operator, told)
+    with pytest.raises(JudgeUnseated, match="bert judges no kind of work any more"):
+        judged.migrate()
+    assert old.is_kind_allowed(KIND)
+    others = [one for one in judged.site.oracles if one.name != "bert"]
+    judged.site = judged.site.model_copy(update={"oracles": others})
+    judged.migrate()
+    assert judged.new().quorum(KIND).count == 2
 
 
 def test_nobody_who_alone_judged_does_so_where_several_oracles_have_to_agree(lab: Lab) -> None:
