@@ -284,7 +284,7 @@ class Wallet:
             case RaiseReward():
                 task = self.index.task(command.task_id)
                 return self._currency.to_units(command.reward_iec) - (0 if task is None else task["reward"])
-            case Transfer() | Deposit() | Withdraw() | WrapTokens():
+            case Transfer() | Deposit() | DepositStake() | Withdraw() | WrapTokens():
                 return self._currency.to_units(command.amount_iec)
             case RegisterService():
                 return self._bond()
