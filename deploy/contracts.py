@@ -309,7 +309,7 @@ def recorded(site: Site, w3: Web3) -> bool:
 
 
 def _require_gas_money(site: Site, w3: Web3) -> None:
-    accounts = {name: wallets.address(site, name) for name in wallets.wallet_names(site)}
+    accounts = {name: wallets.address(site, name) for name in wallets.sender_names(site)}
     with translated():
         empty = {
             name: account

@@ -93,15 +93,16 @@ def _answers(w3: Web3) -> bool:
 
 
 def _await_gas_money(site: Site, w3: Web3, say: Say, stop: threading.Event, wait: bool) -> None:
-    deployed = contracts.recorded(site, w3)
+    deployed, senders = contracts.recorded(site, w3), wallets.sender_names(site)
     said: dict[str, str] = {}
     while True:
         found = list(purses(site, w3, deployed))
         for purse in found:
             if said.get(purse.name) != str(purse):
                 said[purse.name] = str(purse)
-                say(f"gas money: {purse}")
-        empty = [purse.name for purse in found if not purse.funded]
+                others = purse.name not in senders and not purse.funded
+                say(f"gas money: {purse}" + (", unless others send for it" if others else ""))
+        empty = [purse.name for purse in found if not purse.funded and purse.name in senders]
         if not empty:
             return
         if not wait:

@@ -86,6 +86,24 @@ def test_a_site_on_a_chain_elsewhere_is_prepared_with_the_amounts_that_it_names(
     assert said[0].startswith("keystores: all present in ")
 
 
+def test_a_participant_for_whom_others_send_needs_no_gas_money(elsewhere: Path) -> None:
+    with elsewhere.open("a") as file:
+        file.write('\n[[participants]]\nname = "alice"\n')
+    said: list[str] = []
+    with pytest.raises(WithoutGasMoney) as empty:
+        prepare(elsewhere, said.append, threading.Event())
+    assert "alice" not in empty.value.message
+    site = Site.load(elsewhere)
+    w3 = connect(site.chain.url)
+    for name in ("organization", "panther1", "oracle"):
+        pay(w3, wallets.address(site, name), "1")
+    said.clear()
+    prepare(elsewhere, said.append, threading.Event())
+    Deployment.load(site.data_dir, CHAIN_ID).verify(w3)
+    (alices,) = [line for line in said if line.startswith("gas money: ") and " alice: " in line]
+    assert alices.endswith("more to it, unless others send for it")
+
+
 def test_it_waits_for_the_money_where_that_is_wanted(
     elsewhere: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
