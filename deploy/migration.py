@@ -39,7 +39,7 @@ from rodeo.chain import (
 )
 from rodeo.chain import events as chain_events
 from rodeo.chain.errors import translated
-from rodeo.chain.governance import Operation, described
+from rodeo.chain.governance import Operation, described, text_of
 from rodeo.config import Site, bridge_wallets
 from rodeo.errors import RodeoError, WalletError
 from rodeo.files import replace_file
@@ -110,6 +110,9 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     _require_none_runs(client)
     if any(lock_holder(site.data_dir / bridge) is not None for bridge in bridge_wallets(site)):
         raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
+    if waiting.waits(client):
+        _withdraw_others(client, administrator, say)
+        _stop(client, administrator, happened, say)  # one of them may have been executed a moment before
     _retire(site, client, administrator, say)
     _require_none_runs(client)  # one may have been assigned before the last service was suspended
     _cancel(client, administrator, say)
@@ -301,6 +304,16 @@ def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event
     _administer(client, administrator, calls, _NO_TASKS, say)
     for kind in allowed:
         say(f"no more tasks of {kind}")
+
+
+def _withdraw_others(client: ChainClient, administrator: LocalAccount, say: Say) -> None:
+    """What else was proposed: anybody could execute it later, and so let a service take a task that waits
+    where nobody judges any more."""
+    own = {key for why in (_NO_TASKS, _NO_SERVICES, _TREASURY) for key in waiting.proposed(client, why)}
+    for key, one in client.pending_operations().items():
+        if key not in own:
+            client.send(administrator, client.governance_calls.cancel(key))
+            say(f"withdrawn, because the organization moves: {text_of(one.targets, one.calldatas)}")
 
 
 def _require_none_runs(client: ChainClient) -> None:

@@ -29,6 +29,7 @@ from deploy.migration import (
     migrate,
 )
 from deploy.waiting import DelayRuns
+from deploy.waiting import proposed as waiting_for
 from rodeo import wallets
 from rodeo.chain import (
     Call,
@@ -638,6 +639,27 @@ def test_what_is_not_needed_any_more_is_withdrawn(patient: Patient) -> None:
     cancel(lab.site, lab.said.append)
     assert old.pending_operations() == {} and "propose kind" in lab.said[-1]
     assert old.is_kind_allowed(KIND) and lab.record().is_same(old.deployment)
+
+
+def test_nobody_executes_later_what_was_proposed_before_the_organization_moved(patient: Patient) -> None:
+    """Its provider would take a task that waits, prove nothing, and be paid by silence."""
+    lab, old = patient.lab, patient.lab.client
+    patient.waits()
+    reinstated = [old.organization_calls.reinstate_service(2)]
+    lab.send(lab.operator, old.governance_calls.schedule(reinstated, "again", bytes(32), DELAY_S))
+    (proposed,) = waiting_for(old, "again").items()
+    patient.pass_delay()
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    assert waiting_for(old, "again")  # as long as tasks run on it may be executed
+    lab.judge()
+    patient.waits()
+    assert old.service(2).state is ServiceState.SUSPENDED and not waiting_for(old, "again")
+    with pytest.raises(ContractReverted):
+        old.send(lab.stranger, old.governance_calls.perform(proposed[1], proposed[0]))
+    patient.pass_delay()
+    lab.migrate()
+    assert lab.new().deployment.follows == old.organization
 
 
 def test_only_who_proposes_moves_an_organization_whose_administrator_waits(
