@@ -61,6 +61,7 @@ _SENTENCES = {
     "window_not_over": "it is too early for this",
     "withdrawal_too_early": "it is too early for this",
     "no_withdrawal": "nobody has announced that this stake is to be withdrawn",
+    "stake_too_low": "the stake of a judge is too low for its vote to count: somebody has to deposit",
     "not_owner": "only for whom the judge works may do this",
     "governor_already_cast_vote": "this account has voted already",
     "governor_insufficient_proposer_votes": "the account has too few votes to propose anything",
