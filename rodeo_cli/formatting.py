@@ -53,7 +53,6 @@ _SENTENCES = {
     "request_expired": "what was signed had to be sent earlier",
     "tasks_are_paused": "a guardian has paused new tasks",
     "paused_recently": "between two pauses new tasks have to be taken for some days",
-    "invalid_terms": "the bond has to cover the penalty",
     "role_without_budget": "only operators and treasurers have budgets",
     "challenged_before": "somebody has challenged this verdict already",
     "neither_party_nor_judge": "only the task's parties and judges may challenge its verdict",

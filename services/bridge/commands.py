@@ -924,6 +924,8 @@ class Wallet:
         if isinstance(proposed, UpdateService) and proposed.state is None:
             # As it is now is not as it is when this is executed, days later.
             raise InvalidRequest("a proposal names the state that the service has afterwards, too")
+        if isinstance(proposed, UpdateService):
+            self._require_own_service(proposed.service_id)
         calls = build(replace(self, participant=ORGANIZATION), proposed)
         if isinstance(proposed, Admit | Dismiss) and self.client.deployment.votes_by == "members":
             # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.
@@ -932,6 +934,16 @@ class Wallet:
             salt, delay_s = os.urandom(32), self.client.decision_delay_s()
             return [self.client.governance_calls.schedule(calls, command.description, salt, delay_s)]
         return [self.client.governance_calls.propose(calls, command.description)]
+
+    def _require_own_service(self, service_id: int) -> None:
+        """Raises InvalidRequest where it is no service of the organization: only its provider changes it."""
+        service = self.index.service(service_id)
+        if service is not None and service["provider"] != self.client.organization:
+            raise InvalidRequest(
+                "the organization does not offer this service, so it cannot change it",
+                service_id=service_id,
+                provider=service["provider"],
+            )
 
     def _wrap_tokens(self, command: WrapTokens) -> list[Call]:
         self._require_token_votes()
