@@ -435,10 +435,21 @@ class Wallet:
             verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
             max_attempts=command.max_attempts or self.economy.max_attempts,
             rules=_bytes32(self._rules_of(command)),
-            service_id=command.service_id or 0,
+            service_id=self._service_of(command),
             provider=self._provider_of(command),
             params=text,
         )
+
+    def _service_of(self, command: RegisterTask) -> int:
+        if command.service_id is None:
+            return 0
+        service = self.index.service(command.service_id)
+        if service is not None and service["state"] == "retired":
+            raise InvalidRequest(
+                "the task would wait for ever: this service was withdrawn for good",
+                service_id=command.service_id,
+            )
+        return command.service_id
 
     def _provider_of(self, command: RegisterTask) -> str:
         if command.provider is None:
