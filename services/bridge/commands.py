@@ -246,11 +246,16 @@ class Wallet:
                 call,
                 command.request_id,
                 _content_sha256(name, command),
-                getattr(command, "task_id", None),
+                self._task_of(command),
                 self._spends(command),
                 *self._assignment(command),
             ),
         ]
+
+    def _task_of(self, command: Command) -> int | None:
+        """The task that it is about, if there is one already."""
+        about = self._requests.read(command.signed) if isinstance(command, Relay) else command
+        return getattr(about, "task_id", None)
 
     def _assignment(self, command: Command) -> tuple[int | None, str | None]:
         """Attempt and nonce of the assignment that a proof is for."""

@@ -1,0 +1,61 @@
+"""What a bridge notes of a request that it sends for somebody else."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from eth_account import Account
+
+from rodeo import signed_requests
+from rodeo.chain import Call
+from rodeo.messages import SignedRequest, TypedSignature
+from rodeo.signed_requests import CancelTask, SubmitProof
+from services.bridge.commands import Wallet
+
+ROBOT = Account.from_key("0x" + "01" * 32)
+CONTRACT = "0x" + "11" * 20
+NONCE = "0x" + "ab" * 32
+
+
+@pytest.fixture
+def wallet() -> Wallet:
+    unused: Any = SimpleNamespace()
+
+    def called(*_: Any) -> Call:
+        return Call(CONTRACT, "0x", "called")  # type: ignore[arg-type]
+
+    client: Any = SimpleNamespace(
+        deployment=SimpleNamespace(chain_id=1, address=lambda _name: CONTRACT),
+        calls=SimpleNamespace(submit_proof_for=called, cancel_task_for=called),
+    )
+    index: Any = SimpleNamespace(task=lambda _task_id: {"nonce": NONCE})
+    return Wallet("bob", client, unused, index, unused, unused, unused, unused)
+
+
+def signed(said: SubmitProof | CancelTask) -> dict[str, Any]:
+    domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
+    request = SignedRequest(request=TypedSignature(typed_data=said.typed_data(domain)))
+    return signed_requests.sign(request, ROBOT).model_dump(mode="json")
+
+
+def test_a_proof_that_is_sent_for_somebody_is_known_by_its_task_and_assignment(wallet: Wallet) -> None:
+    """After a restart, or a reorganization, it is sent again if the task still has this assignment. Without
+    its task it would never be, and neither would all that the wallet sends later."""
+    proof = SubmitProof(
+        executor=ROBOT.address,
+        task_id=7,
+        attempt=2,
+        proof_hash="0x" + "cd" * 32,
+        uri="file:///proof",
+        deadline=2_000_000_000,
+    )
+    (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(proof)}))
+    assert (order.task_id, order.attempt, order.assignment) == (7, 2, NONCE)
+
+
+def test_what_is_no_proof_is_sent_again_whatever_becomes_of_its_task(wallet: Wallet) -> None:
+    cancelled = CancelTask(creator=ROBOT.address, task_id=7, deadline=2_000_000_000)
+    (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(cancelled)}))
+    assert (order.task_id, order.attempt, order.assignment) == (7, None, None)
