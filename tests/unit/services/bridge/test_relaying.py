@@ -10,6 +10,7 @@ from eth_account import Account
 
 from rodeo import signed_requests
 from rodeo.chain import Call
+from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
 from rodeo.signed_requests import CancelTask, SubmitProof
 from services.bridge.commands import Wallet
@@ -59,3 +60,37 @@ def test_what_is_no_proof_is_sent_again_whatever_becomes_of_its_task(wallet: Wal
     cancelled = CancelTask(creator=ROBOT.address, task_id=7, deadline=2_000_000_000)
     (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(cancelled)}))
     assert (order.task_id, order.attempt, order.assignment) == (7, None, None)
+
+
+TASK = {
+    "kind": "0x" + b"waste_disposal".ljust(32, b"\0").hex(),
+    "reward": "5",
+    "executionWindow": "3600",
+    "verdictWindow": "3600",
+    "maxAttempts": "3",
+    "rules": "0x" + "00" * 32,
+    "serviceId": "0",
+    "provider": "0x" + "00" * 20,
+    "params": "{}",
+}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("kind", "0x" + "ff" * 32),
+        ("kind", "0x" + "00" * 32),
+        ("maxAttempts", "256"),
+        ("serviceId", str(2**32)),
+        ("executionWindow", str(2**32)),
+        ("params", "\ud800"),
+    ],
+)
+def test_what_no_contract_takes_is_an_invalid_request(wallet: Wallet, field: str, value: str) -> None:
+    """Anybody may have written the file."""
+    message = {"creator": ROBOT.address, "request": TASK | {field: value}, "nonce": "1", "deadline": "1"}
+    domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
+    typed = {"primaryType": "RegisterTask", "domain": domain, "message": message}
+    with pytest.raises(InvalidRequest) as refused:
+        wallet._orders("relay", *wallet._parse("relay", {"signed": {"request": {"typed_data": typed}}}))
+    assert list(refused.value.details["fields"]) == [f"request.{field}"]
