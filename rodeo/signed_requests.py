@@ -153,9 +153,14 @@ SAID: dict[str, type[RegisterTask | CancelTask | SubmitProof]] = {
 """Primary type -> what `SignedRequests` carries out."""
 
 
-def domain(name: str, chain_id: int, contract: str) -> Typed:
+def domain(name: str, chain_id: int, contract: str, version: str = "1") -> Typed:
     """Of one contract on one chain."""
-    return {"name": name, "version": "1", "chainId": chain_id, "verifyingContract": contract}
+    return {"name": name, "version": version, "chainId": chain_id, "verifyingContract": contract}
+
+
+def separator(domain: Typed) -> bytes:
+    """Hash of a domain."""
+    return bytes(encode_typed_data(domain, {"Nothing": []}, {}).header)
 
 
 def sign(request: SignedRequest, account: LocalAccount) -> SignedRequest:

@@ -14,6 +14,8 @@ from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
 from rodeo.signed_requests import CancelTask, SubmitProof
 from services.bridge.commands import Wallet
+from services.bridge.errors import NoPermit
+from services.bridge.relaying import Requests
 
 ROBOT = Account.from_key("0x" + "01" * 32)
 CONTRACT = "0x" + "11" * 20
@@ -94,3 +96,32 @@ def test_what_no_contract_takes_is_an_invalid_request(wallet: Wallet, field: str
     with pytest.raises(InvalidRequest) as refused:
         wallet._orders("relay", *wallet._parse("relay", {"signed": {"request": {"typed_data": typed}}}))
     assert list(refused.value.details["fields"]) == [f"request.{field}"]
+
+
+def token(name: str, version: str) -> Any:
+    """A client of an organization that pays with such a token."""
+    separator = signed_requests.separator(signed_requests.domain(name, 1, CONTRACT, version))
+    return SimpleNamespace(
+        deployment=SimpleNamespace(chain_id=1, address=lambda _name: CONTRACT),
+        task_manager=CONTRACT,
+        token_name=lambda: name,
+        permit_nonce=lambda _owner: 0,
+        permit_domain=lambda: separator,
+    )
+
+
+@pytest.mark.parametrize(("name", "version"), [("IECoin", "1"), ("USD Coin", "2")])
+def test_a_permit_is_signed_for_the_version_of_the_token(name: str, version: str) -> None:
+    """One for another version is worth nothing, and only whoever sends it would hear that."""
+    permit = Requests(token(name, version)).permit(ROBOT.address, 2_000_000_000)
+    assert permit["domain"] == {
+        "name": name,
+        "version": version,
+        "chainId": 1,
+        "verifyingContract": CONTRACT,
+    }
+
+
+def test_where_nobody_knows_how_the_token_takes_permits_none_is_signed() -> None:
+    with pytest.raises(NoPermit):
+        Requests(token("Odd", "odd")).permit(ROBOT.address, 2_000_000_000)
