@@ -122,7 +122,8 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     _move_rules(site, client, new, administrator, happened, say)
     _move_work(client, new, administrator, happened, say)
     _move_treasury(client, new, administrator, say)
-    _move_kinds(new, administrator, judged, say)
+    # After what providers are known for, which nobody moves once there is a task.
+    _accept(new, administrator, judged, "in the new organization, too", say)
     done = contracts.set_up(site, w3, follower, administrator, lambda text: say(f"contracts: {text}"))
     _under_way(site, former.chain_id).rename(_kept(site, former))
     _peoples(site, former.chain_id).unlink(missing_ok=True)
@@ -133,16 +134,19 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
 def cancel(site: Site, say: Say) -> None:
     """Stay, as long as no other organization was founded.
 
-    Raises Founded, and NotDeployed where nothing moves.
+    Raises Founded, NotDeployed where nothing moves, ChainError, WalletError.
     """
     chain_id = site.chain.id
     left = Deployment.load(contracts.left_folder(site), chain_id)
     if contracts.unfinished(site, chain_id) is not None:
         raise Founded("the new organization was founded: finish with `rodeo organization migrate`")
     again = "`rodeo site prepare` lets tasks be posted again"
-    if left.has_timelock:
-        client = ChainClient(site.chain.url, left)
-        waiting.withdraw(client, wallets.load(site, "organization"), (_NO_TASKS, _NO_SERVICES))
+    client, administrator = ChainClient(site.chain.url, left), wallets.load(site, "organization")
+    if not left.has_timelock:
+        # Before the site file is asked, which may have oracles judge them.
+        _accept(client, administrator, _stopped(site, chain_id), "again", say)
+    else:
+        waiting.withdraw(client, administrator, (_NO_TASKS, _NO_SERVICES))
         again = "`rodeo organization propose kind` lets tasks be posted again where no more were"
     _under_way(site, left.chain_id).unlink()
     _peoples(site, left.chain_id).unlink(missing_ok=True)
@@ -287,14 +291,21 @@ def _administer(
 def _judged_by_people(site: Site, client: ChainClient, happened: list[Event]) -> dict[str, list[str]]:
     """Kinds of work that the organization has accepted since it began to move, and auditors judge -> hashes
     of their rules."""
-    path = _peoples(site, client.deployment.chain_id)
-    kinds: dict[str, list[str]] = json.loads(path.read_text()) if path.exists() else {}
+    chain_id = client.deployment.chain_id
+    kinds = _stopped(site, chain_id)
     for kind in sorted({one.kind for one in happened if isinstance(one, chain_events.KindAllowed)}):
         rules = client.kind(kind)
         if rules.allowed and rules.review is Review.AUDITOR:
             kinds[kind] = ["0x" + one.hex() for one in client.current_rules(kind)]
-    replace_file(path, json.dumps(kinds))
+    replace_file(_peoples(site, chain_id), json.dumps(kinds))
     return kinds
+
+
+def _stopped(site: Site, chain_id: int) -> dict[str, list[str]]:
+    """The same as they were known before."""
+    path = _peoples(site, chain_id)
+    found: dict[str, list[str]] = json.loads(path.read_text()) if path.exists() else {}
+    return found
 
 
 def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say) -> None:
@@ -460,17 +471,16 @@ def _move_work(
             say(f"{provider} is known for its work")
 
 
-def _move_kinds(
-    new: ChainClient, administrator: LocalAccount, judged: dict[str, list[str]], say: Say
+def _accept(
+    client: ChainClient, administrator: LocalAccount, judged: dict[str, list[str]], where: str, say: Say
 ) -> None:
-    """What people judge. What oracles judge, the site file says: they need its checks. After what providers
-    are known for, which nobody moves once there is a task."""
-    missing = [kind for kind in judged if not new.is_kind_allowed(kind)]
+    """What people judge. What oracles judge, the site file says: they need its checks."""
+    missing = [kind for kind in judged if not client.is_kind_allowed(kind)]
     hashes = [(kind, one) for kind in missing for one in judged[kind] or ["0x" + "00" * 32]]
-    allow = new.organization_calls.allow_kind
-    _send(new, administrator, [allow(kind, Review.AUDITOR, to_bytes(hexstr=one)) for kind, one in hashes])
+    allow = client.organization_calls.allow_kind
+    _send(client, administrator, [allow(kind, Review.AUDITOR, to_bytes(hexstr=one)) for kind, one in hashes])
     for kind in missing:
-        say(f"people judge {kind} in the new organization, too")
+        say(f"people judge {kind} {where}")
 
 
 def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAccount, say: Say) -> None:

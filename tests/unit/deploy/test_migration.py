@@ -499,11 +499,17 @@ def test_until_another_one_is_founded_the_organization_may_stay(
 ) -> None:
     with pytest.raises(NotDeployed):
         cancel(lab.site, lab.said.append)
+    for kind in ("window_cleaning", "battery_charging"):
+        lab.send(lab.operator, lab.client.organization_calls.allow_kind(kind, Review.AUDITOR, bytes(32)))
     with pytest.raises(TasksRunOn):
         lab.migrate()
+    assert not lab.client.is_kind_allowed("window_cleaning")
     cancel(lab.site, lab.said.append)
     lab.deploy()
     assert lab.client.is_kind_allowed(KIND)
+    for kind in ("window_cleaning", "battery_charging"):
+        rules = lab.client.kind(kind)
+        assert (rules.allowed, rules.review) == (True, Review.AUDITOR)
     lab.judge()
     send = transactions.send
 
