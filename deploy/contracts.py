@@ -1,9 +1,9 @@
 """Put the organization's contracts on the site's chain: `python -m deploy.contracts --site FILE`.
 
 Idempotent, and it goes on where it was interrupted: contracts that are there are kept (unless the chain was
-reset or the sources changed since), and so is every rule that already holds. Of the fixed supply of
-`economy.supply_iec`, the organization and each robot get `economy.initial_iec`; the rest goes to the
-organization's administrator, who brings it in with Organization.deposit when the treasury needs it.
+reset, or a local chain's were built from other sources), and so is every rule that already holds. Of the
+fixed supply of `economy.supply_iec`, the organization and each robot get `economy.initial_iec`; the rest goes
+to the organization's administrator, who brings it in with Organization.deposit when the treasury needs it.
 
 On an external chain the wallets must hold gas already; on a local one the node's first account gives it.
 `rodeo site prepare` does this and all that it needs, and says each step.
@@ -65,6 +65,10 @@ _LONGEST_VERDICT_S = 7 * 24 * 3600
 
 class OtherGovernance(RodeoError):
     """Who decides is another on chain than in the site file, and neither is changed by this step."""
+
+
+class OtherRelease(RodeoError):
+    """The site's organization has contracts of another release, and no other organization takes its place."""
 
 
 class WithoutDisputes(RodeoError):
@@ -169,7 +173,8 @@ def at_once(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
 def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     """Deploy what is missing; running it again after an error goes on from there.
 
-    Raises ChainError, KindError, WalletError or WithoutGasMoney; WrongChain before anything is sent there.
+    Raises ChainError, KindError, WalletError, OtherRelease or WithoutGasMoney; WrongChain before anything is
+    sent there.
     """
     local = site.chain.backend != "external"
     if local:
@@ -185,6 +190,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     if being_left(site, w3) is not None:
         say("the organization is being left: it is told nothing until `rodeo organization migrate` ends")
         return
+    require_this_release(site, w3)
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
@@ -308,8 +314,29 @@ def recorded(site: Site, w3: Web3) -> bool:
     return _recorded(site, w3) is not None
 
 
+def require_this_release(site: Site, w3: Web3) -> None:
+    """Raises OtherRelease where another organization would be founded in place of the site's, whose treasury,
+    tasks and members nobody would find any more. On a local chain, whose money is nobody's, that may be."""
+    if site.chain.backend != "external" or being_left(site, w3) is not None:
+        return
+    try:
+        there = Deployment.load(site.data_dir, site.chain.id)
+        there.verify(w3)
+    except NotDeployed:
+        return
+    except DeploymentMismatch as mismatch:
+        with translated():
+            known = w3.eth.get_block(0)["hash"].to_0x_hex() == there.genesis_hash
+        if known:
+            raise OtherRelease(
+                "the organization's contracts are of another release: `rodeo organization migrate` moves it, "
+                "and the software of that release goes on with them",
+                organization=there.contracts["Organization"],
+            ) from mismatch
+
+
 def _require_gas_money(site: Site, w3: Web3) -> None:
-    accounts = {name: wallets.address(site, name) for name in wallets.wallet_names(site)}
+    accounts = {name: wallets.address(site, name) for name in wallets.sender_names(site)}
     with translated():
         empty = {
             name: account

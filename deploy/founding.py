@@ -70,15 +70,18 @@ def create_contracts(
     missing = [part for part in parts if there[part.name] is None]
     if len(missing) < len(parts):
         say(f"{len(parts) - len(missing)} of {len(parts)} contracts are on the chain already")
+    blocks: list[int] = []
     for batch in _batches(missing):
         call = found.create(site.org, number, batch)
-        transactions.send(w3, founder, to=call.to, data=call.data)
+        receipt = transactions.send(w3, founder, to=call.to, data=call.data)
+        blocks.append(receipt["blockNumber"])
         for part in batch:
             say(f"{part.name} at {addresses[part.name]}")
+    is_new = len(missing) == len(parts)
     deployment = Deployment(
         chain_id=chain_id,
         genesis_hash=genesis_hash,
-        block=found.founded_in(founder.address, site.org, number),
+        block=blocks[0] if is_new else found.founding_block(founder.address, site.org, number),
         contracts=addresses,
         decimals=site.economy.currency.decimals,
         is_token_foreign=token is not None,

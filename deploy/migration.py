@@ -11,10 +11,12 @@ Each step may be done already: then nothing is done. So it goes on where it was 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from eth_account.signers.local import LocalAccount
+from eth_utils import to_bytes
 from web3 import Web3
 
 from deploy import contracts, waiting
@@ -29,6 +31,7 @@ from rodeo.chain import (
     Event,
     NotDeployed,
     Policy,
+    Review,
     Role,
     ServiceState,
     Silence,
@@ -36,15 +39,16 @@ from rodeo.chain import (
 )
 from rodeo.chain import events as chain_events
 from rodeo.chain.errors import translated
-from rodeo.chain.governance import Operation, described
+from rodeo.chain.governance import Operation, described, text_of
 from rodeo.config import Site, bridge_wallets
 from rodeo.errors import RodeoError, WalletError
+from rodeo.files import replace_file
 from rodeo.instance import lock_holder
 
 Say = Callable[[str], object]
 
 _MOST_TOGETHER = 100
-"""Providers or services in one transaction: each costs some 30,000 gas."""
+"""Members, providers or services in one transaction: each costs some 30,000 gas."""
 _NO_TASKS = "The organization moves to new contracts: no new tasks."
 _NO_SERVICES = "The organization moves to new contracts: nobody is assigned a task here any more."
 _TREASURY = "The organization moves to new contracts, and so does its treasury."
@@ -68,6 +72,10 @@ class Founded(RodeoError):
     """The organization that follows is there: from now on there is no way back."""
 
 
+class JudgeUnseated(RodeoError):
+    """The new organization would have somebody judge who does not judge in the old one any more."""
+
+
 class JustMoved(RodeoError):
     """There is nothing to move."""
 
@@ -84,14 +92,16 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     """Do what can be done now, and say it. The new organization's record.
 
     Raises TasksRunOn while there are tasks, SiteIsUp after that while the bridge runs, DelayRuns where the
-    administrator waits and what was proposed cannot be done yet, KeyRevoked, MembersDecide, NotAdministrator,
-    OtherToken, JustMoved, NotDeployed, ChainError, WalletError, KindError.
+    administrator waits and what was proposed cannot be done yet, KeyRevoked, JudgeUnseated, MembersDecide,
+    NotAdministrator, OtherToken, JustMoved, NotDeployed, ChainError, WalletError, KindError.
     """
     administrator = wallets.load(site, "organization")
     former = _former(site, w3, administrator)
     client = ChainClient(site.chain.url, former)
     happened = [log.event for log in client.history()]
-    _require_no_revoked_key(site, happened)
+    _require_no_revoked_key(site, client, happened)
+    _require_no_unseated_judge(site, client, happened)
+    judged = _judged_by_people(site, client, happened)
     if waiting.waits(client):
         # What is done last is proposed at the same time, so that the delay passes once for both.
         suspended = _suspensions(client, _others(site, client))
@@ -100,17 +110,23 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     _require_none_runs(client)
     if any(lock_holder(site.data_dir / bridge) is not None for bridge in bridge_wallets(site)):
         raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
+    if waiting.waits(client):
+        _withdraw_others(client, administrator, say)
+        _stop(client, administrator, happened, say)  # one of them may have been executed a moment before
     _retire(site, client, administrator, say)
     _require_none_runs(client)  # one may have been assigned before the last service was suspended
     _cancel(client, administrator, say)
     follower = create_contracts(site, w3, administrator, lambda text: say(f"contracts: {text}"), former)
     contracts.keep_unfinished(site, follower)
     new = ChainClient(site.chain.url, follower)
-    _move_rules(client, new, administrator, happened, say)
+    _move_rules(site, client, new, administrator, happened, say)
     _move_work(client, new, administrator, happened, say)
     _move_treasury(client, new, administrator, say)
+    # After what providers are known for, which nobody moves once there is a task.
+    _accept(new, administrator, judged, "in the new organization, too", say)
     done = contracts.set_up(site, w3, follower, administrator, lambda text: say(f"contracts: {text}"))
     _under_way(site, former.chain_id).rename(_kept(site, former))
+    _peoples(site, former.chain_id).unlink(missing_ok=True)
     say(f"the organization is at {new.organization} now; the record of the old one is {_kept(site, former)}")
     return done
 
@@ -118,18 +134,22 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
 def cancel(site: Site, say: Say) -> None:
     """Stay, as long as no other organization was founded.
 
-    Raises Founded, and NotDeployed where nothing moves.
+    Raises Founded, NotDeployed where nothing moves, ChainError, WalletError.
     """
     chain_id = site.chain.id
     left = Deployment.load(contracts.left_folder(site), chain_id)
     if contracts.unfinished(site, chain_id) is not None:
         raise Founded("the new organization was founded: finish with `rodeo organization migrate`")
     again = "`rodeo site prepare` lets tasks be posted again"
-    if left.has_timelock:
-        client = ChainClient(site.chain.url, left)
-        waiting.withdraw(client, wallets.load(site, "organization"), (_NO_TASKS, _NO_SERVICES))
+    client, administrator = ChainClient(site.chain.url, left), wallets.load(site, "organization")
+    if not left.has_timelock:
+        # Before the site file is asked, which may have oracles judge them.
+        _accept(client, administrator, _stopped(site, chain_id), "again", say)
+    else:
+        waiting.withdraw(client, administrator, (_NO_TASKS, _NO_SERVICES))
         again = "`rodeo organization propose kind` lets tasks be posted again where no more were"
     _under_way(site, left.chain_id).unlink()
+    _peoples(site, left.chain_id).unlink(missing_ok=True)
     say(
         f"the organization stays: {again}, and services that were suspended meanwhile can be reinstated with "
         "`rodeo organization reinstate`"
@@ -139,6 +159,12 @@ def cancel(site: Site, say: Say) -> None:
 def _under_way(site: Site, chain_id: int) -> Path:
     """The old organization's record, until it is left."""
     return Deployment.path(contracts.left_folder(site), chain_id)
+
+
+def _peoples(site: Site, chain_id: int) -> Path:
+    """What people judge in the old organization, beside its record: once it accepts nothing, no contract says
+    so."""
+    return _under_way(site, chain_id).with_name(f"{chain_id}-kinds.json")
 
 
 def _kept(site: Site, former: Deployment) -> Path:
@@ -157,6 +183,7 @@ def _former(site: Site, w3: Web3, administrator: LocalAccount) -> Deployment:
     if former.genesis_hash != genesis_hash:
         raise NotDeployed("the recorded contracts are on another chain", chain_id=chain_id)
     _require_movable(site, w3, former, administrator)
+    _peoples(site, chain_id).unlink(missing_ok=True)
     former.save(contracts.left_folder(site))
     return former
 
@@ -188,20 +215,52 @@ def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: Lo
         )
 
 
-def _require_no_revoked_key(site: Site, happened: list[Event]) -> None:
-    """The keys of the site's devices are registered in the new organization, which knows of no revocation."""
+def _require_no_revoked_key(site: Site, client: ChainClient, happened: list[Event]) -> None:
+    """The new organization knows neither of the revocation of a device's key, nor that a judge has another
+    key now."""
     revoked = {one.device for one in happened if isinstance(one, chain_events.DeviceRevoked)}
-    for keystore, (_, name) in wallets.device_names(site).items():
-        try:
-            address = wallets.address(site, keystore)
-        except WalletError:
-            continue  # the setup says so, and registers no key that it cannot read
+    committees = [client.deployment.address(name) for name in client.deployment.committees]
+    for log in client.history(committees):
+        if isinstance(log.event, chain_events.JudgeKeyChanged):
+            revoked = {*revoked, log.event.old_key} - {log.event.key}
+    used = {keystore: name for keystore, (_, name) in wallets.device_names(site).items()}
+    if site.disputes is not None:
+        used |= {name: name for one in site.disputes.instances for name in one.judges}
+    for keystore, name in used.items():
+        address = _address(site, keystore)
         if address in revoked:
             raise KeyRevoked(
                 f"the key of {name} was revoked: put another in its place before the organization moves",
                 keystore=keystore,
                 address=address,
             )
+
+
+def _require_no_unseated_judge(site: Site, client: ChainClient, happened: list[Event]) -> None:
+    """The site file says who judges in the new organization."""
+    kinds = {one.kind for one in happened if isinstance(one, chain_events.QuorumChanged)}
+    judging = 0
+    for kind in kinds:
+        judging |= client.quorum(kind).judges
+    for oracle in site.oracles:
+        key = _address(site, f"{oracle.name}-device")
+        judge = None if key is None else client.judge(key)
+        if judge is not None and not judging >> judge.seat & 1:
+            raise JudgeUnseated(
+                f"{oracle.name} judges no kind of work any more: take it out of [[oracles]], or let it judge "
+                "again with `rodeo organization quorum`",
+                judge=oracle.name,
+                key=key,
+            )
+
+
+def _address(site: Site, name: str) -> str | None:
+    """Of a participant or device; None where its keystore cannot be read: the setup says so, and seats or
+    registers nobody with it."""
+    try:
+        return wallets.wallets_elsewhere(site).get(name) or wallets.address(site, name)
+    except WalletError:
+        return None
 
 
 def _is_of_this_release(former: Deployment, w3: Web3) -> bool:
@@ -213,9 +272,9 @@ def _is_of_this_release(former: Deployment, w3: Web3) -> bool:
 
 
 def _send(client: ChainClient, administrator: LocalAccount, calls: list[Call]) -> None:
-    """Several are all to the organization, in one transaction."""
-    if calls:
-        for call in contracts.at_once(client, calls):
+    """Several are all to the organization, as many in one transaction as it may have."""
+    for first in range(0, len(calls), _MOST_TOGETHER):
+        for call in contracts.at_once(client, calls[first : first + _MOST_TOGETHER]):
             client.send(administrator, call)
 
 
@@ -226,8 +285,27 @@ def _administer(
     if waiting.waits(client):
         waiting.perform(client, administrator, [[call] for call in calls], why, say)
         return
-    for first in range(0, len(calls), _MOST_TOGETHER):
-        _send(client, administrator, calls[first : first + _MOST_TOGETHER])
+    _send(client, administrator, calls)
+
+
+def _judged_by_people(site: Site, client: ChainClient, happened: list[Event]) -> dict[str, list[str]]:
+    """Kinds of work that the organization has accepted since it began to move, and auditors judge -> hashes
+    of their rules."""
+    chain_id = client.deployment.chain_id
+    kinds = _stopped(site, chain_id)
+    for kind in sorted({one.kind for one in happened if isinstance(one, chain_events.KindAllowed)}):
+        rules = client.kind(kind)
+        if rules.allowed and rules.review is Review.AUDITOR:
+            kinds[kind] = ["0x" + one.hex() for one in client.current_rules(kind)]
+    replace_file(_peoples(site, chain_id), json.dumps(kinds))
+    return kinds
+
+
+def _stopped(site: Site, chain_id: int) -> dict[str, list[str]]:
+    """The same as they were known before."""
+    path = _peoples(site, chain_id)
+    found: dict[str, list[str]] = json.loads(path.read_text()) if path.exists() else {}
+    return found
 
 
 def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say) -> None:
@@ -237,6 +315,16 @@ def _stop(client: ChainClient, administrator: LocalAccount, happened: list[Event
     _administer(client, administrator, calls, _NO_TASKS, say)
     for kind in allowed:
         say(f"no more tasks of {kind}")
+
+
+def _withdraw_others(client: ChainClient, administrator: LocalAccount, say: Say) -> None:
+    """What else was proposed: anybody could execute it later, and so let a service take a task that waits
+    where nobody judges any more."""
+    own = {key for why in (_NO_TASKS, _NO_SERVICES, _TREASURY) for key in waiting.proposed(client, why)}
+    for key, one in client.pending_operations().items():
+        if key not in own:
+            client.send(administrator, client.governance_calls.cancel(key))
+            say(f"withdrawn, because the organization moves: {text_of(one.targets, one.calldatas)}")
 
 
 def _require_none_runs(client: ChainClient) -> None:
@@ -307,7 +395,12 @@ def _suspensions(client: ChainClient, services: list[int]) -> list[Call]:
 
 
 def _move_rules(
-    client: ChainClient, new: ChainClient, administrator: LocalAccount, happened: list[Event], say: Say
+    site: Site,
+    client: ChainClient,
+    new: ChainClient,
+    administrator: LocalAccount,
+    happened: list[Event],
+    say: Say,
 ) -> None:
     """What was told the old organization on chain; what the site file says, the new one is told as any is."""
     calls, old = new.organization_calls, client.deployment
@@ -318,6 +411,8 @@ def _move_rules(
         if role not in list(Role):
             continue  # that nothing asks for
         name = Role(role)
+        if name is Role.ORACLE and site.oracles:
+            continue  # nobody who alone judged may beside those who have to agree
         held = name is not Role.ADMINISTRATOR and account not in ours and client.has_role(name, account)
         if held and not new.has_role(name, account):
             admits = name is Role.MEMBER
@@ -376,8 +471,21 @@ def _move_work(
             say(f"{provider} is known for its work")
 
 
+def _accept(
+    client: ChainClient, administrator: LocalAccount, judged: dict[str, list[str]], where: str, say: Say
+) -> None:
+    """What people judge. What oracles judge, the site file says: they need its checks."""
+    missing = [kind for kind in judged if not client.is_kind_allowed(kind)]
+    hashes = [(kind, one) for kind in missing for one in judged[kind] or ["0x" + "00" * 32]]
+    allow = client.organization_calls.allow_kind
+    _send(client, administrator, [allow(kind, Review.AUDITOR, to_bytes(hexstr=one)) for kind, one in hashes])
+    for kind in missing:
+        say(f"people judge {kind} {where}")
+
+
 def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAccount, say: Say) -> None:
     """Straight to the new organization, so that nobody holds it in between."""
+    _collect(client, administrator, say)
     amount = client.balance(client.organization)
     if not amount:
         return
@@ -394,6 +502,16 @@ def _move_treasury(client: ChainClient, new: ChainClient, administrator: LocalAc
         told.insert(0, calls.grant_role(Role.TREASURER, administrator.address))
     _send(client, administrator, told)
     say(f"{client.currency.from_units(amount):f} IEC are in the treasury of the new organization")
+
+
+def _collect(client: ChainClient, administrator: LocalAccount, say: Say) -> None:
+    """What the token once refused to the treasury."""
+    if not client.pending_payments(client.organization):
+        return
+    try:
+        client.send(administrator, client.calls.withdraw_payments(client.organization))
+    except ContractReverted as error:
+        say(f"the token still refuses what it owes the old treasury, which can be collected later: {error}")
 
 
 def _move_treasury_later(

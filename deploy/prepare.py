@@ -33,7 +33,8 @@ def prepare(path: Path, say: Say, stop: threading.Event, wait: bool = False) -> 
     """Do what is missing for the site at `path`; `say` gets a sentence for each step.
 
     `wait`: where wallets need gas money, wait until they have it. Raises WithoutGasMoney otherwise, and
-    ConfigError, WalletError, ChainError: nothing is done on another chain than the site file names.
+    ConfigError, WalletError, OtherRelease, ChainError: nothing is done on another chain than the site file
+    names.
     """
     site = Site.load(path)
     elsewhere = site.chain.backend == "external"
@@ -57,6 +58,7 @@ def prepare(path: Path, say: Say, stop: threading.Event, wait: bool = False) -> 
         with translated():
             say(f"chain: {site.chain.id}, at block {w3.eth.block_number}, at {site.chain.url}")
         if elsewhere:
+            contracts.require_this_release(site, w3)
             _await_gas_money(site, w3, say, stop, wait)
         contracts.run(site, stop, lambda text: say(f"contracts: {text}"))
     if not stop.is_set():
@@ -93,15 +95,16 @@ def _answers(w3: Web3) -> bool:
 
 
 def _await_gas_money(site: Site, w3: Web3, say: Say, stop: threading.Event, wait: bool) -> None:
-    deployed = contracts.recorded(site, w3)
+    deployed, senders = contracts.recorded(site, w3), wallets.sender_names(site)
     said: dict[str, str] = {}
     while True:
         found = list(purses(site, w3, deployed))
         for purse in found:
             if said.get(purse.name) != str(purse):
                 said[purse.name] = str(purse)
-                say(f"gas money: {purse}")
-        empty = [purse.name for purse in found if not purse.funded]
+                others = purse.name not in senders and not purse.funded
+                say(f"gas money: {purse}" + (", unless others send for it" if others else ""))
+        empty = [purse.name for purse in found if not purse.funded and purse.name in senders]
         if not empty:
             return
         if not wait:

@@ -427,6 +427,13 @@ class SetTerms(Command):
     max_failures: Annotated[int, Field(ge=0, lt=2**8)] = 0
     """Number of failures in a row that suspends a service; 0 for no limit."""
 
+    @model_validator(mode="after")
+    def _penalty_within_bond(self) -> Self:
+        # A proposal is executed days later, so the contract's refusal would come late.
+        if self.penalty_iec > self.bond_iec:
+            raise ValueError("the penalty is higher than the bond")
+        return self
+
 
 class SetMembersOnly(Command):
     enabled: bool

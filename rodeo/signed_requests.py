@@ -16,12 +16,29 @@ from rodeo.messages import SignedRequest, TypedSignature
 
 UNLIMITED = 2**256 - 1
 
+
+def _kind(word: str) -> str:
+    raw = bytes.fromhex(word[2:])
+    if kind_to_bytes32(bytes32_to_kind(raw)) != raw:
+        raise ValueError("not the name of a kind of work")
+    return word
+
+
+def _text(text: str) -> str:
+    text.encode()  # raises UnicodeEncodeError, which is a ValueError
+    return text
+
+
 # Decimal strings in JSON: programs that are not Python's round greater numbers than 2^53.
-_Number = Annotated[int, Field(ge=0, le=UNLIMITED), PlainSerializer(str, when_used="json")]
+_AS_TEXT = PlainSerializer(str, when_used="json")
+_Number = Annotated[int, Field(ge=0, le=UNLIMITED), _AS_TEXT]
+_Uint32 = Annotated[int, Field(ge=0, lt=2**32), _AS_TEXT]
+_Uint8 = Annotated[int, Field(ge=0, lt=2**8), _AS_TEXT]
 _Address = Annotated[
     str, StringConstraints(pattern=r"^0x[0-9a-fA-F]{40}$"), AfterValidator(to_checksum_address)
 ]
 _Bytes32 = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{64}$")]
+_Text = Annotated[str, AfterValidator(_text)]
 
 Typed = dict[str, Any]
 """EIP-712 typed data, as `eth_signTypedData_v4` takes it: types, primaryType, domain and message."""
@@ -53,15 +70,15 @@ _DOMAIN = "string name,string version,uint256 chainId,address verifyingContract"
 class TypedTask(_Said):
     """A task's `TaskRequest`."""
 
-    kind: _Bytes32
+    kind: Annotated[_Bytes32, AfterValidator(_kind)]
     reward: _Number
-    execution_window: _Number
-    verdict_window: _Number
-    max_attempts: _Number
+    execution_window: _Uint32
+    verdict_window: _Uint32
+    max_attempts: _Uint8
     rules: _Bytes32
-    service_id: _Number
+    service_id: _Uint32
     provider: _Address
-    params: str
+    params: _Text
 
     @classmethod
     def of(cls, request: TaskRequest) -> TypedTask:
@@ -113,9 +130,9 @@ class SubmitProof(_Said):
     }
     executor: _Address
     task_id: _Number
-    attempt: _Number
+    attempt: _Uint8
     proof_hash: _Bytes32
-    uri: str
+    uri: _Text
     deadline: _Number
 
 
@@ -136,9 +153,14 @@ SAID: dict[str, type[RegisterTask | CancelTask | SubmitProof]] = {
 """Primary type -> what `SignedRequests` carries out."""
 
 
-def domain(name: str, chain_id: int, contract: str) -> Typed:
+def domain(name: str, chain_id: int, contract: str, version: str = "1") -> Typed:
     """Of one contract on one chain."""
-    return {"name": name, "version": "1", "chainId": chain_id, "verifyingContract": contract}
+    return {"name": name, "version": version, "chainId": chain_id, "verifyingContract": contract}
+
+
+def separator(domain: Typed) -> bytes:
+    """Hash of a domain."""
+    return bytes(encode_typed_data(domain, {"Nothing": []}, {}).header)
 
 
 def sign(request: SignedRequest, account: LocalAccount) -> SignedRequest:

@@ -43,7 +43,12 @@ MOCAP_NAME = "mocap"
 def wallet_names(site: Site) -> list[str]:
     """Participants whose wallet the site has: the organization's operator, robots, oracles, others."""
     others = [participant.name for participant in site.participants if participant.address is None]
-    return ["organization", *(robot.name for robot in site.robots), *oracle_names(site), *others]
+    return [*sender_names(site), *others]
+
+
+def sender_names(site: Site) -> list[str]:
+    """Those of them that pay for gas themselves. Others can send for the rest (`rodeo task relay`)."""
+    return ["organization", *(robot.name for robot in site.robots), *oracle_names(site)]
 
 
 def wallets_elsewhere(site: Site) -> dict[str, str]:

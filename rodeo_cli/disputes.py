@@ -34,6 +34,8 @@ disputes = typer.Typer(
 
 _REFUSED = frozenset({"judge_is_auditor", "judge_is_party", "not_a_judge", "not_in_panel", "voted_twice"})
 """The contract does not count the vote of the judge that the error names."""
+_TOO_LOW = "stake_too_low"
+"""The same, but the error names its seat."""
 _COMMITTEES = ("DisputeCommittee", "AppealCommittee")
 """Who decides about a challenge, of the oracles' verdict and of the decision about it."""
 _VOTES = TypeAdapter(list[SignedVote])
@@ -111,7 +113,11 @@ def vote(
                 said += "." if said_by + 1 == len(instances) else ", unless it is challenged again."
                 break
             key = next((str(one) for one in refused.details.values() if one in same), "")
-            if refused.code not in _REFUSED or same.get(key) in (None, own):
+            if refused.code == _TOO_LOW and len(same) > needed:
+                key = _unstaked(loaded, bus, judge, same, refused)
+            elif refused.code not in _REFUSED:
+                raise refused
+            if same.get(key) in (None, own):
                 raise refused
             say(f"The vote of {key} in {file} does not count: {refused.code}.")
             del same[key]
@@ -140,12 +146,25 @@ def _by_signer(site: Site, bus: Bus, committee: str, given: list[SignedVote]) ->
     return held
 
 
-def _post(site: Site, bus: Bus, judge: str, same: list[SignedVote]) -> RemoteError | None:
+def _unstaked(site: Site, bus: Bus, judge: str, same: dict[str, SignedVote], refused: RemoteError) -> str:
+    """Whose stake is too low: without its vote the contract refuses another one, or none."""
+    for key in same:
+        rest = [vote for other, vote in same.items() if other != key]
+        error = _post(site, bus, judge, rest, dry_run=True)
+        if error is None or error.details.get("seat") != refused.details.get("seat"):
+            return key
+    return ""
+
+
+def _post(
+    site: Site, bus: Bus, judge: str, same: list[SignedVote], dry_run: bool = False
+) -> RemoteError | None:
     """Why equal votes were refused; None if they count."""
     vote, report_uri = same[-1].vote.model_dump(mode="json"), same[-1].report_uri
     signatures = [one.signature for one in same]
+    request = {"vote": vote, "report_uri": report_uri, "signatures": signatures, "dry_run": dry_run}
     try:
-        send_command(site, bus, judge, "post_votes", vote=vote, report_uri=report_uri, signatures=signatures)
+        send_command(site, bus, judge, "post_votes", **request)
     except RemoteError as error:
         return error
     return None

@@ -48,11 +48,29 @@ _SENTENCES = {
     "access_control_unauthorized_account": "the account lacks the required role",
     "over_budget": "all who hold the role together have a budget, and this is more than what is left of it",
     "reward_below_price": "every service of this kind costs more than the reward",
+    "nonce_used": "this was posted or revoked already: what is signed can be sent once",
+    "not_signed_by": "the participant has not signed this, or it was changed afterwards",
+    "request_expired": "what was signed had to be sent earlier",
+    "tasks_are_paused": "a guardian has paused new tasks",
+    "paused_recently": "between two pauses new tasks have to be taken for some days",
+    "role_without_budget": "only operators and treasurers have budgets",
+    "challenged_before": "somebody has challenged this verdict already",
+    "neither_party_nor_judge": "only the task's parties and judges may challenge its verdict",
+    "window_over": "it is too late for this",
+    "window_not_over": "it is too early for this",
+    "withdrawal_too_early": "it is too early for this",
+    "no_withdrawal": "nobody has announced that this stake is to be withdrawn",
+    "stake_too_low": "the stake of a judge is too low for its vote to count: somebody has to deposit",
+    "not_owner": "only for whom the judge works may do this",
+    "governor_already_cast_vote": "this account has voted already",
+    "governor_insufficient_proposer_votes": "the account has too few votes to propose anything",
+    "governor_unexpected_proposal_state": "the proposal's state does not allow this",
 }
 """What a contract or the bridge means by the name of its error."""
 
 _MOMENTS = frozenset({"until", "deadline", "time", "earliest", "needed", "revoked_at"})
-"""Arguments of contracts' errors that are block times, if they are as large as one."""
+"""Arguments of contracts' errors that are block times, if they are as large as one. So is all else in seconds
+that is so large."""
 _FIRST_MOMENT = 1_000_000_000
 
 _LENGTHS = {"_s": span, "_m": lambda value: f"{value:g} m"}
@@ -151,8 +169,8 @@ def _value(name: str, value: Any) -> str:
     if name.endswith("_iec"):
         return f"{_plain(name.removesuffix('_iec'))}: {iec(value)}"
     if isinstance(value, int | float) and not isinstance(value, bool):
-        if name in _MOMENTS and value >= _FIRST_MOMENT:
-            return f"{_plain(name)}: {_date_and_time(value)} by the chain's clock"
+        if value >= _FIRST_MOMENT and (name in _MOMENTS or name.endswith("_s")):
+            return f"{_plain(name.removesuffix('_s'))}: {_date_and_time(value)} by the chain's clock"
         for unit, words in _LENGTHS.items():
             if name.endswith(unit):
                 return f"{_plain(name.removesuffix(unit))}: {f'{value:g} s' if value < 60 else words(value)}"

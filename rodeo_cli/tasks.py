@@ -395,11 +395,14 @@ def revoke(
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Make a task void that was signed with --sign, and was not sent yet. This costs its creator gas."""
-    nonce = _signed(file)["request"]["typed_data"]["message"].get("nonce")
-    if nonce is None:
+    from rodeo.signed_requests import RegisterTask  # takes its time to import
+
+    typed = _signed(file)["request"]["typed_data"]
+    if typed.get("primaryType") != RegisterTask.__name__:
         raise InvalidRequest("only a signed task can be revoked", file=str(file))
+    nonce = validate(RegisterTask, typed.get("message")).nonce
     with connected(site) as (loaded, bus):
-        send_command(loaded, bus, participant, "revoke_request", nonce=int(nonce))
+        send_command(loaded, bus, participant, "revoke_request", nonce=nonce)
     say(f"Nobody can post the task in {file} any more.")
 
 

@@ -255,6 +255,10 @@ class ChainClient:
         """Of the next permit that `owner` signs. Raises ContractReverted where the token takes none."""
         return self._view("IECoin", "nonces", to_checksum_address(owner))
 
+    def permit_domain(self) -> bytes:
+        """Hash of the EIP-712 domain for which permits are signed (EIP-2612). Raises like `permit_nonce`."""
+        return self._view("IECoin", "DOMAIN_SEPARATOR")
+
     def is_request_nonce_used(self, signer: str, nonce: int) -> bool:
         """Whether a signed request with this nonce was carried out or revoked."""
         return self._view("SignedRequests", "isNonceUsed", to_checksum_address(signer), nonce)

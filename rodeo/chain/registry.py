@@ -13,7 +13,7 @@ from web3 import Web3
 
 from rodeo.chain import artifacts
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import translated
+from rodeo.chain.errors import NotDeployed, translated
 
 PARTS = tuple(
     name
@@ -71,7 +71,7 @@ class Founding:
     number: int
     """Tells organizations of one founder and name apart."""
     founded_in: int
-    """The block of its first contract."""
+    """The block of its first contract, as contracts count (see `Registry.founding_block`)."""
     address: ChecksumAddress
     """Of its contract Organization, which may not be there yet."""
 
@@ -143,12 +143,29 @@ class Registry:
             }
 
     def founded_in(self, founder: str, name: str, number: int) -> int:
-        """The block of the organization's first contract; 0 if it has none."""
+        """The block of the organization's first contract, as contracts count; 0 if it has none."""
         with translated():
             founded_in: int = self._contract.functions.foundedIn(
                 to_checksum_address(founder), _bytes32(name), number
             ).call()
         return founded_in
+
+    def founding_block(self, founder: str, name: str, number: int) -> int:
+        """The same as the node counts. On Arbitrum contracts read Ethereum's block numbers, which are others
+        (https://docs.arbitrum.io/arbitrum-essentials/arbitrum-vs-ethereum/block-numbers-and-time). Raises
+        RpcFailed where that needs more events than the node answers at once."""
+        said = self.founded_in(founder, name, number)
+        with translated():
+            head = self._w3.eth.block_number
+            event = self._contract.events.OrganizationFounded
+            named = {"founder": to_checksum_address(founder), "name": _bytes32(name)}
+            for first, last in ((said, said), (0, head)):
+                if last > head:
+                    continue
+                for log in event.get_logs(from_block=first, to_block=last, argument_filters=named):
+                    if log["args"]["number"] == number:
+                        return int(log["blockNumber"])
+        raise NotDeployed("this organization was not founded here", founder=founder, name=name, number=number)
 
     def init_code_hash(self, created: ChecksumAddress) -> bytes | None:
         """Of a contract that was created here; None where there is none."""

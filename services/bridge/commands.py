@@ -257,11 +257,16 @@ class Wallet:
                 call,
                 command.request_id,
                 _content_sha256(name, command),
-                getattr(command, "task_id", None),
+                self._task_of(command),
                 self._spends(command),
                 *self._assignment(command),
             ),
         ]
+
+    def _task_of(self, command: Command) -> int | None:
+        """The task that it is about, if there is one already."""
+        about = self._requests.read(command.signed) if isinstance(command, Relay) else command
+        return getattr(about, "task_id", None)
 
     def _assignment(self, command: Command) -> tuple[int | None, str | None]:
         """Attempt and nonce of the assignment that a proof is for."""
@@ -295,7 +300,7 @@ class Wallet:
             case RaiseReward():
                 task = self.index.task(command.task_id)
                 return self._currency.to_units(command.reward_iec) - (0 if task is None else task["reward"])
-            case Transfer() | Deposit() | Withdraw() | WrapTokens():
+            case Transfer() | Deposit() | DepositStake() | Withdraw() | WrapTokens():
                 return self._currency.to_units(command.amount_iec)
             case RegisterService():
                 return self._bond()
@@ -446,10 +451,21 @@ class Wallet:
             verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
             max_attempts=command.max_attempts or self.economy.max_attempts,
             rules=_bytes32(self._rules_of(command)),
-            service_id=command.service_id or 0,
+            service_id=self._service_of(command),
             provider=self._provider_of(command),
             params=text,
         )
+
+    def _service_of(self, command: RegisterTask) -> int:
+        if command.service_id is None:
+            return 0
+        service = self.index.service(command.service_id)
+        if service is not None and service["state"] == "retired":
+            raise InvalidRequest(
+                "the task would wait for ever: this service was withdrawn for good",
+                service_id=command.service_id,
+            )
+        return command.service_id
 
     def _provider_of(self, command: RegisterTask) -> str:
         if command.provider is None:
@@ -939,6 +955,8 @@ class Wallet:
         if isinstance(proposed, UpdateService) and proposed.state is None:
             # As it is now is not as it is when this is executed, days later.
             raise InvalidRequest("a proposal names the state that the service has afterwards, too")
+        if isinstance(proposed, UpdateService):
+            self._require_own_service(proposed.service_id)
         calls = build(replace(self, participant=ORGANIZATION), proposed)
         if isinstance(proposed, Admit | Dismiss) and self.client.deployment.votes_by == "members":
             # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.
@@ -947,6 +965,16 @@ class Wallet:
             salt, delay_s = os.urandom(32), self.client.decision_delay_s()
             return [self.client.governance_calls.schedule(calls, command.description, salt, delay_s)]
         return [self.client.governance_calls.propose(calls, command.description)]
+
+    def _require_own_service(self, service_id: int) -> None:
+        """Raises InvalidRequest where it is no service of the organization: only its provider changes it."""
+        service = self.index.service(service_id)
+        if service is not None and service["provider"] != self.client.organization:
+            raise InvalidRequest(
+                "the organization does not offer this service, so it cannot change it",
+                service_id=service_id,
+                provider=service["provider"],
+            )
 
     def _wrap_tokens(self, command: WrapTokens) -> list[Call]:
         self._require_token_votes()

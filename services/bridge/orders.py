@@ -229,7 +229,7 @@ class Orders:
             wallet = self.wallets[entry.wallet]
             if entry.id not in wallet.in_flight:
                 job = Job(order, entry=entry, undone=undone)
-                if entry.assignment is not None:
+                if entry.assignment is not None and entry.task_id is not None:
                     job.held_until_s = time.monotonic() + hold_s
                 wallet.in_flight[entry.id] = job
                 self._remember(job)

@@ -21,6 +21,9 @@ _NONCE_BYTES = 6
 
 _SIGNATURE_BYTES = 65
 
+_VERSIONS = ("1", "2")
+"""Of tokens that take permits: OpenZeppelin's, and Circle's USDC."""
+
 Said = RegisterTask | CancelTask | SubmitProof
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -39,18 +42,23 @@ class Requests:
         """What lets the contracts take the rewards of `owner`. Raises NoPermit."""
         client = self._client
         try:
-            nonce = client.permit_nonce(owner)
+            nonce, domain = client.permit_nonce(owner), self._token_domain
         except ContractReverted as error:
-            raise NoPermit(
-                "the payment token takes no signed permits: send `allow_payments` once before, or "
-                "`rodeo task allow-payments`",
-                owner=owner,
-                spender=client.task_manager,
-            ) from error
+            raise self._no_permit(owner) from error
+        if domain is None:
+            raise self._no_permit(owner)
         said = Permit(
             owner=owner, spender=client.task_manager, value=UNLIMITED, nonce=nonce, deadline=deadline
         )
-        return said.typed_data(self._token_domain)
+        return said.typed_data(domain)
+
+    def _no_permit(self, owner: str) -> NoPermit:
+        return NoPermit(
+            "the payment token takes no signed permits: send `allow_payments` once before, or `rodeo task "
+            "allow-payments`",
+            owner=owner,
+            spender=self._client.task_manager,
+        )
 
     def calls(self, signed: SignedRequest) -> list[Call]:
         """What carries it out. Raises NotSigned, OtherContracts or InvalidRequest."""
@@ -108,11 +116,16 @@ class Requests:
         )
 
     @property
-    def _token_domain(self) -> Typed:
+    def _token_domain(self) -> Typed | None:
+        """By which the token knows permits for it; None where it has another one than such tokens have."""
         deployment = self._client.deployment
-        return signed_requests.domain(
-            self._client.token_name(), deployment.chain_id, deployment.address("IECoin")
+        name, address, said = (
+            self._client.token_name(),
+            deployment.address("IECoin"),
+            self._client.permit_domain(),
         )
+        known = (signed_requests.domain(name, deployment.chain_id, address, one) for one in _VERSIONS)
+        return next((one for one in known if signed_requests.separator(one) == said), None)
 
 
 def nonce_of(request_id: str | None) -> int:
@@ -122,7 +135,7 @@ def nonce_of(request_id: str | None) -> int:
     return int.from_bytes(keccak(text=request_id)[:_NONCE_BYTES])
 
 
-def _message(model: type[Model], typed: Typed, domain: Typed) -> Model:
+def _message(model: type[Model], typed: Typed, domain: Typed | None) -> Model:
     found = typed.get("domain")
     if found != domain:
         raise OtherContracts(

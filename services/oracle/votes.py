@@ -229,19 +229,18 @@ class Votes:
         committee = self._current()
         if committee is None:
             return False  # it is published again
-        by = votes.signer(
-            signed.vote,
-            signed.signature,
-            committee.chain_id,
-            committee.address,
-            self._site.economy.currency,
-        )
+        by = self._signer(committee, signed)
         if by is not None and by == committee.keys.get(name):
             return True
         log.warning(
             "ignored a vote on task %d in the name of %s: %s signed it", signed.vote.task_id, name, by
         )
         return False
+
+    def _signer(self, committee: _Committee, signed: SignedVote) -> str | None:
+        """Address of the key that signed it; None where it is nobody's."""
+        currency = self._site.economy.currency
+        return votes.signer(signed.vote, signed.signature, committee.chain_id, committee.address, currency)
 
     def _current(self) -> _Committee | None:
         """Who votes now. The bridge is asked once in REPEAT_S, however many votes strangers publish."""
@@ -362,7 +361,7 @@ class Votes:
                 return
             except RemoteError as error:
                 held.refusals += error.code != _UNKNOWN
-                refused = self._refused(error)
+                refused = self._refused(error, agreed)
                 if error.code == _RULED:
                     log.info("task %d attempt %d: the verdict waits for its window", *key)
                     self._is_posted(held)
@@ -404,14 +403,15 @@ class Votes:
             return None
         return held.submitted_s + rotation_s * (int(error.details["place"]) - panel + 1)
 
-    def _refused(self, error: RemoteError) -> str:
-        """The oracle whose key, or whose seat, the contract's error names."""
+    def _refused(self, error: RemoteError, posted: Mapping[str, SignedVote]) -> str:
+        """The oracle whose seat the contract's error names, or the key that signed its vote, which may be
+        another's by now."""
         named, committee = {str(value) for value in error.details.values()}, self._current()
         if committee is None:
             return ""
         if error.code == _TOO_LOW:
             return committee.seats.get(int(error.details["seat"]), "")
-        return next((name for name, key in committee.keys.items() if key in named), "")
+        return next((name for name, one in posted.items() if self._signer(committee, one) in named), "")
 
     # -- one's own votes -----------------------------------------------------------------------------------
 

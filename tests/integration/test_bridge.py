@@ -161,6 +161,9 @@ def test_a_robot_pays_the_organization_for_a_charge(dao: Dao) -> None:
     with pytest.raises(RemoteError) as refused:
         dao.command("organization", "update_service", service_id=service_id, state="active")
     assert refused.value.code == "service_is_retired"
+    with pytest.raises(RemoteError, match="withdrawn for good"):
+        order = {"kind": "battery_charging", "params": CHARGING, "service_id": service_id}
+        dao.command("panther1", "register_task", reward_iec="200", allow_wait=True, **order)
 
 
 def test_a_task_that_waits_is_posted_again_for_a_higher_reward(dao: Dao) -> None:

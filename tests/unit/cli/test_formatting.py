@@ -109,6 +109,19 @@ def test_votes_and_times_that_are_needed_are_no_amounts() -> None:
     assert "needed: 2026-11-27 07:41:52 by" in said and "deadline: 2026-11-27 07:41:51 by" in said
 
 
+def test_a_time_in_seconds_is_no_duration() -> None:
+    error = RodeoError("run it again later", ready_s=1_795_765_312, waited_s=90)
+    said = formatting.explain(error, {})
+    assert said == "run it again later (ready: 2026-11-27 07:41:52 by the chain's clock, waited: 1 min 30 s)"
+
+
+@pytest.mark.parametrize(
+    "name", ["NonceUsed", "NotSignedBy", "RequestExpired", "TasksArePaused", "WindowOver"]
+)
+def test_what_people_meet_is_a_sentence(name: str) -> None:
+    assert "the contract refused" not in formatting.explain(ContractReverted(name, {}), {})
+
+
 def test_the_name_of_a_contracts_error_becomes_words() -> None:
     error = ContractReverted("NotInPanel", {"task_id": 1})
     assert formatting.explain(error, {}) == "the contract refused: not in panel (task id: 1)"

@@ -185,6 +185,28 @@ def test_an_organization_whose_record_is_lost_is_found_again(site: Site) -> None
     assert any("on the chain already" in text for text in said)
 
 
+@pytest.mark.parametrize("said", [1, 9_000_000])
+def test_where_contracts_count_other_blocks_than_the_node_those_of_the_node_are_recorded(
+    site: Site, monkeypatch: pytest.MonkeyPatch, said: int
+) -> None:
+    """`said`: what the registry knows as the block of the founding, as Ethereum's on Arbitrum. Whoever began
+    to read there would read for days, or miss events."""
+    founded_in = Registry.founded_in
+
+    def counted(found: Registry, founder: str, name: str, number: int) -> int:
+        return said if founded_in(found, founder, name, number) else 0
+
+    monkeypatch.setattr(Registry, "founded_in", counted)
+    told(site)
+    block = record(site).block
+    w3 = connect(site.chain.url)
+    created = w3.eth.get_block(block, full_transactions=True)["transactions"]
+    assert [one["to"] for one in created] == [registry.known_address()]  # type: ignore[index]
+    Deployment.path(site.data_dir, CHAIN_ID).unlink()
+    told(site)
+    assert record(site).block == block
+
+
 @pytest.mark.long
 def test_a_record_of_another_chain_is_replaced_by_that_of_what_is_there(site: Site) -> None:
     told(site)

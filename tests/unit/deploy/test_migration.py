@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
+from web3.types import RPCEndpoint
 
 from deploy import contracts, migration
 from deploy.founding import OtherToken
 from deploy.migration import (
     Founded,
+    JudgeUnseated,
     JustMoved,
     KeyRevoked,
     MembersDecide,
@@ -27,14 +29,17 @@ from deploy.migration import (
     migrate,
 )
 from deploy.waiting import DelayRuns
+from deploy.waiting import proposed as waiting_for
 from rodeo import wallets
 from rodeo.chain import (
+    Call,
     ChainClient,
     ChainUnavailable,
     ContractReverted,
     Deployment,
     NotDeployed,
     Policy,
+    Review,
     Revocation,
     Role,
     ServiceState,
@@ -47,7 +52,7 @@ from rodeo.chain import (
 from rodeo.chain.abi import KindRules
 from rodeo.chain.client import connect
 from rodeo.chain.registry import PROXY
-from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, Site, TokenConfig
+from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, JudgeConfig, Site, TokenConfig
 from rodeo.currency import IEC
 from rodeo.instance import lock_instance
 from rodeo.kinds import kinds_of
@@ -222,6 +227,109 @@ def _windows(rules: KindRules) -> tuple[object, ...]:
     return rules.min_window, *verdict, rules.audit_window, rules.silence
 
 
+def test_many_members_move_in_as_many_transactions_as_they_take(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of them in one could take more gas than a transaction, or a block, may have."""
+    together: list[int] = []
+    at_once = contracts.at_once
+
+    def counted(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
+        together.append(len(calls))
+        return at_once(client, calls)
+
+    monkeypatch.setattr(contracts, "at_once", counted)
+    monkeypatch.setattr(migration, "_MOST_TOGETHER", 4)
+    members = [Account.create().address for _ in range(9)]
+    admissions = [lab.client.organization_calls.admit(one) for one in members]
+    for call in at_once(lab.client, admissions):
+        lab.send(lab.operator, call)
+    lab.judge()
+    # What the site file says is told in larger steps.
+    monkeypatch.setattr(contracts, "_MOST_TOGETHER", 4)
+    lab.migrate()
+    assert max(together) == 4
+    assert all(lab.new().is_member(one) for one in members)
+
+
+@pytest.fixture
+def judged(tmp_path: Path) -> Iterator[Lab]:
+    """Three oracles judge, of which two have to agree."""
+    with running_chain("eth-tester", tmp_path) as site:
+        oracles = [JudgeConfig(name=name) for name in ("anna", "bert", "carl")]
+        lab = Lab(site.model_copy(update={"oracles": oracles}))
+        lab.deploy()
+        yield lab
+
+
+def test_an_organization_does_not_move_with_a_key_that_its_judge_has_no_more(judged: Lab) -> None:
+    """Somebody else may have it."""
+    old = judged.client
+    key, other = wallets.address(judged.site, "bert-device"), Account.create().address
+    judged.send(judged.operator, old.calls.change_key(key, other))
+    with pytest.raises(KeyRevoked, match="the key of bert was revoked"):
+        judged.migrate()
+    assert old.is_kind_allowed(KIND)
+    judged.send(judged.operator, old.calls.change_key(other, key))  # it was found again
+    judged.migrate()
+    assert judged.new().judge(key) is not None
+
+
+def test_a_judge_that_was_unseated_does_not_judge_again_in_the_new_organization(judged: Lab) -> None:
+    old = judged.client
+    for kind in kinds_of(judged.site):
+        if (now := old.quorum(kind)).votes:
+            told = old.calls.set_quorum(kind, 2, 2, now.rotation, now.judges & ~(1 << 1))
+            judged.send(judged.operator, told)
+    with pytest.raises(JudgeUnseated, match="bert judges no kind of work any more"):
+        judged.migrate()
+    assert old.is_kind_allowed(KIND)
+    others = [one for one in judged.site.oracles if one.name != "bert"]
+    judged.site = judged.site.model_copy(update={"oracles": others})
+    judged.migrate()
+    assert judged.new().quorum(KIND).count == 2
+
+
+def test_nobody_who_alone_judged_does_so_where_several_oracles_have_to_agree(lab: Lab) -> None:
+    lab.send(lab.operator, lab.client.organization_calls.grant_role(Role.ORACLE, lab.stranger.address))
+    lab.judge()
+    judged = lab.oracle.address, lab.stranger.address
+    # The key of the one that judged is not at hand any more.
+    (lab.site.data_dir / "keys" / "oracle.json").unlink()
+    oracles = [JudgeConfig(name=name) for name in ("anna", "bert", "carl")]
+    lab.site = lab.site.model_copy(update={"oracles": oracles})
+    wallets.ensure_wallets(lab.site)
+    lab.migrate()
+    new = lab.new()
+    assert new.has_role(Role.ORACLE, new.committee) and new.quorum(KIND).votes == 2
+    assert not any(new.has_role(Role.ORACLE, one) for one in judged)
+
+
+def test_what_people_judge_is_accepted_and_judged_by_people_in_the_new_organization(lab: Lab) -> None:
+    calls = lab.client.organization_calls
+    rules = [bytes([number]) * 32 for number in (1, 2)]
+    for call in (
+        # A kind that the site file does not list, one that it lets the oracle judge, and one that was ended.
+        *(calls.allow_kind("window_cleaning", Review.AUDITOR, one) for one in rules),
+        calls.allow_kind("battery_charging", Review.AUDITOR, bytes(32)),
+        calls.allow_kind("singing", Review.AUDITOR, bytes(32)),
+        calls.disallow_kind("singing"),
+    ):
+        lab.send(lab.operator, call)
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    assert not lab.client.is_kind_allowed("window_cleaning")
+    lab.judge()
+    lab.migrate()
+    new = lab.new()
+    for kind, current in (("window_cleaning", rules), ("battery_charging", [])):
+        assert new.is_kind_allowed(kind) and new.kind(kind).review is Review.AUDITOR
+        assert new.current_rules(kind) == current
+    assert not new.is_kind_allowed("singing")
+    assert new.work(lab.robot.address) == lab.client.work(lab.robot.address)
+    assert list(contracts.left_folder(lab.site).glob("deployments/*")) == []
+
+
 def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> None:
     """The new one knows of no revocation, and would trust it again."""
     lab.judge()
@@ -237,6 +345,28 @@ def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> N
     (lab.site.data_dir / "keys" / "mocap-device.json").write_text("{")
     lab.migrate()
     assert lab.new().device(wallets.address(lab.site, "itrash-device")).revoked_at == 0
+
+
+def test_what_the_token_once_refused_to_the_treasury_moves_with_it(tmp_path: Path) -> None:
+    with running_chain("anvil", tmp_path) as site:
+        lab = Lab(site)
+        lab.deploy()
+        old, provider = lab.client, lab.client.w3.provider
+        offer = old.calls.register_service(KIND, IEC.to_units(Decimal(80)), 2**95, True, "")
+        lab.send(lab.robot, offer)
+        lab.post()
+        token = old.deployment.address("IECoin")
+        code = old.w3.eth.get_code(token).to_0x_hex()
+        # It answers everything with false.
+        provider.make_request(RPCEndpoint("anvil_setCode"), [token, "0x600060005260206000f3"])
+        lab.judge()
+        provider.make_request(RPCEndpoint("anvil_setCode"), [token, code])
+        refused, treasury = IEC.to_units(Decimal(20)), old.balance(old.organization)
+        assert old.pending_payments(old.organization) == refused
+        lab.migrate()
+        new = lab.new()
+        assert new.balance(new.organization) == treasury + refused
+        assert old.pending_payments(old.organization) == 0
 
 
 @pytest.mark.long
@@ -369,11 +499,17 @@ def test_until_another_one_is_founded_the_organization_may_stay(
 ) -> None:
     with pytest.raises(NotDeployed):
         cancel(lab.site, lab.said.append)
+    for kind in ("window_cleaning", "battery_charging"):
+        lab.send(lab.operator, lab.client.organization_calls.allow_kind(kind, Review.AUDITOR, bytes(32)))
     with pytest.raises(TasksRunOn):
         lab.migrate()
+    assert not lab.client.is_kind_allowed("window_cleaning")
     cancel(lab.site, lab.said.append)
     lab.deploy()
     assert lab.client.is_kind_allowed(KIND)
+    for kind in ("window_cleaning", "battery_charging"):
+        rules = lab.client.kind(kind)
+        assert (rules.allowed, rules.review) == (True, Review.AUDITOR)
     lab.judge()
     send = transactions.send
 
@@ -509,6 +645,27 @@ def test_what_is_not_needed_any_more_is_withdrawn(patient: Patient) -> None:
     cancel(lab.site, lab.said.append)
     assert old.pending_operations() == {} and "propose kind" in lab.said[-1]
     assert old.is_kind_allowed(KIND) and lab.record().is_same(old.deployment)
+
+
+def test_nobody_executes_later_what_was_proposed_before_the_organization_moved(patient: Patient) -> None:
+    """Its provider would take a task that waits, prove nothing, and be paid by silence."""
+    lab, old = patient.lab, patient.lab.client
+    patient.waits()
+    reinstated = [old.organization_calls.reinstate_service(2)]
+    lab.send(lab.operator, old.governance_calls.schedule(reinstated, "again", bytes(32), DELAY_S))
+    (proposed,) = waiting_for(old, "again").items()
+    patient.pass_delay()
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    assert waiting_for(old, "again")  # as long as tasks run on it may be executed
+    lab.judge()
+    patient.waits()
+    assert old.service(2).state is ServiceState.SUSPENDED and not waiting_for(old, "again")
+    with pytest.raises(ContractReverted):
+        old.send(lab.stranger, old.governance_calls.perform(proposed[1], proposed[0]))
+    patient.pass_delay()
+    lab.migrate()
+    assert lab.new().deployment.follows == old.organization
 
 
 def test_only_who_proposes_moves_an_organization_whose_administrator_waits(

@@ -18,7 +18,7 @@ from web3 import Web3
 
 from deploy import contracts
 from deploy import prepare as module
-from deploy.contracts import WithoutGasMoney
+from deploy.contracts import OtherRelease, WithoutGasMoney
 from deploy.prepare import prepare
 from rodeo import wallets
 from rodeo.chain import ChainUnavailable, Deployment
@@ -84,6 +84,45 @@ def test_a_site_on_a_chain_elsewhere_is_prepared_with_the_amounts_that_it_names(
     prepare(elsewhere, said.append, threading.Event())
     assert w3.eth.block_number == block, "the second time there is nothing to send"
     assert said[0].startswith("keystores: all present in ")
+
+
+def test_a_participant_for_whom_others_send_needs_no_gas_money(elsewhere: Path) -> None:
+    with elsewhere.open("a") as file:
+        file.write('\n[[participants]]\nname = "alice"\n')
+    said: list[str] = []
+    with pytest.raises(WithoutGasMoney) as empty:
+        prepare(elsewhere, said.append, threading.Event())
+    assert "alice" not in empty.value.message
+    site = Site.load(elsewhere)
+    w3 = connect(site.chain.url)
+    for name in ("organization", "panther1", "oracle"):
+        pay(w3, wallets.address(site, name), "1")
+    said.clear()
+    prepare(elsewhere, said.append, threading.Event())
+    Deployment.load(site.data_dir, CHAIN_ID).verify(w3)
+    (alices,) = [line for line in said if line.startswith("gas money: ") and " alice: " in line]
+    assert alices.endswith("more to it, unless others send for it")
+
+
+def test_an_organization_of_another_release_is_not_replaced_by_another_one(
+    elsewhere: Path,
+) -> None:
+    site = Site.load(elsewhere)
+    wallets.make_missing(site)
+    w3 = connect(site.chain.url)
+    for name in wallets.wallet_names(site):
+        pay(w3, wallets.address(site, name), "1")
+    prepare(elsewhere, lambda _: None, threading.Event())
+    before, block = Deployment.load(site.data_dir, CHAIN_ID), w3.eth.block_number
+    swapped = before.contracts | {"LowestPrice": before.contracts["SecondPrice"]}
+    other = before.model_copy(update={"contracts": swapped})
+    other.save(site.data_dir)
+    with pytest.raises(OtherRelease, match="rodeo organization migrate") as refused:
+        prepare(elsewhere, lambda _: None, threading.Event())
+    assert refused.value.details == {"organization": before.contracts["Organization"]}
+    with pytest.raises(OtherRelease):
+        contracts.run(site, threading.Event())
+    assert Deployment.load(site.data_dir, CHAIN_ID) == other and w3.eth.block_number == block
 
 
 def test_it_waits_for_the_money_where_that_is_wanted(

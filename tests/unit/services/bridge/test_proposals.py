@@ -168,6 +168,18 @@ def test_a_proposed_price_names_the_state_that_the_service_has_afterwards(office
         office.propose("update_service", {"service_id": 1, "price_iec": "8"})
 
 
+def test_what_the_contracts_would_refuse_after_the_delay_is_refused_at_once(
+    office: Office, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InvalidRequest, match="SetTerms") as refused:
+        office.propose("set_terms", TERMS | {"penalty_iec": "4"})
+    assert "the penalty is higher than the bond" in str(refused.value.details)
+    provider = office.account("panther1").address
+    monkeypatch.setattr(office.index, "service", lambda _number: {"provider": provider})
+    with pytest.raises(InvalidRequest, match="does not offer this service"):
+        office.propose("update_service", {"service_id": 1, "price_iec": "8", "state": "active"})
+
+
 def test_what_is_scheduled_past_the_bridge_is_listed_too_with_the_calls_beside_its_text(
     office: Office,
 ) -> None:

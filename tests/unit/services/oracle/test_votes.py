@@ -243,6 +243,20 @@ def test_what_the_contract_does_not_count_is_left_out(anna: Anna) -> None:
     assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "carl", "dora")]
 
 
+def test_a_vote_whose_judge_has_another_key_by_now_holds_up_no_other(
+    anna: Anna, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The contract's error names the key that signed, which is nobody's any more."""
+    anna.refused["bert"] = "not_a_judge"
+    for name in ("bert", "carl", "dora"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    monkeypatch.setitem(anna.keys, "bert", Account.from_key("0x" + "77" * 32).address)
+    anna.votes._ask()
+    anna.run(until=2)
+    assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "carl", "dora")]
+
+
 @pytest.mark.parametrize("without", ["anna", "bert"])
 def test_the_vote_of_a_judge_whose_stake_is_too_low_is_not_posted(anna: Anna, without: str) -> None:
     anna.stakes[without] = 4

@@ -1,0 +1,127 @@
+"""What a bridge notes of a request that it sends for somebody else."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from eth_account import Account
+
+from rodeo import signed_requests
+from rodeo.chain import Call
+from rodeo.errors import InvalidRequest
+from rodeo.messages import SignedRequest, TypedSignature
+from rodeo.signed_requests import CancelTask, SubmitProof
+from services.bridge.commands import Wallet
+from services.bridge.errors import NoPermit
+from services.bridge.relaying import Requests
+
+ROBOT = Account.from_key("0x" + "01" * 32)
+CONTRACT = "0x" + "11" * 20
+NONCE = "0x" + "ab" * 32
+
+
+@pytest.fixture
+def wallet() -> Wallet:
+    unused: Any = SimpleNamespace()
+
+    def called(*_: Any) -> Call:
+        return Call(CONTRACT, "0x", "called")  # type: ignore[arg-type]
+
+    client: Any = SimpleNamespace(
+        deployment=SimpleNamespace(chain_id=1, address=lambda _name: CONTRACT),
+        calls=SimpleNamespace(submit_proof_for=called, cancel_task_for=called),
+    )
+    index: Any = SimpleNamespace(task=lambda _task_id: {"nonce": NONCE})
+    return Wallet("bob", client, unused, index, unused, unused, unused, unused)
+
+
+def signed(said: SubmitProof | CancelTask) -> dict[str, Any]:
+    domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
+    request = SignedRequest(request=TypedSignature(typed_data=said.typed_data(domain)))
+    return signed_requests.sign(request, ROBOT).model_dump(mode="json")
+
+
+def test_a_proof_that_is_sent_for_somebody_is_known_by_its_task_and_assignment(wallet: Wallet) -> None:
+    """After a restart, or a reorganization, it is sent again if the task still has this assignment. Without
+    its task it would never be, and neither would all that the wallet sends later."""
+    proof = SubmitProof(
+        executor=ROBOT.address,
+        task_id=7,
+        attempt=2,
+        proof_hash="0x" + "cd" * 32,
+        uri="file:///proof",
+        deadline=2_000_000_000,
+    )
+    (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(proof)}))
+    assert (order.task_id, order.attempt, order.assignment) == (7, 2, NONCE)
+
+
+def test_what_is_no_proof_is_sent_again_whatever_becomes_of_its_task(wallet: Wallet) -> None:
+    cancelled = CancelTask(creator=ROBOT.address, task_id=7, deadline=2_000_000_000)
+    (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(cancelled)}))
+    assert (order.task_id, order.attempt, order.assignment) == (7, None, None)
+
+
+TASK = {
+    "kind": "0x" + b"waste_disposal".ljust(32, b"\0").hex(),
+    "reward": "5",
+    "executionWindow": "3600",
+    "verdictWindow": "3600",
+    "maxAttempts": "3",
+    "rules": "0x" + "00" * 32,
+    "serviceId": "0",
+    "provider": "0x" + "00" * 20,
+    "params": "{}",
+}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("kind", "0x" + "ff" * 32),
+        ("kind", "0x" + "00" * 32),
+        ("maxAttempts", "256"),
+        ("serviceId", str(2**32)),
+        ("executionWindow", str(2**32)),
+        ("params", "\ud800"),
+    ],
+)
+def test_what_no_contract_takes_is_an_invalid_request(wallet: Wallet, field: str, value: str) -> None:
+    """Anybody may have written the file."""
+    message = {"creator": ROBOT.address, "request": TASK | {field: value}, "nonce": "1", "deadline": "1"}
+    domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
+    typed = {"primaryType": "RegisterTask", "domain": domain, "message": message}
+    with pytest.raises(InvalidRequest) as refused:
+        wallet._orders("relay", *wallet._parse("relay", {"signed": {"request": {"typed_data": typed}}}))
+    assert list(refused.value.details["fields"]) == [f"request.{field}"]
+
+
+def token(name: str, version: str) -> Any:
+    """A client of an organization that pays with such a token."""
+    separator = signed_requests.separator(signed_requests.domain(name, 1, CONTRACT, version))
+    return SimpleNamespace(
+        deployment=SimpleNamespace(chain_id=1, address=lambda _name: CONTRACT),
+        task_manager=CONTRACT,
+        token_name=lambda: name,
+        permit_nonce=lambda _owner: 0,
+        permit_domain=lambda: separator,
+    )
+
+
+@pytest.mark.parametrize(("name", "version"), [("IECoin", "1"), ("USD Coin", "2")])
+def test_a_permit_is_signed_for_the_version_of_the_token(name: str, version: str) -> None:
+    """One for another version is worth nothing, and only whoever sends it would hear that."""
+    permit = Requests(token(name, version)).permit(ROBOT.address, 2_000_000_000)
+    assert permit["domain"] == {
+        "name": name,
+        "version": version,
+        "chainId": 1,
+        "verifyingContract": CONTRACT,
+    }
+
+
+def test_where_nobody_knows_how_the_token_takes_permits_none_is_signed() -> None:
+    with pytest.raises(NoPermit):
+        Requests(token("Odd", "odd")).permit(ROBOT.address, 2_000_000_000)
