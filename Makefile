@@ -16,7 +16,7 @@ help:  ## show the targets
 
 # -- set-up ------------------------------------------------------------------------------------------
 
-$(VENV)/stamp: pyproject.toml constraints.txt
+$(VENV)/stamp: pyproject.toml constraints.txt $(wildcard rodeo/lab/*.pyx services/robot_sim/*.pyx)
 	@echo "Installing the Python packages into $(VENV) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
