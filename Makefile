@@ -6,6 +6,8 @@ BIN := $(VENV)/bin
 # The solver's packages want older versions of some that the project needs.
 SOLVER := .venv-symbolic
 CHAIN ?= eth-tester
+# What is compiled.
+PYX := $(wildcard rodeo/lab/*.pyx services/robot_sim/*.pyx)
 # Test files that run at the same time.
 JOBS ?= 2
 
@@ -16,7 +18,7 @@ help:  ## show the targets
 
 # -- set-up ------------------------------------------------------------------------------------------
 
-$(VENV)/stamp: pyproject.toml constraints.txt
+$(VENV)/stamp: pyproject.toml constraints.txt $(PYX)
 	@echo "Installing the Python packages into $(VENV) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
@@ -101,4 +103,5 @@ contracts: $(VENV)/stamp node_modules/.stamp  ## build the contracts' ABI and by
 	@$(BIN)/python -m rodeo.chain.generate
 
 clean:  ## remove what was installed, built and run
+	rm -f $(PYX:.pyx=.c) $(PYX:.pyx=.*.so)
 	rm -rf $(VENV) $(SOLVER) node_modules out var contracts/out contracts/cache

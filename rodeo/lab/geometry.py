@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rodeo.lab.config import Pose2
+
+
+class Twist2(NamedTuple):
+    """How a base moves: forwards, and how fast it turns to the left."""
+
+    linear_m_s: float = 0.0
+    angular_rad_s: float = 0.0
 
 
 def ahead(pose: Pose2, forward_m: float, left_m: float = 0.0) -> tuple[float, float]:

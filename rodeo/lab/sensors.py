@@ -3,15 +3,16 @@
 Noise-free: whoever simulates a sensor adds its errors. Only what is drawn is seen, not the collision hulls.
 """
 
-import copy
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from rodeo.lab.mujoco_library import address
+from rodeo.lab.scan import Scanner
+
 _SEEN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
 """MuJoCo draws geom groups 0 to 2; hulls are in group 3."""
-_HIDDEN_GROUP = 5
 
 
 @dataclass(frozen=True)
@@ -80,23 +81,27 @@ class Lidar:
 
     def __init__(self, model: mujoco.MjModel, site: str, root: str) -> None:
         self._site = model.site(site).id
-        self._model = copy.copy(model)
         own = model.body_rootid[model.geom_bodyid] == model.body(root).rootid[0]
-        self._model.geom_group[own] = _HIDDEN_GROUP
+        functions = (address(name) for name in ("mju_rayGeom", "mj_rayMesh", "mj_rayHfield"))
+        self._scanner = Scanner(
+            model, np.flatnonzero(_seen(model) & ~own), self.BEAMS, self.FARTHEST_M, *functions
+        )
         self.angles_rad = self.ANGLE_MIN_RAD + self.STEP_RAD * np.arange(self.BEAMS)
         self._rays = np.stack(
             [np.cos(self.angles_rad), np.sin(self.angles_rad), np.zeros(self.BEAMS)], axis=1
         )
-        self._geom = np.empty(self.BEAMS, np.int32)
-        self._range_m = np.empty(self.BEAMS)
 
     def ranges(self, data: mujoco.MjData) -> np.ndarray:
         """(BEAMS,) m in the site's frame, counter-clockwise from straight back; inf where nothing is."""
         eye, turn = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
-        _cast(self._model, data, eye, self._rays @ turn.T, self._geom, self._range_m, self.FARTHEST_M)
-        ranges_m = self._range_m.copy()
-        ranges_m[(self._geom < 0) | (ranges_m > self.FARTHEST_M)] = np.inf
-        return ranges_m
+        return self._scanner.ranges(data, eye, turn, self._rays @ turn.T)
+
+
+def _seen(model: mujoco.MjModel) -> np.ndarray:
+    """(ngeom,) whether rays meet it: what is drawn, and not altogether transparent."""
+    material = model.geom_matid
+    opacity = np.where(material < 0, model.geom_rgba[:, 3], np.append(model.mat_rgba[:, 3], 0)[material])
+    return _SEEN_GROUPS[model.geom_group].astype(bool) & (opacity > 0)
 
 
 def _cast(

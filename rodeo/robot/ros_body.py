@@ -109,11 +109,14 @@ class Latest:
     def since(self, moved_s: float) -> Any:
         """The newest message if it is fresh and came after `moved_s`, else the next. Raises BodySilent.
 
-        What is asked after a motion has ended must not be answered with what was sent before.
+        What is asked after a motion has ended must not be answered with what was sent before. A simulated
+        body says how it is at the end of a motion before it says that it has ended, so a message with the
+        stamp of that moment will do.
         """
         newest = self._newest
         arrived_s = self._arrived_s(newest)
-        if arrived_s > moved_s and self._clock.now_s() - arrived_s < _FRESH_S:
+        told = arrived_s > moved_s or (self._simulated and self._stamp_s(newest) == moved_s)
+        if told and self._clock.now_s() - arrived_s < _FRESH_S:
             message = self._decoded(newest.cdr)
             if message is not None:
                 return message
@@ -123,9 +126,14 @@ class Latest:
         """Site time at which it came."""
         if self._simulated:
             # A simulated clock is told less often than what is stamped with it.
-            with suppress(MalformedMessage):  # what is malformed is told of when it is decoded
-                stamp_s = types.stamp_ns(newest.cdr) * 1e-9
-                return min(max(newest.site_s, stamp_s), newest.site_s + _CLOCK_BEHIND_S)
+            return min(max(newest.site_s, self._stamp_s(newest)), newest.site_s + _CLOCK_BEHIND_S)
+        return newest.site_s
+
+    @staticmethod
+    def _stamp_s(newest: _Arrival) -> float:
+        """Its own time; that of its arrival where it is malformed, which is told of when it is decoded."""
+        with suppress(MalformedMessage):
+            return float(types.stamp_ns(newest.cdr) * 1e-9)
         return newest.site_s
 
     def next(self) -> Any:

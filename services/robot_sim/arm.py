@@ -178,22 +178,27 @@ class ArmDriver:
         elapsed_s = now_s - motion.started_s
         motion.desired_rad = motion.at(motion.spline, round(elapsed_s / CONTROL_PERIOD_S))
         self._hold_rad = motion.desired_rad
-        error = np.abs(self._body.arm - motion.desired_rad)
-        if (error > motion.path_tolerance_rad).any():
+        body = self._body
+        if not body.arm_within(motion.desired_rad, motion.path_tolerance_rad):
             # What blocks the arm is not pushed any further.
-            self._hold_rad = self._body.arm.copy()
-            joint = self._body.arm_model.joints[int((error - motion.path_tolerance_rad).argmax())]
+            self._hold_rad = body.arm.copy()
+            joint, off_rad = self._worst(motion, motion.path_tolerance_rad)
             motion.error = TrajectoryError.PATH_TOLERANCE_VIOLATED
-            motion.reason = f"{joint} is {error.max():.3f} rad off its path"
+            motion.reason = f"{joint} is {off_rad:.3f} rad off its path"
             self._end(motion)
         elif elapsed_s >= motion.end_s:
-            if (error <= motion.goal_tolerance_rad).all():
+            if body.arm_within(motion.desired_rad, motion.goal_tolerance_rad):
                 self._end(motion)
             elif elapsed_s >= motion.end_s + motion.goal_time_tolerance_s:
-                joint = self._body.arm_model.joints[int((error - motion.goal_tolerance_rad).argmax())]
+                joint, off_rad = self._worst(motion, motion.goal_tolerance_rad)
                 motion.error = TrajectoryError.GOAL_TOLERANCE_VIOLATED
-                motion.reason = f"{joint} stopped {error.max():.3f} rad short"
+                motion.reason = f"{joint} stopped {off_rad:.3f} rad short"
                 self._end(motion)
+
+    def _worst(self, motion: Motion, tolerance_rad: np.ndarray) -> tuple[str, float]:
+        """The joint that is furthest outside of its tolerance, and how far any is from where it is wanted."""
+        off_rad = np.abs(self._body.arm - motion.desired_rad)
+        return self._body.arm_model.joints[int((off_rad - tolerance_rad).argmax())], float(off_rad.max())
 
     def _spline(self, motion: Motion) -> BPoly:
         """Linear, cubic or quintic between points, as their derivatives allow (as ros2_control does)."""

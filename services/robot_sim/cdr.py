@@ -14,6 +14,7 @@ import numpy as np
 
 from rodeo.ros2 import types
 from rodeo.stamps import sec_nanosec
+from services.robot_sim.rows import Rows
 
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
@@ -93,104 +94,56 @@ class StampedSequence:
         return bytes(self._buffer)
 
 
-class Rows:
-    """The same message of several times: a template once for each, with stamps and numbers written for all.
-
-    A call of numpy costs more than what it does for one message.
-    """
-
-    def __init__(self, template: Any) -> None:
-        self._template = np.frombuffer(types.serialize(template), np.uint8)
-        self._reserve(1)
-
-    def _reserve(self, count: int) -> None:
-        """Make room for so many."""
-        size = len(self._template)
-        self._buffer = np.tile(self._template, (count, 1))
-        # Numbers are aligned to 8 bytes from the end of the encapsulation header, stamps to 4.
-        self._numbers, self._words = (
-            np.ndarray((count, (size - _STAMP_AT) // wide), kind, self._buffer, _STAMP_AT, (size, wide))
-            for kind, wide in (("<f8", 8), ("<u4", 4))
-        )
-
-    def _begin(self, time_ns: np.ndarray, stamp_words: np.ndarray) -> np.ndarray:
-        """Stamp one message for each time (k,), at these words of 4 bytes; the numbers (k, n) to write."""
-        count = len(time_ns)
-        if count > len(self._buffer):
-            self._reserve(count)
-        seconds, nanoseconds = sec_nanosec(time_ns)
-        self._words[:count, stamp_words] = seconds[:, None]
-        self._words[:count, stamp_words + 1] = nanoseconds[:, None]
-        return self._numbers[:count]
-
-    def _messages(self, count: int) -> list[bytes]:
-        size, joined = len(self._template), self._buffer[:count].tobytes()
-        return [joined[start : start + size] for start in range(0, count * size, size)]
-
-
-_FIRST_WORD = np.array([0])
-
-
 class DoublesRows(Rows):
-    """Of a message as `StampedDoubles` writes it."""
+    """Several times what `StampedDoubles` writes: a message whose last `count` numbers change."""
 
     def __init__(self, template: Any, count: int) -> None:
-        super().__init__(template)
-        self._first = self._numbers.shape[1] - count
-
-    def encode(self, time_ns: np.ndarray, *blocks: tuple[int, np.ndarray]) -> list[bytes]:
-        """CDR for each time (k,), with each block (index of the first number, numbers (k, n)) written over
-        what was there."""
-        numbers = self._begin(time_ns, _FIRST_WORD)
-        for first, values in blocks:
-            start = self._first + first
-            numbers[:, start : start + values.shape[1]] = values
-        return self._messages(len(time_ns))
+        cdr = types.serialize(template)
+        super().__init__(cdr, [_STAMP_AT], range(len(cdr) - _DOUBLE_BYTES * count, len(cdr), _DOUBLE_BYTES))
 
 
-class Transforms(Rows):
+class Transforms:
     """tf2_msgs/TFMessage of always the same frames, stamped alike."""
 
     def __init__(self, template: Any) -> None:
-        super().__init__(template)
         marked = [_marked(template, k) for k in range(len(template.transforms))]
-        self._stamp_words = np.array([word for word, _ in marked])
-        self._index = np.array([number for _, number in marked])[:, None] + np.arange(7)
+        places = [first + _DOUBLE_BYTES * k for _, first in marked for k in range(7)]
+        self._rows = Rows(types.serialize(template), [stamp for stamp, _ in marked], places)
 
     def encode(self, time_ns: np.ndarray, poses: np.ndarray) -> list[bytes]:
         """CDR for each time (k,); `poses` (k, n, 7): x, y, z in m and qx, qy, qz, qw of each frame in its
         parent."""
-        self._begin(time_ns, self._stamp_words)[:, self._index] = poses
-        return self._messages(len(time_ns))
+        return self._rows.encode(time_ns, (0, poses.reshape(len(poses), -1)))
 
 
 def _marked(template: Any, k: int) -> tuple[int, int]:
-    """Where stamp (in words of 4) and translation (in words of 8) of transform `k` are in the message."""
+    """At which bytes of the message stamp and translation of transform `k` begin."""
     part = template.transforms[k]
     before, marks = (part.header.stamp.sec, part.transform.translation.x), (0x5A5A1234, 1.2345678e123)
     part.header.stamp.sec, part.transform.translation.x = marks
-    body = types.serialize(template)[_STAMP_AT:]
+    cdr = types.serialize(template)
     part.header.stamp.sec, part.transform.translation.x = before
-    return body.index(struct.pack("<i", marks[0])) // 4, body.index(struct.pack("<d", marks[1])) // 8
+    return cdr.index(struct.pack("<i", marks[0])), cdr.index(struct.pack("<d", marks[1]))
 
 
-class JointStates(Rows):
+class JointStates:
     """sensor_msgs/JointState of always the same joints."""
 
     def __init__(self, template: Any) -> None:
-        super().__init__(template)
+        cdr, self._count = types.serialize(template), len(template.name)
         # A length (4 bytes, then 4 to align) precedes each sequence.
-        count, end = len(template.name), self._numbers.shape[1]
-        self._places = [slice(end - (count + 1) * k - count, end - (count + 1) * k) for k in (2, 1, 0)]
+        ends = [len(cdr) - _DOUBLE_BYTES * (self._count + 1) * k for k in (2, 1, 0)]
+        places = [
+            place for end in ends for place in range(end - _DOUBLE_BYTES * self._count, end, _DOUBLE_BYTES)
+        ]
+        self._rows = Rows(cdr, [_STAMP_AT], places)
 
     def encode(
         self, time_ns: np.ndarray, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
     ) -> list[bytes]:
         """CDR for each time (k,); the others are (k, joints)."""
-        numbers = self._begin(time_ns, _FIRST_WORD)
-        for place, values in zip(self._places, (position, velocity, effort), strict=True):
-            numbers[:, place] = values
-        return self._messages(len(time_ns))
+        count = self._count
+        return self._rows.encode(time_ns, (0, position), (count, velocity), (2 * count, effort))
 
 
 class ControllerStates:

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-_CONJUGATE_PART = np.array([[1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0], [0, 1, 2, 3]])
-_CONJUGATE_SIGN = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [-1, 1, -1, 1], [1, 1, 1, 1]])
-"""conj(a) b as (x, y, z, w) is M b with M[k, j] = sign[k, j] a[part[k, j]]; a and b are (w, x, y, z)."""
+from services.robot_sim.rows import poses_in_parents
 
 
 @dataclass(frozen=True)
@@ -29,9 +27,8 @@ class RobotFrames:
         self._prefix, self._namespace = f"{robot}/", namespace
         root = model.body(f"{robot}/base_link").id
         links = [b for b in range(model.nbody) if b != root and self._owns(model.body(b).name)]
-        self._moving = np.array([b for b in links if model.body_jntnum[b]])
-        self._parents = model.body_parentid[self._moving]
-        self._conjugates = 4 * self._parents[:, None, None] + _CONJUGATE_PART
+        self._moving = np.array([b for b in links if model.body_jntnum[b]], np.intc)
+        self._parents = model.body_parentid[self._moving].astype(np.intc)
         self._fixed = [b for b in links if not model.body_jntnum[b]]
         self._sites = [s for s in range(model.nsite) if self._owns(model.site(s).name)]
 
@@ -78,37 +75,10 @@ class RobotFrames:
     def poses(self, places_m: np.ndarray, quaternions: np.ndarray, turns: np.ndarray) -> np.ndarray:
         """(k, n, 7) x, y, z, qx, qy, qz, qw of `moving` in their parents' frames, from all bodies at k times:
         `mjData.xpos` (k, bodies, 3), `xquat` (k, bodies, 4) and `xmat` (k, bodies, 9)."""
-        parents, moving = self._parents, self._moving
-        poses = np.empty((len(places_m), len(moving), 7))
-        offset_m = places_m[:, moving] - places_m[:, parents]
-        parent_turns = turns[:, parents].reshape(*offset_m.shape, 3)
-        np.matmul(offset_m[:, :, None], parent_turns, out=poses[:, :, None, :3])
-        conjugates = quaternions.reshape(len(poses), -1)[:, self._conjugates] * _CONJUGATE_SIGN
-        np.matmul(conjugates, quaternions[:, moving, :, None], out=poses[:, :, 3:, None])
-        return poses
+        return poses_in_parents(places_m, quaternions, turns, self._moving, self._parents)
 
 
 def lab_frames(model: mujoco.MjModel, names: Sequence[str]) -> list[Transform]:
     """Furniture called `names`, in the map."""
     bodies = [model.body(name) for name in names]
     return [Transform("map", body.name, body.pos, body.quat) for body in bodies]
-
-
-def odom_in_map(
-    base_m: np.ndarray, base_quat: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, yaw_rad: np.ndarray
-) -> np.ndarray:
-    """(k, 7) poses (x, y, z, qx, qy, qz, qw) in the map of the frame that has the base at x, y, yaw, each
-    (k,), where it is at `base_m` (k, 3) with `base_quat` (k, 4) w, x, y, z."""
-    c, s = np.cos(yaw_rad / 2), -np.sin(yaw_rad / 2)
-    w, x, y, z = base_quat.T
-    w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
-    base_x, base_y, base_z = base_m.T
-    return np.stack(
-        [
-            base_x - (1 - 2 * (y * y + z * z)) * x_m - 2 * (x * y - w * z) * y_m,
-            base_y - 2 * (x * y + w * z) * x_m - (1 - 2 * (x * x + z * z)) * y_m,
-            base_z - 2 * (x * z - w * y) * x_m - 2 * (y * z + w * x) * y_m,
-            *(x, y, z, w),
-        ],
-        axis=1,
-    )

@@ -18,10 +18,11 @@ from services.robot_sim import messages
 from services.robot_sim.camera import WristCamera, open_camera
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState, UnknownEntity
-from services.robot_sim.frames import RobotFrames, odom_in_map
+from services.robot_sim.frames import RobotFrames
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.periods import Periods
+from services.robot_sim.rows import odom_in_map, reckoned_poses
 from services.robot_sim.simulation import SimRobot
 
 log = logging.getLogger(__name__)
@@ -324,10 +325,8 @@ class RobotPlane:
     def columns(self, periods: Periods) -> list[Column]:
         """How the robot moved: odometry, joint states, its pose where no motion capture has it, and tf."""
         time_ns, body = periods.time_ns, self._robot.body
-        x_m, y_m, yaw_rad, linear_m_s, angular_rad_s = periods.reckoned[:, self._number].T
-        zero = np.zeros(len(time_ns))
-        odometry = np.stack([x_m, y_m, zero, zero, zero, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)], axis=1)
-        twist = np.stack([linear_m_s, zero, zero, zero, zero, angular_rad_s], axis=1)
+        reckoned = periods.reckoned[:, self._number]
+        odometry, twist = reckoned_poses(reckoned)
         odom = self._odometry.encode(time_ns, (0, odometry), (messages.ODOMETRY_TWIST, twist))
         joints = self._joint_states.encode(
             time_ns,
@@ -341,7 +340,7 @@ class RobotPlane:
             columns.append((self._pose, [*self._pose_cdr.encode(time_ns, (0, poses))]))
         if self._tf.matched:
             base_m, base_quat = periods.places_m[:, body.base], periods.quaternions[:, body.base]
-            odom_poses = odom_in_map(base_m, base_quat, x_m, y_m, yaw_rad)
+            odom_poses = odom_in_map(base_m, base_quat, reckoned)
             links = self._frames.poses(periods.places_m, periods.quaternions, periods.turns)
             frames = np.concatenate((odom_poses[:, None], odometry[:, None], links), axis=1)
             columns.append((self._tf, [*self._transforms.encode(time_ns, frames)]))

@@ -6,7 +6,6 @@ to a tenth of a milliradian at any width. A grip that closes or opens and what f
 What is decided follows from the world's state alone.
 """
 
-import math
 from collections.abc import Callable, Sequence
 
 import mujoco
@@ -19,6 +18,7 @@ from rodeo.lab.world import (
     TIMESTEP_S,
     WHEEL_JOINTS,
 )
+from services.robot_sim.touch import Touch
 
 WIDE_S = CONTROL_PERIOD_S / 3
 """The tyres' contacts, with a time constant of 50 ms, bear it: a base that stops rocks for 0.2 s longer than
@@ -64,78 +64,56 @@ class Steps:
     ) -> None:
         self._model, self._data = model, data
         self._gripping = gripping
-        self._position, self._velocity = data.qpos, data.qvel
-        self._bodies_m, self._sites_m = data.xpos, data.site_xpos
-        self._items = np.array([model.body(body).id for body in loose], int)
-        self._item_dofs = model.body_dofadr[self._items][:, None] + np.arange(6)
-        self._rest = np.full(model.nv, REST_SPEED)
-        self._rest[self._item_dofs] = [ITEM_REST_M_S] * 3 + [ITEM_REST_RAD_S] * 3
-        self._still = self._rest.copy()
+        items = np.array([model.body(body).id for body in loose], int)
+        item_dofs = model.body_dofadr[items][:, None] + np.arange(6)
+        rest = np.full(model.nv, REST_SPEED)
+        rest[item_dofs] = [ITEM_REST_M_S] * 3 + [ITEM_REST_RAD_S] * 3
+        still = rest.copy()
         """(nv,) the most that each speed may be in a world that is not stepped narrowly."""
         base_dofs = np.empty((len(robots), 6), int)
         fingers = np.empty((len(robots), 2), int)
         for k, robot in enumerate(robots):
             arm, base = ArmModel.of(model, f"{robot}/"), model.body(f"{robot}/base_link")
             base_dofs[k] = base.dofadr[0] + np.arange(6)
-            self._still[base_dofs[k]] = np.inf
+            still[base_dofs[k]] = np.inf
             for name in (*WHEEL_JOINTS, *arm.joints, *arm.fingers):
                 most = FINGER_STILL_M_S if name in arm.fingers else np.inf
-                self._still[model.joint(f"{robot}/{name}").dofadr[0]] = most
+                still[model.joint(f"{robot}/{name}").dofadr[0]] = most
             fingers[k] = [model.joint(f"{robot}/{name}").qposadr[0] for name in arm.fingers]
-        self._base_dofs, self._fingers = base_dofs, fingers
-        bases = [model.body(f"{robot}/base_link").id for robot in robots]
-        self._near = np.array([*self._items, *bases], int)
-        self._hands = np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int)
+        self._touch = Touch(
+            data,
+            items,
+            np.array([model.body(f"{robot}/base_link").id for robot in robots], int),
+            np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int),
+            item_dofs,
+            base_dofs,
+            fingers,
+            rest,
+            still,
+            reach_m=HAND_REACHES_M,
+            hand_near_m=HAND_NEAR_M,
+            held_m=HELD_M,
+            base_near_m=BASE_NEAR_M,
+            standing_speed=STANDING_SPEED,
+            holds_below_m=HOLDS_BELOW_M,
+        )
         self._looked_s: float | None = None
         """For steps of which width the world was looked at as it is now."""
 
     @property
     def rests(self) -> bool:
         """Whether nothing moves at all."""
-        return bool((np.abs(self._velocity) < self._rest).all())
+        return self._touch.rests()
 
     @property
     def width_s(self) -> float:
         """Of all steps of the next control period."""
         if self._gripping():
             return TIMESTEP_S
-        speed, still, held = np.abs(self._velocity), self._still, []
-        for item, robot, base_m in self._within_reach():
-            hand_m = math.dist(
-                self._bodies_m[self._items[item]].tolist(), self._sites_m[self._hands[robot]].tolist()
-            )
-            if hand_m < HELD_M and self._closed(robot):
-                held.append(item)
-            elif hand_m < HAND_NEAR_M or (
-                base_m < BASE_NEAR_M and speed[self._base_dofs[robot]].max() > STANDING_SPEED
-            ):
-                return TIMESTEP_S
-        if held:
-            still = still.copy()
-            still[self._item_dofs[held]] = np.inf
-        if (speed > still).any():
+        touched, held = self._touch.state()
+        if touched:
             return TIMESTEP_S
         return HOLDING_S if held else WIDE_S
-
-    def _within_reach(self) -> list[tuple[int, int, float]]:
-        """(item, robot, distance in m over the floor) of what a hand may reach.
-
-        They are few, so that plain numbers are faster than arrays.
-        """
-        places_m = self._bodies_m[self._near].tolist()
-        count = len(self._items)
-        near = []
-        for robot, (base_x_m, base_y_m, _) in enumerate(places_m[count:]):
-            for item, (x_m, y_m, _) in enumerate(places_m[:count]):
-                if abs(x_m - base_x_m) < HAND_REACHES_M:
-                    base_m = math.hypot(x_m - base_x_m, y_m - base_y_m)
-                    if base_m < HAND_REACHES_M:
-                        near.append((item, robot, base_m))
-        return near
-
-    def _closed(self, robot: int) -> bool:
-        """Whether the robot's fingers may hold something."""
-        return min(map(abs, self._position[self._fingers[robot]].tolist())) < HOLDS_BELOW_M
 
     def advance(self) -> None:
         """One control period, up to a look at where everything is then and what it touches: all that is

@@ -38,7 +38,7 @@ NOT_RUN: dict[str, str] = {
     "rodeo up --only oracle": "is for a site whose oracle does not run yet",
     'pip install --constraint constraints.txt -e ".[train,dev]"': "installs gigabytes",
     "pip wheel --no-deps .": "tests/integration/test_wheel.py builds the wheel",
-    'pip install "rodeo_dao-0.1.0-py3-none-any.whl[site]"': "tests/integration/test_wheel.py installs it",
+    'pip install "$(ls rodeo_dao-*.whl)[site]"': "tests/integration/test_wheel.py installs it",
     "rodeo demo": f"{_MINUTES}: tests/integration/test_wheel.py runs it",
     "python -m services.itrash.training.train --data ../shared/data/trashnet --out ~/itrash-model": (
         f"{_MINUTES}, and needs the extra"

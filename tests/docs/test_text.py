@@ -182,7 +182,7 @@ def check_tests(words: list[str]) -> None:
 def check_pip(words: list[str]) -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for word in words:
-        if found := re.fullmatch(r"(\.|rodeo_dao-\S+\.whl)\[(\w+)\]", word):
+        if found := re.fullmatch(r"(\.|.*rodeo_dao-\S+\.whl\)?)\[(\w+)\]", word):
             assert found[2] in extras
 
 

@@ -35,6 +35,48 @@ def test_the_lidar_measures_the_walls_and_not_its_own_robot(lab: Lab) -> None:
     assert (model.geom_group == build_world(Site.load(LAB)).geom_group).all()
 
 
+@pytest.mark.parametrize("tilt_rad", [0.0, 0.01, 0.2])
+def test_a_scan_is_what_single_rays_of_mujoco_meet(lab: Lab, tilt_rad: float) -> None:
+    model, data = lab
+    lidar, chance = Lidar(model, "panther1/lidar_link", "panther1/base_link"), np.random.default_rng(7)
+    at = model.jnt_qposadr[model.body("panther1/base_link").jntadr[0]]
+    before = data.qpos.copy()
+    for _ in range(20):
+        yaw_rad, (x, y) = chance.uniform(-math.pi, math.pi), tilt_rad * chance.standard_normal(2)
+        turn = np.array([math.cos(yaw_rad / 2), x, y, math.sin(yaw_rad / 2)])
+        data.qpos[at : at + 7] = [*chance.uniform((0.6, 0.6), (6.4, 4.4)), 0.19, *turn / np.linalg.norm(turn)]
+        for item in ("item1", "item2", "item3"):
+            data.joint(item).qpos[:3] = chance.uniform((0, 0, 0), (7, 5, 0.6))
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_array_equal(lidar.ranges(data), single_rays(model, data, lidar.angles_rad))
+    data.qpos[:] = before
+    mujoco.mj_kinematics(model, data)
+
+
+def single_rays(model: mujoco.MjModel, data: mujoco.MjData, angles_rad: np.ndarray) -> np.ndarray:
+    """What `mj_ray` meets around panther1, whose own parts it does not see."""
+    unmasked = model.geom_group.copy()
+    own = model.body_rootid[model.geom_bodyid] == model.body("panther1/base_link").id
+    model.geom_group[own] = 5
+    eye = data.site("panther1/lidar_link")
+    beams = (
+        np.stack([np.cos(angles_rad), np.sin(angles_rad), 0 * angles_rad], axis=1) @ eye.xmat.reshape(3, 3).T
+    )
+    drawn, geom = np.array([1, 1, 1, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
+    met_m = np.array([mujoco.mj_ray(model, data, eye.xpos, beam, drawn, True, -1, geom) for beam in beams])
+    model.geom_group[:] = unmasked
+    return np.where((met_m < 0) | (met_m > Lidar.FARTHEST_M), math.inf, met_m)
+
+
+def test_a_scanner_refuses_what_it_has_no_rays_for(lab: Lab) -> None:
+    model, _ = lab
+    kinds = model.geom_type.copy()
+    model.geom_type[3] = mujoco.mjtGeom.mjGEOM_SDF
+    with pytest.raises(ValueError, match=r"kinds \[8\]"):
+        Lidar(model, "panther1/lidar_link", "panther1/base_link")
+    model.geom_type[:] = kinds
+
+
 @pytest.mark.parametrize("off_m", [(0.0, 0.0), (0.3, 0.0), (-0.2, 0.2), (0.0, 0.3), (0.2, -0.2)])
 def test_the_stowed_arm_sees_an_item_on_the_floor_near_where_it_should_lie(
     off_m: tuple[float, float],

@@ -22,6 +22,7 @@ from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.recording import Recording
 from rodeo.robot.ros_body import Latest, RosBody
 from rodeo.ros2 import ActionServer, Node, ServerGoal, types
+from rodeo.stamps import set_stamp
 from tests.support.site import LAB, WAIT_S, free_port
 
 READY_RAD = np.array(PosturesConfig().ready_rad)
@@ -347,6 +348,28 @@ def test_a_body_is_not_silent_while_another_process_holds_the_clock(monkeypatch:
     assert battery.recent() is None
     with pytest.raises(BodySilent):
         battery.next()
+
+
+@pytest.mark.parametrize(
+    "simulated, stamp_s, waits",
+    [(True, 5.0, False), (True, 4.98, True), (False, 5.0, True), (False, 4.98, True)],
+)
+def test_only_what_a_simulated_body_said_at_the_end_of_a_motion_tells_where_it_ended(
+    monkeypatch: pytest.MonkeyPatch, simulated: bool, stamp_s: float, waits: bool
+) -> None:
+    node, clock = OneTopic(), Held(monkeypatch)
+    typename = "sensor_msgs/msg/JointState"
+    states = Latest(node, "joint_states", typename, clock, Interrupts(), simulated)  # type: ignore[arg-type]
+
+    def say(stamp_s: float) -> None:
+        message = types.new(typename, name=[str(stamp_s)])
+        set_stamp(message, round(stamp_s * 1e9))
+        node.heard(SimpleNamespace(cdr=types.serialize(message)))
+
+    clock.site_ns = 5 * 10**9
+    say(stamp_s)
+    clock.after = [lambda: say(5.02)]
+    assert states.since(5.0).name == [str(5.02 if waits else 5.0)]
 
 
 def test_motion_capture_has_its_time_while_another_process_holds_the_clock(

@@ -13,7 +13,8 @@ from rodeo.lab.sensors import WRIST_CAMERA, Lidar
 from rodeo.lab.world import arm_model
 from rodeo.ros2 import types
 from services.robot_sim import messages
-from services.robot_sim.frames import RobotFrames, Transform, odom_in_map
+from services.robot_sim.frames import RobotFrames, Transform
+from services.robot_sim.rows import Rows, odom_in_map, reckoned_poses
 from services.robot_sim.simulation import Simulation
 from tests.support.site import LAB
 
@@ -153,10 +154,24 @@ def test_transforms_written_into_their_template_are_the_serialised_transforms() 
 def test_what_wheels_reckon_in_odom_is_where_the_base_is_in_the_map() -> None:
     base_m, base_quat = np.array([1.0, 2.0, 3.0]), np.array([0.4, 0.2, -0.4, 0.8])
     x_m, y_m, yaw_rad = 0.7, -0.3, 2.1
-    (odom,) = odom_in_map(
-        base_m[None], base_quat[None], np.array([x_m]), np.array([y_m]), np.array([yaw_rad])
-    )
+    reckoned = np.array([[x_m, y_m, yaw_rad, 0.3, -0.2]])
+    (odom,) = odom_in_map(base_m[None], base_quat[None], reckoned)
+    (in_odom,), (twist,) = reckoned_poses(reckoned)
+    assert (in_odom[:3].tolist(), twist.tolist()) == ([x_m, y_m, 0.0], [0.3, 0, 0, 0, 0, -0.2])
     reckoned_quat = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
-    there_m, there_quat = compose(odom[:3], np.roll(odom[3:], 1), np.array([x_m, y_m, 0.0]), reckoned_quat)
+    assert np.roll(in_odom[3:], 1) == pytest.approx(reckoned_quat)
+    there_m, there_quat = compose(odom[:3], np.roll(odom[3:], 1), in_odom[:3], reckoned_quat)
     assert there_m == pytest.approx(base_m)
     assert there_quat == pytest.approx(base_quat)
+
+
+@pytest.mark.parametrize("first, shape", [(-1, (2, 7)), (1, (2, 7)), (0, (2, 8)), (0, (3, 7))])
+def test_numbers_that_do_not_fit_are_not_written(first: int, shape: tuple[int, int]) -> None:
+    template = messages.pose_template()
+    with pytest.raises(ValueError, match=f"{shape[1]} numbers from the {first}th on for {shape[0]} times"):
+        template.encode(np.array([1, 2]), (first, np.zeros(shape)))
+
+
+def test_a_template_has_all_the_numbers_that_are_written_into_it() -> None:
+    with pytest.raises(ValueError, match="16 bytes has no number that ends at 20"):
+        Rows(bytes(16), [4], [12])
