@@ -103,10 +103,13 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (review == Review.Oracle && k.silence == Silence.None) revert KindWithoutAudit(kind);
         if (review == Review.Oracle && rules == 0) revert KindWithoutRules(kind);
         // What a machine computes is no rule for people, nor the other way round.
-        if (review != k.review) _retireAll(kind);
+        if (review != k.review) {
+            _retireAll(kind);
+            if (k.review != Review.None) tasks.onReviewChanged();
+            k.review = review;
+            services.recordReview(k.number, uint8(review));
+        }
         k.allowed = true;
-        k.review = review;
-        services.recordReview(k.number, uint8(review));
         if (rules != 0) {
             bytes32[] storage current = _rules[kind];
             _remove(current, rules);
@@ -397,17 +400,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy, bytes32, KindId, Silence, uint32) {
+    ) external view returns (IMatchingPolicy, bytes32, KindId, Review, Silence, uint32) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
         Kind memory rules = _admit(kind, creator);
         if (executionWindow < rules.minWindow) revert WindowTooShort(kind, executionWindow, rules.minWindow);
-        (uint32 min, uint32 max) = (rules.minVerdictWindow, rules.maxVerdictWindow);
-        if (max == 0) (min, max) = (DEFAULT_MIN_VERDICT_WINDOW, DEFAULT_MAX_VERDICT_WINDOW);
-        if (verdictWindow < min || verdictWindow > max) {
-            revert InvalidVerdictWindow(kind, verdictWindow, min, max);
-        }
+        _requireVerdictWindow(kind, rules, verdictWindow);
         IMatchingPolicy matching = _firstCome ? IMatchingPolicy(address(0)) : policy;
-        return (matching, _rulesFor(kind, wantedRules), rules.number, rules.silence, rules.auditWindow);
+        bytes32 judgedBy = _rulesFor(kind, wantedRules);
+        return (matching, judgedBy, rules.number, rules.review, rules.silence, rules.auditWindow);
     }
 
     /// @inheritdoc IOrganization
@@ -480,6 +480,12 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
             if (current[i - 1] == wanted) return wanted;
         }
         revert RulesNotCurrent(kind, wanted);
+    }
+
+    function _requireVerdictWindow(bytes32 kind, Kind memory rules, uint32 window) private pure {
+        (uint32 min, uint32 max) = (rules.minVerdictWindow, rules.maxVerdictWindow);
+        if (max == 0) (min, max) = (DEFAULT_MIN_VERDICT_WINDOW, DEFAULT_MAX_VERDICT_WINDOW);
+        if (window < min || window > max) revert InvalidVerdictWindow(kind, window, min, max);
     }
 
     function _retireAll(bytes32 kind) private {

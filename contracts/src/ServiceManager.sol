@@ -19,13 +19,14 @@ import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 import {KindId} from "./types/KindId.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
-import {TaskId, unpackTask} from "./types/TaskId.sol";
+import {NO_TASK, TaskId} from "./types/TaskId.sol";
+import {NO_TURN, Turn} from "./types/Turn.sol";
 import {MAX_MAJOR, MAX_MINOR, MINOR_BITS, Weight, weigh} from "./types/Weight.sol";
 
 contract ServiceManager is IServiceManager {
     using WeightTree for WeightTree.Tree;
 
-    /// @dev A Service in two words, of which tasks write the second one. Counters stop at their greatest value.
+    /// @dev A Service in two words, of which tasks write the second one.
     struct Record {
         address provider;
         /// @dev The price in `_unit`.
@@ -34,21 +35,11 @@ contract ServiceManager is IServiceManager {
         ServiceState state;
         /// @dev A task has named it, or its provider, and waited, so that its own queue, or both, have to be looked at.
         Hire hired;
-        uint40 taskId;
-        uint24 completed;
-        uint16 rejected;
-        uint16 expired;
-        /// @dev Neighbours among the idle services of the same rank (see Line); `previous` of the first is stale.
-        uint32 previous;
-        uint32 next;
-        uint40 place;
-        /// @dev The key of the line in which it waits: its provider's reputation may change meanwhile.
-        uint24 line;
-        bool hasTerms;
         bool autoAccept;
+        Turn turn;
     }
 
-    /// @dev What a service agreed to, and what came of it. Only where `hasTerms`.
+    /// @dev What a service agreed to, and what came of it.
     struct Agreement {
         uint96 bond;
         uint96 penalty;
@@ -83,9 +74,11 @@ contract ServiceManager is IServiceManager {
     /// services leave it in the middle and DoubleEndedQueue lets go at its ends alone.
     struct Line {
         uint32 first;
-        uint32 last;
         /// @dev Keeps the word of an empty line, which the next service of that price and reputation fills.
         bool used;
+        /// @dev The last six at most, 32 bits each, the last of all in the lowest. Only earlier ones know the next by
+        /// themselves, so that whoever joins a short line writes to no neighbour: 5,000 gas.
+        uint192 latest;
     }
 
     /// @dev The idle services of a kind. The tree has one key per line, so that the usual case of few prices does
@@ -122,7 +115,10 @@ contract ServiceManager is IServiceManager {
     uint256 private constant PRIOR = 100;
     /// @dev In what part of a token organizations tell each other of work: they may pay with tokens of other decimals.
     uint256 private constant BILLION = 1e9;
-    uint64 private constant STEP = uint64((1 << MINOR_BITS) / GRADES);
+    /// @dev Bits of Line.latest.
+    uint256 private constant LATEST = 192;
+    /// @dev What of a reputation is its grade.
+    uint64 private constant GRADE = MAX_MINOR - (uint64((1 << MINOR_BITS) / GRADES) - 1);
     /// @dev What a day leaves of work: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
     uint256 private constant DAILY = 18305219661902323056;
 
@@ -188,14 +184,13 @@ contract ServiceManager is IServiceManager {
         if (p.work == 0) p.work = _work(0, 0);
         Record storage s = _services[serviceId];
         s.provider = msg.sender;
-        s.units = uint64(price / _unit);
+        _setPrice(s, NO_TURN, price);
         s.kindId = kindId;
         s.state = ServiceState.Active;
         s.autoAccept = autoAccept;
         if (p.hired) s.hired = Hire.Provider;
         emit ServiceRegistered(serviceId, msg.sender, kind, price, autoAccept, description);
         if (terms.bond != 0 || terms.maxFailures != 0) {
-            s.hasTerms = true;
             _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures);
             emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
         }
@@ -219,13 +214,12 @@ contract ServiceManager is IServiceManager {
         }
         if (state == ServiceState.Active) _requireAwake(msg.sender);
         _requirePrice(price);
-        _leaveLine(serviceId, s);
-        s.units = uint64(price / _unit);
+        _setPrice(s, _leaveLine(serviceId, s), price);
         s.state = state;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
             tasks.onServiceFree(serviceId, provider, s.kindId, price, _named(serviceId, s));
-        } else if (state == ServiceState.Retired && s.taskId == 0) {
+        } else if (state == ServiceState.Retired && s.turn.taskId() == NO_TASK) {
             uint96 bond = _leave(serviceId, s);
             if (bond != 0) tasks.returnBond(payoutOf(provider), bond);
         }
@@ -339,8 +333,7 @@ contract ServiceManager is IServiceManager {
             if (hired > s.hired) _hire(s, hired);
             return (taker, address(0), 0, false);
         }
-        _leaveLine(taker, s);
-        s.taskId = taskId.pack();
+        s.turn = _leaveLine(taker, s).withTask(taskId);
         return (taker, s.provider, price, s.autoAccept);
     }
 
@@ -350,17 +343,20 @@ contract ServiceManager is IServiceManager {
         onlyTaskManager
         returns (Release memory r)
     {
-        Record storage s = _get(serviceId);
-        if (outcome == Outcome.Completed) s.completed = uint24(_increment(s.completed, type(uint24).max));
-        else if (outcome == Outcome.Rejected) s.rejected = uint16(_increment(s.rejected, type(uint16).max));
-        else if (outcome == Outcome.Expired) s.expired = uint16(_increment(s.expired, type(uint16).max));
-        (r.payout, r.penalty) = _count(serviceId, s, outcome, value, creator);
-        s.taskId = 0;
-        if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
-        if (s.state != ServiceState.Active) return r;
-        r.available = true;
-        if (place != 0) _enqueue(serviceId, s, place);
-        else (r.price, r.named) = (_priceOf(s), _named(serviceId, s));
+        Record storage s = _services[serviceId];
+        TaskId taskId = s.turn.taskId();
+        Turn turn = s.turn.withTask(NO_TASK);
+        if (outcome == Outcome.Completed) turn = turn.withCompleted();
+        else if (outcome == Outcome.Rejected) turn = turn.withRejected();
+        else if (outcome == Outcome.Expired) turn = turn.withExpired();
+        Provider storage p = _providers[s.provider];
+        (r.payout, r.penalty) = _count(taskId, serviceId, s, p, outcome, value, creator);
+        ServiceState state = s.state;
+        if (state == ServiceState.Retired) r.bond = _leave(serviceId, s);
+        r.available = state == ServiceState.Active;
+        if (r.available && place != 0) turn = _enqueue(serviceId, s, p, turn, place);
+        else if (r.available) (r.price, r.named) = (_priceOf(s), _named(serviceId, s));
+        s.turn = turn;
     }
 
     /// @inheritdoc IServiceManager
@@ -376,8 +372,9 @@ contract ServiceManager is IServiceManager {
     /// @inheritdoc IServiceManager
     function enqueue(ServiceId serviceId, uint40 place) external onlyTaskManager {
         Record storage s = _get(serviceId);
-        if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
-        _enqueue(serviceId, s, place);
+        Turn turn = s.turn;
+        if (!_isAvailable(s) || turn.place() != 0) revert ServiceNotIdle(serviceId);
+        s.turn = _enqueue(serviceId, s, _providers[s.provider], turn, place);
     }
 
     /// @inheritdoc IServiceManager
@@ -388,12 +385,12 @@ contract ServiceManager is IServiceManager {
             provider: s.provider,
             price: _priceOf(s),
             kind: organization.kindNumbered(s.kindId),
-            taskId: unpackTask(s.taskId),
-            place: s.place,
+            taskId: s.turn.taskId(),
+            place: s.turn.place(),
             state: s.state,
-            completed: s.completed,
-            rejected: s.rejected,
-            expired: s.expired,
+            completed: s.turn.completed(),
+            rejected: s.turn.rejected(),
+            expired: s.turn.expired(),
             reputation: uint8(_reputation(_providers[s.provider])),
             bond: a.bond,
             penalty: a.penalty,
@@ -414,16 +411,8 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function isParty(address account, ServiceId serviceId, address creator) public view returns (bool) {
-        address provider = _services[serviceId].provider;
-        if (account == creator || account == provider) return true;
-        // Most judges have nothing to do with devices: each verdict pays for one word.
-        if (!_hasDevices(account)) return false;
-        address owner = _owners[account];
-        if (owner == address(0)) owner = account;
-        (address creatorsOwner, address providersOwner) = (_owners[creator], _owners[provider]);
-        return owner == creator || owner == creatorsOwner || owner == provider || owner == providersOwner
-            || account == creatorsOwner || account == providersOwner;
+    function isParty(address account, ServiceId serviceId, address creator) external view returns (bool) {
+        return _isParty(account, _providers[account], serviceId, creator);
     }
 
     /// @inheritdoc IServiceManager
@@ -434,8 +423,9 @@ contract ServiceManager is IServiceManager {
     {
         if (review == 0) review = _reviews[kindId];
         // Nobody has the bit 0, which a kind without a review asks for.
-        mayJudge = (_providers[account].reviews >> review) & 1 == 1;
-        party = isParty(account, serviceId, creator);
+        Provider storage judge = _providers[account];
+        mayJudge = (judge.reviews >> review) & 1 == 1;
+        party = _isParty(account, judge, serviceId, creator);
     }
 
     /// @inheritdoc IServiceManager
@@ -445,7 +435,7 @@ contract ServiceManager is IServiceManager {
         returns (address provider, bool others)
     {
         provider = _services[serviceId].provider;
-        others = _hasDevices(creator) || _hasDevices(provider);
+        others = _hasDevices(_providers[creator]) || _hasDevices(_providers[provider]);
     }
 
     /// @inheritdoc IServiceManager
@@ -485,7 +475,7 @@ contract ServiceManager is IServiceManager {
         Idle storage idle = _idle[organization.numberOf(kind)];
         uint64 key = idle.lines.lowest();
         Line storage line = idle.line[key];
-        if (line.first == line.last) key = idle.lines.secondLowest();
+        if (line.first == line.latest) key = idle.lines.secondLowest();
         return key == 0 ? Units.max(_unit) : _priceOf(key);
     }
 
@@ -586,57 +576,90 @@ contract ServiceManager is IServiceManager {
         return hired == Hire.Service ? uint160(ServiceId.unwrap(serviceId)) : uint160(s.provider);
     }
 
-    /// @dev Behind the other services of its kind, price and reputation.
-    function _enqueue(ServiceId serviceId, Record storage s, uint40 place) private {
-        Idle storage idle = _idle[s.kindId];
-        uint64 reputation = _reputation(_providers[s.provider]);
-        // slither-disable-next-line weak-prng
-        uint64 key = _key(Units.levelFor(_priceOf(s), _unit), reputation - reputation % STEP);
-        Line storage line = idle.line[key];
-        (uint32 id, uint32 last) = (serviceId.pack(), line.last);
-        (s.place, s.line, s.previous) = (place, uint24(key), last);
-        if (last == 0) {
-            (line.first, line.used) = (id, true);
-            idle.lines.put(key, _weight(s));
-        } else {
-            _services[unpackService(last)].next = id;
-        }
-        line.last = id;
+    function _setPrice(Record storage s, Turn turn, uint256 price) private {
+        s.units = uint64(price / _unit);
+        s.turn = turn.withLine(uint24(_key(Units.levelFor(price, _unit), 0)));
     }
 
-    /// @dev Out of its line, wherever it stands, if it waits.
-    function _leaveLine(ServiceId serviceId, Record storage s) private {
-        if (s.place == 0) return;
-        s.place = 0;
+    /// @dev Behind the other services of its kind, price and reputation. Returns the service's turn with that place.
+    function _enqueue(ServiceId serviceId, Record storage s, Provider storage p, Turn turn, uint40 place)
+        private
+        returns (Turn)
+    {
         Idle storage idle = _idle[s.kindId];
-        uint64 key = s.line;
+        uint64 grade = _reputation(p) & GRADE;
+        uint64 key = (turn.line() | MAX_MINOR) ^ grade;
         Line storage line = idle.line[key];
-        (uint32 previous, uint32 next) = (s.previous, s.next);
-        if (line.first != serviceId.pack()) {
-            _services[unpackService(previous)].next = next;
-            if (next == 0) line.last = previous;
-            else _services[unpackService(next)].previous = previous;
+        (uint32 id, uint192 latest) = (serviceId.pack(), line.latest);
+        if (latest == 0) {
+            (line.first, line.used) = (id, true);
+            idle.lines.put(key, _weight(place, grade));
+        } else if (latest >> (LATEST - 32) != 0) {
+            // The earliest of the latest is one of the others now.
+            Record storage earliest = _services[unpackService(uint32(latest >> (LATEST - 32)))];
+            earliest.turn = earliest.turn.withNext(uint32(latest >> (LATEST - 64)));
+        }
+        line.latest = latest << 32 | id;
+        return turn.withPlace(place).withLine(uint24(key)).withPrevious(uint32(latest));
+    }
+
+    /// @dev Out of its line, wherever it stands, if it waits. Returns the service's turn without that place.
+    function _leaveLine(ServiceId serviceId, Record storage s) private returns (Turn turn) {
+        turn = s.turn;
+        if (turn.place() == 0) return turn;
+        Idle storage idle = _idle[s.kindId];
+        (uint64 key, uint32 id) = (turn.line(), serviceId.pack());
+        Line storage line = idle.line[key];
+        (uint32 previous, uint32 next, bool known) = (turn.previous(), turn.next(), true);
+        turn = turn.withPlace(0).withNext(0);
+        if (next == 0) (next, known) = _leaveLatest(line, id);
+        if (line.first != id) {
+            if (known) {
+                Record storage before = _services[unpackService(previous)];
+                before.turn = before.turn.withNext(next);
+                if (next == 0) line.latest = previous;
+            }
+            if (next != 0) {
+                Record storage behind = _services[unpackService(next)];
+                behind.turn = behind.turn.withPrevious(previous);
+            }
         } else if (next == 0) {
-            (line.first, line.last) = (0, 0);
+            line.first = 0;
             idle.lines.remove(key);
         } else {
             line.first = next;
             // The oldest line keeps its earlier age while it stays the oldest of all.
             if (!idle.lines.isAlone()) {
-                Weight weight = _weight(_services[unpackService(next)]);
+                Turn oldest = _services[unpackService(next)].turn;
+                Weight weight = _weight(oldest.place(), MAX_MINOR - (oldest.line() & MAX_MINOR));
                 if (!idle.lines.leads(key, weight)) idle.lines.put(key, weight);
             }
         }
-        s.next = 0;
+    }
+
+    /// @dev Out of the latest of its line, among which it is. Returns who is behind it, 0 for nobody, and whether the service
+    /// before it, if there is one, is none of the latest, and so knows the next by itself.
+    function _leaveLatest(Line storage line, uint32 id) private returns (uint32 next, bool known) {
+        (uint192 latest, uint256 behind) = (line.latest, 0);
+        for (; uint32(latest >> behind) != id; behind += 32) {
+            next = uint32(latest >> behind);
+        }
+        uint192 before = latest >> (behind + 32);
+        known = before == 0;
+        line.latest = before << behind | (latest & uint192((1 << behind) - 1));
     }
 
     /// @dev What the attempt that ends makes of its provider and service.
-    function _count(ServiceId serviceId, Record storage s, Outcome outcome, uint256 value, address creator)
-        private
-        returns (address payout, uint96 penalty)
-    {
+    function _count(
+        TaskId taskId,
+        ServiceId serviceId,
+        Record storage s,
+        Provider storage p,
+        Outcome outcome,
+        uint256 value,
+        address creator
+    ) private returns (address payout, uint96 penalty) {
         address provider = s.provider;
-        Provider storage p = _providers[provider];
         payout = p.paidElsewhere ? _payouts[provider] : provider;
         if (outcome == Outcome.Unjudged) return (payout, 0);
         if (outcome != Outcome.Abandoned && outcome != Outcome.Missed) {
@@ -647,10 +670,10 @@ contract ServiceManager is IServiceManager {
                 return (payout, 0);
             }
             if (p.failures < type(uint8).max) ++p.failures;
-            if (s.hasTerms) penalty = _applyTerms(serviceId, s, p.failures);
+            penalty = _applyTerms(taskId, serviceId, s, p.failures);
         }
         if (outcome == Outcome.Rejected || provider == address(organization)) return (payout, penalty);
-        if (outcome == Outcome.Abandoned) _remember(unpackTask(s.taskId), serviceId);
+        if (outcome == Outcome.Abandoned) _remember(taskId, serviceId);
         else _miss(provider, p);
         if (p.asleepUntil != 0 && s.state == ServiceState.Active) {
             s.state = ServiceState.Paused;
@@ -682,15 +705,31 @@ contract ServiceManager is IServiceManager {
         returns (bool)
     {
         // Whoever has nothing to do with devices has nothing to do with the creator's owner either.
-        if (!p.owned && !p.owns && payout == provider) return creator == provider;
+        if (!_hasDevices(p) && payout == provider) return creator == provider;
         address payer = _owners[creator];
         if (payer == address(0)) payer = creator;
         return payer == (p.owned ? _owners[provider] : provider) || payer == payout;
     }
 
+    /// @dev See isParty. `p` is what is known of the account.
+    function _isParty(address account, Provider storage p, ServiceId serviceId, address creator)
+        private
+        view
+        returns (bool)
+    {
+        address provider = _services[serviceId].provider;
+        if (account == creator || account == provider) return true;
+        // Most judges have nothing to do with devices: each verdict pays for one word.
+        if (!_hasDevices(p)) return false;
+        address owner = _owners[account];
+        if (owner == address(0)) owner = account;
+        (address creatorsOwner, address providersOwner) = (_owners[creator], _owners[provider]);
+        return owner == creator || owner == creatorsOwner || owner == provider || owner == providersOwner
+            || account == creatorsOwner || account == providersOwner;
+    }
+
     /// @dev Whether it is a device, or has had one: nobody else has anything to do with the owners of others.
-    function _hasDevices(address account) private view returns (bool) {
-        Provider storage p = _providers[account];
+    function _hasDevices(Provider storage p) private view returns (bool) {
         return p.owned || p.owns;
     }
 
@@ -701,7 +740,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev What the terms make of a failed attempt: the penalty.
-    function _applyTerms(ServiceId serviceId, Record storage s, uint256 failures)
+    function _applyTerms(TaskId taskId, ServiceId serviceId, Record storage s, uint256 failures)
         private
         returns (uint96 penalty)
     {
@@ -709,7 +748,7 @@ contract ServiceManager is IServiceManager {
         penalty = uint96(Math.min(a.penalty, a.bond));
         if (penalty != 0) {
             a.bond -= penalty;
-            emit BondPenalized(serviceId, unpackTask(s.taskId), penalty);
+            emit BondPenalized(serviceId, taskId, penalty);
         }
         bool repeated = a.maxFailures != 0 && failures >= a.maxFailures;
         if (repeated || a.bond < a.penalty) _suspend(serviceId, s);
@@ -727,7 +766,7 @@ contract ServiceManager is IServiceManager {
 
     function _suspend(ServiceId serviceId, Record storage s) private {
         if (s.state == ServiceState.Retired || s.state == ServiceState.Suspended) return;
-        _leaveLine(serviceId, s);
+        s.turn = _leaveLine(serviceId, s);
         s.state = ServiceState.Suspended;
         emit ServiceSuspended(serviceId);
     }
@@ -744,7 +783,6 @@ contract ServiceManager is IServiceManager {
     /// @dev The service is over: its bond is for its provider.
     function _leave(ServiceId serviceId, Record storage s) private returns (uint96 bond) {
         if (s.provider != address(organization)) _replaceLive(s.provider, serviceId, NO_SERVICE);
-        if (!s.hasTerms) return 0;
         bond = _agreements[serviceId].bond;
         if (bond == 0) return 0;
         _agreements[serviceId].bond = 0;
@@ -763,7 +801,7 @@ contract ServiceManager is IServiceManager {
     }
 
     function _isAvailable(Record storage s) private view returns (bool) {
-        return s.state == ServiceState.Active && s.taskId == 0;
+        return s.state == ServiceState.Active && s.turn.taskId() == NO_TASK;
     }
 
     function _get(ServiceId serviceId) private view returns (Record storage s) {
@@ -774,8 +812,11 @@ contract ServiceManager is IServiceManager {
     /// @dev (done + _prior) / (done + failed + 2 _prior) in 64ths, the rule of succession (Laplace): 0 .. 63.
     function _reputation(Provider storage p) private view returns (uint64) {
         (uint256 done, uint256 failed) = _record(p);
-        done += _prior;
-        return uint64((done << MINOR_BITS) / (done + failed + _prior));
+        // Both have 64 bits, and so has what a newcomer counts for.
+        unchecked {
+            done += _prior;
+            return uint64((done << MINOR_BITS) / (done + failed + _prior));
+        }
     }
 
     /// @dev What is left today of what the provider has done and failed. By whole days, so that it does not matter
@@ -812,18 +853,13 @@ contract ServiceManager is IServiceManager {
         return Math.min(Units.priceOf(Weight.wrap(key).majorOf() - 1, _unit), Units.max(_unit));
     }
 
-    /// @dev The weight of a line that `first` leads.
-    function _weight(Record storage first) private view returns (Weight) {
-        uint64 reputation = MAX_MINOR - (first.line & MAX_MINOR);
-        return weigh(MAX_MAJOR - first.place, reputation);
+    /// @dev The weight of a line whose first service has this place.
+    function _weight(uint40 place, uint64 reputation) private pure returns (Weight) {
+        return weigh(MAX_MAJOR - place, reputation);
     }
 
     function _work(uint256 done, uint256 failed) private view returns (uint152) {
         return uint152(done << 88 | failed << 24 | block.timestamp / 1 days);
-    }
-
-    function _increment(uint256 counter, uint256 max) private pure returns (uint256) {
-        return counter == max ? max : counter + 1;
     }
 
     function _requireAwake(address provider) private view {

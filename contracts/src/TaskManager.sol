@@ -51,7 +51,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         /// @dev When the newest task came, the policy was one that has to be asked. Known here, because a verdict would pay
         /// 2,100 gas to look it up.
         bool asks;
-        uint128 held;
+        /// @dev How often the organization has changed the review of some kind; at most TaskRecords.MAX_CHANGES.
+        uint8 reviewsChanged;
+        uint120 held;
     }
 
     /// @dev Who does the tasks of a service, and the proof of the one that it does now. A service does one task at a
@@ -217,7 +219,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record memory t = _get(taskId);
         _requireJudge(taskId, t, attempt, proofHash, verdict);
         _requireContent(taskId, t, verdict, amount, reportUri, reason);
-        judged = _submission(t);
+        _describe(t, judged);
         emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
         _decide(taskId, t, msg.sender, verdict, amount, proofHash);
     }
@@ -266,7 +268,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 amount = pendingPayments[account];
         if (amount == 0) revert NothingOwed(account);
         pendingPayments[account] = 0;
-        _totals.held -= uint128(amount);
+        _totals.held -= uint120(amount);
         emit PaymentCollected(account, amount);
         token.safeTransfer(services.payoutOf(account), amount);
     }
@@ -289,6 +291,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc IServiceListener
     function returnBond(address payout, uint256 amount) external nonReentrant onlyServiceManager {
         _pay(payout, amount);
+    }
+
+    /// @inheritdoc ITaskManager
+    function onReviewChanged() external {
+        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
+        if (_totals.reviewsChanged != TaskRecords.MAX_CHANGES) ++_totals.reviewsChanged;
     }
 
     /// @inheritdoc ITaskManager
@@ -325,10 +333,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function toJudge(TaskId taskId) external view returns (Submission memory) {
+    function toJudge(TaskId taskId) external view returns (Submission memory submitted) {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Submitted);
-        return _submission(t);
+        _describe(t, submitted);
     }
 
     /// @inheritdoc IServiceListener
@@ -344,7 +352,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc IServiceListener
     function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId, uint256 reward) {
         taskId = unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
-        reward = _tasks.load(taskId, _unit).reward;
+        reward = _load(taskId).reward;
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
@@ -352,9 +360,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record memory t;
         IMatchingPolicy policy;
         bytes32 rules;
-        (policy, rules, t.kindId, t.silence, t.auditWindow) = organization.admitTask(
+        (policy, rules, t.kindId, t.review, t.silence, t.auditWindow) = organization.admitTask(
             request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
         );
+        t.reviewsChanged = _totals.reviewsChanged;
         _requireWindow(request.executionWindow);
         if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
             revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
@@ -413,7 +422,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             services.enqueue(serviceId, ++_totals.places);
         } else {
             _leaveQueue(queue, taskId);
-            bool assigned = _assign(taskId, _tasks.load(taskId, _unit), serviceId, wanted);
+            bool assigned = _assign(taskId, _load(taskId), serviceId, wanted);
             assert(assigned);
         }
     }
@@ -446,7 +455,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (TaskId taskId, uint256 wanted)
     {
         (taskId, wanted) = services.taskFor(serviceId);
-        Record memory t = _tasks.load(taskId, _unit);
+        Record memory t = _load(taskId);
         if (t.state == TaskState.Open && _queue(t) == queue && t.reward >= wanted) return (taskId, wanted);
         emit PolicyFailed(oldest);
         return (oldest, 0);
@@ -569,8 +578,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Release memory r = _release(t, t.serviceId, outcome, amount);
         emit TaskSettled(taskId, r.payout, amount, refund);
         if (r.available) _place(t.serviceId, t.kindId, r.price, r.named);
-        _pay(r.payout, amount + r.bond);
-        _pay(t.creator, refund);
+        _totals.held -= _send(r.payout, amount + r.bond) + _send(t.creator, refund);
     }
 
     function _end(TaskId taskId, Record memory t, TaskState state) private {
@@ -605,8 +613,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         address payout = services.payoutOf(_workers[t.serviceId].executor);
         _end(taskId, t, TaskState.Settled);
         emit TaskSettled(taskId, payout, amount, refund);
-        _pay(payout, amount);
-        _pay(t.creator, refund);
+        _totals.held -= _send(payout, amount) + _send(t.creator, refund);
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
@@ -615,9 +622,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 price = t.price;
         bool last = _endAttempt(taskId, t, cause);
         Release memory r = _free(t, serviceId, _outcome(cause), price);
-        _pay(r.payout, r.bond);
-        _pay(address(organization), r.penalty);
-        if (last) _pay(t.creator, t.reward);
+        uint120 sent = _send(r.payout, r.bond) + _send(address(organization), r.penalty);
+        if (last) sent += _send(t.creator, t.reward);
+        if (sent != 0) _totals.held -= sent;
     }
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
@@ -642,28 +649,34 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         token.safeTransferFrom(from, address(this), amount);
         uint256 received = token.balanceOf(address(this)) - before;
         if (received != amount) revert WrongAmountReceived(amount, received);
-        _totals.held += amount.toUint128();
+        _totals.held += amount.toUint120();
     }
 
-    /// @dev A token that refuses `to` holds up neither the task nor the service: the amount waits for `withdrawPayments`.
     function _pay(address to, uint256 amount) private {
-        if (amount == 0) return;
-        if (Payments.pay(token, to, amount)) {
-            _totals.held -= uint128(amount);
-            return;
-        }
+        _totals.held -= _send(to, amount);
+    }
+
+    /// @dev Returns what is no longer held. A token that refuses `to` holds up neither the task nor the service: the amount
+    /// waits for `withdrawPayments`.
+    function _send(address to, uint256 amount) private returns (uint120 sent) {
+        if (amount == 0) return 0;
+        if (Payments.pay(token, to, amount)) return uint120(amount);
         pendingPayments[to] += amount;
         emit PaymentDeferred(to, amount);
     }
 
+    function _load(TaskId taskId) private view returns (Record memory t) {
+        _tasks.load(taskId, _unit, t);
+    }
+
     function _get(TaskId taskId) private view returns (Record memory t) {
-        t = _tasks.load(taskId, _unit);
+        _tasks.load(taskId, _unit, t);
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
 
-    function _submission(Record memory t) private pure returns (Submission memory) {
-        uint256 submitted = t.state == TaskState.Submitted ? t.deadline - t.verdictWindow : 0;
-        return Submission(t.creator, t.kindId, t.serviceId, uint40(submitted));
+    function _describe(Record memory t, Submission memory s) private pure {
+        (s.creator, s.kindId, s.serviceId) = (t.creator, t.kindId, t.serviceId);
+        if (t.state == TaskState.Submitted) s.submitted = uint40(t.deadline - t.verdictWindow);
     }
 
     function _kindOf(Record memory t) private view returns (bytes32) {
@@ -733,8 +746,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (bool disputed)
     {
         disputed = t.state == TaskState.Undecided;
-        uint8 review = disputed ? uint8(Review.Auditor) : 0;
-        (bool mayJudge, bool party) = services.rightOf(judge, review, t.kindId, t.serviceId, t.creator);
+        // Not looked up, 2,100 gas, while no kind's review has changed since the task was posted.
+        uint8 changes = _totals.reviewsChanged;
+        Review review =
+            changes == t.reviewsChanged && changes != TaskRecords.MAX_CHANGES ? t.review : Review.None;
+        if (disputed) review = Review.Auditor;
+        (bool mayJudge, bool party) = services.rightOf(judge, uint8(review), t.kindId, t.serviceId, t.creator);
         if (!mayJudge) revert NotJudge(judge, _kindOf(t));
         if (party) revert JudgeIsParty(taskId, judge);
         // A task that was posted without an audit has no window for one, whatever its kind has now.

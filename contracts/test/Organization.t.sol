@@ -270,6 +270,60 @@ contract OrganizationTest is Fixture {
         assertTrue(organization.mayJudge(oracle, CHARGING));
     }
 
+    /// @dev Whoever judged when it was posted may be why the organization took the kind away from them.
+    function test_aTaskIsJudgedByWhoJudgesItsKindNow() public {
+        offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        submit(taskId);
+        for (uint256 i = 0; i < 3; ++i) {
+            bool byAuditors = i % 2 == 0;
+            vm.prank(admin);
+            organization.allowKind(CLEANING, byAuditors ? Review.Auditor : Review.Oracle, RULES);
+            address formerly = byAuditors ? oracle : auditor;
+            vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, formerly, CLEANING));
+            vm.prank(formerly);
+            tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
+        }
+        vm.prank(auditor);
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
+        assertState(taskId, TaskState.Settled);
+    }
+
+    /// @dev More often than a task's word can count: the last count does not come again.
+    function test_aTaskIsJudgedByWhoJudgesItsKindNowHoweverOftenThatChanged() public {
+        offer(robot1, 80 ether);
+        TaskId early = post(alice, 100 ether);
+        submit(early);
+        _changeReviews(127);
+        TaskId late = post(bob, 100 ether);
+        _changeReviews(1);
+        offer(robot2, 80 ether);
+        submit(late);
+        for (uint256 i = 0; i < 2; ++i) {
+            TaskId taskId = i == 0 ? early : late;
+            vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, auditor, CLEANING));
+            vm.prank(auditor);
+            tasks.postVerdict(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "", "");
+            vm.prank(oracle);
+            tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
+        }
+    }
+
+    function test_onlyTheOrganizationSaysThatAReviewChanged() public {
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotOrganization.selector, admin));
+        vm.prank(admin);
+        tasks.onReviewChanged();
+    }
+
+    function _changeReviews(uint256 count) private {
+        vm.startPrank(admin);
+        for (uint256 i = 0; i < count; ++i) {
+            bool byOracles = organization.kindOf(CLEANING).review == Review.Oracle;
+            organization.allowKind(CLEANING, byOracles ? Review.Auditor : Review.Oracle, RULES);
+        }
+        vm.stopPrank();
+    }
+
     function test_aKindThatNobodyJudgesIsNotAllowed() public {
         vm.startPrank(admin);
         vm.expectRevert(abi.encodeWithSelector(IOrganization.KindWithoutReview.selector, bytes32("painting")));

@@ -32,14 +32,20 @@ contract TaskRecordsTest is Fixture {
         Record memory t;
         (t.creator, t.reward, t.price) = (creator, reward, uint256(units) * UNIT);
         (t.serviceId, t.deadline, t.executionWindow) = (serviceNo(numbers[0]), numbers[1], numbers[2] >> 8);
-        (t.verdictWindow, t.kindId, t.maxAttempts) = (uint24(numbers[1]), KindId.wrap(bytes_[0]), bytes_[1]);
+        (t.verdictWindow, t.kindId, t.maxAttempts) =
+        (uint24(numbers[1]), KindId.wrap(bytes_[0]), bytes_[1] & 15);
+        (t.review, t.reviewsChanged) = (Review(1 + bytes_[1] % 2), bytes_[4] & TaskRecords.MAX_CHANGES);
         (t.attempt, t.state, t.accepted) = (bytes_[2] & 15, TaskState(1 + bytes_[3] % 7), accepted);
         (t.silence, t.hired) = (Silence(bytes_[4] % 3), Hire(bytes_[3] % 3));
         t.auditWindow = uint24(numbers[2]);
         _store.keepConditions(taskNo(7), t);
         _store.save(taskNo(7), t, UNIT);
-        assertEq(keccak256(abi.encode(_store.load(taskNo(7), UNIT))), keccak256(abi.encode(t)));
-        assertEq(uint8(_store.load(taskNo(8), UNIT).state), uint8(TaskState.None));
+        Record memory read;
+        _store.load(taskNo(7), UNIT, read);
+        assertEq(keccak256(abi.encode(read)), keccak256(abi.encode(t)));
+        Record memory none;
+        _store.load(taskNo(8), UNIT, none);
+        assertEq(uint8(none.state), uint8(TaskState.None));
     }
 
     function test_tasksShareTheConditionsOfTheFirstThatHadThem() public {
@@ -132,6 +138,6 @@ contract TaskRecordsTest is Fixture {
     }
 
     function _matching() private view returns (IMatchingPolicy matching) {
-        (matching,,,,) = organization.admitTask(CLEANING, alice, WINDOW, WINDOW, 0);
+        (matching,,,,,) = organization.admitTask(CLEANING, alice, WINDOW, WINDOW, 0);
     }
 }

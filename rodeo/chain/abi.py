@@ -558,6 +558,9 @@ class TaskManagerCalls(ContractCalls):
     def match_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "matchTask", task_id)
 
+    def on_review_changed(self) -> Call:
+        return self._call("TaskManager", "onReviewChanged")
+
     def post_verdict(
         self,
         task_id: int,

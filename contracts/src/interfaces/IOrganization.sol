@@ -352,6 +352,7 @@ interface IOrganization is IDeviceRegistry {
     /// @return matching what matches it; 0 for the service that has waited longest, as FirstComeFirstServed chooses
     /// @return rules by which it is judged; 0 where people judge and no rules were named
     /// @return kindId the number of the kind
+    /// @return review who judges it
     /// @return silence who wins when judges or auditors are silent
     /// @return auditWindow seconds that auditors have to decide what an oracle could not
     function admitTask(
@@ -363,7 +364,14 @@ interface IOrganization is IDeviceRegistry {
     )
         external
         view
-        returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, Silence silence, uint32 auditWindow);
+        returns (
+            IMatchingPolicy matching,
+            bytes32 rules,
+            KindId kindId,
+            Review review,
+            Silence silence,
+            uint32 auditWindow
+        );
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @param kind what is to be done, ASCII

@@ -75,10 +75,10 @@ struct Service {
 struct Release {
     address payout;
     bool available;
-    uint96 price;
-    uint96 penalty;
-    uint96 bond;
-    uint160 named;
+    uint256 price;
+    uint256 penalty;
+    uint256 bond;
+    uint256 named;
 }
 
 /// @title Services: who does which work at which price, and which services wait for a task.

@@ -385,6 +385,9 @@ interface ITaskManager is IServiceListener {
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);
 
+    /// @notice A kind is judged by others from now on, its tasks that run included. Only the organization.
+    function onReviewChanged() external;
+
     /// @notice Send on what reached this contract by mistake. Only the organization.
     /// @param token_ the contract that it is of
     /// @param to who gets it

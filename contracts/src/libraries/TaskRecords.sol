@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {Review} from "../interfaces/IOrganization.sol";
 import {Hire} from "../interfaces/IServiceManager.sol";
 import {Silence, TaskState} from "../interfaces/ITaskManager.sol";
 import {KindId} from "../types/KindId.sol";
@@ -19,6 +20,9 @@ import {TaskId} from "../types/TaskId.sol";
 /// @param executionWindow has 24 bits in storage, and so has `verdictWindow`
 /// @param auditWindow how long the auditors have for an undecided attempt, in 24 bits, too
 /// @param silence who wins at the silence of judges or auditors. Both are as the kind had them when the task was posted
+/// @param review who judges work of this kind, Oracle or Auditor, unless an organization has changed that since
+/// @param reviewsChanged how often the organization had changed the review of some kind by then; at most
+/// TaskRecords.MAX_CHANGES
 /// @param hired only `serviceId`, or only its provider, may do the task, because its creator named it
 struct Record {
     uint256 reward;
@@ -37,10 +41,15 @@ struct Record {
     uint8 maxAttempts;
     Silence silence;
     Hire hired;
+    Review review;
+    uint8 reviewsChanged;
 }
 
 /// @title Tasks in few words of storage: one for each task, and one for the conditions that tasks of one creator share.
 library TaskRecords {
+    /// @notice So many changes have room in a word. After them nobody knows how many there were.
+    uint8 internal constant MAX_CHANGES = 127;
+
     struct Store {
         mapping(TaskId taskId => uint256) tasks;
         mapping(uint32 first => uint256) conditions;
@@ -49,11 +58,12 @@ library TaskRecords {
         mapping(uint256 conditions => uint32 first) firsts;
     }
 
-    /// @notice Returns a task; one in the state None if there is none.
+    /// @notice Read a task into `t`, which stays as it is, in the state None, if there is none. Not returned, because memory
+    /// would be made for it a second time, by whoever calls.
     /// @param unit of prices, see Units.unitOf
-    function load(Store storage store, TaskId taskId, uint256 unit) internal view returns (Record memory t) {
+    function load(Store storage store, TaskId taskId, uint256 unit, Record memory t) internal view {
         uint256 word = store.tasks[taskId];
-        if (word == 0) return t;
+        if (word == 0) return;
         t.reward = word >> 168;
         t.price = uint256(uint64(word >> 104)) * unit;
         t.serviceId = unpackService(uint32(word >> 72));
@@ -68,9 +78,11 @@ library TaskRecords {
         t.verdictWindow = uint24(wanted >> 48);
         t.auditWindow = uint24(wanted >> 24);
         t.kindId = KindId.wrap(uint8(wanted >> 16));
-        t.maxAttempts = uint8(wanted >> 8);
-        t.silence = Silence(uint8(wanted >> 4) & 15);
-        t.hired = Hire(uint8(wanted) & 15);
+        t.maxAttempts = uint8(wanted >> 12) & 15;
+        t.silence = Silence(uint8(wanted >> 10) & 3);
+        t.hired = Hire(uint8(wanted >> 8) & 3);
+        t.reviewsChanged = uint8(wanted >> 1) & MAX_CHANGES;
+        t.review = wanted & 1 == 0 ? Review.Oracle : Review.Auditor;
     }
 
     /// @notice Write what changes in the life of a task.
@@ -85,8 +97,9 @@ library TaskRecords {
         uint256 windows =
             uint256(t.executionWindow) << 72 | uint256(t.verdictWindow) << 48 | uint256(t.auditWindow) << 24;
         uint256 rest =
-            uint256(KindId.unwrap(t.kindId)) << 16 | uint256(t.maxAttempts) << 8 | uint256(t.silence) << 4;
-        uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired);
+            uint256(KindId.unwrap(t.kindId)) << 16 | uint256(t.maxAttempts) << 12 | uint256(t.silence) << 10;
+        uint256 judged = uint256(t.reviewsChanged) << 1 | (t.review == Review.Oracle ? 0 : 1);
+        uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired) << 8 | judged;
         t.conditions = store.firsts[wanted];
         if (t.conditions != 0) return;
         t.conditions = taskId.packConditions();
