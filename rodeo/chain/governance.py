@@ -97,6 +97,14 @@ class GovernanceCalls:
             description,
         )
 
+    @staticmethod
+    def proposal_id(calls: Sequence[Call], description: str) -> int:
+        """The governor's number of such a proposal (OpenZeppelin's IGovernor.hashProposal)."""
+        data = [to_bytes(hexstr=call.data) for call in calls]
+        types = ["address[]", "uint256[]", "bytes[]", "bytes32"]
+        content = [[call.to for call in calls], [0] * len(calls), data, keccak(text=description)]
+        return int.from_bytes(keccak(encode(types, content)), "big")
+
     def cast_vote(self, proposal_id: int, support: str) -> Call:
         """`support` is one of SUPPORT."""
         return self._governor.cast_vote(proposal_id, SUPPORT.index(support))

@@ -120,6 +120,7 @@ from services.bridge.errors import (
     AboveBudget,
     ActsAtOnce,
     AlreadyOffered,
+    AlreadyProposed,
     AssignmentChanged,
     CannotDo,
     CannotRaise,
@@ -158,7 +159,7 @@ from services.bridge.index import Index, Row
 from services.bridge.journal import decoded
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.orders import Order
-from services.bridge.projection import ZERO_ADDRESS
+from services.bridge.projection import ZERO_ADDRESS, proposal_key
 from services.bridge.relaying import Requests, Said, nonce_of
 from services.bridge.transactions import Transactions
 
@@ -964,6 +965,14 @@ class Wallet:
         if not self.client.deployment.decides_by_vote:
             salt, delay_s = os.urandom(32), self.client.decision_delay_s()
             return [self.client.governance_calls.schedule(calls, command.description, salt, delay_s)]
+        made = self.client.governance_calls.proposal_id(calls, command.description)
+        if (number := self.index.proposal_number(proposal_key(made))) is not None:
+            # The governor knows a proposal by what it says, for ever.
+            raise AlreadyProposed(
+                "the same was proposed before with the same words: other words make it another proposal",
+                proposal=number,
+                description=command.description,
+            )
         return [self.client.governance_calls.propose(calls, command.description)]
 
     def _require_own_service(self, service_id: int) -> None:

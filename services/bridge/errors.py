@@ -24,6 +24,7 @@
     │   ├── ActsAtOnce            the administrator's key proposes nothing
     │   ├── MembersDecide         no key alone may do this where members decide
     │   ├── UnknownProposal
+    │   ├── AlreadyProposed       members have voted, or vote, on the same calls with the same words
     │   ├── UnexpectedProposalState  its delay runs, or it was executed or cancelled
     │   ├── NoBudgetVotes         members split no money by votes in this organization
     │   ├── UnknownBudgetVote
@@ -170,6 +171,10 @@ class MembersDecide(RequestError):
 
 class UnknownProposal(RequestError):
     """No such proposal was ever made."""
+
+
+class AlreadyProposed(RequestError):
+    """Members vote on the same calls with the same words once only."""
 
 
 class UnexpectedProposalState(RequestError):

@@ -20,6 +20,7 @@ from rodeo.errors import InvalidRequest
 from rodeo.messages import OpenBudgetVote
 from services.bridge.errors import (
     AboveBudget,
+    AlreadyProposed,
     HasToBeProposed,
     InsufficientFunds,
     NoBudgetVotes,
@@ -270,6 +271,15 @@ def test_without_its_role_the_contract_pays_nobody(members: Members) -> None:
     with pytest.raises(ContractReverted) as refused:
         members.pay(number, "carla")
     assert refused.value.args_by_name["needed_role"] == "TREASURER_ROLE"
+
+
+def test_what_was_proposed_before_needs_other_words(members: Members) -> None:
+    terms = {"bond_iec": "3", "penalty_iec": "1", "max_failures": 2}
+    number = members.propose("set_terms", terms, "a bond", who="alice")
+    with pytest.raises(AlreadyProposed) as again:
+        members.propose("set_terms", terms, "a bond", who="alice")
+    assert again.value.details == {"proposal": number, "description": "a bond"}
+    assert members.propose("set_terms", terms, "a bond, once more", who="alice") == number + 1
 
 
 def test_where_members_do_not_decide_there_are_no_budget_votes(tmp_path: Path) -> None:
