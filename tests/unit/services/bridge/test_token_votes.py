@@ -29,7 +29,7 @@ def wallet(organization: Organization, participant: str) -> Wallet:
     client, unused = organization.client, SimpleNamespace()
     fields: dict[str, Any] = {
         "transactions": unused,
-        "index": SimpleNamespace(balance=client.balance),
+        "index": SimpleNamespace(balance=client.balance, proposal_number=lambda _key: None),
         "names": Names(organization.site, client.deployment),
         "store": unused,
         "economy": organization.site.economy,
