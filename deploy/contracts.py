@@ -68,7 +68,8 @@ class OtherGovernance(RodeoError):
 
 
 class OtherRelease(RodeoError):
-    """The site's organization has contracts of another release, and no other organization takes its place."""
+    """The site's organization has contracts of another release. A second organization must not be founded in
+    its place."""
 
 
 class WithoutDisputes(RodeoError):
@@ -330,7 +331,7 @@ def require_this_release(site: Site, w3: Web3) -> None:
         if known:
             raise OtherRelease(
                 "the organization's contracts are of another release: `rodeo organization migrate` moves it, "
-                "and the software of that release goes on with them",
+                "and until then the software of that release works with them",
                 organization=there.contracts["Organization"],
             ) from mismatch
 

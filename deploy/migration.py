@@ -73,7 +73,7 @@ class Founded(RodeoError):
 
 
 class JudgeUnseated(RodeoError):
-    """The new organization would have somebody judge who does not judge in the old one any more."""
+    """The new organization would have somebody judge work who does not judge it in the old one any more."""
 
 
 class JustMoved(RodeoError):
@@ -98,10 +98,7 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
     administrator = wallets.load(site, "organization")
     former = _former(site, w3, administrator)
     client = ChainClient(site.chain.url, former)
-    happened = [log.event for log in client.history()]
-    _require_no_revoked_key(site, client, happened)
-    _require_no_unseated_judge(site, client, happened)
-    judged = _judged_by_people(site, client, happened)
+    happened, judged = _until_now(site, client)
     if waiting.waits(client):
         # What is done last is proposed at the same time, so that the delay passes once for both.
         suspended = _suspensions(client, _others(site, client))
@@ -112,7 +109,8 @@ def migrate(site: Site, w3: Web3, say: Say) -> Deployment:
         raise SiteIsUp("all tasks have ended: stop the site with `rodeo down`, then run this command again")
     if waiting.waits(client):
         _withdraw_others(client, administrator, say)
-        _stop(client, administrator, happened, say)  # one of them may have been executed a moment before
+        happened, judged = _until_now(site, client)  # one of them may have been executed a moment before
+        _stop(client, administrator, happened, say)
     _retire(site, client, administrator, say)
     _require_none_runs(client)  # one may have been assigned before the last service was suspended
     _cancel(client, administrator, say)
@@ -215,20 +213,36 @@ def _require_movable(site: Site, w3: Web3, former: Deployment, administrator: Lo
         )
 
 
-def _require_no_revoked_key(site: Site, client: ChainClient, happened: list[Event]) -> None:
+def _until_now(site: Site, client: ChainClient) -> tuple[list[Event], dict[str, list[str]]]:
+    """What happened in the old organization, and what people judge there (_judged_by_people).
+
+    Raises KeyRevoked and JudgeUnseated.
+    """
+    happened = [log.event for log in client.history()]
+    _require_no_revoked_key(site, happened)
+    _require_no_unseated_judge(site, client, happened)
+    return happened, _judged_by_people(site, client, happened)
+
+
+def _require_no_revoked_key(site: Site, happened: list[Event]) -> None:
     """The new organization knows neither of the revocation of a device's key, nor that a judge has another
     key now."""
-    revoked = {one.device for one in happened if isinstance(one, chain_events.DeviceRevoked)}
-    committees = [client.deployment.address(name) for name in client.deployment.committees]
-    for log in client.history(committees):
-        if isinstance(log.event, chain_events.JudgeKeyChanged):
-            revoked = {*revoked, log.event.old_key} - {log.event.key}
+    # A judge may change its key to any other. One that takes a revoked device's does not make it good again.
+    revoked, replaced = set[str](), set[str]()
+    for one in happened:
+        match one:
+            case chain_events.DeviceRevoked():
+                revoked.add(one.device)
+            case chain_events.JudgeKeyChanged():
+                replaced = {*replaced, one.old_key} - {one.key}
+            case chain_events.JudgeSeated():
+                replaced.discard(one.key)
     used = {keystore: name for keystore, (_, name) in wallets.device_names(site).items()}
     if site.disputes is not None:
         used |= {name: name for one in site.disputes.instances for name in one.judges}
     for keystore, name in used.items():
         address = _address(site, keystore)
-        if address in revoked:
+        if address in revoked | replaced:
             raise KeyRevoked(
                 f"the key of {name} was revoked: put another in its place before the organization moves",
                 keystore=keystore,
@@ -237,21 +251,21 @@ def _require_no_revoked_key(site: Site, client: ChainClient, happened: list[Even
 
 
 def _require_no_unseated_judge(site: Site, client: ChainClient, happened: list[Event]) -> None:
-    """The site file says who judges in the new organization."""
+    """In the new organization all oracles of the site file judge what any oracle judges."""
     kinds = {one.kind for one in happened if isinstance(one, chain_events.QuorumChanged)}
-    judging = 0
-    for kind in kinds:
-        judging |= client.quorum(kind).judges
+    judges = {kind: client.quorum(kind).judges for kind in kinds if client.kind(kind).review is Review.ORACLE}
     for oracle in site.oracles:
         key = _address(site, f"{oracle.name}-device")
         judge = None if key is None else client.judge(key)
-        if judge is not None and not judging >> judge.seat & 1:
-            raise JudgeUnseated(
-                f"{oracle.name} judges no kind of work any more: take it out of [[oracles]], or let it judge "
-                "again with `rodeo organization quorum`",
-                judge=oracle.name,
-                key=key,
-            )
+        for kind in sorted(judges):
+            if judge is not None and judges[kind] and not judges[kind] >> judge.seat & 1:
+                raise JudgeUnseated(
+                    f"{oracle.name} does not judge {kind} any more, and would again: take it out of "
+                    "[[oracles]], or let it judge with `rodeo organization quorum`",
+                    judge=oracle.name,
+                    kind=kind,
+                    key=key,
+                )
 
 
 def _address(site: Site, name: str) -> str | None:

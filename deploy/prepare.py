@@ -103,7 +103,7 @@ def _await_gas_money(site: Site, w3: Web3, say: Say, stop: threading.Event, wait
             if said.get(purse.name) != str(purse):
                 said[purse.name] = str(purse)
                 others = purse.name not in senders and not purse.funded
-                say(f"gas money: {purse}" + (", unless others send for it" if others else ""))
+                say(f"gas money: {purse}" + (" (not needed if others send for it)" if others else ""))
         empty = [purse.name for purse in found if not purse.funded and purse.name in senders]
         if not empty:
             return

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rodeo import queries, topics
+from rodeo import queries
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError
 from rodeo_cli.common import (
@@ -21,7 +21,7 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
 from rodeo_cli.proposals import propose, send
-from rodeo_cli.tasks import ParticipantOption
+from rodeo_cli.tasks import ParticipantOption, send_command
 from services.console.formatting import party, split_in_words
 
 NumberArgument = Annotated[int, typer.Argument(min=0, help="Its number: `rodeo organization budget-votes`.")]
@@ -122,14 +122,19 @@ def pay_budget(
         found = queries.ask(bus, loaded.org, queries.BUDGET_VOTES, number=number).budget_votes
         if not found:
             raise InvalidRequest("no such budget vote", budget_vote=number)
+        if found[0].state == "open":
+            raise InvalidRequest(
+                "voting is still open: shares are paid after it ends",
+                budget_vote=number,
+                end_s=found[0].end_s,
+            )
         owed = [to for to in found[0].recipients if to.share_iec and to.paid_iec is None]
         if not owed:
             say(f"There is nothing to pay of budget vote {number}.")
-        key = topics.COMMAND.name(org=loaded.org, participant=participant, command="pay_budget_share")
         for to in owed:
             request = {"budget_vote": number, "recipient": to.address}
             try:
-                bus.query(key, request, timeout_s=30)
+                send_command(loaded, bus, participant, "pay_budget_share", **request)
             except RemoteError as error:
                 # The others do not wait for one that cannot be paid.
                 failed = failed or error

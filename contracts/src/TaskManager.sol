@@ -578,7 +578,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Release memory r = _release(t, t.serviceId, outcome, amount);
         emit TaskSettled(taskId, r.payout, amount, refund);
         if (r.available) _place(t.serviceId, t.kindId, r.price, r.named);
-        _totals.held -= _send(r.payout, amount + r.bond) + _send(t.creator, refund);
+        uint120 sent = _send(r.payout, amount + r.bond);
+        sent += _send(t.creator, refund);
+        _totals.held -= sent;
     }
 
     function _end(TaskId taskId, Record memory t, TaskState state) private {
@@ -613,7 +615,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         address payout = services.payoutOf(_workers[t.serviceId].executor);
         _end(taskId, t, TaskState.Settled);
         emit TaskSettled(taskId, payout, amount, refund);
-        _totals.held -= _send(payout, amount) + _send(t.creator, refund);
+        uint120 sent = _send(payout, amount);
+        sent += _send(t.creator, refund);
+        _totals.held -= sent;
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
@@ -622,7 +626,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 price = t.price;
         bool last = _endAttempt(taskId, t, cause);
         Release memory r = _free(t, serviceId, _outcome(cause), price);
-        uint120 sent = _send(r.payout, r.bond) + _send(address(organization), r.penalty);
+        uint120 sent = _send(r.payout, r.bond);
+        sent += _send(address(organization), r.penalty);
         if (last) sent += _send(t.creator, t.reward);
         if (sent != 0) _totals.held -= sent;
     }

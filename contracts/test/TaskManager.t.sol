@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {MessageHashUtils} from "@openzeppelin/contracts/utils/cryptography/MessageHashUtils.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
@@ -34,6 +35,11 @@ contract TaskManagerTest is Fixture {
         submit(taskId);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskSettled(taskId, robot1, 80 ether, 20 ether);
+        // Who worked is paid first.
+        vm.expectEmit(address(coin));
+        emit IERC20.Transfer(address(tasks), robot1, 80 ether);
+        vm.expectEmit(address(coin));
+        emit IERC20.Transfer(address(tasks), alice, 20 ether);
         judge(taskId, true);
 
         assertState(taskId, TaskState.Settled);

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 
+from rodeo.errors import ConfigError
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import MotionLimits, Pose2
 from rodeo.lab.geometry import Twist2
@@ -25,6 +26,7 @@ class Body(Motors):
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: str, limits: MotionLimits) -> None:
+        """Raises ConfigError where the robot's MJCF has other actuators or sensors than its drivers know."""
         self.model, self.data, self.name, self.limits = model, data, robot, limits
         self.base = base = int(model.body(f"{robot}/base_link").id)
         """MuJoCo's number of base_link."""
@@ -42,6 +44,16 @@ class Body(Motors):
         self._arm_act = np.array([motor.actadr[0] for motor in motors], np.intc)
         gripper = model.actuator(f"{robot}/gripper")
         self._gripper = gripper.id
+        servos, gyro = [*motors, gripper], model.sensor(f"{robot}/gyro")
+        # Compiled code reads these without asking whether they are there.
+        if any(motor.actadr[0] < 0 for motor in servos) or gyro.dim[0] != 3:
+            raise ConfigError(
+                "not a usable robot: arm and gripper need actuators that keep a set-point (intvelocity), and "
+                "its sensor gyro has to be a gyro",
+                robot=robot,
+                without_set_point=[motor.name for motor in servos if motor.actadr[0] < 0],
+                numbers_of_gyro=int(gyro.dim[0]),
+            )
         self._position, self._velocity, self._force = data.qpos, data.qvel, data.qfrc_actuator
         self._activation = data.act
         self.position_m = data.xpos[base]
@@ -58,7 +70,7 @@ class Body(Motors):
             arm_motors=(np.array([motor.id for motor in motors], np.intc), self._arm_act),
             wheel_motors=np.array([model.actuator(f"{robot}/{name}").id for name in WHEEL_JOINTS], np.intc),
             gripper=(gripper.id, gripper.actadr[0]),
-            yaw_rate=model.sensor(f"{robot}/gyro").adr[0] + 2,
+            yaw_rate=gyro.adr[0] + 2,
             limits=limits,
         )
 

@@ -110,7 +110,12 @@ cdef class Motors:
         return power_w
 
     def arm_within(self, const double[::1] wanted_rad, const double[::1] tolerance_rad):
-        """Whether each arm joint is at most as far from where it is wanted; both (len(arm_model.joints),)."""
+        """Whether each arm joint is at most as far from where it is wanted; both (len(arm_model.joints),).
+
+        Raises ValueError for another number of joints.
+        """
+        self._require_arm(wanted_rad)
+        self._require_arm(tolerance_rad)
         for k in range(self._arm_qpos.shape[0]):
             if not fabs(self._position[self._arm_qpos[k]] - wanted_rad[k]) <= tolerance_rad[k]:
                 return False
@@ -150,11 +155,20 @@ cdef class Motors:
             )
 
     def move_arm(self, const double[::1] setpoint_rad):
-        """Bring the servos' set-points to `setpoint_rad` in one control period, if speeds allow."""
+        """Bring the servos' set-points to `setpoint_rad` in one control period, if speeds allow.
+
+        Raises ValueError for another number of joints.
+        """
+        self._require_arm(setpoint_rad)
         for k in range(self._arm_motors.shape[0]):
             self._control[self._arm_motors[k]] = _clip(
                 (setpoint_rad[k] - self._activation[self._arm_act[k]]) / _period_s, self._joint_rad_s
             )
+
+    cdef int _require_arm(self, const double[::1] angles_rad) except -1:
+        if angles_rad.shape[0] != self._arm_motors.shape[0]:
+            raise ValueError(f"{angles_rad.shape[0]} angles for the {self._arm_motors.shape[0]} joints of an arm")
+        return 0
 
     def move_gripper(self, double position_m, double force_n, double speed_m_s=0.06):
         """Move the fingers towards `position_m`, pushing each with at most `force_n`.

@@ -112,7 +112,7 @@ cdef class Scanner:
         if self._kinds[number] in (PLANE, HFIELD):
             return True
         _within(eye, axes, place_m, ahead_m)
-        if fabs(ahead_m[2]) > bound_m:
+        if not fabs(ahead_m[2]) <= bound_m:
             return False
         # Where the plane of the beams cuts the ball around the geom.
         across_m = sqrt(bound_m * bound_m - ahead_m[2] * ahead_m[2])
@@ -168,5 +168,6 @@ cdef void _corners(const double[::1] eye, const double[:, ::1] axes, const doubl
         _within(eye, axes, corner_m, ahead_m)
         along = remainder(atan2(ahead_m[1], ahead_m[0]) - middle, 2 * M_PI)
         least, most = min(least, along), max(most, along)
-    if most - least < M_PI:
+    # Not of a box that is nowhere: NaN.
+    if 0 <= most - least < M_PI:
         low[0], high[0] = max(low[0], least), min(high[0], most)

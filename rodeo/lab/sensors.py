@@ -101,7 +101,9 @@ def _seen(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) whether rays meet it: what is drawn, and not altogether transparent."""
     material = model.geom_matid
     opacity = np.where(material < 0, model.geom_rgba[:, 3], np.append(model.mat_rgba[:, 3], 0)[material])
-    return _SEEN_GROUPS[model.geom_group].astype(bool) & (opacity > 0)
+    # MuJoCo counts a group beyond its six as the nearest of them.
+    groups = np.clip(model.geom_group, 0, len(_SEEN_GROUPS) - 1)
+    return _SEEN_GROUPS[groups].astype(bool) & (opacity > 0)
 
 
 def _cast(

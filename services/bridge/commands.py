@@ -1096,7 +1096,8 @@ class Wallet:
         for number, (one, who) in enumerate(zip(recipients, command.recipients, strict=True)):
             if one in (ZERO_ADDRESS, *self.client.deployment.contracts.values()):
                 raise NotARecipient(
-                    "the organization's own contracts, and nobody, cannot be paid a share", recipient=who
+                    "the zero address and the organization's own contracts cannot be paid a share",
+                    recipient=who,
                 )
             if one in recipients[:number]:
                 raise NotARecipient("each recipient is named once", recipient=who)
@@ -1128,7 +1129,7 @@ class Wallet:
             )
         if not self.client.has_credits(self.key_address, int(row["opened"])):
             raise NoCredits(
-                "only who was a member before the budget vote was opened, and still is, has credits in it",
+                "only members from before the budget vote was opened have credits in it",
                 participant=self.participant,
                 budget_vote=row["number"],
             )
@@ -1159,7 +1160,9 @@ class Wallet:
         found = "open" if self.client.voting_time_s() < row["end"] else "ended"
         if found != state:
             raise UnexpectedBudgetVoteState(
-                "members vote no more" if state == "open" else "members vote still, and nobody is paid yet",
+                "voting has ended"
+                if state == "open"
+                else "voting is still open: shares are paid after it ends",
                 budget_vote=number,
                 end_s=row["end"],
             )
@@ -1179,8 +1182,7 @@ class Wallet:
     def _require_budget_votes(self) -> None:
         if not self.client.deployment.has_budget_votes:
             raise NoBudgetVotes(
-                "members split no money in this organization: the contract for it is founded with those by "
-                "which members vote",
+                "this organization has no budget votes: only those founded with one vote for each member do",
                 votes_by=self.client.deployment.votes_by,
             )
 

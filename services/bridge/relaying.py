@@ -41,12 +41,11 @@ class Requests:
     def permit(self, owner: str, deadline: int) -> Typed:
         """What lets the contracts take the rewards of `owner`. Raises NoPermit."""
         client = self._client
+        domain = self._token_domain(owner)
         try:
-            nonce, domain = client.permit_nonce(owner), self._token_domain
+            nonce = client.permit_nonce(owner)
         except ContractReverted as error:
             raise self._no_permit(owner) from error
-        if domain is None:
-            raise self._no_permit(owner)
         said = Permit(
             owner=owner, spender=client.task_manager, value=UNLIMITED, nonce=nonce, deadline=deadline
         )
@@ -61,7 +60,7 @@ class Requests:
         )
 
     def calls(self, signed: SignedRequest) -> list[Call]:
-        """What carries it out. Raises NotSigned, OtherContracts or InvalidRequest."""
+        """What carries it out. Raises NotSigned, NoPermit, OtherContracts or InvalidRequest."""
         said = self.read(signed)
         signature = _bytes(signed.request)
         calls = self._client.calls
@@ -101,7 +100,7 @@ class Requests:
         allowance = self._client.allowance(creator, self._client.task_manager)
         if signed.permit is None or allowance >= request.reward:
             return []
-        said = _message(Permit, signed.permit.typed_data, self._token_domain)
+        said = _message(Permit, signed.permit.typed_data, self._token_domain(creator))
         raw = _bytes(signed.permit)
         if len(raw) != _SIGNATURE_BYTES:
             raise NotSigned("a permit is signed by a key, in 65 bytes", owner=said.owner, bytes=len(raw))
@@ -115,17 +114,20 @@ class Requests:
             "RODEO SignedRequests", deployment.chain_id, deployment.address("SignedRequests")
         )
 
-    @property
-    def _token_domain(self) -> Typed | None:
-        """By which the token knows permits for it; None where it has another one than such tokens have."""
+    def _token_domain(self, owner: str) -> Typed:
+        """By which the token knows permits for it. Raises NoPermit where it has none, or one that such tokens
+        do not have."""
         deployment = self._client.deployment
-        name, address, said = (
-            self._client.token_name(),
-            deployment.address("IECoin"),
-            self._client.permit_domain(),
-        )
-        known = (signed_requests.domain(name, deployment.chain_id, address, one) for one in _VERSIONS)
-        return next((one for one in known if signed_requests.separator(one) == said), None)
+        name, address = self._client.token_name(), deployment.address("IECoin")
+        try:
+            said = self._client.permit_domain()
+        except ContractReverted as error:
+            raise self._no_permit(owner) from error
+        for version in _VERSIONS:
+            known = signed_requests.domain(name, deployment.chain_id, address, version)
+            if signed_requests.separator(known) == said:
+                return known
+        raise self._no_permit(owner)
 
 
 def nonce_of(request_id: str | None) -> int:
@@ -135,7 +137,7 @@ def nonce_of(request_id: str | None) -> int:
     return int.from_bytes(keccak(text=request_id)[:_NONCE_BYTES])
 
 
-def _message(model: type[Model], typed: Typed, domain: Typed | None) -> Model:
+def _message(model: type[Model], typed: Typed, domain: Typed) -> Model:
     found = typed.get("domain")
     if found != domain:
         raise OtherContracts(

@@ -192,7 +192,7 @@ def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: 
         bob.command("cast_budget_vote", CastBudgetVote(budget_vote=0, votes=given))
     shown = rodeo(dao, "budget-votes", "--as", "bob")
     assert "bob has given 100 of 100 credits: bob 8, 0x4E4E4E4e…4E4e4e 6" in shown and "vote until" in shown
-    assert "members vote still" in rodeo(dao, "pay-budget", "0", status=1)
+    assert "voting is still open" in rodeo(dao, "pay-budget", "0", status=1)
 
     dao.running.start("console")
     with chromium() as browser:
@@ -219,7 +219,7 @@ def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: 
         expect(other).to_contain_text("14 votes, would get 45 IEC")
         expect(other.get_by_role("button")).to_have_count(0)
         pass_time(PERIOD_S)
-        assert "members vote no more" in rodeo(dao, *give, "alice", "carla=1", status=1)
+        assert "voting has ended" in rodeo(dao, *give, "alice", "carla=1", status=1)
         before = {name: dao.balances()[name] for name in ("carla", "bob")}
         paid = rodeo(dao, "pay-budget", "0", "--as", "carla")
         # 28 votes: 8 for carla, 14 for bob and 6 for the repairs.

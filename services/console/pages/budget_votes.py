@@ -84,7 +84,8 @@ class BudgetVotesSection:
         with ui.element("li"):
             Text("span", name, "title").props(f'title="{to.address}"')
             Text("span", f"{count(to.votes, 'vote')}, {gets}", "soft end")
-            progress_bar(float(to.share_iec / one.amount_iec), f"Share of {name}")
+            # The contract takes a budget vote about nothing.
+            progress_bar(float(to.share_iec / (one.amount_iec or 1)), f"Share of {name}")
 
     @on_page
     async def _vote(self, one: queries.BudgetVote, own: queries.BudgetBallot | None) -> None:

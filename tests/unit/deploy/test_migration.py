@@ -275,13 +275,37 @@ def test_an_organization_does_not_move_with_a_key_that_its_judge_has_no_more(jud
     assert judged.new().judge(key) is not None
 
 
+def test_a_judge_that_takes_a_revoked_devices_key_makes_it_no_good_one(judged: Lab) -> None:
+    """Any judge may change to any key, also one who is about to leave."""
+    old = judged.client
+    bert, device = (wallets.address(judged.site, f"{name}-device") for name in ("bert", "itrash"))
+    judged.send(judged.operator, old.organization_calls.revoke_device(device, Revocation.COMPROMISED))
+    judged.send(judged.operator, old.calls.change_key(bert, device))
+    others = [one for one in judged.site.oracles if one.name != "bert"]
+    judged.site = judged.site.model_copy(update={"oracles": others})
+    with pytest.raises(KeyRevoked, match="the key of itrash was revoked"):
+        judged.migrate()
+
+
+def test_a_judge_that_was_unseated_for_one_kind_does_not_judge_it_again(judged: Lab) -> None:
+    old = judged.client
+    now = old.quorum(KIND)
+    judged.send(judged.operator, old.calls.set_quorum(KIND, 2, 2, now.rotation, now.judges & ~(1 << 1)))
+    with pytest.raises(JudgeUnseated, match="bert does not judge") as refused:
+        judged.migrate()
+    assert refused.value.details["kind"] == KIND
+    judged.send(judged.operator, old.calls.set_quorum(KIND, 2, 3, now.rotation, now.judges))
+    judged.migrate()
+    assert judged.new().quorum(KIND).count == 3
+
+
 def test_a_judge_that_was_unseated_does_not_judge_again_in_the_new_organization(judged: Lab) -> None:
     old = judged.client
     for kind in kinds_of(judged.site):
         if (now := old.quorum(kind)).votes:
             told = old.calls.set_quorum(kind, 2, 2, now.rotation, now.judges & ~(1 << 1))
             judged.send(judged.operator, told)
-    with pytest.raises(JudgeUnseated, match="bert judges no kind of work any more"):
+    with pytest.raises(JudgeUnseated, match="bert does not judge"):
         judged.migrate()
     assert old.is_kind_allowed(KIND)
     others = [one for one in judged.site.oracles if one.name != "bert"]

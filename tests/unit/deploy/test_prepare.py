@@ -101,7 +101,7 @@ def test_a_participant_for_whom_others_send_needs_no_gas_money(elsewhere: Path) 
     prepare(elsewhere, said.append, threading.Event())
     Deployment.load(site.data_dir, CHAIN_ID).verify(w3)
     (alices,) = [line for line in said if line.startswith("gas money: ") and " alice: " in line]
-    assert alices.endswith("more to it, unless others send for it")
+    assert alices.endswith("more to it (not needed if others send for it)")
 
 
 def test_an_organization_of_another_release_is_not_replaced_by_another_one(

@@ -123,7 +123,7 @@ def test_members_split_an_amount_and_everybody_is_paid_what_the_votes_say_once(m
         members.pay(number, "carla")
     assert early.value.details == {"budget_vote": number, "end_s": int(found["end_s"])}
     members.now_s += DURATION_S
-    with pytest.raises(UnexpectedBudgetVoteState, match="members vote no more"):
+    with pytest.raises(UnexpectedBudgetVoteState, match="voting has ended"):
         members.cast("alice", number, carla=1)
     assert members.shown(number)["state"] == "ended"
     before = members.owns("carla")

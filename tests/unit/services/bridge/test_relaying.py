@@ -125,3 +125,14 @@ def test_a_permit_is_signed_for_the_version_of_the_token(name: str, version: str
 def test_where_nobody_knows_how_the_token_takes_permits_none_is_signed() -> None:
     with pytest.raises(NoPermit):
         Requests(token("Odd", "odd")).permit(ROBOT.address, 2_000_000_000)
+
+
+def test_a_permit_is_not_sent_where_nobody_knows_how_the_token_takes_them() -> None:
+    """Also one that names no contracts."""
+    client = token("Odd", "odd")
+    client.allowance = lambda *_: 0
+    permit = SimpleNamespace(typed_data={"message": {}}, signature="0x" + "00" * 65)
+    signed: Any = SimpleNamespace(permit=permit)
+    request: Any = SimpleNamespace(reward=1)
+    with pytest.raises(NoPermit):
+        Requests(client)._permitted(signed, ROBOT.address, request)
