@@ -692,6 +692,34 @@ def test_nobody_executes_later_what_was_proposed_before_the_organization_moved(p
     assert lab.new().deployment.follows == old.organization
 
 
+def test_what_is_executed_while_others_are_withdrawn_is_seen(
+    patient: Patient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kind that the organization never had: tasks of it would be posted where nobody judges any more."""
+    lab, old = patient.lab, patient.lab.client
+    patient.waits()
+    allowed = [old.organization_calls.allow_kind("washing", Review.AUDITOR, bytes(32))]
+    lab.send(lab.operator, old.governance_calls.schedule(allowed, "washing", bytes(32), DELAY_S))
+    (proposed,) = waiting_for(old, "washing").items()
+    patient.pass_delay()
+    with pytest.raises(TasksRunOn):
+        lab.migrate()
+    lab.judge()
+    withdraw_others = migration._withdraw_others
+
+    def late(*args: Any) -> None:
+        old.send(lab.stranger, old.governance_calls.perform(proposed[1], proposed[0]))
+        withdraw_others(*args)
+
+    monkeypatch.setattr(migration, "_withdraw_others", late)
+    assert "no new tasks" in patient.waits()
+    assert old.is_kind_allowed("washing") and lab.record().is_same(old.deployment)
+    monkeypatch.undo()
+    patient.pass_delay()
+    patient.waits()
+    assert not old.is_kind_allowed("washing")
+
+
 def test_only_who_proposes_moves_an_organization_whose_administrator_waits(
     patient: Patient, tmp_path: Path
 ) -> None:
