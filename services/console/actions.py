@@ -22,17 +22,21 @@ from rodeo.kinds import Kinds
 from rodeo.messages import (
     Admit,
     AllowKind,
+    CancelProposal,
     CancelTask,
     CastBudgetVote,
     CastVote,
     ChallengeVerdict,
     Deposit,
     Dismiss,
+    ExecuteProposal,
     Id,
     MatchTask,
     Message,
     PauseTasks,
+    PayBudgetShare,
     Payment,
+    QueueProposal,
     RegisterDevice,
     RegisterService,
     RegisterTask,
@@ -301,6 +305,15 @@ def _of_member(command: str) -> Perform:
     return lambda actions, user, request: actions.command(user.participant or ORGANIZATION, command, request)
 
 
+def _of_anybody(command: str) -> Perform:
+    # The contracts take it from everybody. Whoever has a wallet of their own pays for it themselves.
+    def perform(actions: Actions, user: User, request: Message) -> Json:
+        own = user.participant if user.has(Role.EXECUTOR) else None
+        return actions.command(own or ORGANIZATION, command, request)
+
+    return perform
+
+
 def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
     require_participant(actions.site, request.roles, request.participant)
     actions.accounts.add_user(request.name, request.passphrase, request.roles, request.participant)
@@ -344,6 +357,7 @@ _TREASURER = frozenset({Role.TREASURER})
 _EXECUTOR = frozenset({Role.EXECUTOR})
 _AUDITOR = frozenset({Role.AUDITOR})
 _PROVIDER = frozenset({Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR})
+"""Who speaks for a wallet: the organization's or their own."""
 _ANYBODY: frozenset[Role] = frozenset()
 
 
@@ -401,6 +415,13 @@ _TABLE = (
            _of_member("cast_vote")),
     Action("cast_budget_vote", "Vote as a member on who gets how much of a budget", CastBudgetVote, _EXECUTOR,
            _of_member("cast_budget_vote")),
+    Action("queue_proposal", "Start the delay of a proposal that succeeded", QueueProposal, _PROVIDER,
+           _of_anybody("queue_proposal")),
+    Action("execute_proposal", "Do what was decided or proposed, after the delay", ExecuteProposal, _PROVIDER,
+           _of_anybody("execute_proposal")),
+    _command("cancel_proposal", "Withdraw what the administrator proposed", CancelProposal, _ADMINISTRATOR),
+    Action("pay_budget_share", "Pay a recipient its share after the end of a budget vote", PayBudgetShare,
+           _PROVIDER, _of_anybody("pay_budget_share")),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),

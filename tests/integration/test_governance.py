@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 from typer.testing import CliRunner
 
 from rodeo import wallets
@@ -168,10 +168,38 @@ def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: 
     for member in ("alice", "panther1"):
         rodeo(dao, "vote", number, "for", "--as", member)
     pass_time(PERIOD_S)
-    rodeo(dao, "queue", number)
-    pass_time(DELAY_S + 1)
-    rodeo(dao, "execute", number, "--as", "carla")
-    (call,) = proposals(dao)[int(number)]["calls"]
+    dao.running.start("console")
+    with chromium() as browser:
+        desk = Desk(dao.running, browser)
+        desk.accounts.add_user("alice", PASSPHRASE, [Role.EXECUTOR], "alice")
+        page, reader = desk.page("alice"), desk.page("reader")
+        for one in (page, reader):
+            open_page(one, "/proposals")
+        take(page, int(number), "Queue")
+        mine = page.get_by_role("region", name=f"Proposal {number}")
+        expect(mine).to_contain_text("Can be executed from")
+        expect(reader.get_by_role("region", name=f"Proposal {number}").get_by_role("button")).to_have_count(0)
+        take(page, int(number), "Execute")
+        refused = page.get_by_role("alert").filter(has_text="The contract refused")
+        expect(refused).to_contain_text("TimelockUnexpectedOperationState")
+        refused.get_by_role("button", name="Close").click()
+        pass_time(DELAY_S + 1)
+        take(page, int(number), "Execute")
+        expect(page.get_by_role("region", name="Budget vote 0")).to_be_visible()
+        split(dao, page, reader, int(number), pass_time)
+
+
+def take(page: Page, number: int, step: str) -> None:
+    """Do this to a proposal as the person who is logged in."""
+    page.get_by_role("region", name=f"Proposal {number}").get_by_role("button", name=step).click()
+    dialog = page.get_by_role("dialog", name=f"{step} proposal {number}?")
+    expect(dialog).to_contain_text("BudgetVotes.open")
+    dialog.get_by_role("button", name=step).click()
+
+
+def split(dao: Dao, page: Page, reader: Page, number: int, pass_time: Callable[[float], None]) -> None:
+    """Members split what proposal `number` gave them to, on `page` and elsewhere."""
+    (call,) = proposals(dao)[number]["calls"]
     assert (call["contract"], call["function"]) == ("BudgetVotes", "open")
     assert call["args"]["amount"] == 90 * 10**18 and call["args"]["duration"] == PERIOD_S
     pass_time(10)
@@ -194,37 +222,36 @@ def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: 
     assert "bob has given 100 of 100 credits: bob 8, 0x4E4E4E4e…4E4e4e 6" in shown and "vote until" in shown
     assert "voting is still open" in rodeo(dao, "pay-budget", "0", status=1)
 
-    dao.running.start("console")
-    with chromium() as browser:
-        desk = Desk(dao.running, browser)
-        desk.accounts.add_user("alice", PASSPHRASE, [Role.EXECUTOR], "alice")
-        page, reader = desk.page("alice"), desk.page("reader")
-        for one in (page, reader):
-            open_page(one, "/proposals")
-        card = page.get_by_role("region", name="Budget vote 0")
-        expect(card).to_contain_text("64 of 100 credits: carla 8")
-        expect(card.get_by_role("progressbar", name="Share of carla")).to_have_attribute(
-            "aria-valuenow",
-            "36",  # 8 of 22
-        )
-        card.get_by_role("button", name="Change your votes").click()
-        dialog = page.get_by_role("dialog", name="Budget vote 0")
-        dialog.get_by_label("Votes for bob").fill("10")
-        expect(dialog.get_by_role("status")).to_have_text("164 of 100 credits: too many")
-        expect(dialog.get_by_role("button", name="Vote")).to_be_disabled()
-        dialog.get_by_label("Votes for bob").fill("6")
-        dialog.get_by_role("button", name="Vote").click()
-        expect(card).to_contain_text("100 of 100 credits: carla 8, bob 6")
-        other = reader.get_by_role("region", name="Budget vote 0")
-        expect(other).to_contain_text("14 votes, would get 45 IEC")
-        expect(other.get_by_role("button")).to_have_count(0)
-        pass_time(PERIOD_S)
-        assert "voting has ended" in rodeo(dao, *give, "alice", "carla=1", status=1)
-        before = {name: dao.balances()[name] for name in ("carla", "bob")}
-        paid = rodeo(dao, "pay-budget", "0", "--as", "carla")
-        # 28 votes: 8 for carla, 14 for bob and 6 for the repairs.
-        assert "bob was paid 45 IEC." in paid
-        expect(other).to_contain_text("14 votes, was paid 45 IEC")
+    card = page.get_by_role("region", name="Budget vote 0")
+    expect(card).to_contain_text("64 of 100 credits: carla 8")
+    expect(card.get_by_role("progressbar", name="Share of carla")).to_have_attribute(
+        "aria-valuenow",
+        "36",  # 8 of 22
+    )
+    card.get_by_role("button", name="Change your votes").click()
+    dialog = page.get_by_role("dialog", name="Budget vote 0")
+    dialog.get_by_label("Votes for bob").fill("10")
+    expect(dialog.get_by_role("status")).to_have_text("164 of 100 credits: too many")
+    expect(dialog.get_by_role("button", name="Vote")).to_be_disabled()
+    dialog.get_by_label("Votes for bob").fill("6")
+    dialog.get_by_role("button", name="Vote").click()
+    expect(card).to_contain_text("100 of 100 credits: carla 8, bob 6")
+    other = reader.get_by_role("region", name="Budget vote 0")
+    expect(other).to_contain_text("14 votes, would get 45 IEC")
+    expect(other.get_by_role("button")).to_have_count(0)
+    pass_time(PERIOD_S)
+    assert "voting has ended" in rodeo(dao, *give, "alice", "carla=1", status=1)
+    before = {name: dao.balances()[name] for name in ("carla", "bob")}
+    # 28 votes: 8 for carla, 14 for bob and 6 for the repairs.
+    expect(other).to_contain_text("14 votes, gets 45 IEC, not paid yet")
+    expect(other.get_by_role("button")).to_have_count(0)
+    card.get_by_role("button", name="Pay the shares").click()
+    dialog = page.get_by_role("dialog", name="Pay these out of the treasury?")
+    expect(dialog).to_contain_text("45 IEC")
+    dialog.get_by_role("button", name="Pay").click()
+    expect(other).to_contain_text("14 votes, was paid 45 IEC")
+    expect(card).to_contain_text("paid")
+    expect(card.get_by_role("button")).to_have_count(0)
     found = budget_vote(dao, 0)
     assert found["state"] == "paid"
     cents = [int(float(one["paid_iec"]) * 100) for one in found["recipients"]]

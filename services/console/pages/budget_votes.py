@@ -1,4 +1,4 @@
-"""Money that members split by votes: what each recipient gets, and how a member votes."""
+"""Money that members split by votes: what each recipient gets, how a member votes, how shares are paid."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from nicegui import ui
 from rodeo import queries
 from rodeo.errors import RodeoError
 from services.console.formatting import count, iec, moment, party, split_in_words
-from services.console.pages.frame import Console, act, ask, follow_async, problem_section, stale, user
+from services.console.pages.frame import Console, act, ask, follow_async, may, problem_section, stale, user
 from services.console.pages.widgets import (
     Section,
     Text,
     badge,
     card,
+    confirm,
     fact,
     facts,
     modal,
@@ -24,6 +25,8 @@ from services.console.pages.widgets import (
 from services.console.roles import Role
 
 SHOWN = 20
+LOOK_S = 5.0
+"""How often a page looks whether a vote has ended or a delay has passed: no event says so."""
 
 
 class BudgetVotesSection:
@@ -34,6 +37,7 @@ class BudgetVotesSection:
         self._problem = problem_section()
         self._all = Section(self._draw)
         self._refresh = follow_async(console, "events", self._load)
+        ui.timer(LOOK_S, self._refresh)
 
     async def _load(self) -> None:
         try:
@@ -68,10 +72,12 @@ class BudgetVotesSection:
         with ui.element("ul").classes("list"):
             for to in one.recipients:
                 self._draw_recipient(one, to)
-        if one.state == "open" and member is not None:
-            with ui.element("div").classes("line"):
+        with ui.element("div").classes("line"):
+            if one.state == "open" and member is not None:
                 words = "Vote" if own is None else "Change your votes"
                 ui.button(words, on_click=partial(self._vote, one, own)).props("outline")
+            if one.state == "ended" and may("pay_budget_share"):
+                ui.button("Pay the shares", on_click=partial(self._pay, one)).props("outline")
 
     def _draw_recipient(self, one: queries.BudgetVote, to: queries.BudgetShare) -> None:
         name = party(to.name, to.address)
@@ -86,6 +92,18 @@ class BudgetVotesSection:
             Text("span", f"{count(to.votes, 'vote')}, {gets}", "soft end")
             # The contract takes a budget vote about nothing.
             progress_bar(float(to.share_iec / (one.amount_iec or 1)), f"Share of {name}")
+
+    @on_page
+    async def _pay(self, one: queries.BudgetVote) -> None:
+        due = [to for to in one.recipients if to.share_iec and to.paid_iec is None]
+        lines = [(party(to.name, to.address), iec(to.share_iec)) for to in due]
+        if not await confirm("Pay these out of the treasury?", lines, "Pay"):
+            return
+        for to in due:
+            request = {"budget_vote": one.number, "recipient": to.address}
+            # One that cannot be paid now, because the treasury is empty, keeps nobody else's.
+            await act(self._console, "pay_budget_share", request, f"Paid {party(to.name, to.address)}")
+        self._refresh()
 
     @on_page
     async def _vote(self, one: queries.BudgetVote, own: queries.BudgetBallot | None) -> None:

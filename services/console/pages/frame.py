@@ -17,7 +17,7 @@ from rodeo.kinds import Kinds
 from rodeo.person import pace
 from rodeo.tls import openness
 from services.console.accounts import Accounts, Session, User
-from services.console.actions import Actions
+from services.console.actions import ACTIONS, Actions
 from services.console.formatting import explain
 from services.console.live import Live
 from services.console.pages.widgets import Link, Section, Text, notice
@@ -205,6 +205,11 @@ async def act(console: Console, name: str, request: BaseModel | Json, done: str 
     if done:
         ui.notify(done, type="positive")
     return reply
+
+
+def may(action: str) -> bool:
+    """Whether the person's roles allow it, so that a page offers it. It is checked again when it is done."""
+    return user().has(*ACTIONS[action].roles)
 
 
 def fail(error: RodeoError) -> None:

@@ -1,7 +1,9 @@
-"""Budget votes, and what was proposed and what became of it, with the calls that each proposal would make."""
+"""Budget votes, and what was proposed and what became of it, with the calls that each proposal would make:
+here members vote, and proposals are queued, executed and withdrawn."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
 from typing import get_args
@@ -12,12 +14,40 @@ from rodeo import queries
 from rodeo.errors import RodeoError
 from rodeo.messages import Support
 from services.console.formatting import calls_in_words, moment, number, party
-from services.console.pages.budget_votes import BudgetVotesSection
-from services.console.pages.frame import Console, act, ask, follow_async, frame, problem_section, stale, user
-from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts
+from services.console.pages.budget_votes import LOOK_S, BudgetVotesSection
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    follow_async,
+    frame,
+    may,
+    problem_section,
+    stale,
+    user,
+)
+from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts, on_page
 from services.console.roles import Role
 
 SHOWN = 50
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What is done to a proposal as a whole."""
+
+    action: str
+    button: str
+    states: tuple[str, ...]
+    """In which it can be done."""
+    done: str
+
+
+_STEPS = (
+    _Step("queue_proposal", "Queue", ("succeeded",), "Queued proposal {}"),
+    _Step("execute_proposal", "Execute", ("queued", "ready"), "Executed proposal {}"),
+    _Step("cancel_proposal", "Withdraw", ("waiting", "ready"), "Withdrew proposal {}"),
+)
 
 
 def register(console: Console) -> None:
@@ -34,6 +64,7 @@ class ProposalsPage:
         self._problem = problem_section()
         self._all = Section(self._draw).waiting()
         self._refresh = follow_async(console, "events", self._load)
+        ui.timer(LOOK_S, self._refresh)
 
     async def _load(self) -> None:
         try:
@@ -72,16 +103,39 @@ class ProposalsPage:
                 fact("Votes count until", moment(one.vote_end_s))
             if one.ready_s is not None:
                 fact("Can be executed from", moment(one.ready_s))
-        voted = {ballot.voter_name for ballot in one.ballots}
-        member = user().participant if user().has(Role.EXECUTOR) else None
-        if one.state == "active" and member is not None and member not in voted:
-            with ui.element("div").classes("line"):
+        with ui.element("div").classes("line"):
+            voted = {ballot.voter_name for ballot in one.ballots}
+            member = user().participant if user().has(Role.EXECUTOR) else None
+            if one.state == "active" and member is not None and member not in voted:
                 for support in get_args(Support):
                     ui.button(f"Vote {support}", on_click=partial(self._vote, one, support)).props("outline")
+            for step in _STEPS:
+                if one.state in step.states and may(step.action):
+                    button = ui.button(step.button, on_click=partial(self._take, one, step)).props("outline")
+                    if one.state == "queued" and one.ready_s is not None:
+                        self._enable_from(one.ready_s, button)
 
+    def _enable_from(self, ready_s: float, button: ui.button) -> None:
+        def look() -> None:
+            pace = self._console.live.pace
+            button.set_enabled(pace is None or pace.now_s >= ready_s)
+
+        look()
+        ui.timer(LOOK_S, look)
+
+    @on_page
     async def _vote(self, one: queries.Proposal, support: str) -> None:
-        lines = [("Proposal", one.description), ("Would call", calls_in_words(one.calls)), ("Vote", support)]
-        if await confirm("Vote? It cannot be changed.", lines, f"Vote {support}"):
+        if await self._confirm(one, "Vote? It cannot be changed.", f"Vote {support}"):
             done = f"Voted {support} on proposal {one.number}"
             await act(self._console, "cast_vote", {"proposal": one.number, "support": support}, done)
             self._refresh()
+
+    @on_page
+    async def _take(self, one: queries.Proposal, step: _Step) -> None:
+        if await self._confirm(one, f"{step.button} proposal {one.number}?", step.button):
+            await act(self._console, step.action, {"proposal": one.number}, step.done.format(one.number))
+            self._refresh()
+
+    async def _confirm(self, one: queries.Proposal, title: str, action: str) -> bool:
+        lines = [("Proposal", one.description), ("Would call", calls_in_words(one.calls))]
+        return await confirm(title, lines, action)
