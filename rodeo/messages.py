@@ -214,12 +214,23 @@ Signature = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{128}$")]
 
 
 class SignedVote(Message):
-    """A vote on the bus. Anybody who holds enough equal votes of different oracles may post the verdict."""
+    """A vote that can be counted. Anybody who holds enough equal votes of different judges may post the
+    verdict."""
 
     vote: Vote
     report_uri: str = Field(max_length=2048)
-    """Location of this oracle's report."""
+    """Location of this judge's report."""
     signature: Signature
+
+
+class SealedVote(Message):
+    """A vote on the bus, without what it says: only who found the same can tell. Who listens cannot vote by
+    that, because the signature covers the hash of a report that one has to have made."""
+
+    task_id: Id
+    attempt: Attempt
+    signature: Signature
+    """Of the whole `Vote`."""
 
 
 class PostVotes(Command):

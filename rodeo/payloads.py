@@ -24,6 +24,7 @@ from rodeo.messages import (
     DaoEvent,
     Prepare,
     Relay,
+    SealedVote,
     Sign,
     SignedRequest,
     SignedVote,
@@ -252,6 +253,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "chain": _BEFORE,
     },
     Vote: _VOTE,
+    SealedVote: {"task_id": 7, "attempt": 1, "signature": "0x" + "5b" * 64},
     SignedVote: {
         "vote": _VOTE,
         "report_uri": "https://store.example/" + "4c" * 32 + ".json",
@@ -470,9 +472,10 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     ),
     (
         "What several oracles sign",
-        f"On `{topics.VOTE.key}`, where a site has several oracles. The signature is EIP-712's, over Vote "
-        "for the contract OracleCommittee, in 64 bytes (EIP-2098). `post_votes` takes enough of them.",
-        (SignedVote, Vote),
+        f"On `{topics.VOTE.key}`, where a site has several oracles, is a SealedVote. The signature is "
+        "EIP-712's, over Vote for the contract OracleCommittee, in 64 bytes (EIP-2098). `post_votes` takes "
+        "enough of them. The people who judge a dispute give each other a SignedVote.",
+        (SealedVote, SignedVote, Vote),
     ),
     (
         "The bin",

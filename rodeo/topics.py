@@ -315,10 +315,11 @@ EVENT = _dao(
 )
 VOTE = _dao(
     "rodeo/{org}/vote/{judge}",
-    "SignedVote",
+    "SealedVote",
     Form.TOPIC,
     "oracle",
-    "what one of several oracles says of a proof, signed; again until there is a verdict",
+    "the signature of one of several oracles that has judged a proof: who found the same can count it; again "
+    "until there is a verdict",
 )
 SEAL = _dao(
     "rodeo/{org}/seal/{device}",

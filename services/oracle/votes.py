@@ -1,10 +1,12 @@
-"""Several oracles: each signs what it found, publishes it, and posts the verdict once enough say the same.
+"""Several oracles: each signs what it found, publishes the signature, and posts the verdict once enough have
+signed the same.
 
-A vote is published again and again until there is a verdict, so that who was away hears it. Every oracle
-keeps at most one vote of each other oracle on each submission that waits, so nobody can fill its memory. The
-oracle whose own vote is the last that was needed posts the verdict at once. The others wait in their order,
-and post it themselves if nobody did. Votes of judges who are not in the panel yet are posted again when the
-panel has grown to them.
+What was found is not published: it is in the signature's digest, so that who found the same can tell a vote
+from another, and who only listens has nothing to sign (`SealedVote`). A vote is published again and again
+until there is a verdict, so that who was away hears it. Every oracle keeps at most a few signatures of each
+other oracle on each submission that waits, so nobody can fill its memory. The oracle whose own vote is the
+last that was needed posts the verdict at once. The others wait in their order, and post it themselves if
+nobody did. Votes of judges who are not in the panel yet are posted again when the panel has grown to them.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import logging
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,7 +29,7 @@ from rodeo.clock import Clock
 from rodeo.config import Site, votes_needed
 from rodeo.dao import Participant
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
-from rodeo.messages import PostVotes, SignedVote, Task, Vote
+from rodeo.messages import PostVotes, SealedVote, Task, Vote
 
 log = logging.getLogger(__name__)
 
@@ -37,6 +40,9 @@ TURN_S = 2.0
 _FIRST_S = 0.25
 """The same for the first in order: the one who completed the votes posts already."""
 _LOOK_S = 1.0
+_EARLY = 4
+"""Signatures that are kept of one oracle on a submission on which this one has not voted: until then it
+cannot tell which of them is that oracle's."""
 _TOO_LOW = "stake_too_low"
 _REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor", _TOO_LOW})
 """The contract does not count the vote of the judge that the error names, or not yet."""
@@ -73,14 +79,19 @@ class _Committee:
 
 @dataclass
 class _Held:
-    """The votes on one submission, by the oracle's name."""
+    """This oracle's vote on a submission, and who else has signed it."""
 
     kind: str
     submitted_s: float | None
     """Block time of the proof."""
     end_s: float
     """Site time at which the verdict window ends."""
-    votes: dict[str, SignedVote] = field(default_factory=dict)
+    vote: Vote
+    report_uri: str
+    signatures: dict[str, str] = field(default_factory=dict)
+    """Oracle -> its signature of this vote."""
+    others: dict[str, str] = field(default_factory=dict)
+    """Oracle -> what was last published in its name, and is not its signature of this vote."""
     due_s: float | None = None
     """Wall (monotonic) time at which this oracle posts the verdict; None while the votes are too few."""
     from_s: float = -math.inf
@@ -115,8 +126,8 @@ class Votes:
         self._waits, self._tell = waits, tell
         self._judges = [one.name for one in site.oracles]
         self._held: dict[Key, _Held] = {}
-        self._early: dict[tuple[str, Key], SignedVote] = {}
-        """Votes on submissions on which this oracle has not voted yet."""
+        self._early: dict[tuple[str, Key], deque[str]] = {}
+        """Signatures on submissions on which this oracle has not voted yet, the newest last."""
         self._repeated_s = 0.0
         self._known: _Committee | None = None
         self._acted_on: tuple[Mapping[str, int], Mapping[str, frozenset[str]]] | None = None
@@ -152,17 +163,19 @@ class Votes:
         committee = self._known or self._ask()
         currency = self._site.economy.currency
         signature = votes.sign(vote, self._account, committee.chain_id, committee.address, currency)
-        signed = SignedVote(vote=vote, report_uri=report_uri, signature=signature)
         key = task.id, task.attempt
+        end_s = math.inf if task.verdict_deadline is None else task.verdict_deadline
+        held = _Held(task.kind, task.proof_submitted, end_s, vote, report_uri, {self._name: signature})
         with self._lock:
-            end_s = math.inf if task.verdict_deadline is None else task.verdict_deadline
-            held = self._held[key] = _Held(task.kind, task.proof_submitted, end_s, {self._name: signed})
-            for name in self._judges:
-                if (early := self._early.pop((name, key), None)) is not None:
-                    held.votes[name] = early
+            self._held[key] = held
+            early = {name: self._early.pop((name, key), deque()) for name in self._judges}
+        for name, signatures in early.items():
+            for one in signatures:
+                self._count(held, name, one)
+        with self._lock:
             if self._agreed(held):
                 held.due_s = time.monotonic()  # this vote was the last that was needed
-        self._publish(signed)
+        self._publish(key, signature)
         self._tell()
         self._clock.notify()
 
@@ -179,14 +192,15 @@ class Votes:
             self._known, self._acted_on, self._asked_s = None, None, -REPEAT_S
 
     def held(self) -> list[dict[str, Any]]:
-        """Which votes are held on what waits."""
+        """Who has voted as this oracle did on what waits, and who otherwise."""
         with self._lock:
             return [
                 {
                     "task_id": task_id,
                     "attempt": attempt,
                     "needed": self._needed(held.kind),
-                    "votes": {name: one.vote.outcome for name, one in sorted(held.votes.items())},
+                    "same": sorted(held.signatures),
+                    "other": sorted(held.others.keys() - held.signatures.keys()),
                     "posted": held.posted,
                 }
                 for (task_id, attempt), held in sorted(self._held.items())
@@ -195,8 +209,8 @@ class Votes:
     def summary(self) -> list[str]:
         """A sentence for each submission that waits for the votes of others."""
         return [
-            f"task {one['task_id']} attempt {one['attempt']} has {len(one['votes'])} votes, and "
-            f"{one['needed']} equal ones are needed"
+            f"task {one['task_id']} attempt {one['attempt']} has {len(one['same'])} equal votes, and "
+            f"{one['needed']} are needed"
             for one in self.held()
             if not one["posted"]
         ]
@@ -205,42 +219,48 @@ class Votes:
 
     def _on_vote(self, key: str, data: dict[str, Any]) -> None:
         name = (topics.VOTE.parts(key) or {}).get("judge", "")
-        signed = validate(SignedVote, data)
-        submission = signed.vote.task_id, signed.vote.attempt
+        sealed = validate(SealedVote, data)
+        submission, signature = (sealed.task_id, sealed.attempt), sealed.signature
         if name not in self._judges or name == self._name or not self._waits(*submission):
             return
         with self._lock:
             held = self._held.get(submission)
-            known = self._early.get((name, submission)) if held is None else held.votes.get(name)
-        if known == signed or not self._is_signed(name, signed):
-            return
-        with self._lock:
-            held = self._held.get(submission)
             if held is None:
-                self._early[name, submission] = signed
+                early = self._early.setdefault((name, submission), deque(maxlen=_EARLY))
+                if signature not in early:
+                    early.append(signature)
                 return
-            held.votes[name] = signed
-            self._take_turn(held)
-        self._tell()
-        self._clock.notify()
+        if held.signatures.get(name) != signature and self._count(held, name, signature):
+            with self._lock:
+                self._take_turn(held)
+            self._tell()
+            self._clock.notify()
 
-    def _is_signed(self, name: str, signed: SignedVote) -> bool:
-        """Whether the oracle called `name` signed it."""
+    def _count(self, held: _Held, name: str, signature: str) -> bool:
+        """Hold it if it is the signature of the oracle called `name` of the same vote as this oracle's."""
         committee = self._current()
         if committee is None:
             return False  # it is published again
-        by = self._signer(committee, signed)
-        if by is not None and by == committee.keys.get(name):
-            return True
-        log.warning(
-            "ignored a vote on task %d in the name of %s: %s signed it", signed.vote.task_id, name, by
-        )
-        return False
+        by = self._signer(committee, held.vote, signature)
+        same = by is not None and by == committee.keys.get(name)
+        with self._lock:
+            known = held.others.get(name) == signature
+            (held.signatures if same else held.others)[name] = signature
+        if not same and not known:
+            # Which of both it is nobody can tell who has not seen its report.
+            log.warning(
+                "task %d attempt %d: %s votes otherwise, or somebody publishes in its name",
+                held.vote.task_id,
+                held.vote.attempt,
+                name,
+            )
+            self._tell()
+        return same
 
-    def _signer(self, committee: _Committee, signed: SignedVote) -> str | None:
+    def _signer(self, committee: _Committee, vote: Vote, signature: str) -> str | None:
         """Address of the key that signed it; None where it is nobody's."""
         currency = self._site.economy.currency
-        return votes.signer(signed.vote, signed.signature, committee.chain_id, committee.address, currency)
+        return votes.signer(vote, signature, committee.chain_id, committee.address, currency)
 
     def _current(self) -> _Committee | None:
         """Who votes now. The bridge is asked once in REPEAT_S, however many votes strangers publish."""
@@ -276,17 +296,12 @@ class Votes:
 
     # -- the verdict ---------------------------------------------------------------------------------------
 
-    def _agreed(self, held: _Held, without: frozenset[str] = frozenset()) -> dict[str, SignedVote]:
-        """Enough votes for the same, as few as are needed; none where there are not as many."""
+    def _agreed(self, held: _Held, without: frozenset[str] = frozenset()) -> dict[str, str]:
+        """Enough signatures, as few as are needed; none where there are not as many."""
         needed = self._needed(held.kind)
         without |= frozenset() if self._known is None else self._known.unstaked.get(held.kind, frozenset())
-        for said in held.votes.values():
-            same = {
-                name: one for name, one in held.votes.items() if one.vote == said.vote and name not in without
-            }
-            if len(same) >= needed:
-                return dict(sorted(same.items())[:needed])
-        return {}
+        counted = {name: one for name, one in sorted(held.signatures.items()) if name not in without}
+        return dict(list(counted.items())[:needed]) if len(counted) >= needed else {}
 
     def _needed(self, kind: str) -> int:
         """As the organization last said, which may have changed it since the site was prepared."""
@@ -301,7 +316,7 @@ class Votes:
         if agreed and held.due_s is None and not held.posted:
             held.due_s = time.monotonic() + _FIRST_S + self._turn_s(agreed)
 
-    def _turn_s(self, agreed: Mapping[str, SignedVote]) -> float:
+    def _turn_s(self, agreed: Mapping[str, str]) -> float:
         """How long this oracle leaves the votes to others."""
         return TURN_S * (sorted(agreed).index(self._name) if self._name in agreed else len(agreed))
 
@@ -361,7 +376,7 @@ class Votes:
                 return
             except RemoteError as error:
                 held.refusals += error.code != _UNKNOWN
-                refused = self._refused(error, agreed)
+                refused = self._refused(error, held, agreed)
                 if error.code == _RULED:
                     log.info("task %d attempt %d: the verdict waits for its window", *key)
                     self._is_posted(held)
@@ -383,16 +398,14 @@ class Votes:
             held.due_s, held.posted = None, True
         self._tell()
 
-    def _request(self, held: _Held, agreed: Mapping[str, SignedVote]) -> PostVotes:
+    def _request(self, held: _Held, agreed: Mapping[str, str]) -> PostVotes:
         """The same votes again are the same request, which the bridge sends once, until it was refused."""
-        first = next(iter(agreed.values()))
-        signatures = [one.signature for one in agreed.values()]
-        by = hashlib.sha256("".join(signatures).encode()).hexdigest()[:32]
+        by = hashlib.sha256("".join(agreed.values()).encode()).hexdigest()[:32]
         return PostVotes(
-            request_id=f"votes-{first.vote.task_id}-{first.vote.attempt}-{by}-{held.refusals}",
-            vote=first.vote,
-            report_uri=agreed.get(self._name, first).report_uri,
-            signatures=signatures,
+            request_id=f"votes-{held.vote.task_id}-{held.vote.attempt}-{by}-{held.refusals}",
+            vote=held.vote,
+            report_uri=held.report_uri,
+            signatures=list(agreed.values()),
         )
 
     def _in_panel_s(self, held: _Held, error: RemoteError) -> float | None:
@@ -403,7 +416,7 @@ class Votes:
             return None
         return held.submitted_s + rotation_s * (int(error.details["place"]) - panel + 1)
 
-    def _refused(self, error: RemoteError, posted: Mapping[str, SignedVote]) -> str:
+    def _refused(self, error: RemoteError, held: _Held, posted: Mapping[str, str]) -> str:
         """The oracle whose seat the contract's error names, or the key that signed its vote, which may be
         another's by now."""
         named, committee = {str(value) for value in error.details.values()}, self._current()
@@ -411,7 +424,8 @@ class Votes:
             return ""
         if error.code == _TOO_LOW:
             return committee.seats.get(int(error.details["seat"]), "")
-        return next((name for name, one in posted.items() if self._signer(committee, one) in named), "")
+        signers = {name: self._signer(committee, held.vote, one) for name, one in posted.items()}
+        return next((name for name, by in signers.items() if by in named), "")
 
     # -- one's own votes -----------------------------------------------------------------------------------
 
@@ -420,9 +434,9 @@ class Votes:
             return
         self._repeated_s = time.monotonic()
         with self._lock:
-            own = [held.votes[self._name] for held in self._held.values()]
-        for signed in own:
-            self._publish(signed)
+            own = {key: held.signatures[self._name] for key, held in self._held.items()}
+        for key, signature in own.items():
+            self._publish(key, signature)
         if own and (now := self._current()) is not None and now.counted != self._acted_on:
             self._acted_on = now.counted
             with self._lock:
@@ -430,8 +444,9 @@ class Votes:
                     self._take_turn(held)
             self._tell()
 
-    def _publish(self, signed: SignedVote) -> None:
-        self._bus.put_json(topics.VOTE.name(org=self._site.org, judge=self._name), signed)
+    def _publish(self, key: Key, signature: str) -> None:
+        sealed = SealedVote(task_id=key[0], attempt=key[1], signature=signature)
+        self._bus.put_json(topics.VOTE.name(org=self._site.org, judge=self._name), sealed)
 
     def _forget(self) -> None:
         """What has its verdict."""

@@ -19,7 +19,7 @@ from rodeo.clock import WallClock
 from rodeo.config import JudgeConfig, Site
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError
-from rodeo.messages import PostVotes, SignedVote, Vote
+from rodeo.messages import PostVotes, SealedVote, Vote
 from rodeo_testing import answers
 from services.oracle.votes import REPEAT_S, Votes
 from tests.support.site import LAB
@@ -42,10 +42,10 @@ def vote(**changes: Any) -> Vote:
     return Vote.model_validate(given | changes)
 
 
-def signed(name: str, said: Vote | None = None) -> SignedVote:
+def signed(name: str, said: Vote | None = None) -> SealedVote:
     said = said or vote()
     signature = votes.sign(said, KEYS[name], CHAIN.chain_id, CHAIN.contracts.oracle_committee, IEC)
-    return SignedVote(vote=said, report_uri=f"{name}.json", signature=signature)
+    return SealedVote(task_id=said.task_id, attempt=said.attempt, signature=signature)
 
 
 def not_in_panel(key: str, place: int, panel: int) -> RemoteError:
@@ -80,7 +80,7 @@ class Anna:
         self.posted: list[PostVotes] = []
         self.refused: dict[str, str] = {}
         """Oracle whose vote the contract does not count -> the contract's error."""
-        self.published: list[SignedVote] = []
+        self.published: list[SealedVote] = []
         self.waits = True
         self.asked: list[str] = []
         self.needed = 3
@@ -110,7 +110,7 @@ class Anna:
         self.done = threading.Event()
         self._until = math.inf
 
-    def hear(self, name: str, one: SignedVote) -> None:
+    def hear(self, name: str, one: SealedVote) -> None:
         key = topics.VOTE.name(org="lab", judge=name)
         self.votes._on_vote(key, one.model_dump(mode="json"))
 
@@ -118,8 +118,8 @@ class Anna:
         window = {"proof_submitted": self.submitted_s, "verdict_deadline": self.submitted_s + 3600}
         self.votes.cast(task("submitted").model_copy(update=window), vote(), "anna.json")
 
-    def held(self) -> dict[str, str]:
-        return {name: said for one in self.votes.held() for name, said in one["votes"].items()}
+    def held(self, how: str = "same") -> list[str]:
+        return [name for one in self.votes.held() for name in one[how]]
 
     def later(self, by_s: float) -> None:
         """The time since the proof."""
@@ -177,7 +177,7 @@ def anna() -> Anna:
 def test_votes_that_came_before_its_own_count_and_it_posts_what_it_completes(anna: Anna) -> None:
     anna.hear("bert", signed("bert"))
     anna.hear("carl", signed("carl"))
-    assert anna.held() == {}
+    assert anna.held() == []
     anna.vote()
     assert anna.published == [signed("anna")]
     anna.run(until=1)
@@ -186,27 +186,56 @@ def test_votes_that_came_before_its_own_count_and_it_posts_what_it_completes(ann
     assert request.report_uri == "anna.json"
 
 
+def test_who_listens_learns_nothing_that_it_could_vote_for(anna: Anna) -> None:
+    anna.vote()
+    (published,) = anna.published
+    assert published.model_dump(mode="json") == signed("anna").model_dump(mode="json")
+    assert published.model_dump().keys() == {"task_id", "attempt", "signature"}
+    # All that a judge who has made no report can do: hand on what it heard, or guess the report.
+    anna.hear("bert", published)
+    anna.hear("carl", signed("carl", vote(report_sha256="0x" + "00" * 32)))
+    assert (anna.held(), anna.held("other")) == (["anna"], ["bert", "carl"])
+    assert anna.votes._due() == []
+
+
+def test_a_false_vote_in_a_judges_name_displaces_none_of_its_own(anna: Anna) -> None:
+    anna.hear("bert", signed("bert"))
+    anna.hear("bert", signed("erin"))
+    anna.vote()
+    anna.hear("bert", signed("dora"))
+    assert (anna.held(), anna.held("other")) == (["anna", "bert"], [])
+
+
+def test_of_those_who_vote_early_as_much_is_kept_whatever_strangers_publish(anna: Anna) -> None:
+    for number in range(50):
+        anna.hear("bert", signed("erin", vote(reason=str(number))))
+    assert [len(kept) for kept in anna.votes._early.values()] == [4]
+    anna.hear("bert", signed("bert"))  # it is published again and again
+    anna.vote()
+    assert anna.held() == ["anna", "bert"]
+
+
 def test_a_vote_that_another_key_signed_is_nobodys(anna: Anna) -> None:
     anna.vote()
     anna.hear("bert", signed("erin"))
     anna.hear("nobody", signed("erin"))
-    assert anna.held() == {"anna": "accepted"}
+    assert anna.held() == ["anna"]
 
 
 def test_the_bridge_is_asked_once_whatever_strangers_publish(
     anna: Anna, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    anna.vote()
     for _ in range(20):
         anna.hear("bert", signed("erin"))
     assert sorted(anna.asked) == ["chain", "organization"]
-    anna.vote()
     # Who votes with another key from now on is known a little later.
     monkeypatch.setitem(anna.keys, "bert", KEYS["erin"].address)
     later_s = time.monotonic() + REPEAT_S
     monkeypatch.setattr("services.oracle.votes.time.monotonic", lambda: later_s)
     anna.hear("bert", signed("erin"))
     anna.hear("bert", signed("bert"))
-    assert anna.held() == {"anna": "accepted", "bert": "accepted"} and len(anna.asked) == 4
+    assert anna.held() == ["anna", "bert"] and len(anna.asked) == 4
 
 
 def test_a_quorum_that_changes_counts_for_votes_that_are_held(
@@ -229,7 +258,7 @@ def test_votes_for_something_else_do_not_make_a_verdict(anna: Anna) -> None:
     anna.hear("bert", signed("bert"))
     anna.hear("carl", signed("carl", vote(report_sha256="0x" + "11" * 32)))
     anna.hear("erin", signed("erin", vote(outcome="rejected", amount_iec="0")))
-    assert anna.held() == {"anna": "accepted", "bert": "accepted", "carl": "accepted", "erin": "rejected"}
+    assert (anna.held(), anna.held("other")) == (["anna", "bert"], ["carl", "erin"])
     assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
 
 
@@ -300,7 +329,7 @@ def test_nothing_is_kept_of_what_has_its_verdict(anna: Anna) -> None:
     anna.waits = False
     anna.hear("bert", signed("bert"))
     anna.votes._forget()
-    assert anna.votes.keys() == set() and anna.held() == {}
+    assert anna.votes.keys() == set() and anna.held() == []
 
 
 def three_votes_of_which_one_is_early(anna: Anna) -> None:
