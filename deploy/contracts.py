@@ -43,6 +43,7 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import translated
+from rodeo.chain.events import RoleRevoked
 from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
 from rodeo.errors import RodeoError, WalletError
 from rodeo.kinds import Kind, kinds_of
@@ -453,14 +454,12 @@ def _missing_rules(
         roles.append((Role.TREASURER, client.deployment.address("BudgetVotes")))
     for former in _former_oracles(site, client):
         yield administrator, calls.revoke_role(Role.ORACLE, former)
-    for role, account in roles:
-        if account is not None and not client.has_role(role, account):
-            yield administrator, calls.grant_role(role, account)
     guardian = site.governance.guardian
     elsewhere = wallets.wallets_elsewhere(site)
     told = None if guardian is None else elsewhere.get(guardian) or _told(site, guardian)
-    if told is not None and not client.has_role(Role.GUARDIAN, told):
-        yield administrator, calls.grant_role(Role.GUARDIAN, told)
+    roles.append((Role.GUARDIAN, told))
+    for role, account in _roles_to_grant(client, roles):
+        yield administrator, calls.grant_role(role, account)
     for spenders, limit in site.governance.budgets.items():
         limited = Role[spenders.upper()]
         # Never set: what the administrator changed later stays.
@@ -530,6 +529,30 @@ def _judge(site: Site, client: ChainClient) -> str | None:
     if site.disputes is not None:
         return client.disputes
     return client.committee if site.oracles else _told(site, ORACLE)
+
+
+def _roles_to_grant(
+    client: ChainClient, roles: Sequence[tuple[Role, str | None]]
+) -> Iterator[tuple[Role, str]]:
+    """Those that are missing. What was revoked of a key on chain stays revoked: it may have been stolen."""
+    missing = [
+        (role, account)
+        for role, account in roles
+        if account is not None and not client.has_role(role, account)
+    ]
+    if not missing:
+        return
+    happened = (log.event for log in client.history([client.organization]))
+    revoked = {(one.role, one.account) for one in happened if isinstance(one, RoleRevoked)}
+    for role, account in missing:
+        # The organization's own contracts have no key. Which of them judges is for the site file to say.
+        if (role, account) not in revoked or account in client.deployment.contracts.values():
+            yield role, account
+            continue
+        log.warning(
+            "%s of %s was revoked on chain, and stays so: `rodeo organization grant` gives it back",
+            *(role, account),
+        )
 
 
 def _former_oracles(site: Site, client: ChainClient) -> Iterator[str]:

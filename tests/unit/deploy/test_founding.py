@@ -19,6 +19,7 @@ from rodeo.chain import (
     ChainUnavailable,
     ContractReverted,
     Deployment,
+    Role,
     artifacts,
     registry,
     transactions,
@@ -205,6 +206,24 @@ def test_where_contracts_count_other_blocks_than_the_node_those_of_the_node_are_
     Deployment.path(site.data_dir, CHAIN_ID).unlink()
     told(site)
     assert record(site).block == block
+
+
+def test_a_role_that_was_revoked_on_chain_is_not_given_back(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    told(site)
+    lab = Organization(site)
+    calls = lab.client.organization_calls
+    for role, account in ((Role.ORACLE, lab.oracle), (Role.AUDITOR, lab.operator)):
+        lab.send(lab.operator, calls.revoke_role(role, account.address))
+    told(site)
+    assert not lab.client.has_role(Role.ORACLE, lab.oracle.address)
+    assert not lab.client.has_role(Role.AUDITOR, lab.operator.address)
+    assert f"ORACLE_ROLE of {lab.oracle.address} was revoked on chain" in caplog.text
+    lab.send(lab.operator, calls.grant_role(Role.AUDITOR, lab.operator.address))
+    before = sent(site, lab.client.w3)
+    told(site)
+    assert lab.client.has_role(Role.AUDITOR, lab.operator.address) and sent(site, lab.client.w3) == before
 
 
 @pytest.mark.long
