@@ -7,19 +7,36 @@ import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {IOracleCommittee, Judge, Quorum} from "./interfaces/IOracleCommittee.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
-import {ITaskManager, Submission, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
+import {ITaskManager, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
+import {JudgeLists} from "./libraries/JudgeLists.sol";
 import {KindId, NO_KIND} from "./types/KindId.sol";
+import {NO_PARTIES, Parties} from "./types/Parties.sol";
+import {Submission} from "./types/Submission.sol";
 import {TaskId} from "./types/TaskId.sol";
 
 contract OracleCommittee is IOracleCommittee, EIP712 {
+    /// @dev A Quorum in two words, of which a verdict reads the first.
+    struct Record {
+        uint8 votes;
+        uint8 panel;
+        uint32 rotation;
+        uint8 count;
+        /// @dev The judges in order of their seats (JudgeLists); 0 if one has another key since it was written.
+        address list;
+        uint64 judges;
+    }
+
     /// @dev What the votes on a submission have to fit. All of it is read once, whatever the number of votes.
     struct Question {
         Submission submission;
-        Quorum quorum;
-        address provider;
-        /// @dev Others than the creator and the provider may be parties, too.
-        bool others;
+        Parties parties;
+        uint256 votes;
+        uint256 panel;
+        uint256 rotation;
+        uint256 count;
+        /// @dev What is in Record.list.
+        bytes judges;
     }
 
     /// @notice As many as Quorum.judges has bits.
@@ -44,7 +61,9 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     address[] private _keys;
     mapping(address key => Judge) private _judges;
-    mapping(KindId kindId => Quorum) private _quorums;
+    mapping(KindId kindId => Record) private _quorums;
+    /// @dev The kinds that have a quorum.
+    KindId[] private _kinds;
 
     modifier onlyAdministrator() {
         if (!_isAdministrator(msg.sender)) revert NotAdministrator(msg.sender);
@@ -90,7 +109,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         }
         KindId kindId = organization.numberOf(kind);
         if (kindId == NO_KIND) revert IOrganization.UnknownKind(kind);
-        _quorums[kindId] = Quorum(votes, panel, rotation, count, judges);
+        if (_quorums[kindId].votes == 0) _kinds.push(kindId);
+        _quorums[kindId] = Record(votes, panel, rotation, count, _write(judges), judges);
         emit QuorumChanged(kind, votes, panel, rotation, judges);
     }
 
@@ -103,6 +123,13 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         delete _judges[oldKey];
         _judges[key] = sitting;
         _keys[sitting.seat] = key;
+        // No kind has a list with the old key from now on. Whoever posts votes of it next writes another: to write those of
+        // all kinds here could take more gas than a block has, and a stolen key would keep its seat.
+        uint64 bit = _bitOf(sitting.seat);
+        for (uint256 i = 0; i < _kinds.length; ++i) {
+            Record storage q = _quorums[_kinds[i]];
+            if (q.judges & bit != 0) q.list = address(0);
+        }
         emit JudgeKeyChanged(sitting.seat, oldKey, key);
     }
 
@@ -110,21 +137,12 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     function postVotes(Vote calldata vote, string calldata reportUri, bytes calldata signatures) external {
         // The verdict goes first: TaskManager, which reads the task once, answers with what the votes have to fit. Unless
         // they do, nothing of this happens.
-        Submission memory judged = tasks.postVerdict(
-            vote.taskId,
-            vote.attempt,
-            vote.proofHash,
-            vote.verdict,
-            vote.amount,
-            vote.reportHash,
-            reportUri,
-            vote.reason
-        );
+        (Submission judged, Parties parties) = _postVerdict(vote, reportUri);
         // What was left undecided is for auditors alone.
-        if (judged.submitted == 0) {
+        if (judged.submitted() == 0) {
             revert ITaskManager.WrongState(vote.taskId, TaskState.Undecided, TaskState.Submitted);
         }
-        _countVotes(vote, judged, digestOf(vote), signatures);
+        _countVotes(vote, judged, parties, digestOf(vote), signatures);
     }
 
     /// @inheritdoc IVoteCounter
@@ -133,7 +151,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         onlyJudging(vote.taskId)
         returns (bytes4)
     {
-        _countVotes(vote, tasks.toJudge(vote.taskId), digest, signatures);
+        _countVotes(vote, digest, signatures);
         return this.countVotes.selector;
     }
 
@@ -143,7 +161,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         onlyJudging(vote.taskId)
         returns (uint64)
     {
-        return _countVotes(vote, tasks.toJudge(vote.taskId), digest, signatures);
+        return _countVotes(vote, digest, signatures);
     }
 
     /// @inheritdoc IOracleCommittee
@@ -158,7 +176,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     /// @inheritdoc IOracleCommittee
     function quorumOf(bytes32 kind) external view returns (Quorum memory) {
-        return _quorums[organization.numberOf(kind)];
+        Record storage q = _quorums[organization.numberOf(kind)];
+        return Quorum(q.votes, q.panel, q.rotation, q.count, q.judges);
     }
 
     /// @inheritdoc IOracleCommittee
@@ -180,18 +199,64 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         );
     }
 
+    function _postVerdict(Vote calldata vote, string calldata reportUri)
+        private
+        returns (Submission, Parties)
+    {
+        return tasks.postVerdict(
+            vote.taskId,
+            vote.attempt,
+            vote.proofHash,
+            vote.verdict,
+            vote.amount,
+            vote.reportHash,
+            reportUri,
+            vote.reason
+        );
+    }
+
+    /// @dev Before there is a verdict.
+    function _countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures)
+        private
+        returns (uint64)
+    {
+        (Submission submission, Parties parties) = tasks.toJudge(vote.taskId);
+        return _countVotes(vote, submission, parties, digest, signatures);
+    }
+
+    /// @param parties NO_PARTIES if TaskManager does not know them, see IServiceManager.rightOf
     function _countVotes(
         Vote calldata vote,
-        Submission memory submission,
+        Submission submission,
+        Parties parties,
         bytes32 digest,
         bytes calldata signatures
     ) private returns (uint64 voters) {
-        Quorum memory quorum = _quorums[submission.kindId];
-        if (quorum.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(submission.kindId));
-        (address provider, bool others) = _services.partiesOf(submission.serviceId, submission.creator);
-        Question memory q = Question(submission, quorum, provider, others);
+        Record storage quorum = _quorums[submission.kindId()];
+        Question memory q;
+        (q.votes, q.panel, q.rotation, q.count) = (quorum.votes, quorum.panel, quorum.rotation, quorum.count);
+        if (q.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(submission.kindId()));
+        address list = quorum.list;
+        if (list == address(0)) quorum.list = list = _write(quorum.judges);
+        q.judges = list.code;
+        if (parties == NO_PARTIES) {
+            parties = _services.partiesOf(submission.serviceId(), submission.creator());
+        }
+        (q.submission, q.parties) = (submission, parties);
         voters = _voters(vote, q, digest, signatures);
         emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
+    }
+
+    /// @dev A list of these judges as they are now.
+    /// @param judges one bit for each seat
+    function _write(uint64 judges) private returns (address) {
+        bytes memory all;
+        for (uint8 number = 0; number < _keys.length; ++number) {
+            if (judges & _bitOf(number) == 0) continue;
+            address key = _keys[number];
+            all = bytes.concat(all, JudgeLists.pack(key, _judges[key].owner, number));
+        }
+        return JudgeLists.write(all);
     }
 
     /// @dev One bit for each seat that signed the vote, all of which may judge the task, and enough of them.
@@ -202,7 +267,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     {
         if (signatures.length % SIGNATURE_BYTES != 0) revert InvalidSignatures(signatures.length);
         uint256 votes = signatures.length / SIGNATURE_BYTES;
-        if (votes < q.quorum.votes) revert TooFewVotes(vote.taskId, votes, q.quorum.votes);
+        if (votes < q.votes) revert TooFewVotes(vote.taskId, votes, q.votes);
         for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
             (bytes32 r, bytes32 vs) = abi.decode(signatures[i:i + SIGNATURE_BYTES], (bytes32, bytes32));
             // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the
@@ -221,12 +286,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         view
         returns (uint64 bit)
     {
-        Judge storage sitting = _judges[key];
-        address owner = sitting.owner;
-        bit = uint64(1 << sitting.seat);
-        if (owner == address(0) || q.quorum.judges & bit == 0) {
-            revert NotAJudge(key, organization.kindNumbered(q.submission.kindId));
-        }
+        (uint256 place, address owner, uint8 seatNumber) = JudgeLists.find(q.judges, key);
+        if (owner == address(0)) revert NotAJudge(key, organization.kindNumbered(q.submission.kindId()));
         // The registry may know another owner than the seat.
         if (_isParty(q, key) || (owner != key && _isParty(q, owner))) {
             revert ITaskManager.JudgeIsParty(vote.taskId, key);
@@ -234,27 +295,33 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (vote.verdict == Verdict.Undecided && organization.mayAudit(key)) {
             revert JudgeIsAuditor(vote.taskId, key);
         }
-        if (q.quorum.panel < q.quorum.count) _requireInPanel(vote.taskId, q, bit, key);
+        if (q.panel < q.count) _requireInPanel(vote.taskId, q, place, key);
+        return _bitOf(seatNumber);
     }
 
     /// @dev The line begins with another judge each day, and the panel grows while judges are absent.
-    function _requireInPanel(TaskId taskId, Question memory q, uint64 bit, address key) private view {
-        uint256 submitted = q.submission.submitted;
-        Quorum memory quorum = q.quorum;
-        uint256 panel = quorum.panel;
-        if (quorum.rotation != 0) panel += (block.timestamp - submitted) / quorum.rotation;
-        uint256 first = (submitted / TURN) % quorum.count;
-        uint256 place = (_count(quorum.judges & (bit - 1)) + quorum.count - first) % quorum.count;
+    /// @param place among the judges of the kind, in order of their seats
+    function _requireInPanel(TaskId taskId, Question memory q, uint256 place, address key) private view {
+        (uint256 submitted, uint256 panel) = (q.submission.submitted(), q.panel);
+        if (q.rotation != 0) panel += (block.timestamp - submitted) / q.rotation;
+        uint256 first = (submitted / TURN) % q.count;
+        place = (place + q.count - first) % q.count;
         if (place >= panel) revert NotInPanel(taskId, key, place, panel);
     }
 
     function _isParty(Question memory q, address account) private view returns (bool) {
-        if (account == q.submission.creator || account == q.provider) return true;
-        return q.others && _services.isParty(account, q.submission.serviceId, q.submission.creator);
+        if (account == q.submission.creator() || account == q.parties.provider()) return true;
+        return
+            q.parties.others() && _services.isParty(account, q.submission.serviceId(), q.submission.creator());
     }
 
     function _isAdministrator(address account) private view returns (bool) {
         return IAccessControl(address(organization)).hasRole(ADMINISTRATOR, account);
+    }
+
+    /// @dev What stands for a seat in Quorum.judges.
+    function _bitOf(uint8 seatNumber) private pure returns (uint64) {
+        return uint64(1 << seatNumber);
     }
 
     /// @dev How many bits are set.

@@ -18,6 +18,7 @@ import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 import {KindId} from "./types/KindId.sol";
+import {Parties, packParties} from "./types/Parties.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
 import {NO_TASK, TaskId} from "./types/TaskId.sol";
 import {NO_TURN, Turn} from "./types/Turn.sol";
@@ -65,7 +66,7 @@ contract ServiceManager is IServiceManager {
         bool hired;
         /// @dev Another address is paid (see _payouts). Here, because this word is read before each payment.
         bool paidElsewhere;
-        /// @dev What it judges, as the organization's roles say (see recordJudge). Here, because whoever judges must not be
+        /// @dev What it judges, as the organization's roles say (see recordJudge), and whether it COUNTS_VOTES. Here, because whoever judges must not be
         /// a party.
         uint8 reviews;
     }
@@ -106,6 +107,8 @@ contract ServiceManager is IServiceManager {
     /// one costs whoever comes into it first two words.
     uint256 public constant GRADES = 8;
 
+    /// @dev Of Provider.reviews: it judges by the votes of others, as a committee does.
+    uint8 private constant COUNTS_VOTES = 1 << 7;
     /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
     uint256 private constant POLICY_GAS = 500_000;
     /// @dev No service and no task has this number.
@@ -266,7 +269,8 @@ contract ServiceManager is IServiceManager {
 
     /// @inheritdoc IServiceManager
     function recordJudge(address account, uint8 reviews) external onlyOrganization {
-        _providers[account].reviews = reviews;
+        // A committee that is made later asks for the parties itself.
+        _providers[account].reviews = account.code.length == 0 ? reviews : reviews | COUNTS_VOTES;
     }
 
     /// @inheritdoc IServiceManager
@@ -419,23 +423,21 @@ contract ServiceManager is IServiceManager {
     function rightOf(address account, uint8 review, KindId kindId, ServiceId serviceId, address creator)
         external
         view
-        returns (bool mayJudge, bool party)
+        returns (bool mayJudge, bool party, Parties parties)
     {
         if (review == 0) review = _reviews[kindId];
         // Nobody has the bit 0, which a kind without a review asks for.
         Provider storage judge = _providers[account];
-        mayJudge = (judge.reviews >> review) & 1 == 1;
+        uint8 reviews = judge.reviews;
+        mayJudge = (reviews >> review) & 1 == 1;
         party = _isParty(account, judge, serviceId, creator);
+        if (reviews & COUNTS_VOTES != 0) parties = partiesOf(serviceId, creator);
     }
 
     /// @inheritdoc IServiceManager
-    function partiesOf(ServiceId serviceId, address creator)
-        external
-        view
-        returns (address provider, bool others)
-    {
-        provider = _services[serviceId].provider;
-        others = _hasDevices(_providers[creator]) || _hasDevices(_providers[provider]);
+    function partiesOf(ServiceId serviceId, address creator) public view returns (Parties) {
+        address provider = _services[serviceId].provider;
+        return packParties(provider, _hasDevices(_providers[creator]) || _hasDevices(_providers[provider]));
     }
 
     /// @inheritdoc IServiceManager

@@ -16,7 +16,6 @@ import {
     ITaskManager,
     SignedBy,
     Silence,
-    Submission,
     Task,
     TaskRequest,
     TaskState,
@@ -31,7 +30,9 @@ import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 import {KindId} from "./types/KindId.sol";
+import {Parties} from "./types/Parties.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
+import {Submission, packSubmission} from "./types/Submission.sol";
 import {NO_TASK, TaskId, unpackTask} from "./types/TaskId.sol";
 import {Weight, weigh} from "./types/Weight.sol";
 
@@ -202,7 +203,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _requireSigned(vote, by);
         emit VerdictSigned(taskId, vote.attempt, by.judge, vote.rulesHash);
         _emitVerdict(vote, by.reportUri);
-        _decide(taskId, t, by.judge, vote.verdict, vote.amount, vote.proofHash);
+        _decide(taskId, t, vote.proofHash, by.judge, vote.verdict, vote.amount);
     }
 
     /// @inheritdoc ITaskManager
@@ -215,13 +216,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bytes32 reportHash,
         string calldata reportUri,
         string calldata reason
-    ) external nonReentrant returns (Submission memory judged) {
+    ) external nonReentrant returns (Submission judged, Parties parties) {
         Record memory t = _get(taskId);
-        _requireJudge(taskId, t, attempt, proofHash, verdict);
+        parties = _requireJudge(taskId, t, attempt, proofHash, verdict);
         _requireContent(taskId, t, verdict, amount, reportUri, reason);
-        _describe(t, judged);
+        judged = _describe(t);
         emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
-        _decide(taskId, t, msg.sender, verdict, amount, proofHash);
+        _decide(taskId, t, proofHash, msg.sender, verdict, amount);
     }
 
     /// @inheritdoc ITaskManager
@@ -333,10 +334,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function toJudge(TaskId taskId) external view returns (Submission memory submitted) {
+    function toJudge(TaskId taskId) external view returns (Submission, Parties) {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Submitted);
-        _describe(t, submitted);
+        return (_describe(t), services.partiesOf(t.serviceId, t.creator));
     }
 
     /// @inheritdoc IServiceListener
@@ -548,10 +549,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _decide(
         TaskId taskId,
         Record memory t,
+        bytes32 proofHash,
         address judge,
         Verdict verdict,
-        uint256 amount,
-        bytes32 proofHash
+        uint256 amount
     ) private {
         if (t.state == TaskState.Undecided) {
             // Its service was released when the attempt became undecided.
@@ -679,9 +680,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
 
-    function _describe(Record memory t, Submission memory s) private pure {
-        (s.creator, s.kindId, s.serviceId) = (t.creator, t.kindId, t.serviceId);
-        if (t.state == TaskState.Submitted) s.submitted = uint40(t.deadline - t.verdictWindow);
+    function _describe(Record memory t) private pure returns (Submission) {
+        uint256 submitted = t.state == TaskState.Submitted ? t.deadline - t.verdictWindow : 0;
+        return packSubmission(t.creator, t.serviceId, t.kindId, uint40(submitted));
     }
 
     function _kindOf(Record memory t) private view returns (bytes32) {
@@ -733,22 +734,27 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The caller may give this verdict on this proof of the running attempt now.
+    /// @return parties see postVerdict
     function _requireJudge(TaskId taskId, Record memory t, uint8 attempt, bytes32 proofHash, Verdict verdict)
         private
         view
+        returns (Parties parties)
     {
-        bool disputed = _requireRight(taskId, t, msg.sender, verdict);
+        bool disputed;
+        (disputed, parties) = _requireRight(taskId, t, msg.sender, verdict);
         _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
         bytes32 submitted = _proof(taskId, t);
         if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
         if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
     }
 
-    /// @dev Whether the attempt waits for the auditors, of whom the judge is one then.
+    /// @dev The judge may decide this task so.
+    /// @return disputed whether the attempt waits for the auditors, of whom the judge is one then
+    /// @return parties see postVerdict
     function _requireRight(TaskId taskId, Record memory t, address judge, Verdict verdict)
         private
         view
-        returns (bool disputed)
+        returns (bool disputed, Parties parties)
     {
         disputed = t.state == TaskState.Undecided;
         // Not looked up, 2,100 gas, while no kind's review has changed since the task was posted.
@@ -756,7 +762,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Review review =
             changes == t.reviewsChanged && changes != TaskRecords.MAX_CHANGES ? t.review : Review.None;
         if (disputed) review = Review.Auditor;
-        (bool mayJudge, bool party) = services.rightOf(judge, uint8(review), t.kindId, t.serviceId, t.creator);
+        bool mayJudge;
+        bool party;
+        (mayJudge, party, parties) = services.rightOf(judge, uint8(review), t.kindId, t.serviceId, t.creator);
         if (!mayJudge) revert NotJudge(judge, _kindOf(t));
         if (party) revert JudgeIsParty(taskId, judge);
         // A task that was posted without an audit has no window for one, whatever its kind has now.

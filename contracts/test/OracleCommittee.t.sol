@@ -3,7 +3,8 @@ pragma solidity ^0.8.28;
 
 import {OracleCommittee} from "../src/OracleCommittee.sol";
 import {IOracleCommittee, Judge, Quorum, Vote} from "../src/interfaces/IOracleCommittee.sol";
-import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Review} from "../src/interfaces/IOrganization.sol";
+import {ITaskManager, Silence, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "./Committee.sol";
 import {Possession} from "./Possession.sol";
@@ -380,6 +381,103 @@ contract OracleCommitteeTest is Committee {
         committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
     }
 
+    /// @dev A verdict of the kind was counted before, so that its judges are in a list.
+    function test_afterAVerdictAKeyThatChangedIsNone() public {
+        _settle(CLEANING);
+        Vote memory vote = accepting(submitted());
+        bytes memory old = signatures(vote, 3);
+        (address fresh, uint256 key) = makeAddrAndKey("fresh");
+        vm.prank(judges[0]);
+        committee.changeKey(judges[0], fresh);
+        _refused(vote, old, _notAJudge(judges[0]));
+        judgeKeys[0] = key;
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        // A list was written for the first of these, and none for the second.
+        uint64 contracts = vm.getNonce(address(committee));
+        _settle(CLEANING);
+        assertEq(vm.getNonce(address(committee)), contracts);
+    }
+
+    function test_afterAVerdictWhoIsUnseatedDoesNotVote() public {
+        _settle(CLEANING);
+        setQuorum(2, 3, 0, 0x0e); // without judge 0 and 4
+        Vote memory vote = accepting(submitted());
+        _refused(
+            vote, abi.encodePacked(sign(judgeKeys[0], vote), sign(judgeKeys[1], vote)), _notAJudge(judges[0])
+        );
+        committee.postVotes(
+            vote, REPORT_URI, abi.encodePacked(sign(judgeKeys[1], vote), sign(judgeKeys[2], vote))
+        );
+        setQuorum(VOTES, JUDGES, 0, ALL);
+        _settle(CLEANING);
+    }
+
+    /// @dev Each kind of the judge: the first, the last, and one between. That of others keeps its list.
+    function test_aKeyThatChangedIsNoneForEachKindOfItsJudge() public {
+        bytes32[4] memory kinds = [CLEANING, CHARGING, bytes32("third"), bytes32("fourth")];
+        uint64[4] memory who = [ALL, 0x1e, 0x07, 0x0f];
+        for (uint256 i = 1; i < 4; ++i) {
+            vm.startPrank(admin);
+            organization.setAudit(kinds[i], AUDIT_WINDOW, Silence.Executor);
+            organization.allowKind(kinds[i], Review.Oracle, RULES);
+            committee.setQuorum(kinds[i], 2, 3, 1, who[i]);
+            vm.stopPrank();
+        }
+        setQuorum(2, 3, 1, ALL);
+        uint64 contracts = vm.getNonce(address(committee));
+        for (uint256 i = 0; i < 4; ++i) {
+            _ready(kinds[i]);
+        }
+        skip(JUDGES); // so that all are in the panel
+        address fresh = makeAddr("fresh");
+        vm.prank(admin);
+        committee.changeKey(judges[0], fresh);
+        for (uint256 i = 0; i < 4; ++i) {
+            Vote memory vote = _accepting(kinds[i]);
+            _refused(
+                vote,
+                signatures(vote, 2),
+                abi.encodeWithSelector(IOracleCommittee.NotAJudge.selector, judges[0], kinds[i])
+            );
+            committee.postVotes(
+                vote, REPORT_URI, abi.encodePacked(sign(judgeKeys[1], vote), sign(judgeKeys[2], vote))
+            );
+        }
+        assertEq(vm.getNonce(address(committee)), contracts + 3, "one list for each kind that judge 0 judges");
+    }
+
+    function test_kindsOfTheSameJudgesHaveOneList() public {
+        uint64 contracts = vm.getNonce(address(committee));
+        vm.startPrank(admin);
+        committee.setQuorum(CHARGING, VOTES, JUDGES, 0, ALL);
+        assertEq(vm.getNonce(address(committee)), contracts);
+        committee.changeKey(judges[0], stranger);
+        committee.changeKey(stranger, judges[0]);
+        vm.stopPrank();
+        _settle(CLEANING);
+        _settle(CHARGING);
+        assertEq(vm.getNonce(address(committee)), contracts, "a key that comes back");
+    }
+
+    /// @dev However many kinds it judges, with however many others: a stolen key does not keep its seat for want of gas.
+    function test_aKeyChangesWhateverItJudges() public {
+        vm.startPrank(admin);
+        for (uint160 i = JUDGES; i < 64; ++i) {
+            committee.seat(address(i + 1000), bob);
+        }
+        uint256 kinds = 2;
+        for (; kinds < organization.MAX_KINDS(); ++kinds) {
+            bytes32 kind = bytes32(kinds);
+            organization.setAudit(kind, AUDIT_WINDOW, Silence.Executor);
+            // Other judges for each, so that each has a list of its own.
+            committee.setQuorum(kind, 1, 1, 0, type(uint64).max << 9 | uint64(kinds) << 1 | 1);
+        }
+        vm.stopPrank();
+        vm.prank(judges[0]);
+        committee.changeKey(judges[0], stranger);
+        assertLt(vm.lastCallGas().gasTotalUsed, 2_500_000);
+    }
+
     function test_theAdministratorTakesAStolenKeyBack() public {
         address thief = makeAddr("thief");
         address fresh = makeAddr("fresh");
@@ -455,11 +553,90 @@ contract OracleCommitteeTest is Committee {
         committee.seat(bob, bob);
     }
 
+    function test_ofSixtyFourJudgesAllVote() public {
+        uint256[] memory keys = new uint256[](64);
+        vm.startPrank(admin);
+        for (uint8 i = 0; i < 64; ++i) {
+            if (i < JUDGES) {
+                keys[i] = judgeKeys[i];
+                continue;
+            }
+            address key;
+            (key, keys[i]) = makeAddrAndKey(string.concat("judge", vm.toString(i)));
+            committee.seat(key, makeAddr(string.concat("owner", vm.toString(i))));
+        }
+        committee.setQuorum(CLEANING, 64, 64, 0, type(uint64).max);
+        vm.stopPrank();
+        Vote memory vote = accepting(submitted());
+        bytes memory all;
+        for (uint256 i = 64; i > 0; --i) {
+            all = abi.encodePacked(all, sign(keys[i - 1], vote));
+        }
+        vm.expectEmit(address(committee));
+        emit IOracleCommittee.VotesCounted(vote.taskId, 1, RULES, type(uint64).max);
+        committee.postVotes(vote, REPORT_URI, all);
+    }
+
+    /// @dev Nobody knew that it would count votes, so that the verdict does not say who is a party.
+    function test_aCommitteeThatIsMadeAfterItGotItsRoleKnowsThePartiesToo() public {
+        bytes32 role = organization.ORACLE_ROLE();
+        address later = vm.computeCreateAddress(address(this), vm.getNonce(address(this)));
+        vm.prank(admin);
+        organization.grantRole(role, later);
+        committee = new OracleCommittee(organization);
+        assertEq(address(committee), later);
+        (, uint256 ofRobot1) = makeAddrAndKey("robot1");
+        (, uint256 ofRobot2) = makeAddrAndKey("robot2");
+        vm.startPrank(admin);
+        address[4] memory keys = [judges[0], judges[1], robot1, robot2];
+        for (uint256 i = 0; i < 4; ++i) {
+            committee.seat(keys[i], keys[i]);
+        }
+        committee.setQuorum(CLEANING, 2, 3, 0, 0x0f);
+        vm.stopPrank();
+        Vote memory vote = accepting(submitted());
+        _refused(vote, abi.encodePacked(sign(ofRobot1, vote), signatures(vote, 1)), _isParty(vote, robot1));
+        address company = makeAddr("company");
+        vm.startPrank(admin);
+        Possession.register(organization, alice, "wallet", company, "alice");
+        Possession.register(organization, robot2, "wallet", company, "robot2");
+        vm.stopPrank();
+        _refused(vote, abi.encodePacked(sign(ofRobot2, vote), signatures(vote, 1)), _isParty(vote, robot2));
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 2));
+        assertState(vote.taskId, TaskState.Settled);
+    }
+
     // -- help -------------------------------------------------------------------------------------------------
 
     function _refused(Vote memory vote, bytes memory votes, bytes memory expected) private {
         vm.expectRevert(expected);
         committee.postVotes(vote, REPORT_URI, votes);
+    }
+
+    /// @dev A proof of this kind waits for its verdict.
+    function _ready(bytes32 kind) private {
+        vm.prank(robot1);
+        services.registerService(kind, 80 ether, NO_LIMIT, true, "");
+        TaskRequest memory wanted = request(100 ether);
+        wanted.kind = kind;
+        vm.prank(alice);
+        submit(tasks.registerTask(wanted));
+    }
+
+    /// @dev The committee has accepted one.
+    function _settle(bytes32 kind) private {
+        _ready(kind);
+        Vote memory vote = accepting(taskNo(tasks.taskCount()));
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+    }
+
+    /// @dev Of the task of this kind.
+    function _accepting(bytes32 kind) private view returns (Vote memory) {
+        TaskId taskId = taskNo(1);
+        while (tasks.task(taskId).kind != kind) {
+            taskId = following(taskId);
+        }
+        return accepting(taskId);
     }
 
     /// @dev Judge 0 to 2, and one more that works for `owner`.

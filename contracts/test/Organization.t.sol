@@ -23,8 +23,8 @@ contract OrganizationTest is Fixture {
     /// @dev Kinds are judged by oracles here. The organization and what a verdict asks agree.
     function _assertJudges(address who, bool oracles, bool audits) private view {
         KindId cleaning = organization.numberOf(CLEANING);
-        (bool mayJudge,) = services.rightOf(who, 0, cleaning, serviceNo(1), alice);
-        (bool mayAudit,) = services.rightOf(who, uint8(Review.Auditor), cleaning, serviceNo(1), alice);
+        (bool mayJudge,,) = services.rightOf(who, 0, cleaning, serviceNo(1), alice);
+        (bool mayAudit,,) = services.rightOf(who, uint8(Review.Auditor), cleaning, serviceNo(1), alice);
         assertEq(mayJudge, oracles);
         assertEq(mayAudit, audits);
         assertEq(organization.mayJudge(who, CLEANING), oracles);
@@ -391,7 +391,7 @@ contract OrganizationTest is Fixture {
         vm.prank(admin);
         organization.setAudit("painting", 1 days, Silence.Creator);
         KindId painting = organization.numberOf("painting");
-        (bool mayJudge,) = services.rightOf(oracle, 0, painting, serviceNo(1), alice);
+        (bool mayJudge,,) = services.rightOf(oracle, 0, painting, serviceNo(1), alice);
         assertFalse(mayJudge);
     }
 

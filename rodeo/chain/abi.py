@@ -165,14 +165,6 @@ class SignedBy(Struct):
 
 
 @dataclass(frozen=True)
-class Submission(Struct):
-    creator: str
-    kind_id: int
-    service_id: int
-    submitted: int
-
-
-@dataclass(frozen=True)
 class Task(Struct):
     creator: str
     reward: int

@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {KindId} from "../types/KindId.sol";
+import {Parties} from "../types/Parties.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
@@ -209,25 +210,26 @@ interface IServiceManager {
     /// @param creator who posted it
     function isParty(address account, ServiceId serviceId, address creator) external view returns (bool);
 
-    /// @notice Whether `account` may post a verdict on a task, and whether it is a party to it (isParty).
+    /// @notice All that a verdict has to know of who posts it.
     /// @param account who judges
     /// @param review the number of the Review by which it has to judge; 0 for the one of the kind
     /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param serviceId the service that does the task
     /// @param creator who posted it
+    /// @return mayJudge whether the account may post a verdict on the task
+    /// @return party whether it is a party to the task, see isParty
+    /// @return parties for an account that was a contract when it got its role, such as a committee: partiesOf, in the same
+    /// call. NO_PARTIES for others, who do not ask, because a verdict of theirs would pay 2,300 gas for the answer
     function rightOf(address account, uint8 review, KindId kindId, ServiceId serviceId, address creator)
         external
         view
-        returns (bool mayJudge, bool party);
+        returns (bool mayJudge, bool party, Parties parties);
 
     /// @notice Returns who does a task, and whether others may be parties to it: unless its creator or provider is, or has
     /// had, a device, nobody else is (isParty).
     /// @param serviceId the service that does the task
     /// @param creator who posted it
-    function partiesOf(ServiceId serviceId, address creator)
-        external
-        view
-        returns (address provider, bool others);
+    function partiesOf(ServiceId serviceId, address creator) external view returns (Parties);
 
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services

@@ -3,7 +3,9 @@ pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {KindId} from "../types/KindId.sol";
+import {Parties} from "../types/Parties.sol";
 import {ServiceId} from "../types/ServiceId.sol";
+import {Submission} from "../types/Submission.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
 import {Hire} from "./IServiceManager.sol";
@@ -117,18 +119,6 @@ struct Vote {
     Verdict verdict;
     uint256 amount;
     string reason;
-}
-
-/// @notice What a committee has to know of an attempt that it judges.
-/// @param creator who posted the task
-/// @param kindId the number of its kind, see IOrganization.numberOf
-/// @param serviceId the service that made the attempt
-/// @param submitted when the proof came, block time in seconds; 0 if it had a verdict before, and was left undecided
-struct Submission {
-    address creator;
-    KindId kindId;
-    ServiceId serviceId;
-    uint40 submitted;
 }
 
 /// @param judge who signed a verdict, or the committee whose judges did
@@ -332,7 +322,8 @@ interface ITaskManager is IServiceListener {
     /// @param reportHash SHA-256 of the report
     /// @param reportUri where the report can be fetched; only in the event
     /// @param reason why, in words; only in the event
-    /// @return what was judged, as it was before the verdict
+    /// @return judged what was judged, as it was before the verdict
+    /// @return parties those to the task, or NO_PARTIES; see IServiceManager.rightOf
     function postVerdict(
         TaskId taskId,
         uint8 attempt,
@@ -342,7 +333,7 @@ interface ITaskManager is IServiceListener {
         bytes32 reportHash,
         string calldata reportUri,
         string calldata reason
-    ) external returns (Submission memory);
+    ) external returns (Submission judged, Parties parties);
 
     /// @notice Anyone ends an attempt whose window has passed, or that its executor did not accept in the grace
     /// period. The task queues again, or fails and its creator is refunded. If nobody judged a proof in time and the
@@ -363,7 +354,9 @@ interface ITaskManager is IServiceListener {
     /// @notice What a committee has to know of a task before it judges. Reverts with WrongState unless a proof waits for
     /// its verdict.
     /// @param taskId the task
-    function toJudge(TaskId taskId) external view returns (Submission memory);
+    /// @return submitted what is to be judged
+    /// @return parties those to the task
+    function toJudge(TaskId taskId) external view returns (Submission submitted, Parties parties);
 
     /// @notice Returns a task as it is now. Reverts with UnknownTask.
     /// @param taskId its number
