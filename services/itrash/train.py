@@ -81,17 +81,18 @@ def main(given: Sequence[str] | None = None) -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     train.prepare()
     if what.site is None:
-        train.main(what.data, what.others, what.out, train.Recipe().shortened(what.shorten), what.folds)
+        recipe, after = train.Recipe().shortened(what.shorten), train.WEATHER.shortened(what.shorten)
+        train.main(what.data, what.others, what.out, recipe, what.folds, after=after)
         return
-    recipe = corrected.GENTLE.shortened(what.shorten)
+    gentle = corrected.GENTLE.shortened(what.shorten)
     report = corrected.add_corrections(
         what.site,
         Allowed.at(what.site),
         what.data,
         what.folds,
-        lambda: corrected.Material.load(recipe, what.data, what.others),
+        lambda: corrected.Material.load(gentle, what.data, what.others),
         what.out,
-        recipe,
+        gentle,
     )
     print("\n".join(report))
 

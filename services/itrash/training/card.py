@@ -173,6 +173,9 @@ def _text(training: Training, preprocessing: Preprocessing, m: Measured) -> str:
         else "training learnt from others of their\nkind (`others.LEARNT`)"
     )
     recipe = ", ".join(f"{name} {value}" for name, value in training.recipe.items())
+    if training.weather is not None:
+        steps = ", ".join(f"{name} {value}" for name, value in training.weather.items())
+        recipe += f"; then in all weathers (`weather.py`): {steps}"
     return f"""# Model card: iTrash classifier
 
 {training.architecture}, six classes ({", ".join(CLASSES)}) and an output for none of them, fp16 weights,

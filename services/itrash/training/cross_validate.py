@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import logging
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -32,14 +32,14 @@ from services.itrash.training.network import ARCHITECTURE, Network, export
 from services.itrash.training.others import FETCHED, World
 from services.itrash.training.train import (
     OUTPUTS,
+    WEATHER,
     Recipe,
     Weather,
     best_temperature,
     calibrated,
     prepare,
-    train,
     uncalibrated,
-    weathered,
+    wholly,
     write_preprocessing,
 )
 
@@ -52,31 +52,19 @@ INNER = 10
 """One in so many groups of the photos to learn from chooses temperature and threshold instead."""
 
 
-@dataclass(frozen=True)
-class Start:
-    """Networks that are there, and what they learn further."""
-
-    folder: Path
-    after: Weather
-
-
 def main(
-    data: Path, fetched: Path, out: Path, recipe: Recipe, only: Iterable[int], start: Start | None = None
+    data: Path, fetched: Path, out: Path, recipe: Recipe, only: Iterable[int], after: Weather = WEATHER
 ) -> None:
-    """Train the folds that are not there yet, and say what all that are there answer. With `start`, the
-    networks there learn the steps in all weathers only, by the division that lies there. Raises OtherRecipe
-    where they were made otherwise."""
+    """Train the folds that are not there yet, and say what all that are there answer."""
     out.mkdir(parents=True, exist_ok=True)
     photos, world = crossed.all_photos(data), World.load(fetched)
-    if start is not None:
-        (out / crossed.DIVISION).write_bytes((start.folder / crossed.DIVISION).read_bytes())
     division = _division(photos, out)
     for fold in only:
         folder = crossed.folder_of(out, fold)
         if crossed.is_there(out, fold):
             log.info("fold %d is there", fold)
         else:
-            one_fold(photos, world, division, fold, data, folder, recipe, start)
+            one_fold(photos, world, division, fold, data, folder, recipe, after)
     for line in crossed.table(crossed.measured(out, data)):
         log.info("%s", line)
 
@@ -89,25 +77,21 @@ def one_fold(
     data: Path,
     folder: Path,
     recipe: Recipe,
-    start: Start | None = None,
+    after: Weather,
 ) -> None:
     """Train, export and calibrate the network that has not seen `fold`. What is in the folder tells how far
     an earlier run got; the recipe is written last."""
     folder.mkdir(parents=True, exist_ok=True)
     learnt, inner = split(photos, division, fold)
     log.info("fold %d: %d photos to learn from, %d to calibrate on", fold, len(learnt), len(inner))
-    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe), others_sha256=world.sha256)
-    if start is not None:
-        source = crossed.folder_of(start.folder, fold)
-        if Training.model_validate_json((source / TRAINING).read_bytes()) != training.as_read():
-            raise crossed.OtherRecipe("the network to go on from was made otherwise", folder=str(source))
-        training = training.model_copy(update={"weather": asdict(start.after)})
-    rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
-    network = (
-        train(learnt, rendered, world, recipe, folder)
-        if start is None
-        else weathered(source / WEIGHTS, learnt, rendered, world, recipe, start.after, folder)
+    training = Training(
+        architecture=ARCHITECTURE,
+        recipe=asdict(recipe),
+        others_sha256=world.sha256,
+        weather=asdict(after),
     )
+    rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
+    network = wholly(learnt, rendered, world, recipe, after, folder / WEIGHTS, folder)
     export(network, folder / WEIGHTS, recipe.input_px)
     calibrate(folder, data, inner, recipe)
     (folder / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
@@ -197,9 +181,6 @@ if __name__ == "__main__":
     parser.add_argument("--fold", type=int, choices=range(FOLDS), help="this one; all without it")
     parser.add_argument("--recipe", choices=RECIPES, default="shipped")
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="less work, to try it out")
-    parser.add_argument(
-        "--start", type=Path, metavar="FOLDER", help="the networks there learn on in all weathers (0077)"
-    )
     parser.add_argument("--pack", type=Path, metavar="FOLDER", help="train nothing: write small files there")
     parser.add_argument(
         "--choose", type=Path, metavar="MODEL", help="train nothing: write the threshold of all folds there"
@@ -207,15 +188,12 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()
-    chosen = RECIPES[arguments.recipe]
-    if arguments.start is None:  # else the networks there had all of its steps
-        chosen = chosen.shortened(arguments.shorten)
+    chosen = RECIPES[arguments.recipe].shortened(arguments.shorten)
     if arguments.choose is not None:
         choose(arguments.data, arguments.out, arguments.choose, chosen.known_rejected)
     elif arguments.pack is not None:
         pack(arguments.data, arguments.out, arguments.pack)
     else:
         folds = range(FOLDS) if arguments.fold is None else [arguments.fold]
-        after = Weather().shortened(arguments.shorten)
-        start = None if arguments.start is None else Start(arguments.start, after)
-        main(arguments.data, arguments.others, arguments.out, chosen, folds, start)
+        after = WEATHER.shortened(arguments.shorten)
+        main(arguments.data, arguments.others, arguments.out, chosen, folds, after)

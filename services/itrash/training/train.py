@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
     sys.exit(
@@ -115,21 +115,57 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Weather:
-    """Steps that may follow, of which a part of the pictures is disturbed strongly (`weather.py`, decision
-    0077). The shipped networks had none. They start from an exported network."""
+    """The last steps, of which a part of the pictures is disturbed strongly (`weather.py`, decisions 0077 and
+    0083). They start from an exported network."""
 
-    steps: int = 180
+    steps: int = 380
+    warmup_steps: int = 20
     px: int = 208
-    rate: float = 2e-4
+    rate: float = 1.5e-4
     rate_decay: float = 0.8
     """Noise is met by the first layers, so they learn at more of the rate than before."""
     nothing_share: float = 0.2
     """More than before: what is hard to see is not therefore no item, and what is none is none in haze."""
+    real_nothing: float = 0.75
     disturbed: float = 0.5
+    taught: float = 0.5
+    """So much of what a picture is to be called is what the network called it before, undisturbed: it learns
+    to see through, and forgets little else (Hinton et al., 2015, arXiv:1503.02531)."""
 
     def shortened(self, times: int) -> Weather:
         """To try the program out."""
-        return replace(self, steps=max(self.steps // times, 1))
+        parts = ("steps", "warmup_steps")
+        return replace(self, **{part: max(getattr(self, part) // times, 1) for part in parts})
+
+
+WEATHER = Weather()
+"""Of the shipped networks."""
+
+
+class Batch(NamedTuple):
+    """Pictures to learn from."""
+
+    inputs: np.ndarray
+    """(batch, 3, side, side), float32."""
+    targets: np.ndarray
+    """What to call each: distributions over the outputs, (batch, OUTPUTS), float32."""
+    clear: np.ndarray
+    """The inputs before any was disturbed."""
+
+
+@dataclass(frozen=True)
+class Teacher:
+    """A network whose answers to the clear pictures are a share of what is learnt."""
+
+    network: Network
+    share: float
+
+    def targets(self, batch: Batch) -> torch.Tensor:
+        """What to call each picture, (batch, OUTPUTS)."""
+        clear = torch.from_numpy(batch.clear).to(memory_format=torch.channels_last)
+        with torch.no_grad(), _bfloat16():
+            said = torch.softmax(self.network(clear).float(), dim=1)
+        return torch.from_numpy(batch.targets).lerp(said, self.share)
 
 
 class Draws:
@@ -165,10 +201,11 @@ class Draws:
     def state(self, state: dict[str, Any]) -> None:
         self._rng.bit_generator.state = state
 
-    def batch(self, side: int) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs (batch, 3, side, side) and target distributions (batch, OUTPUTS), both float32."""
+    def batch(self, side: int) -> Batch:
+        """The next pictures."""
         rng, recipe = self._rng, self._recipe
         inputs = np.empty((recipe.batch, 3, side, side), np.float32)
+        clear = np.empty_like(inputs) if self._disturbed else inputs
         targets = np.full((recipe.batch, OUTPUTS), recipe.label_smoothing / OUTPUTS, np.float32)
         for row in range(recipe.batch):
             source = rng.random()
@@ -182,12 +219,13 @@ class Draws:
             if source <= recipe.nothing_share + recipe.rendered_share:
                 chances = replace(chances, clutter=0.0)
             view = augment(sample.image_bgr, side, rng, chances, self._background)
-            if self._disturbed and rng.random() < self._disturbed:
-                view = weather.disturbed(view, rng)
-            inputs[row] = (view[..., ::-1].transpose(2, 0, 1).astype(np.float32) - MEAN) * SCALE
+            clear[row] = _input(view)
+            if self._disturbed:
+                foul = rng.random() < self._disturbed
+                inputs[row] = _input(weather.disturbed(view, rng)) if foul else clear[row]
             target = len(CLASSES) if sample.label is None else CLASSES.index(sample.label)
             targets[row, target] += 1 - recipe.label_smoothing
-        return inputs, targets
+        return Batch(inputs, targets, clear)
 
     def _nothing(self, side: int) -> np.ndarray:
         """A picture without an item."""
@@ -224,6 +262,11 @@ class Draws:
         return self._world.scene(rng) if rng.random() < 0.5 else drawn(rng)
 
 
+def _input(view: np.ndarray) -> np.ndarray:
+    """(side, side, 3) BGR as (3, side, side) for the network."""
+    return (view[..., ::-1].transpose(2, 0, 1).astype(np.float32) - MEAN) * SCALE
+
+
 def balanced(samples: list[Sample]) -> np.ndarray:
     """How often each is drawn, (n,): a class by the square root of its size.
 
@@ -253,8 +296,10 @@ def finish(recipe: Recipe) -> Schedule:
 
 
 def foul(after: Weather) -> Schedule:
-    """The same for the steps in all weathers."""
-    return [(after.px, after.rate * _fall(step / after.steps)) for step in range(after.steps)]
+    """The rate rises, and falls to zero: from the first step at the full rate networks do not recover."""
+    rising = after.warmup_steps
+    rise = [(after.px, after.rate * (step + 1) / rising) for step in range(rising)]
+    return rise + [(after.px, after.rate * _fall(step / after.steps)) for step in range(after.steps)]
 
 
 def _fall(share: float) -> float:
@@ -320,6 +365,7 @@ def fit(
     recipe: Recipe,
     ema_decay: float,
     checkpoint: Checkpoint | None = None,
+    teacher: Teacher | None = None,
 ) -> Iterator[tuple[int, float, Network]]:
     """Yields (step, mean loss since the last, averaged network) now and then and at the end. The averaged
     network is the exponential moving average of the weights. Goes on from the checkpoint, if there is one."""
@@ -337,11 +383,12 @@ def fit(
     for step, (side, rate) in enumerate(schedule[done:], done + 1):
         for group in optimizer.param_groups:
             group["lr"] = rate * group["share"]
-        inputs, targets = draws.batch(side)
-        x = torch.from_numpy(inputs).to(memory_format=torch.channels_last)
+        batch = draws.batch(side)
+        x = torch.from_numpy(batch.inputs).to(memory_format=torch.channels_last)
         with _bfloat16():
             logits = network(x)
-        loss = nn.functional.cross_entropy(logits.float(), torch.from_numpy(targets))
+        targets = torch.from_numpy(batch.targets) if teacher is None else teacher.targets(batch)
+        loss = nn.functional.cross_entropy(logits.float(), targets)
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         optimizer.step()
@@ -407,6 +454,20 @@ def finished(
     return settled(network, photos, rendered, world, recipe)
 
 
+def wholly(
+    photos: list[Sample],
+    rendered: list[Sample],
+    world: World,
+    recipe: Recipe,
+    after: Weather,
+    path: Path,
+    checkpoints: Path | None = None,
+) -> Network:
+    """All steps of the recipe, and those in all weathers. `path` is where the weights between them go."""
+    export(train(photos, rendered, world, recipe, checkpoints), path, recipe.input_px)
+    return weathered(path, photos, rendered, world, recipe, after, checkpoints)
+
+
 def weathered(
     weights: Path,
     photos: list[Sample],
@@ -418,10 +479,13 @@ def weathered(
 ) -> Network:
     """The exported network of `weights` after the steps in all weathers; in evaluation mode."""
     torch.manual_seed(recipe.seed + 3)
-    recipe = replace(recipe, rate_decay=after.rate_decay, nothing_share=after.nothing_share)
+    changed = {name: getattr(after, name) for name in ("rate_decay", "nothing_share", "real_nothing")}
+    recipe = replace(recipe, **changed)
     draws = Draws(photos, rendered, world, recipe, recipe.seed + 3, SELDOM, after.disturbed)
     network, kept = exported(weights, recipe.drop_connect), _checkpoint(checkpoints, "weather")
-    return last(fit(network, draws, foul(after), recipe, recipe.finish_ema_decay, kept)).eval()
+    teacher = Teacher(exported(weights).to(**_CHANNELS_LAST).eval(), after.taught)
+    progress = fit(network, draws, foul(after), recipe, recipe.finish_ema_decay, kept, teacher)
+    return last(progress).eval()
 
 
 def _checkpoint(folder: Path | None, stage: str) -> Checkpoint | None:
@@ -496,6 +560,7 @@ def main(
     folds: Path,
     learn_all: bool = False,
     checkpoints: Path | None = None,
+    after: Weather = WEATHER,
 ) -> None:
     """Train, export, calibrate and write the model card, whose figures are of what the bin answers. `fetched`
     is the folder that `others` fetched photos into.
@@ -510,6 +575,7 @@ def main(
         recipe=asdict(recipe),
         others_sha256=world.sha256,
         learnt=crossed.PARTS if learn_all else ("train",),
+        weather=asdict(after),
     )
     if learn_all:
         crossed.check(folds, made_by)
@@ -518,7 +584,8 @@ def main(
     log.info("%d photos, %d renderings to learn from", len(photos), len(rendered))
     if checkpoints is not None:
         checkpoints.mkdir(parents=True, exist_ok=True)
-    network = train(photos, rendered, world, recipe, checkpoints)
+    out.mkdir(parents=True, exist_ok=True)
+    network = wholly(photos, rendered, world, recipe, after, out / WEIGHTS, checkpoints)
     publish(network, made_by, data, fetched, out, recipe, folds)
 
 
@@ -593,6 +660,7 @@ if __name__ == "__main__":
             arguments.folds,
             arguments.all,
             arguments.checkpoints,
+            WEATHER.shortened(arguments.shorten),
         )
     except RodeoError as error:
         sys.exit(str(error))

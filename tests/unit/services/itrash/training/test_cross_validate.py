@@ -26,6 +26,7 @@ TINY = replace(
     training.Recipe(), stable_steps=2, cooldown_steps=1, finish_steps=2, batch=2, stable_px=64,
     cooldown_px=64, input_px=64, known_rejected=0.2,
 )  # fmt: skip
+BRIEF = training.Weather(steps=2, warmup_steps=1, px=64)
 WORLD = World(
     scenes=(np.full((80, 90, 3), 120, np.uint8),),
     cutouts=(np.full((40, 30, 4), 200, np.uint8),),
@@ -130,7 +131,7 @@ def test_a_fold_is_trained_once_and_measured_from_its_files(
     data, out = tmp_path / "data", tmp_path / "out"
     out.mkdir()
     (out / crossed.DIVISION).write_text(division.model_dump_json())
-    cross_validate.main(data, tmp_path / "others", out, TINY, [3])
+    cross_validate.main(data, tmp_path / "others", out, TINY, [3], BRIEF)
     found = crossed.measured(out, data)
     own = sum(place.fold == 3 for place in division.photos.values())
     assert (found.folds, len(found.group)) == ((3,), own)
@@ -141,45 +142,45 @@ def test_a_fold_is_trained_once_and_measured_from_its_files(
     def again(*_: object) -> None:
         raise AssertionError("trained again")
 
-    monkeypatch.setattr(cross_validate, "train", again)
-    cross_validate.main(data, tmp_path / "others", out, TINY, [3])
+    monkeypatch.setattr(cross_validate, "wholly", again)
+    cross_validate.main(data, tmp_path / "others", out, TINY, [3], BRIEF)
     cross_validate.pack(data, out, tmp_path / "small")
     assert crossed.measured(tmp_path / "small", data).folds == (3,)
 
 
-def test_networks_that_are_there_learn_on_in_all_weathers(
+def test_what_was_learnt_in_all_weathers_follows_what_was_learnt_before(
     photos: list[Sample], division: Division, tmp_path: Path
 ) -> None:
-    data, before, out, others = (tmp_path / name for name in ("data", "before", "out", "others"))
-    (before / "fold3").mkdir(parents=True)
-    (before / crossed.DIVISION).write_text(division.model_dump_json())
-    clear = training.Network(training.OUTPUTS, TINY.drop_connect).eval()
-    clear.keep_pools(training.KEPT_POOLS, [torch.zeros(1, 3, 64, 64)])
-    training.export(clear, before / "fold3" / WEIGHTS, TINY.input_px)
-    made_by = crossed.Training(
-        architecture=training.ARCHITECTURE, recipe=asdict(TINY), others_sha256=WORLD.sha256
-    )
-    (before / "fold3" / crossed.TRAINING).write_text(made_by.model_dump_json())
-    after = training.Weather(steps=2, px=64)
-    cross_validate.main(data, others, out, TINY, [3], cross_validate.Start(before, after))
-    assert crossed.division_in(out) == division
+    data, out, others = (tmp_path / name for name in ("data", "out", "others"))
+    out.mkdir()
+    (out / crossed.DIVISION).write_text(division.model_dump_json())
+    cross_validate.main(data, others, out, TINY, [3], BRIEF)
     kept = crossed.Training.model_validate_json((out / "fold3" / crossed.TRAINING).read_bytes())
-    assert kept.weather == asdict(after)
+    assert kept.weather == asdict(BRIEF)
     learnt, _ = cross_validate.split(crossed.all_photos(data), division, 3)
     rendered = renderings.render_samples(0, 2)
-    expected = training.weathered(before / "fold3" / WEIGHTS, learnt, rendered, WORLD, TINY, after)
-    training.export(expected, tmp_path / WEIGHTS, TINY.input_px)
+    before, after = tmp_path / "before.onnx", tmp_path / "after.onnx"
+    training.export(training.train(learnt, rendered, WORLD, TINY), before, TINY.input_px)
+    weathered = training.weathered(before, learnt, rendered, WORLD, TINY, BRIEF)
+    training.export(weathered, after, TINY.input_px)
     found = (out / "fold3" / WEIGHTS).read_bytes()
-    assert found == (tmp_path / WEIGHTS).read_bytes() != (before / "fold3" / WEIGHTS).read_bytes()
-    again = tmp_path / "again"
-    # Another recipe, and one that has had these steps.
-    for folder, recipe in ((before, replace(TINY, seed=9)), (out, TINY)):
-        with pytest.raises(OtherRecipe):
-            cross_validate.main(data, others, again, recipe, [3], cross_validate.Start(folder, after))
-    whole = made_by.model_copy(update={"learnt": crossed.PARTS})
-    (before / "fold3" / crossed.TRAINING).write_text(whole.model_dump_json())
-    with pytest.raises(OtherRecipe):  # it learnt from the photos that would measure it
-        cross_validate.main(data, others, again, TINY, [3], cross_validate.Start(before, after))
+    assert found == after.read_bytes() != before.read_bytes()
+
+
+def test_a_teachers_share_of_what_is_learnt_is_what_it_says_of_the_clear_picture(
+    photos: list[Sample], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training.weather, "disturbed", lambda view, _rng: np.zeros_like(view))
+    rendered, recipe = renderings.render_samples(0, 2), replace(TINY, batch=8)
+    batch = training.Draws(photos, rendered, WORLD, recipe, 5, training.SELDOM, 1.0).batch(64)
+    assert (batch.inputs == batch.inputs.min()).all() and batch.clear.std() > 0
+    network = training.Network(training.OUTPUTS, 0.0).eval()
+    with torch.no_grad():
+        said = torch.softmax(network(torch.from_numpy(batch.clear)), dim=1)
+    half = training.Teacher(network, 0.5).targets(batch)
+    expected = 0.5 * torch.from_numpy(batch.targets) + 0.5 * said
+    assert torch.allclose(half, expected, atol=0.02)  # bfloat16, where the processor has it
+    assert torch.equal(training.Teacher(network, 0.0).targets(batch), torch.from_numpy(batch.targets))
 
 
 def test_weights_of_8_bits_take_half_the_room_and_answer_alike(tmp_path: Path) -> None:
@@ -217,7 +218,9 @@ def test_who_learns_from_all_photos_is_measured_by_networks_that_did_not(
     photos: list[Sample], division: Division, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data, folds, out, others = (tmp_path / name for name in ("data", "folds", "out", "others"))
-    made_by = crossed.Training(architecture="any", recipe=asdict(TINY), others_sha256=WORLD.sha256)
+    made_by = crossed.Training(
+        architecture="any", recipe=asdict(TINY), others_sha256=WORLD.sha256, weather=asdict(BRIEF)
+    )
     for fold in range(5):
         shutil.copytree(MODEL_DIR, folds / f"fold{fold}")
         (folds / f"fold{fold}" / crossed.TRAINING).write_text(made_by.model_dump_json())
@@ -228,7 +231,7 @@ def test_who_learns_from_all_photos_is_measured_by_networks_that_did_not(
     monkeypatch.setattr(card.evaluation, "corrupted_accuracy", lambda *_, **__: {"snow": 0.5})
     monkeypatch.setattr(card, "held_out_samples", lambda *_: (drawn(1), [Sample(picture(1, 1), None)]))
     monkeypatch.setattr(training, "load_photos", lambda _: photos)
-    training.main(data, others, out, TINY, folds, learn_all=True)
+    training.main(data, others, out, TINY, folds, learn_all=True, after=BRIEF)
     kept = crossed.Training.model_validate_json((out / crossed.TRAINING).read_bytes())
     assert kept.learnt_all and kept.others_sha256 == WORLD.sha256
     found = crossed.measured(folds, data)
