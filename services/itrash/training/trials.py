@@ -103,4 +103,4 @@ Changed pictures instead of a changed network, fold 0, corrupted every tenth:
 | median of 3 x 3 px | 91.2 % | 47.6 % | 53.3 % | 82.9 % | 90.0 % | 61.4 % |
 
 None helps fog or frost. No other trial that changes training was cross-validated, and a stronger backbone and
-an ensemble's knowledge were not tried: no package was found that carries a better one with a clear licence."""
+an ensemble's knowledge were not tried: no package was found with a better one and a clear licence."""
