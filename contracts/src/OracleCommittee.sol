@@ -126,6 +126,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         // No kind has a list with the old key from now on. Whoever posts votes of it next writes another: to write those of
         // all kinds here could take more gas than a block has, and a stolen key would keep its seat.
         uint64 bit = _bitOf(sitting.seat);
+        // slither-disable-next-line cache-array-length
         for (uint256 i = 0; i < _kinds.length; ++i) {
             Record storage q = _quorums[_kinds[i]];
             if (q.judges & bit != 0) q.list = address(0);
@@ -233,6 +234,8 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         bytes calldata signatures
     ) private returns (uint64 voters) {
         Record storage quorum = _quorums[submission.kindId()];
+        // Filled below, a word at a time.
+        // slither-disable-next-line uninitialized-local
         Question memory q;
         (q.votes, q.panel, q.rotation, q.count) = (quorum.votes, quorum.panel, quorum.rotation, quorum.count);
         if (q.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(submission.kindId()));
@@ -250,7 +253,9 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     /// @dev A list of these judges as they are now.
     /// @param judges one bit for each seat
     function _write(uint64 judges) private returns (address) {
+        // slither-disable-next-line uninitialized-local
         bytes memory all;
+        // slither-disable-next-line cache-array-length
         for (uint8 number = 0; number < _keys.length; ++number) {
             if (judges & _bitOf(number) == 0) continue;
             address key = _keys[number];

@@ -29,6 +29,8 @@ library JudgeLists {
     function write(bytes memory judges) internal returns (address list) {
         bytes memory creation = abi.encodePacked(CREATOR, STOP, judges);
         list = Create2.computeAddress(0, keccak256(creation));
+        // What it returns is known.
+        // slither-disable-next-line unused-return
         if (list.code.length == 0) Create2.deploy(0, 0, creation);
     }
 
