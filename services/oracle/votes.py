@@ -169,13 +169,13 @@ class Votes:
         with self._lock:
             self._held[key] = held
             early = {name: self._early.pop((name, key), deque()) for name in self._judges}
+        self._publish(key, signature)  # before the bridge is asked who votes, which may take its time
         for name, signatures in early.items():
             for one in signatures:
                 self._count(held, name, one)
         with self._lock:
             if self._agreed(held):
                 held.due_s = time.monotonic()  # this vote was the last that was needed
-        self._publish(key, signature)
         self._tell()
         self._clock.notify()
 
