@@ -80,8 +80,9 @@ def main(given: Sequence[str] | None = None) -> None:
 
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     train.prepare()
+    recipe = train.Recipe().shortened(what.shorten)
     if what.site is None:
-        recipe, after = train.Recipe().shortened(what.shorten), train.WEATHER.shortened(what.shorten)
+        after = train.WEATHER.shortened(what.shorten)
         train.main(what.data, what.others, what.out, recipe, what.folds, after=after)
         return
     gentle = corrected.GENTLE.shortened(what.shorten)
@@ -90,8 +91,9 @@ def main(given: Sequence[str] | None = None) -> None:
         Allowed.at(what.site),
         what.data,
         what.folds,
-        lambda: corrected.Material.load(gentle, what.data, what.others),
+        lambda: corrected.Material.load(recipe, what.data, what.others),
         what.out,
+        recipe,
         gentle,
     )
     print("\n".join(report))

@@ -26,12 +26,13 @@ import logging
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import torch
 from eth_utils import to_checksum_address
 from pydantic import ValidationError
 
@@ -56,22 +57,20 @@ from rodeo.witness.statement import Classification
 from services.itrash.corrections import Kept, NotWhatItSays
 from services.itrash.training import crossed, renderings
 from services.itrash.training.allowed import Allowed
-from services.itrash.training.augment import SELDOM
 from services.itrash.training.compact import compact, is_compact
-from services.itrash.training.cross_validate import seen_by_imagenet, split
+from services.itrash.training.cross_validate import learnt_without, seen_by_imagenet
 from services.itrash.training.crossed import TRAINING, Crossed, Training
 from services.itrash.training.dataset import CLASSES, Sample
-from services.itrash.training.folds import FOLDS, near_folds
+from services.itrash.training.folds import FOLDS, joined, near_folds
 from services.itrash.training.held_out import HeldOut
-from services.itrash.training.network import ARCHITECTURE, Network, export, exported
+from services.itrash.training.network import ARCHITECTURE, Network, export
 from services.itrash.training.others import World
 from services.itrash.training.train import (
-    Draws,
+    WEATHER,
     Recipe,
+    Weather,
     calibrated,
-    finish,
-    fit,
-    last,
+    weathered,
     write_preprocessing,
 )
 
@@ -80,15 +79,15 @@ log = logging.getLogger("itrash.corrected")
 CORRECTED_SHARE = 0.1
 """Of the pictures to learn from; a correction is repeated as often as that takes, within `MOST_REPEATED`."""
 MOST_REPEATED = 20
-"""Times. One person may be wrong: without a bound, a single correction would be a tenth of what is learnt.
-With it, one is drawn about 60 times in 300 steps, 125 times where it is of the rarest class or of none, and
-a photo three to six times. It takes eleven corrected pictures to be a tenth."""
+"""Times, the item's pictures taking turns. One person may be wrong: without a bound, a single correction
+would be a tenth of what is learnt. It takes eleven corrected items to be a tenth."""
 
 _FOLDS = "folds"
 """Where the cross-validated networks lie, beside the model."""
 
-GENTLE = replace(Recipe(), finish_rate=5e-5)
-"""A low rate: what the network knows is worth more than a few pictures."""
+GENTLE = replace(WEATHER, steps=280, rate=5e-5)
+"""The last steps of training once more, taught by the network that there is: it must not forget what it sees
+through. A low rate: what it knows is worth more than a few pictures."""
 
 
 class NoCorrections(RodeoError):
@@ -110,18 +109,24 @@ class WorseThanBefore(RodeoError):
 
 @dataclass(frozen=True)
 class Corrected:
-    """A picture and what people say that it shows."""
+    """What was shown to a bin, and what people say that it is."""
 
-    picture: bytes
+    pictures: tuple[bytes, ...]
+    """Encoded: the one that was corrected last, then those that the bin combined with it, as far as it kept
+    them."""
     label: str | None
     """None where it was no item."""
     name: str
+    """Hash of the first picture."""
     people: tuple[str, ...]
     """Addresses of those who signed."""
 
-    @property
-    def sample(self) -> Sample:
-        return Sample(shrink(decode_image(self.picture)), self.label, self.name)
+    @cached_property
+    def samples(self) -> list[Sample]:
+        """Its pictures in their order."""
+        return [
+            Sample(shrink(decode_image(one)), self.label, self.name, corrected=True) for one in self.pictures
+        ]
 
 
 @dataclass(frozen=True)
@@ -141,36 +146,65 @@ class Material:
 
 
 def gather(site: Site, allowed: Allowed) -> tuple[list[Corrected], list[str]]:
-    """The sound corrections of all bins of the site, and why others are left out."""
-    found: dict[str, list[tuple[str, str, bytes]]] = defaultdict(list)
+    """What the sound corrections of all bins of the site are about, and why others are left out."""
+    words: list[_Word] = []
     left_out: list[str] = []
     for config in site.bins:
         folder = site.data_dir / bin_process(site, config.name) / "corrections"
         for path in sorted(folder.glob("*.json")):
             try:
-                said, signer, picture = _sound(path, config.name, allowed)
+                words.append(_sound(path, config.name, allowed))
             except (OSError, ValidationError) as error:
                 left_out.append(f"{config.name}/{path.name}: {unreadable(error)}")
             except (BadAttestation, ImageError, NotWhatItSays, _Unsound) as error:
                 left_out.append(f"{config.name}/{path.name}: {error}")
-            else:
-                found[said.image_sha256].append((said.item_class, signer, picture))
     corrected = []
-    for name, words in sorted(found.items()):
-        if len({label for label, _, _ in words}) > 1:
-            left_out.append(f"{name}: people disagree")
+    for of_one in _by_item(words):
+        last = max(of_one, key=lambda word: (word.shown_s, word.name))
+        if len({word.label for word in of_one}) > 1:
+            left_out.append(f"{last.name}: people disagree")
             continue
-        label, _, picture = words[0]
-        people = tuple(signer for _, signer, _ in words)
-        corrected.append(Corrected(picture, None if label == UNKNOWN else label, name, people))
-    return corrected, left_out
+        pictures = {**last.pictures, **{name: one for word in of_one for name, one in word.pictures.items()}}
+        people = tuple(sorted({word.signer for word in of_one}))
+        label = None if last.label == UNKNOWN else last.label
+        corrected.append(Corrected(tuple(pictures.values()), label, last.name, people))
+    return sorted(corrected, key=lambda one: one.name), left_out
+
+
+@dataclass(frozen=True)
+class _Word:
+    """What one person says of one answer."""
+
+    label: str
+    signer: str
+    shown_s: float
+    pictures: dict[str, bytes]
+    """By their hashes, the corrected one first."""
+
+    @property
+    def name(self) -> str:
+        return next(iter(self.pictures))
+
+
+def _by_item(words: Sequence[_Word]) -> list[list[_Word]]:
+    """Answers that share a picture are about one item."""
+    having: dict[str, list[int]] = defaultdict(list)
+    for number, word in enumerate(words):
+        for name in word.pictures:
+            having[name].append(number)
+    pairs = [pair for numbers in having.values() for pair in pairwise(numbers)]
+    items: dict[int, list[_Word]] = defaultdict(list)
+    least = joined(len(words), np.array(pairs, int).reshape(-1, 2))
+    for word, item in zip(words, least.tolist(), strict=True):
+        items[item].append(word)
+    return list(items.values())
 
 
 class _Unsound(Exception):
     """What is in the file does not belong together."""
 
 
-def _sound(path: Path, bin_name: str, allowed: Allowed) -> tuple[Correction, str, bytes]:
+def _sound(path: Path, bin_name: str, allowed: Allowed) -> _Word:
     kept = Kept.model_validate_json(path.read_bytes())
     # As the bin does when it starts: a copy, or a person's second word, in another file counts in neither.
     kept.verify(path.stem, bin_name)
@@ -184,13 +218,20 @@ def _sound(path: Path, bin_name: str, allowed: Allowed) -> tuple[Correction, str
         raise _Unsound(f"{signer} is no auditor of the organization")
     if not allowed.speaks_for(teller, bin_name, told.shown_s):
         raise _Unsound(f"{teller} was not registered as the bin's key when it signed")
-    picture = (path.parent / said.image_sha256).read_bytes()
-    if "0x" + sha256(picture).hexdigest() != said.image_sha256:
-        raise _Unsound("the picture has another hash")
-    decode_image(picture)
     if said.item_class not in (*CLASSES, UNKNOWN):
         raise _Unsound("the network knows no such class")
-    return said, signer, picture
+    # The corrected one must be there; the bin may have let go of an earlier one before it was corrected.
+    kept_too = [one.image_sha256 for one in told.earlier if (path.parent / one.image_sha256).exists()]
+    names = (said.image_sha256, *kept_too)
+    return _Word(said.item_class, signer, told.shown_s, {name: _picture(path.parent, name) for name in names})
+
+
+def _picture(folder: Path, name: str) -> bytes:
+    picture = (folder / name).read_bytes()
+    if "0x" + sha256(picture).hexdigest() != name:
+        raise _Unsound("the picture has another hash")
+    decode_image(picture)
+    return picture
 
 
 def add_corrections(
@@ -201,6 +242,7 @@ def add_corrections(
     load: Callable[[], Material],
     out: Path,
     recipe: Recipe,
+    weather: Weather,
 ) -> list[str]:
     """Write the model that learnt from them into `out`, beside its five cross-validated networks in `folds`;
     the report as lines. Nothing is written there before all of them are known to be no worse.
@@ -227,14 +269,15 @@ def add_corrections(
     crossed.check(folds, Training.model_validate_json((MODEL_DIR / TRAINING).read_bytes()))
     listed = {name: models for name, kind in kinds_of(site).items() if (models := kind.models())}
     photos, material = crossed.all_photos(data), load()
-    samples = [one.sample for one in corrected]
+    samples = [sample for one in corrected for sample in one.samples]
     division = crossed.division_in(folds)
     assert division is not None
     division.check([photo.name for photo in photos])
     fold_of = np.array([division.of(photo.name).fold for photo in photos])
     apart = ~near_folds(samples, seen_by_imagenet(samples), photos, seen_by_imagenet(photos), fold_of)
     held_out, doubles = material.held_out.apart_from(samples, seen_by_imagenet)
-    doubles = [*apart_lines(apart), *doubles]
+    own = [_without(corrected, apart[:, fold]) for fold in range(FOLDS)]
+    doubles = [*apart_lines(corrected, own), *doubles]
     for line in doubles:
         log.info("%s", line)
     installed = Classifier()
@@ -244,21 +287,18 @@ def add_corrections(
         recipe=asdict(recipe),
         others_sha256=material.world.sha256,
         learnt=crossed.PARTS,
+        weather=asdict(weather),
     )
     before = crossed.measured(folds, data)
     # Beside their places until all are known to be no worse.
     with TemporaryDirectory(dir=out) as beside:
         made = Path(beside)
-        own = [
-            [one for one, is_apart in zip(corrected, apart[:, fold], strict=True) if is_apart]
-            for fold in range(FOLDS)
-        ]
-        after = _cross_validated(photos, own, material, data, folds, made / _FOLDS, training, recipe)
+        after = _cross_validated(photos, own, material, data, folds, made / _FOLDS, training, recipe, weather)
         what = f"{len(photos)} photos named rightly, each by a network that did not learn from it"
         was, now = {what: before.answers.accuracy()}, {what: after.answers.accuracy()}
         refuse_worse(was, now)
         log.info("network %d of %d, the installed one, learns from the corrections", FOLDS + 1, FOLDS + 1)
-        network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, material, recipe)
+        network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, material, recipe, weather)
         changed = calibrated(after, made / _FOLDS, recipe.known_rejected)
         _write(network, load_preprocessing().model_copy(update=changed), training, made)
         was |= held_out.shares(installed)
@@ -274,6 +314,14 @@ def add_corrections(
         *answers_table(corrected, installed, Classifier(out)),
         *(f"{what}: {was[what]:.4f}, now {now[what]:.4f}" for what in was),
         *next_steps(listed, out),
+    ]
+
+
+def _without(corrected: Sequence[Corrected], apart: np.ndarray) -> list[Corrected]:
+    """Those of which every picture is apart; `apart` (pictures,) are in the order of items and pictures."""
+    ends = np.cumsum([len(one.pictures) for one in corrected])
+    return [
+        one for one, pictures in zip(corrected, np.split(apart, ends[:-1]), strict=True) if pictures.all()
     ]
 
 
@@ -298,25 +346,26 @@ def found_lines(corrected: Sequence[Corrected], left_out: Sequence[str]) -> list
     """What is learnt from, by whom, and what is not."""
     people = Counter(person for one in corrected for person in one.people)
     return [
-        f"{len(corrected)} corrected {_pictures(len(corrected))} to learn from",
-        *(f"{person} judged {count} {_pictures(count)}" for person, count in sorted(people.items())),
+        f"{len(corrected)} corrected {_items(len(corrected))} to learn from",
+        *(f"{person} judged {count} {_items(count)}" for person, count in sorted(people.items())),
         *(f"left out: {reason}" for reason in left_out),
     ]
 
 
-def apart_lines(apart: np.ndarray) -> list[str]:
-    """How many corrected pictures each cross-validated network goes without; `apart` (corrected, folds) are
-    those that it learns from."""
+def apart_lines(corrected: Sequence[Corrected], own: Sequence[Sequence[Corrected]]) -> list[str]:
+    """How many corrected items each cross-validated network goes without; `own` are those that it learns
+    from."""
+    missing = [len(corrected) - len(of_one) for of_one in own]
     return [
-        f"network {fold + 1} learns without {count} corrected {_pictures(count)}: near-duplicates of photos "
-        "that measure it"
-        for fold, count in enumerate((~apart).sum(axis=0).tolist())
+        f"network {number} learns without {count} corrected {_items(count)}: near-duplicates of photos that "
+        "measure it"
+        for number, count in enumerate(missing, 1)
         if count
     ]
 
 
-def _pictures(count: int) -> str:
-    return "picture" if count == 1 else "pictures"
+def _items(count: int) -> str:
+    return "item" if count == 1 else "items"
 
 
 def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
@@ -365,13 +414,12 @@ def tuned(
     corrected: Sequence[Corrected],
     material: Material,
     recipe: Recipe,
+    weather: Weather,
 ) -> Network:
-    """The network of `weights` after the recipe's last steps with the corrected pictures among the photos."""
-    pictures = [*photos, *[one.sample for one in corrected] * repeated(len(photos), len(corrected))]
-    draws = Draws(pictures, material.rendered, material.world, recipe, recipe.seed, SELDOM)
-    torch.manual_seed(recipe.seed)  # of what is left out of a step
-    network = exported(weights, recipe.drop_connect)
-    return last(fit(network, draws, finish(recipe), recipe, recipe.finish_ema_decay)).eval()
+    """The network of `weights` after these steps with the corrected pictures among the photos."""
+    turns = range(repeated(len(photos), len(corrected)))
+    again = [one.samples[turn % len(one.samples)] for turn in turns for one in corrected]
+    return weathered(weights, [*photos, *again], material.rendered, material.world, recipe, weather)
 
 
 def repeated(photos: int, corrected: int) -> int:
@@ -385,7 +433,7 @@ def answers_table(corrected: Sequence[Corrected], before: Classifier, after: Cla
     """What each model says of the pictures that people corrected."""
     rows = ["| picture | people say | before | after |", "|---|---|---|---|"]
     for one in corrected:
-        was, now = before.classify(one.picture), after.classify(one.picture)
+        was, now = before.classify(one.pictures[0]), after.classify(one.pictures[0])
         rows.append(
             f"| {one.name[:12]} | {one.label or UNKNOWN} | {was.label} ({was.confidence:.2f}) "
             f"| {now.label} ({now.confidence:.2f}) |"
@@ -402,12 +450,13 @@ def _cross_validated(
     out: Path,
     training: Training,
     recipe: Recipe,
+    weather: Weather,
 ) -> Crossed:
     """The answers of the cross-validated networks after the same fine-tuning, by their own thresholds.
     `corrected` is what each learns from.
 
     So that nothing but the corrections makes a difference, each learns again from the photos that it learnt
-    from, not from those that calibrated it, and its weights have as many bits as before.
+    from, and its weights have as many bits as before.
     """
     division = crossed.division_in(folds)
     assert division is not None
@@ -416,9 +465,9 @@ def _cross_validated(
     for fold in range(FOLDS):
         source, folder = crossed.folder_of(folds, fold), crossed.folder_of(out, fold)
         folder.mkdir()
-        learnt, _ = split(photos, division, fold)
+        learnt = learnt_without(photos, division, fold)
         log.info("network %d of %d learns from the corrections", fold + 1, FOLDS + 1)
-        network = tuned(source / WEIGHTS, learnt, corrected[fold], material, recipe)
+        network = tuned(source / WEIGHTS, learnt, corrected[fold], material, recipe, weather)
         _write(network, load_preprocessing(source), training, folder)
         if is_compact((source / WEIGHTS).read_bytes()):
             (folder / WEIGHTS).write_bytes(compact((folder / WEIGHTS).read_bytes()))

@@ -4,9 +4,10 @@ shown.
     python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out FOLDER
 
 Real photos of other things must have been fetched (`others.py`). One core for five times as long as `train`.
-A run that was killed goes on where it was when it is started again; `--fold K` does one of them. Each network
-learns from the photos of the other folds but for a tenth of their groups, which chooses its temperature and
-threshold: nothing is chosen on the photos that measure it. Needs the `train` extra (torch, onnx).
+A run that was killed goes on where it was when it is started again; `--fold K` does one of them. Each
+network learns from the photos of the other folds. Its temperature and threshold are chosen once all are
+there, by what the other four answer to their own folds: no photo chooses what measures it, and no network is
+asked about what it learnt from. Needs the `train` extra (torch, onnx).
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ import numpy as np
 import torch
 
 from rodeo.vision.classification import WEIGHTS, load_preprocessing
-from rodeo.vision.classifier import Classifier, to_input
-from services.itrash.training import crossed, metrics, renderings
+from rodeo.vision.classifier import to_input
+from services.itrash.training import crossed, renderings
 from services.itrash.training.abstention import threshold
 from services.itrash.training.compact import compact
 from services.itrash.training.crossed import TRAINING, Division, Training
 from services.itrash.training.dataset import Sample
-from services.itrash.training.folds import FOLDS, SEED, divided, groups
+from services.itrash.training.folds import FOLDS, divided, groups
 from services.itrash.training.network import ARCHITECTURE, Network, export
 from services.itrash.training.others import FETCHED, World
 from services.itrash.training.train import (
@@ -48,9 +49,6 @@ log = logging.getLogger("itrash.cross_validate")
 RECIPES = {"shipped": Recipe()}
 """By name, so that a figure can say which recipe it is of."""
 
-INNER = 10
-"""One in so many groups of the photos to learn from chooses temperature and threshold instead."""
-
 
 def main(
     data: Path, fetched: Path, out: Path, recipe: Recipe, only: Iterable[int], after: Weather = WEATHER
@@ -64,7 +62,8 @@ def main(
         if crossed.is_there(out, fold):
             log.info("fold %d is there", fold)
         else:
-            one_fold(photos, world, division, fold, data, folder, recipe, after)
+            one_fold(photos, world, division, fold, folder, recipe, after)
+    calibrate(out, data, recipe)
     for line in crossed.table(crossed.measured(out, data)):
         log.info("%s", line)
 
@@ -74,16 +73,15 @@ def one_fold(
     world: World,
     division: Division,
     fold: int,
-    data: Path,
     folder: Path,
     recipe: Recipe,
     after: Weather,
 ) -> None:
-    """Train, export and calibrate the network that has not seen `fold`. What is in the folder tells how far
-    an earlier run got; the recipe is written last."""
+    """Train and export the network that has not seen `fold`. What is in the folder tells how far an earlier
+    run got; the recipe is written last."""
     folder.mkdir(parents=True, exist_ok=True)
-    learnt, inner = split(photos, division, fold)
-    log.info("fold %d: %d photos to learn from, %d to calibrate on", fold, len(learnt), len(inner))
+    learnt = learnt_without(photos, division, fold)
+    log.info("fold %d: %d photos to learn from", fold, len(learnt))
     training = Training(
         architecture=ARCHITECTURE,
         recipe=asdict(recipe),
@@ -93,28 +91,27 @@ def one_fold(
     rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
     network = wholly(learnt, rendered, world, recipe, after, folder / WEIGHTS, folder)
     export(network, folder / WEIGHTS, recipe.input_px)
-    calibrate(folder, data, inner, recipe)
+    write_preprocessing(folder, uncalibrated(recipe))
     (folder / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     for stage in folder.glob("*.pt"):
         stage.unlink()
 
 
 def pack(data: Path, out: Path, into: Path) -> None:
-    """Write the networks of `out` with weights of 8 bits into `into`, each calibrated anew as it is there."""
+    """Write the networks of `out` with weights of 8 bits into `into`, calibrated anew as they are there.
+    Raises Unfinished."""
+    if not crossed.complete(out):
+        raise crossed.Unfinished("all networks are packed together", folder=str(out))
     into.mkdir(parents=True, exist_ok=True)
-    photos = crossed.all_photos(data)
-    division = _division(photos, out)
+    division = _division(crossed.all_photos(data), out)
     (into / crossed.DIVISION).write_text(division.model_dump_json() + "\n")
     for fold in range(FOLDS):
         source, folder = crossed.folder_of(out, fold), crossed.folder_of(into, fold)
-        if not crossed.is_there(out, fold):
-            continue
         folder.mkdir(exist_ok=True)
-        training = (source / TRAINING).read_text()
-        recipe = Recipe(**Training.model_validate_json(training).recipe)
         (folder / WEIGHTS).write_bytes(compact((source / WEIGHTS).read_bytes()))
-        calibrate(folder, data, split(photos, division, fold)[1], recipe)
-        (folder / TRAINING).write_text(training)
+        (folder / TRAINING).write_bytes((source / TRAINING).read_bytes())
+    made_by = Training.model_validate_json((crossed.folder_of(into, 0) / TRAINING).read_bytes())
+    calibrate(into, data, Recipe(**made_by.recipe))
     for line in crossed.table(crossed.measured(into, data)):
         log.info("%s", line)
 
@@ -129,24 +126,27 @@ def choose(data: Path, out: Path, model: Path, risk: float) -> None:
     log.info("%s", changed)
 
 
-def split(photos: list[Sample], division: Division, fold: int) -> tuple[list[Sample], list[Sample]]:
-    """The photos that the network of `fold` learns from, and those that choose its threshold."""
-    others = [photo for photo in photos if division.of(photo.name).fold != fold]
-    group = np.array([division.of(photo.name).group for photo in others])
-    part = divided([str(photo.label) for photo in others], group, INNER, SEED + 1 + fold)
-    learnt = [photo for photo, number in zip(others, part, strict=True) if number != 0]
-    return learnt, [photo for photo, number in zip(others, part, strict=True) if number == 0]
+def learnt_without(photos: list[Sample], division: Division, fold: int) -> list[Sample]:
+    """The photos that the network of `fold` learns from."""
+    return [photo for photo in photos if division.of(photo.name).fold != fold]
 
 
-def calibrate(folder: Path, data: Path, inner: list[Sample], recipe: Recipe) -> None:
-    """Write the temperature of the least log loss, and the threshold that risks a named share of items."""
+def calibrate(out: Path, data: Path, recipe: Recipe) -> None:
+    """Write for each network the temperature of the least log loss and the threshold that risks a named share
+    of items, by the answers of the other four to their own folds. Before all are there nothing is unknown."""
+    if not crossed.complete(out):
+        log.info("thresholds are chosen once all networks are there")
+        return
     preprocessing = uncalibrated(recipe)
-    write_preprocessing(folder, preprocessing)
-    found = metrics.answers_to_files(Classifier(folder), data, inner)
-    temperature = best_temperature(found)
-    below = threshold(found.confidence(temperature), recipe.known_rejected)
-    changed = {"temperature": temperature, "unknown_below": below}
-    write_preprocessing(folder, preprocessing.model_copy(update=changed))
+    for fold in range(FOLDS):
+        write_preprocessing(crossed.folder_of(out, fold), preprocessing)
+    found = crossed.measured(out, data)
+    for fold in range(FOLDS):
+        others = found.answers.chosen(np.flatnonzero(found.fold != fold))
+        temperature = best_temperature(others)
+        below = threshold(others.confidence(temperature), recipe.known_rejected)
+        changed = {"temperature": temperature, "unknown_below": below}
+        write_preprocessing(crossed.folder_of(out, fold), preprocessing.model_copy(update=changed))
 
 
 def _division(photos: list[Sample], out: Path) -> Division:

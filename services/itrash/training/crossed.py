@@ -109,6 +109,8 @@ class Crossed:
     """The logits are divided by each network's own temperature already."""
     group: np.ndarray
     """The group of each photo, (n,)."""
+    fold: np.ndarray
+    """The fold of each photo, (n,)."""
     folds: tuple[int, ...]
     names: tuple[str, ...]
     """Of the photos, below the data's folder."""
@@ -167,6 +169,7 @@ def measured(out: Path, data: Path) -> Crossed:
     division.check(names)
     there = tuple(n for n in range(FOLDS) if is_there(out, n))
     answers, group, shown = [], [], []
+    of_fold: list[int] = []
     for fold in there:
         own = [name for name in names if division.of(name).fold == fold]
         classifier = Classifier(folder_of(out, fold))
@@ -174,8 +177,9 @@ def measured(out: Path, data: Path) -> Crossed:
         found = metrics.answers_to(classifier, photos, [Path(name).parent.name for name in own])
         answers.append(replace(found, logits=found.logits / classifier.preprocessing.temperature))
         group += [division.of(name).group for name in own]
+        of_fold += [fold] * len(own)
         shown += own
-    return Crossed(_joined(answers), np.array(group, int), there, tuple(shown))
+    return Crossed(_joined(answers), np.array(group, int), np.array(of_fold, int), there, tuple(shown))
 
 
 def corrupted(out: Path, photos: Sequence[Sample], every: int) -> dict[str, float]:

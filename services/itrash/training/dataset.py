@@ -31,6 +31,8 @@ class Sample:
     label: str | None
     name: str = ""
     """Where it came from."""
+    corrected: bool = False
+    """Whether a person said so against a network: none teaches another name for it."""
 
 
 def load_photos(folder: Path) -> list[Sample]:

@@ -151,11 +151,14 @@ class Batch(NamedTuple):
     """What to call each: distributions over the outputs, (batch, OUTPUTS), float32."""
     clear: np.ndarray
     """The inputs before any was disturbed."""
+    corrected: np.ndarray
+    """Which a person named against a network, (batch,), bool."""
 
 
 @dataclass(frozen=True)
 class Teacher:
-    """A network whose answers to the clear pictures are a share of what is learnt."""
+    """A network whose answers to the clear pictures are a share of what is learnt, but of those that a person
+    corrected."""
 
     network: Network
     share: float
@@ -165,7 +168,8 @@ class Teacher:
         clear = torch.from_numpy(batch.clear).to(memory_format=torch.channels_last)
         with torch.no_grad(), _bfloat16():
             said = torch.softmax(self.network(clear).float(), dim=1)
-        return torch.from_numpy(batch.targets).lerp(said, self.share)
+        share = torch.where(torch.from_numpy(batch.corrected), 0.0, self.share)
+        return torch.from_numpy(batch.targets).lerp(said, share[:, None])
 
 
 class Draws:
@@ -207,6 +211,7 @@ class Draws:
         inputs = np.empty((recipe.batch, 3, side, side), np.float32)
         clear = np.empty_like(inputs) if self._disturbed else inputs
         targets = np.full((recipe.batch, OUTPUTS), recipe.label_smoothing / OUTPUTS, np.float32)
+        corrected = np.zeros(recipe.batch, bool)
         for row in range(recipe.batch):
             source = rng.random()
             if source < recipe.nothing_share:
@@ -225,7 +230,8 @@ class Draws:
                 inputs[row] = _input(weather.disturbed(view, rng)) if foul else clear[row]
             target = len(CLASSES) if sample.label is None else CLASSES.index(sample.label)
             targets[row, target] += 1 - recipe.label_smoothing
-        return Batch(inputs, targets, clear)
+            corrected[row] = sample.corrected
+        return Batch(inputs, targets, clear, corrected)
 
     def _nothing(self, side: int) -> np.ndarray:
         """A picture without an item."""

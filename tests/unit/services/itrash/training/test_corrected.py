@@ -23,7 +23,7 @@ from rodeo.config import Site, bin_process  # noqa: E402
 from rodeo.errors import BusUnavailable  # noqa: E402
 from rodeo.evidence import attest  # noqa: E402
 from rodeo.messages import Device  # noqa: E402
-from rodeo.vision.classification import MODEL_DIR, WEIGHTS, load_preprocessing  # noqa: E402
+from rodeo.vision.classification import MODEL_DIR, WEIGHTS, digest, load_preprocessing  # noqa: E402
 from rodeo.vision.classifier import Classifier, to_input  # noqa: E402
 from rodeo.vision.images import decode_image  # noqa: E402
 from rodeo.witness.statement import Classification, Scope  # noqa: E402
@@ -41,13 +41,13 @@ from services.itrash.training.corrected import (  # noqa: E402
     add_corrections,
     gather,
 )
-from services.itrash.training.cross_validate import split  # noqa: E402
+from services.itrash.training.cross_validate import learnt_without  # noqa: E402
 from services.itrash.training.crossed import Division, OtherRecipe  # noqa: E402
 from services.itrash.training.dataset import CLASSES, NoPhotos, Sample  # noqa: E402
 from services.itrash.training.held_out import HeldOut  # noqa: E402
 from services.itrash.training.network import exported  # noqa: E402
 from services.itrash.training.others import World  # noqa: E402
-from services.itrash.training.train import balanced  # noqa: E402
+from services.itrash.training.train import Recipe, balanced  # noqa: E402
 
 ANNA, BERT, BIN = Account.create(), Account.create(), Account.create()
 SCOPE = {"chain_id": 1, "task_manager": "0x" + "11" * 20, "organization": "0x" + "22" * 20}
@@ -59,7 +59,8 @@ WORLD = World(
     cutouts=(np.full((40, 30, 4), 200, np.uint8),),
     sha256="ab" * 32,
 )
-TINY = replace(corrected.GENTLE, finish_steps=1, batch=2, finish_rate=1e-6, known_rejected=0.2)
+TINY = replace(Recipe(), batch=2, known_rejected=0.2)
+BRIEF = replace(corrected.GENTLE, steps=1, warmup_steps=1, px=64, rate=1e-6)
 
 
 @pytest.fixture
@@ -91,7 +92,7 @@ def correct(
     (config,) = site.bins
     folder = site.data_dir / bin_process(site, config.name) / "corrections"
     folder.mkdir(parents=True, exist_ok=True)
-    name = "0x" + sha256(picture).hexdigest()
+    name = digest(picture)
     said = {**SCOPE, "type": "bin.correction", "bin": config.name, "image_sha256": name, "class": was}
     told = Classification(
         **SCOPE,
@@ -125,6 +126,26 @@ def test_what_two_people_signed_of_a_picture_teaches_once(own: Site) -> None:
     found, left_out = gather(own, allowed())
     assert {(one.label, len(one.people)) for one in found} == {("glass", 2), (None, 1)}
     assert left_out == []
+
+
+def test_all_pictures_that_the_bin_combined_teach_and_are_one_item(own: Site) -> None:
+    """The bin asked for another angle: a second answer names the pictures of the first, too."""
+    earlier = [{"image_sha256": digest(PAPER), "taken_s": SHOWN_S - 1}]
+    first = correct(own, BERT, PAPER, "glass", {"shown_s": SHOWN_S - 1})
+    path = correct(own, ANNA, CAN, "glass", {"earlier": earlier})
+    (found,), left_out = gather(own, allowed())
+    assert (found.pictures, found.name, left_out) == ((CAN, PAPER), digest(CAN), [])
+    assert set(found.people) == {ANNA.address, BERT.address}
+    assert [sample.label for sample in found.samples] == ["glass", "glass"]
+    correct(own, BERT, PAPER, "plastic")  # of the same item, though of another picture
+    found_now, reasons = gather(own, allowed())
+    assert found_now == [] and "people disagree" in reasons[0]
+    first.unlink()
+    (first.parent / digest(PAPER)).unlink()  # the bin had let go of it
+    (alone,), _ = gather(own, allowed())
+    assert alone.pictures == (CAN,)
+    (path.parent / digest(PAPER)).write_bytes(CAN)
+    assert gather(own, allowed()) == ([], [f"itrash/{path.name}: the picture has another hash"])
 
 
 def test_a_copy_of_a_correction_teaches_nothing_and_counts_for_nobody(own: Site) -> None:
@@ -247,8 +268,8 @@ def test_what_was_exported_learns_on_from_where_it_was(tmp_path: Path, small: bo
 
 
 def test_the_same_corrections_make_the_same_network() -> None:
-    one = corrected.Corrected(CAN, "metal", "a can", (ANNA.address,))
-    arguments = (MODEL_DIR / WEIGHTS, drawn(), [one], material(), TINY)
+    one = corrected.Corrected((CAN,), "metal", "a can", (ANNA.address,))
+    arguments = (MODEL_DIR / WEIGHTS, drawn(), [one], material(), TINY, BRIEF)
     first, second = (corrected.tuned(*arguments).state_dict() for _ in range(2))
     assert all(torch.equal(value, second[name]) for name, value in first.items())
 
@@ -314,7 +335,7 @@ def too_early() -> Any:
 
 def test_a_site_without_corrections_is_told_so(own: Site, data: Path, folds: Path, tmp_path: Path) -> None:
     with pytest.raises(NoCorrections):
-        add_corrections(own, allowed(), data, folds, too_early, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, too_early, tmp_path / "out", TINY, BRIEF)
 
 
 def test_a_folder_without_photos_is_told_before_anything_is_rendered(
@@ -322,7 +343,7 @@ def test_a_folder_without_photos_is_told_before_anything_is_rendered(
 ) -> None:
     correct(own, ANNA, CAN, "metal")
     with pytest.raises(NoPhotos) as refused:
-        add_corrections(own, allowed(), tmp_path, folds, too_early, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), tmp_path, folds, too_early, tmp_path / "out", TINY, BRIEF)
     assert refused.value.details == {"folder": str(tmp_path / "train" / CLASSES[0])}
 
 
@@ -342,7 +363,7 @@ def test_without_all_cross_validated_networks_nothing_is_written(
     correct(own, ANNA, CAN, "metal")
     shutil.rmtree(folds / "fold4")
     with pytest.raises(NotCrossValidated) as refused:
-        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY, BRIEF)
     assert refused.value.details["there"] == [0, 1, 2, 3]
     assert not (tmp_path / "out").exists()
 
@@ -354,7 +375,7 @@ def test_networks_of_another_recipe_than_the_installed_one_measure_nothing(
     path = folds / "fold2" / crossed.TRAINING
     path.write_text(path.read_text().replace('"seed": 8', '"seed": 9'))
     with pytest.raises(OtherRecipe):
-        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY, BRIEF)
 
 
 def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
@@ -364,13 +385,13 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
     correct(own, Account.create(), PAPER, "paper")
     caplog.set_level("INFO")
     out = tmp_path / "out"
-    report = add_corrections(own, allowed(), data, folds, material, out, TINY)
+    report = add_corrections(own, allowed(), data, folds, material, out, TINY, BRIEF)
     (row,) = [line for line in report if line.startswith("| 0x")]
     assert row.count("metal (") == 2
-    assert f"{ANNA.address} judged 1 picture" in report
+    assert f"{ANNA.address} judged 1 item" in report
     said = [record.getMessage() for record in caplog.records]
     first = next(number for number, line in enumerate(said) if line.startswith("network 1 of 6"))
-    assert "1 corrected picture to learn from" in said[:first]
+    assert "1 corrected item to learn from" in said[:first]
     assert any("is no auditor" in line for line in said[:first])  # not after hours
     made = Classifier(out)
     assert f"model_sha256 {made.model_sha256}" in report
@@ -405,11 +426,11 @@ def test_nothing_but_the_corrections_makes_a_difference_between_before_and_after
 
     monkeypatch.setattr(corrected, "tuned", unchanged)
     out = tmp_path / "out"
-    add_corrections(own, allowed(), data, folds, material, out, TINY)
+    add_corrections(own, allowed(), data, folds, material, out, TINY, BRIEF)
     photos, division = crossed.all_photos(data), crossed.division_in(folds)
     assert division is not None
     *of_folds, of_all = learnt
-    assert of_folds == [[one.name for one in split(photos, division, fold)[0]] for fold in range(5)]
+    assert of_folds == [[one.name for one in learnt_without(photos, division, fold)] for fold in range(5)]
     assert of_all == [photo.name for photo in photos]
     before, after = crossed.measured(folds, data), crossed.measured(out / "folds", data)
     np.testing.assert_allclose(after.answers.logits, before.answers.logits, atol=0.05)
@@ -433,9 +454,9 @@ def test_no_network_learns_from_a_near_duplicate_of_the_photos_that_measure_it(
         return exported(source).eval()
 
     monkeypatch.setattr(corrected, "tuned", unchanged)
-    report = add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+    report = add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY, BRIEF)
     assert learnt == [{None}, {None}, {None}, {"metal", None}, {None}, {"metal", None}]
-    said = "learns without 1 corrected picture: near-duplicates of photos that measure it"
+    said = "learns without 1 corrected item: near-duplicates of photos that measure it"
     assert [line for line in report if "learns without" in line] == [
         f"network {n} {said}" for n in (1, 2, 3, 5)
     ]
@@ -453,7 +474,7 @@ def test_a_model_that_names_fewer_photos_rightly_is_not_written(
 
     monkeypatch.setattr(corrected, "tuned", spoilt)
     with pytest.raises(WorseThanBefore) as refused:
-        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY, BRIEF)
     ((what, before),) = refused.value.details["before"].items()
     after = refused.value.details["after"][what]
     assert what.startswith("24 photos named rightly") and after < before
@@ -476,7 +497,7 @@ def test_a_model_that_takes_what_is_no_waste_for_waste_is_not_written(
     monkeypatch.setattr(corrected, "tuned", credulous)
     monkeypatch.setattr(corrected, "calibrated", lambda *_: {"unknown_below": 0.01})
     with pytest.raises(WorseThanBefore) as refused:
-        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, material, tmp_path / "out", TINY, BRIEF)
     counted = ("drawn pictures without an item called unknown", "real photos of other things called unknown")
     assert refused.value.details == {
         "before": dict.fromkeys(counted, 1.0),
@@ -489,7 +510,7 @@ def test_what_is_learnt_on_from_is_not_replaced(own: Site, data: Path, folds: Pa
     correct(own, ANNA, CAN, "metal")
     for out, source in ((tmp_path, folds), (MODEL_DIR, MODEL_DIR)):
         with pytest.raises(SameFolder) as refused:
-            add_corrections(own, allowed(), data, folds, too_early, out, TINY)
+            add_corrections(own, allowed(), data, folds, too_early, out, TINY, BRIEF)
         assert refused.value.details == {"folder": str(source)}
 
 
@@ -500,7 +521,7 @@ def test_the_next_corrections_replace_what_an_earlier_run_wrote(
     out = tmp_path / "out"
     (out / "folds" / "fold0").mkdir(parents=True)
     (out / "folds" / "fold0" / "of an earlier run").touch()
-    add_corrections(own, allowed(), data, folds, material, out, TINY)
+    add_corrections(own, allowed(), data, folds, material, out, TINY, BRIEF)
     written = {"folds", WEIGHTS, "preprocessing.json", crossed.TRAINING}
     assert {path.name for path in out.iterdir()} == written
     assert {path.name for path in (out / "folds" / "fold0").iterdir()} == written - {"folds"}
@@ -535,12 +556,17 @@ def test_a_thing_that_is_no_waste_is_not_drawn_more_often_than_a_photo_of_the_ra
 def test_a_correction_is_learnt_from_as_often_as_it_may_be_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     learnt: list[str] = []
 
-    def draws(photos: list[Sample], *_more: Any) -> None:
+    def steps(_weights: Path, photos: list[Sample], *_more: Any) -> None:
         learnt.extend(photo.name for photo in photos)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(corrected, "Draws", draws)
-    one = corrected.Corrected(CAN, "metal", "a can", (ANNA.address,))
+    monkeypatch.setattr(corrected, "weathered", steps)
+    one = corrected.Corrected((CAN,), "metal", "a can", (ANNA.address,))
     with pytest.raises(KeyboardInterrupt):
-        corrected.tuned(MODEL_DIR / WEIGHTS, drawn() * 200, [one], material(), TINY)
+        corrected.tuned(MODEL_DIR / WEIGHTS, drawn() * 200, [one], material(), TINY, BRIEF)
     assert learnt.count("a can") == corrected.MOST_REPEATED
+    learnt.clear()
+    several = replace(one, pictures=(CAN, PAPER, CAN))
+    with pytest.raises(KeyboardInterrupt):
+        corrected.tuned(MODEL_DIR / WEIGHTS, drawn() * 200, [several], material(), TINY, BRIEF)
+    assert learnt.count("a can") == corrected.MOST_REPEATED, "one item, however many pictures it has"

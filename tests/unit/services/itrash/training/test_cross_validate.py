@@ -74,15 +74,43 @@ def division(photos: list[Sample]) -> Division:
     return Division.of_arrays([photo.name for photo in photos], fold, np.arange(len(photos)))
 
 
-def test_a_fold_never_learns_from_its_own_photos_nor_calibrates_on_what_it_learnt(
+def test_a_network_learns_from_all_photos_but_those_of_its_own_fold(
     photos: list[Sample], division: Division
 ) -> None:
     for fold in range(5):
-        learnt, inner = ({one.name for one in part} for part in cross_validate.split(photos, division, fold))
+        learnt = {one.name for one in cross_validate.learnt_without(photos, division, fold)}
         own = {photo.name for photo in photos if division.of(photo.name).fold == fold}
-        assert not own & learnt and not own & inner and not learnt & inner
-        assert len(own | learnt | inner) == len(photos)
-        assert inner
+        assert own and not own & learnt
+        assert len(own | learnt) == len(photos)
+
+
+def test_no_photo_chooses_the_threshold_of_the_network_that_it_measures(
+    photos: list[Sample], division: Division, tmp_path: Path
+) -> None:
+    """Where every photo of one fold is hard, its own threshold does not fall, and those of the others do."""
+    data, out = tmp_path / "data", tmp_path / "out"
+    large = replace(TINY, input_px=load_preprocessing().input_px)
+    for fold in range(5):
+        shutil.copytree(MODEL_DIR, out / f"fold{fold}")
+    (out / crossed.DIVISION).write_text(division.model_dump_json())
+
+    def chosen() -> list[tuple[float, float]]:
+        cross_validate.calibrate(out, data, large)
+        found = [load_preprocessing(out / f"fold{fold}") for fold in range(5)]
+        return [(one.temperature, one.unknown_below) for one in found]
+
+    before = chosen()
+    assert all(below > 0 for _, below in before)
+    rng = np.random.default_rng(0)
+    for photo in photos:
+        if division.of(photo.name).fold == 3:
+            cv2.imwrite(str(data / photo.name), rng.integers(0, 256, photo.image_bgr.shape).astype(np.uint8))
+    after = chosen()
+    assert [one == other for one, other in zip(before, after, strict=True)] == [False] * 3 + [True, False]
+    shutil.rmtree(out / "fold4")
+    cross_validate.calibrate(out, data, large)
+    kept = load_preprocessing(out / "fold3")
+    assert (kept.temperature, kept.unknown_below) == after[3], "as it was before one was missing"
 
 
 def test_training_that_was_killed_goes_on_to_the_same_weights(
@@ -135,8 +163,7 @@ def test_a_fold_is_trained_once_and_measured_from_its_files(
     found = crossed.measured(out, data)
     own = sum(place.fold == 3 for place in division.photos.values())
     assert (found.folds, len(found.group)) == ((3,), own)
-    calibrated = load_preprocessing(out / "fold3")
-    assert calibrated.unknown_below > 0
+    assert load_preprocessing(out / "fold3").unknown_below == 0, "the others' answers are missing"
     assert not list((out / "fold3").glob("*.pt"))
 
     def again(*_: object) -> None:
@@ -144,8 +171,8 @@ def test_a_fold_is_trained_once_and_measured_from_its_files(
 
     monkeypatch.setattr(cross_validate, "wholly", again)
     cross_validate.main(data, tmp_path / "others", out, TINY, [3], BRIEF)
-    cross_validate.pack(data, out, tmp_path / "small")
-    assert crossed.measured(tmp_path / "small", data).folds == (3,)
+    with pytest.raises(Unfinished):
+        cross_validate.pack(data, out, tmp_path / "small")
 
 
 def test_what_was_learnt_in_all_weathers_follows_what_was_learnt_before(
@@ -157,7 +184,7 @@ def test_what_was_learnt_in_all_weathers_follows_what_was_learnt_before(
     cross_validate.main(data, others, out, TINY, [3], BRIEF)
     kept = crossed.Training.model_validate_json((out / "fold3" / crossed.TRAINING).read_bytes())
     assert kept.weather == asdict(BRIEF)
-    learnt, _ = cross_validate.split(crossed.all_photos(data), division, 3)
+    learnt = cross_validate.learnt_without(crossed.all_photos(data), division, 3)
     rendered = renderings.render_samples(0, 2)
     before, after = tmp_path / "before.onnx", tmp_path / "after.onnx"
     training.export(training.train(learnt, rendered, WORLD, TINY), before, TINY.input_px)
@@ -183,6 +210,21 @@ def test_a_teachers_share_of_what_is_learnt_is_what_it_says_of_the_clear_picture
     assert torch.equal(training.Teacher(network, 0.0).targets(batch), torch.from_numpy(batch.targets))
 
 
+def test_no_teacher_contradicts_a_person(photos: list[Sample]) -> None:
+    """The network that a person corrected is the teacher, and would teach its error again."""
+    recipe = replace(TINY, batch=16)
+    corrected = [replace(photo, corrected=photo.label == "glass") for photo in photos]
+    batch = training.Draws(
+        corrected, renderings.render_samples(0, 2), WORLD, recipe, 5, training.SELDOM
+    ).batch(64)
+    assert batch.corrected.tolist() != [False] * 16 and not batch.corrected.all()
+    glass = CLASSES.index("glass")
+    assert (batch.targets[batch.corrected].argmax(axis=1) == glass).all()
+    whole = training.Teacher(training.Network(training.OUTPUTS, 0.0).eval(), 1.0).targets(batch)
+    own = torch.isclose(whole, torch.from_numpy(batch.targets)).all(dim=1)
+    assert own.tolist() == batch.corrected.tolist()
+
+
 def test_weights_of_8_bits_take_half_the_room_and_answer_alike(tmp_path: Path) -> None:
     weights = (MODEL_DIR / WEIGHTS).read_bytes()
     small = compact(weights)
@@ -193,6 +235,24 @@ def test_weights_of_8_bits_take_half_the_room_and_answer_alike(tmp_path: Path) -
     before, after = Classifier().classify(picture), Classifier(tmp_path).classify(picture)
     assert after.best_class == before.best_class
     assert all(abs(p - before.probabilities[name]) < 0.1 for name, p in after.probabilities.items())
+
+
+def test_packed_networks_are_calibrated_as_they_are_then(
+    photos: list[Sample], division: Division, tmp_path: Path
+) -> None:
+    data, out, small = (tmp_path / name for name in ("data", "out", "small"))
+    large = replace(TINY, input_px=load_preprocessing().input_px)
+    made_by = crossed.Training(architecture="any", recipe=asdict(large))
+    for fold in range(5):
+        shutil.copytree(MODEL_DIR, out / f"fold{fold}")
+        (out / f"fold{fold}" / crossed.TRAINING).write_text(made_by.model_dump_json())
+        training.write_preprocessing(out / f"fold{fold}", training.uncalibrated(large))
+    (out / crossed.DIVISION).write_text(division.model_dump_json())
+    cross_validate.pack(data, out, small)
+    found = crossed.measured(small, data)
+    assert found.folds == (0, 1, 2, 3, 4) and list(found.fold) == sorted(found.fold)
+    assert all(load_preprocessing(small / f"fold{fold}").unknown_below > 0 for fold in range(5))
+    assert (small / "fold2" / WEIGHTS).stat().st_size < 0.55 * (out / "fold2" / WEIGHTS).stat().st_size
 
 
 def test_all_networks_together_choose_the_threshold_of_the_model(

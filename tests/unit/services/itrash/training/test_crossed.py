@@ -78,8 +78,8 @@ def test_other_photos_than_those_that_were_divided_are_refused(data: Path, tmp_p
 
 def test_an_interval_holds_the_share_and_is_wider_where_photos_are_of_few_objects() -> None:
     right = np.repeat(np.arange(40) % 10 != 0, 10)
-    of_many = Crossed(answers(right), np.arange(400), (0,), ())
-    of_few = Crossed(answers(right), np.repeat(np.arange(40), 10), (0,), ())
+    of_many = Crossed(answers(right), np.arange(400), np.zeros(400, int), (0,), ())
+    of_few = Crossed(answers(right), np.repeat(np.arange(40), 10), np.zeros(400, int), (0,), ())
     low, high = crossed.interval(of_many, Answers.accuracy)
     wide_low, wide_high = crossed.interval(of_few, Answers.accuracy)
     assert low < 0.9 < high
