@@ -12,6 +12,9 @@ import onnx
 from onnx import numpy_helper
 
 _LEVELS = 127
+_KEPT = ("second_classes_w_fp16", "second_known_w_fp16")
+"""Weights that stay as they are: for channels that vary little they are large, and 127 levels up to those
+would make the others 0."""
 
 
 def compact(data: bytes) -> bytes:
@@ -22,7 +25,7 @@ def compact(data: bytes) -> bytes:
     nodes: list[onnx.NodeProto] = []
     for node in graph.node:
         half = stored.get(node.input[0]) if node.op_type == "Cast" else None
-        if half is None or half.data_type != onnx.TensorProto.FLOAT16:
+        if half is None or half.data_type != onnx.TensorProto.FLOAT16 or half.name in _KEPT:
             nodes.append(node)
             continue
         del stored[half.name]

@@ -63,7 +63,7 @@ from services.itrash.training.crossed import TRAINING, Crossed, Training
 from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.training.folds import FOLDS, joined, near_folds
 from services.itrash.training.held_out import HeldOut
-from services.itrash.training.network import ARCHITECTURE, Network, export
+from services.itrash.training.network import NETWORK, Network, export
 from services.itrash.training.others import World
 from services.itrash.training.train import (
     WEATHER,
@@ -283,7 +283,7 @@ def add_corrections(
     installed = Classifier()
     out.mkdir(parents=True, exist_ok=True)
     training = Training(
-        architecture=ARCHITECTURE,
+        architecture=NETWORK,
         recipe=asdict(recipe),
         others_sha256=material.world.sha256,
         learnt=crossed.PARTS,

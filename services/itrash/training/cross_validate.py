@@ -29,7 +29,7 @@ from services.itrash.training.compact import compact
 from services.itrash.training.crossed import TRAINING, Division, Training
 from services.itrash.training.dataset import Sample
 from services.itrash.training.folds import FOLDS, divided, groups
-from services.itrash.training.network import ARCHITECTURE, Network, export
+from services.itrash.training.network import NETWORK, Network, export
 from services.itrash.training.others import FETCHED, World
 from services.itrash.training.train import (
     OUTPUTS,
@@ -83,7 +83,7 @@ def one_fold(
     learnt = learnt_without(photos, division, fold)
     log.info("fold %d: %d photos to learn from", fold, len(learnt))
     training = Training(
-        architecture=ARCHITECTURE,
+        architecture=NETWORK,
         recipe=asdict(recipe),
         others_sha256=world.sha256,
         weather=asdict(after),

@@ -21,9 +21,13 @@ from efficientnet_lite_pytorch import EfficientNet
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
+from services.itrash.training import second
 from services.itrash.training.depthwise import Depthwise, same_padding
+from services.itrash.training.second import Second
 
 ARCHITECTURE = "efficientnet-lite1"
+NETWORK = f"{ARCHITECTURE} and, as a second opinion, the middle of {second.ARCHITECTURE}"
+"""What is shipped."""
 MEAN, SCALE = 127.0, 1 / 128
 FROZEN_BLOCKS = 3
 """The stem and these blocks keep their ImageNet weights: few photos cannot teach edges and colours better."""
@@ -55,6 +59,8 @@ class Network(nn.Module):
         self.frozen = nn.ModuleList([self.body._conv_stem, self.body._bn0, *first])
         self.frozen.requires_grad_(False)
         self._drop_connect = drop_connect
+        self.second: Second | None = None
+        """Whose answer is added to its own; None while it learns."""
         self.fixed_statistics = False
         """Whether batch norms keep their statistics while it learns: those of exported weights are gone."""
 
@@ -97,7 +103,8 @@ class Network(nn.Module):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         last = self.features(x)
         pools = [self._pooled[index] for index in self.pooled_blocks]
-        return self.body._fc(self.body._dropout(torch.cat([last, *pools], dim=1)))
+        own: torch.Tensor = self.body._fc(self.body._dropout(torch.cat([last, *pools], dim=1)))
+        return own if self.second is None else own + self.second(x)
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
         """What the last layer before the head finds, (batch, channels)."""
@@ -148,21 +155,32 @@ def exported(path: Path, drop_connect: float = 0.0) -> Network:
         variance.fill_(1.0)
         norm.weight.fill_(math.sqrt(1 + norm.eps))
 
+    def blocks_of(name: str, blocks: nn.ModuleList) -> None:
+        for index, block in enumerate(blocks):
+            of_one = f"{name}{index}"
+            if hasattr(block, "_expand_conv"):
+                conv(f"{of_one}_expand_conv", block._expand_conv, block._bn0)
+            conv(f"{of_one}_depthwise_conv", block._depthwise_conv, block._bn1)
+            if f"{of_one}_project_b" in stored:  # a second opinion ends before its last one
+                conv(f"{of_one}_project", block._project_conv, block._bn2)
+
     head = values("fc_w")
     network = Network(len(head), drop_connect)
     body = network.body
     conv("stem_conv", body._conv_stem, body._bn0)
-    for index, block in enumerate(body._blocks):
-        name = f"block{index}"
-        if hasattr(block, "_expand_conv"):
-            conv(f"{name}_expand_conv", block._expand_conv, block._bn0)
-        conv(f"{name}_depthwise_conv", block._depthwise_conv, block._bn1)
-        conv(f"{name}_project", block._project_conv, block._bn2)
+    blocks_of("block", body._blocks)
     conv("head_conv", body._conv_head, body._bn1)
     network.pooled_blocks = KEPT_POOLS
     body._fc = nn.Linear(head.shape[1], len(head))
     body._fc.weight.copy_(head)
     body._fc.bias.copy_(values("fc_b"))
+    if "second_share" in stored:
+        network.second = other = Second(len(head) - 1, float(stored["second_share"]))
+        conv("second_stem_conv", other.stem, other.norm)
+        blocks_of("second_block", other.blocks)
+        for name, layer in (("second_classes", other.classes), ("second_known", other.known)):
+            layer.weight.copy_(values(f"{name}_w"))
+            layer.bias.copy_(values(f"{name}_b"))
     network.fixed_statistics = True
     return network
 
@@ -211,34 +229,60 @@ def export(network: Network, path: Path, input_px: int) -> None:
     def relu6(name: str, x: str) -> str:
         return node("Clip", name, [x, least, most])
 
-    body, side = network.body, input_px
-    pooled: list[str] = []
-    x = relu6("stem", conv("stem_conv", "image", body._conv_stem, body._bn0, side))
-    side = -(-side // 2)
-    for index, block in enumerate(body._blocks):
-        name, entry, depthwise = f"block{index}", x, block._depthwise_conv
-        if hasattr(block, "_expand_conv"):
-            x = conv(f"{name}_expand_conv", x, block._expand_conv, block._bn0)
-            x = relu6(f"{name}_expand", x)
-        x = conv(f"{name}_depthwise_conv", x, depthwise, block._bn1, side)
-        x = relu6(f"{name}_depthwise", x)
-        if index in network.pooled_blocks:
-            pooled.append(node("GlobalAveragePool", f"{name}_pool", [x]))
-        x = conv(f"{name}_project", x, block._project_conv, block._bn2)
-        side = -(-side // depthwise.stride)
-        arguments = block._block_args
-        if block.id_skip and depthwise.stride == 1 and arguments.input_filters == arguments.output_filters:
-            x = node("Add", f"{name}_sum", [x, entry])
+    def trunk(
+        prefix: str, stem: nn.Conv2d, norm: nn.BatchNorm2d, blocks: nn.ModuleList, pooled: tuple[int, ...]
+    ) -> tuple[str, list[str]]:
+        """What the last block says, and the pools of those in `pooled`."""
+        pools: list[str] = []
+        x = relu6(f"{prefix}stem", conv(f"{prefix}stem_conv", "image", stem, norm, input_px))
+        side = -(-input_px // 2)
+        for index, block in enumerate(blocks):
+            name, entry, depthwise = f"{prefix}block{index}", x, block._depthwise_conv
+            if hasattr(block, "_expand_conv"):
+                x = conv(f"{name}_expand_conv", x, block._expand_conv, block._bn0)
+                x = relu6(f"{name}_expand", x)
+            x = conv(f"{name}_depthwise_conv", x, depthwise, block._bn1, side)
+            x = relu6(f"{name}_depthwise", x)
+            if index in pooled:
+                pools.append(node("GlobalAveragePool", f"{name}_pool", [x]))
+            if prefix and index == pooled[-1]:
+                break  # nothing behind it is asked for
+            x = conv(f"{name}_project", x, block._project_conv, block._bn2)
+            side = -(-side // depthwise.stride)
+            arguments = block._block_args
+            same = arguments.input_filters == arguments.output_filters
+            if block.id_skip and depthwise.stride == 1 and same:
+                x = node("Add", f"{name}_sum", [x, entry])
+        return x, pools
+
+    def linear(name: str, x: str, layer: nn.Linear) -> str:
+        weight, bias = layer.weight.detach().numpy(), layer.bias.detach().numpy()
+        inputs = [x, half(f"{name}_w", weight), constant(f"{name}_b", bias)]
+        return node("Gemm", name, inputs, transB=1)
+
+    def features(prefix: str, pools: list[str]) -> str:
+        return node("Flatten", f"{prefix}features", [node("Concat", f"{prefix}pools", pools, axis=1)])
+
+    body, other = network.body, network.second
+    x, pools = trunk("", body._conv_stem, body._bn0, body._blocks, network.pooled_blocks)
     x = relu6("head", conv("head_conv", x, body._conv_head, body._bn1))
-    pooled.insert(0, node("GlobalAveragePool", "pool", [x]))
-    x = node("Flatten", "features", [node("Concat", "pools", pooled, axis=1)])
-    weight, bias = body._fc.weight.detach().numpy(), body._fc.bias.detach().numpy()
-    node("Gemm", "logits", [x, half("fc_w", weight), constant("fc_b", bias)], transB=1)
+    said = linear("fc", features("", [node("GlobalAveragePool", "pool", [x]), *pools]), body._fc)
+    if other is None:
+        node("Identity", "logits", [said])
+    else:
+        _, pools = trunk("second_", other.stem, other.norm, other.blocks, second.POOLED_BLOCKS)
+        seen = features("second_", pools)
+        classes = node("LogSoftmax", "second_said", [linear("second_classes", seen, other.classes)], axis=1)
+        known = node("Sigmoid", "second_heard", [linear("second_known", seen, other.known)])
+        share = constant("second_share", np.array(other.share, np.float32))
+        counted = node("Mul", "second_counted", [classes, node("Mul", "second_weight", [known, share])])
+        none = constant("second_none", np.zeros((1, 1), np.float32))
+        node("Add", "logits", [said, node("Concat", "second_added", [counted, none], axis=1)])
     graph = helper.make_graph(
         nodes,
         "itrash",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, input_px, input_px])],
-        [helper.make_tensor_value_info("logits", TensorProto.FLOAT, [1, len(bias)])],
+        [helper.make_tensor_value_info("logits", TensorProto.FLOAT, [1, body._fc.out_features])],
         weights,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

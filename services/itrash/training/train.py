@@ -18,7 +18,7 @@ import logging
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -45,15 +45,16 @@ from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.evaluation import bare_board
 from services.itrash.training.network import (
-    ARCHITECTURE,
     KEPT_POOLS,
     MEAN,
+    NETWORK,
     SCALE,
     Network,
     export,
     exported,
 )
 from services.itrash.training.others import FETCHED, World
+from services.itrash.training.second import Second
 
 log = logging.getLogger("itrash.train")
 
@@ -104,12 +105,18 @@ class Recipe:
     pretrained_share: float = 0.2
     """In the end so much of each weight before the head is ImageNet's again: between what was learnt before
     and after lie networks that know new photos better (Wortsman et al., 2022, arXiv:2109.01903)."""
+    second_share: float = 1.0
+    """How much the second opinion counts (`second.py`)."""
+    second_ridge: float = 0.003
+    """Its features outnumber the photos."""
+    second_nothing: int = 1000
+    """So many pictures of nothing are drawn for it."""
     known_rejected: float = RISK
     """Share of known photos that may be called unknown; sets the threshold."""
 
     def shortened(self, times: int) -> Recipe:
         """To try the program out: so many times fewer steps and renderings."""
-        parts = ("stable_steps", "cooldown_steps", "finish_steps", "renderings_per_class")
+        parts = ("stable_steps", "cooldown_steps", "finish_steps", "renderings_per_class", "second_nothing")
         return replace(self, **{part: max(getattr(self, part) // times, 1) for part in parts})
 
 
@@ -215,7 +222,7 @@ class Draws:
         for row in range(recipe.batch):
             source = rng.random()
             if source < recipe.nothing_share:
-                sample = Sample(self._nothing(side), None)
+                sample = Sample(self.nothing(side), None)
             elif source < recipe.nothing_share + recipe.rendered_share:
                 sample = self._items[rng.choice(len(self._items), p=self._item_weights)]
             else:
@@ -233,7 +240,7 @@ class Draws:
             corrected[row] = sample.corrected
         return Batch(inputs, targets, clear, corrected)
 
-    def _nothing(self, side: int) -> np.ndarray:
+    def nothing(self, side: int) -> np.ndarray:
         """A picture without an item."""
         rng = self._rng
         if rng.random() < self._recipe.real_nothing:
@@ -471,7 +478,37 @@ def wholly(
 ) -> Network:
     """All steps of the recipe, and those in all weathers. `path` is where the weights between them go."""
     export(train(photos, rendered, world, recipe, checkpoints), path, recipe.input_px)
-    return weathered(path, photos, rendered, world, recipe, after, checkpoints)
+    network = weathered(path, photos, rendered, world, recipe, after, checkpoints)
+    network.second = seconded(photos, rendered, world, recipe)
+    return network
+
+
+def seconded(photos: list[Sample], rendered: list[Sample], world: World, recipe: Recipe) -> Second:
+    """The second opinion: it knows the photos as they are, and mirrored."""
+    opinion = Second(len(CLASSES), recipe.second_share)
+    side = recipe.input_px
+
+    def square(sample: Sample) -> np.ndarray:
+        return cv2.resize(sample.image_bgr, (side, side), interpolation=cv2.INTER_AREA)
+
+    def seen(views: Iterable[np.ndarray]) -> torch.Tensor:
+        with torch.no_grad():
+            return torch.cat([opinion.features(torch.from_numpy(_input(view)[None])) for view in views])
+
+    draws = Draws(photos, rendered, world, recipe, recipe.seed + 4, SELDOM)
+    rng = np.random.default_rng(recipe.seed + 4)
+    known = torch.cat([seen(map(square, photos)), seen(square(photo)[:, ::-1] for photo in photos)])
+    log.info("second opinion: the photos are seen")
+    others = [
+        seen(weather.disturbed(square(photo), rng) for photo in photos),
+        seen(map(square, rendered)),
+        seen(square(Sample(draws.nothing(side), None)) for _ in range(recipe.second_nothing)),
+    ]
+    label = torch.tensor([CLASSES.index(str(photo.label)) for photo in photos] * 2)
+    smoothing = recipe.label_smoothing
+    targets = nn.functional.one_hot(label, len(CLASSES)) * (1 - smoothing) + smoothing / len(CLASSES)
+    opinion.learn(known, targets, others, recipe.second_ridge)
+    return opinion
 
 
 def weathered(
@@ -489,9 +526,12 @@ def weathered(
     recipe = replace(recipe, **changed)
     draws = Draws(photos, rendered, world, recipe, recipe.seed + 3, SELDOM, after.disturbed)
     network, kept = exported(weights, recipe.drop_connect), _checkpoint(checkpoints, "weather")
+    opinion, network.second = network.second, None
     teacher = Teacher(exported(weights).to(**_CHANNELS_LAST).eval(), after.taught)
     progress = fit(network, draws, foul(after), recipe, recipe.finish_ema_decay, kept, teacher)
-    return last(progress).eval()
+    learnt = last(progress).eval()
+    learnt.second = opinion
+    return learnt
 
 
 def _checkpoint(folder: Path | None, stage: str) -> Checkpoint | None:
@@ -577,7 +617,7 @@ def main(
     """
     world = World.load(fetched)
     made_by = Training(
-        architecture=ARCHITECTURE,
+        architecture=NETWORK,
         recipe=asdict(recipe),
         others_sha256=world.sha256,
         learnt=crossed.PARTS if learn_all else ("train",),

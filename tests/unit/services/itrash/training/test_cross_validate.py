@@ -24,7 +24,7 @@ from services.itrash.training.others import World  # noqa: E402
 
 TINY = replace(
     training.Recipe(), stable_steps=2, cooldown_steps=1, finish_steps=2, batch=2, stable_px=64,
-    cooldown_px=64, input_px=64, known_rejected=0.2,
+    cooldown_px=64, input_px=64, second_nothing=2, known_rejected=0.2,
 )  # fmt: skip
 BRIEF = training.Weather(steps=2, warmup_steps=1, px=64)
 WORLD = World(
@@ -189,6 +189,8 @@ def test_what_was_learnt_in_all_weathers_follows_what_was_learnt_before(
     before, after = tmp_path / "before.onnx", tmp_path / "after.onnx"
     training.export(training.train(learnt, rendered, WORLD, TINY), before, TINY.input_px)
     weathered = training.weathered(before, learnt, rendered, WORLD, TINY, BRIEF)
+    assert weathered.second is None
+    weathered.second = training.seconded(learnt, rendered, WORLD, TINY)
     training.export(weathered, after, TINY.input_px)
     found = (out / "fold3" / WEIGHTS).read_bytes()
     assert found == after.read_bytes() != before.read_bytes()

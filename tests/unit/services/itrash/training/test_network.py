@@ -14,7 +14,9 @@ import onnx  # noqa: E402
 
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, BrokenModel  # noqa: E402
 from rodeo.vision.classifier import Classifier  # noqa: E402
+from services.itrash.training.compact import compact  # noqa: E402
 from services.itrash.training.network import Network, export, exported  # noqa: E402
+from services.itrash.training.second import Second  # noqa: E402
 
 SIDE_PX = 64
 
@@ -33,6 +35,28 @@ def test_the_exported_file_answers_as_the_network_does(network: Network, tmp_pat
         expected = network(torch.from_numpy(picture)).numpy()
     (answer,) = exported.run(None, {"image": picture})
     np.testing.assert_allclose(answer, expected, atol=0.01)  # weights are rounded to fp16
+
+
+def test_a_second_opinion_is_added_in_the_file_too_and_read_back(network: Network, tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).uniform(-1, 1, (1, 3, SIDE_PX, SIDE_PX)).astype(np.float32)
+    with torch.no_grad():
+        network.keep_pools((10, 14, 20), [torch.rand(1, 3, SIDE_PX, SIDE_PX)])
+        alone = network(torch.from_numpy(picture))
+        network.second = Second(classes=6, share=1.5)
+        network.second.classes.weight *= 5
+        network.second.classes.weight[:, 0] = 100.0  # for all classes alike, and large beside the others
+        both = network(torch.from_numpy(picture))
+        torch.testing.assert_close(both, alone + network.second(torch.from_numpy(picture)))
+    assert float((both - alone).abs().max()) > 0.05
+    path, small = tmp_path / "network.onnx", tmp_path / "small.onnx"
+    export(network, path, SIDE_PX)
+    small.write_bytes(compact(path.read_bytes()))
+    (answer,) = onnxruntime.InferenceSession(path).run(None, {"image": picture})
+    np.testing.assert_allclose(answer, both.numpy(), atol=0.02)
+    for file, tolerance in ((path, 0.02), (small, 0.3)):
+        with torch.inference_mode():
+            again = exported(file).eval()(torch.from_numpy(picture)).numpy()
+        np.testing.assert_allclose(again, both.numpy(), atol=tolerance)
 
 
 def test_a_copy_looks_at_its_own_features(network: Network) -> None:
