@@ -1,5 +1,5 @@
-"""How the recipe was chosen and what failed, as the model card tells it. Decisions 0016 to 0018, 0057 to 0059,
-0077, 0083 and 0084 have it at length."""
+"""How the recipe was chosen and what failed, as the model card tells it. Decisions 0016 to 0018, 0057 to
+0059, 0077, 0083 and 0084 have it at length."""
 
 TRIALS = """\
 The recipe (network, size of pictures, augmentation, steps, rates, pools, the way back towards ImageNet) was
@@ -107,9 +107,9 @@ Changed pictures instead of a changed network, fold 0, corrupted every tenth:
 
 None helps fog or frost.
 
-Cross-validated by all five folds, the most probable class (0084): linear classifiers of what networks see that
-never learnt waste, and the mean of their log-probabilities with those of the fine-tuned network, which has
-93.3 % alone:
+Cross-validated by all five folds, the most probable class (0084): linear classifiers of what networks see
+that never learnt waste, and the mean of their log-probabilities with those of the fine-tuned network, which
+has 93.3 % alone:
 
 | features | 256 px | 320 px | 384 px |
 |---|---|---|---|
