@@ -104,7 +104,7 @@ class Network(nn.Module):
         last = self.features(x)
         pools = [self._pooled[index] for index in self.pooled_blocks]
         own: torch.Tensor = self.body._fc(self.body._dropout(torch.cat([last, *pools], dim=1)))
-        return own if self.second is None else own + self.second(x)
+        return own if self.second is None else self.second(x, own)
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
         """What the last layer before the head finds, (batch, channels)."""
@@ -175,7 +175,9 @@ def exported(path: Path, drop_connect: float = 0.0) -> Network:
     body._fc.weight.copy_(head)
     body._fc.bias.copy_(values("fc_b"))
     if "second_share" in stored:
-        network.second = other = Second(len(head) - 1, float(stored["second_share"]))
+        network.second = other = Second(
+            len(head) - 1, float(stored["second_share"]), float(stored["second_alone"])
+        )
         conv("second_stem_conv", other.stem, other.norm)
         blocks_of("second_block", other.blocks)
         for name, layer in (("second_classes", other.classes), ("second_known", other.known)):
@@ -277,7 +279,15 @@ def export(network: Network, path: Path, input_px: int) -> None:
         share = constant("second_share", np.array(other.share, np.float32))
         counted = node("Mul", "second_counted", [classes, node("Mul", "second_weight", [known, share])])
         none = constant("second_none", np.zeros((1, 1), np.float32))
-        node("Add", "logits", [said, node("Concat", "second_added", [counted, none], axis=1)])
+        added = node("Concat", "second_added", [counted, none], axis=1)
+        alone = constant("second_alone", np.array(other.alone, np.float32))
+        less = node(
+            "Mul",
+            "second_less",
+            [known, constant("second_alone_less", np.array(other.alone - 1, np.float32))],
+        )
+        own = node("Mul", "own", [said, node("Sub", "own_weight", [alone, less])])
+        node("Add", "logits", [own, added])
     graph = helper.make_graph(
         nodes,
         "itrash",

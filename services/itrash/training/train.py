@@ -107,6 +107,9 @@ class Recipe:
     and after lie networks that know new photos better (Wortsman et al., 2022, arXiv:2109.01903)."""
     second_share: float = 1.0
     """How much the second opinion counts (`second.py`)."""
+    second_alone: float = 1.6
+    """And so much the first one where the second says nothing: the temperatures that calibrate it alone and
+    both together, 0.68 and 1.08, have about this ratio."""
     second_ridge: float = 0.003
     """Its features outnumber the photos."""
     second_nothing: int = 1000
@@ -485,7 +488,7 @@ def wholly(
 
 def seconded(photos: list[Sample], rendered: list[Sample], world: World, recipe: Recipe) -> Second:
     """The second opinion: it knows the photos as they are, and mirrored."""
-    opinion = Second(len(CLASSES), recipe.second_share)
+    opinion = Second(len(CLASSES), recipe.second_share, recipe.second_alone)
     side = recipe.input_px
 
     def square(sample: Sample) -> np.ndarray:

@@ -8,12 +8,13 @@ torch = pytest.importorskip("torch", reason="needs the train extra: pip install 
 
 from services.itrash.training.second import POOLED_BLOCKS, Second, fitted  # noqa: E402
 
+OWN = torch.tensor([[3.0, 1.0, 0.0, -1.0, 0.0, 2.0, -2.0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0]])
 PICTURES = torch.linspace(-1, 1, 2 * 3 * 64 * 64).reshape(2, 3, 64, 64)
 
 
 @pytest.fixture
 def opinion() -> Second:
-    return Second(classes=6, share=1.5)
+    return Second(classes=6, share=1.5, alone=2.0)
 
 
 def test_it_learns_nothing_in_steps(opinion: Second) -> None:
@@ -35,14 +36,16 @@ def test_each_picture_has_the_means_of_the_pooled_blocks_maps(opinion: Second) -
 
 def test_what_is_no_item_stays_none_and_no_class_gains(opinion: Second) -> None:
     opinion.known.bias.fill_(100.0)
-    added = opinion(PICTURES)
-    assert added.shape == (2, 7) and (added[:, 6] == 0).all() and (added[:, :6] < 0).all()
-    torch.testing.assert_close((added[:, :6] / 1.5).exp().sum(1), torch.ones(2))
+    added = opinion(PICTURES, OWN) - OWN
+    assert added.shape == (2, 7) and (added[:, 6].abs() < 1e-6).all() and (added[:, :6] < 0).all()
+    torch.testing.assert_close((added[:, :6] / 1.5).exp().sum(1), torch.ones(2), atol=1e-4, rtol=0)
 
 
-def test_of_a_picture_of_no_known_kind_nothing_is_said(opinion: Second) -> None:
+def test_of_a_picture_of_no_known_kind_nothing_is_said_and_the_other_is_as_sure_as_it_is_alone(
+    opinion: Second,
+) -> None:
     opinion.known.bias.fill_(-100.0)
-    assert float(opinion(PICTURES).abs().max()) < 1e-6
+    torch.testing.assert_close(opinion(PICTURES, OWN), 2.0 * OWN)
 
 
 def test_it_tells_classes_of_what_it_knows_and_hears_itself_nowhere_else(opinion: Second) -> None:
