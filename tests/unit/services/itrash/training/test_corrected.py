@@ -272,6 +272,9 @@ def test_the_same_corrections_make_the_same_network() -> None:
     arguments = (MODEL_DIR / WEIGHTS, drawn(), [one], material(), TINY, BRIEF)
     first, second = (corrected.tuned(*arguments).state_dict() for _ in range(2))
     assert all(torch.equal(value, second[name]) for name, value in first.items())
+    installed = exported(MODEL_DIR / WEIGHTS).state_dict()
+    opinion = [name for name in installed if name.startswith("second.")]
+    assert opinion and all(torch.equal(first[name], installed[name]) for name in opinion), "it stays as it is"
 
 
 def drawn() -> list[Sample]:
