@@ -24,6 +24,7 @@ from rodeo.vision.images import decode_image
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import crossed, evaluation, metrics, others, renderings
 from services.itrash.training.card import FOLDS_DIR
+from services.itrash.training.corruptions import CORRUPTIONS, SEVERITIES
 from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import Sample, load_photos
 from services.itrash.training.looks import said_of
@@ -81,7 +82,7 @@ def run() -> dict[str, float]:
         figures["itrash_render_accuracy"] = rendered.accuracy()
         known.append(rendered)
         nothing = [sample for sample in samples if sample.label is None]
-        figures["itrash_multi_view_gain"] = _multi_view_gain(classifier)
+        figures |= _multi_view_gain(classifier)
     nothing += evaluation.nothing_samples(RENDERING_SEED, NOTHING, photos)
     figures |= _real_unknown(classifier)
     if found is not None:
@@ -137,17 +138,27 @@ def _crossed(training: Training) -> crossed.Crossed | None:
     return crossed.measured(FOLDS_DIR, TRASHNET) if TRASHNET.is_dir() else None
 
 
-def _multi_view_gain(classifier: Classifier) -> float:
-    """How much more of rendered items the bin names rightly when it may ask for two more angles."""
-    right = []
-    for views in renderings.render_views(RENDERING_SEED + 1, VIEWED_PER_CLASS):
-        encoded = [cv2.imencode(".png", view.image_bgr)[1].tobytes() for view in views]
-        said = said_of(classifier, encoded)
-        right.append([one.item_class == views[0].label for one in (said[0], said[-1])])
-    first, last = np.mean(right, axis=0)
-    print(f"itrash: {first:.4f} of {len(right)} rendered items are named rightly from one angle, {last:.4f} "
-          "from up to three")  # fmt: skip
-    return float(last - first)
+def _multi_view_gain(classifier: Classifier) -> dict[str, float]:
+    """How much more of rendered items the bin names rightly when it may ask for two more angles: as they are
+    rendered, and each picture of an item corrupted strongly, in the same way."""
+    items = renderings.render_views(RENDERING_SEED + 1, VIEWED_PER_CLASS)
+    kinds = list(CORRUPTIONS.values())
+    rng = np.random.default_rng(RENDERING_SEED)
+    gains = {}
+    for name, how in (("", "as they are"), ("_corrupted", "corrupted")):
+        right = []
+        for number, views in enumerate(items):
+            pictures = [view.image_bgr for view in views]
+            if name:
+                pictures = [kinds[number % len(kinds)](one, max(SEVERITIES), rng) for one in pictures]
+            encoded = [cv2.imencode(".png", one)[1].tobytes() for one in pictures]
+            said = said_of(classifier, encoded)
+            right.append([one.item_class == views[0].label for one in (said[0], said[-1])])
+        first, last = np.mean(right, axis=0)
+        print(f"itrash: {first:.4f} of {len(right)} rendered items, {how}, are named rightly from one angle, "
+              f"{last:.4f} from up to three")  # fmt: skip
+        gains[f"itrash_multi_view_gain{name}"] = float(last - first)
+    return gains
 
 
 def _printed(photos: list[Sample]) -> list[tuple[str, str]]:

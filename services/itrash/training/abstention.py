@@ -1,9 +1,11 @@
 """From which confidence on a class is named: the share of ordinary items that are called unknown is a risk
 that is chosen, not an outcome.
 
-Split conformal prediction (Vovk et al., 2005; Angelopoulos and Bates, 2023, arXiv:2107.07511): of n items
-that the network has not seen, a further one is as likely to have any rank. So it lies below the k-th least
-confidence with a probability of at most k / (n + 1), whatever the confidences mean.
+Split conformal prediction: of the items that are still to come, the share below the k-th least confidence of
+n items that the network has not seen is distributed as Beta(k, n + 1 - k), whatever the confidences mean. So
+it is within the risk with the probability that of n items at least k are, each by the risk (Vovk, 2012,
+arXiv:1209.2673). k is the largest for which that is as good as certain: with as much on the average as is
+allowed (Angelopoulos and Bates, 2023, arXiv:2107.07511), every second network would exceed it.
 
     RodeoError
     └── TooFewItems           so few items cannot tell so small a risk
@@ -19,17 +21,31 @@ from rodeo.errors import RodeoError
 
 RISK = 0.01
 """Of ordinary waste this share may be called unknown."""
+SURE = 0.95
+"""With this probability no more of it is."""
 
 
 class TooFewItems(RodeoError):
-    """Of so few items each one's rank is more probable than the risk."""
+    """So few items cannot tell so small a risk."""
 
 
 def threshold(confidence: np.ndarray, risk: float = RISK) -> float:
     """Below it is unknown. `confidence` (n,) are of items that the network did not learn from, and that
     measure nothing. Raises TooFewItems."""
-    rank = math.floor(risk * (len(confidence) + 1))
-    if rank < 1:
+    found = rank(len(confidence), risk)
+    if found < 1:
         raise TooFewItems("too few items for the risk", items=len(confidence), risk=risk)
     # Rounded down: rounding up would make an item of just that confidence unknown.
-    return math.floor(float(np.sort(confidence)[rank - 1]) * 1e4) / 1e4
+    return math.floor(float(np.sort(confidence)[found - 1]) * 1e4) / 1e4
+
+
+def rank(items: int, risk: float) -> int:
+    """The largest k for which of so many items k or more are unknown with the probability `SURE`, each by the
+    risk; 0 if there is none."""
+    fewer = 0.0
+    for k in range(items + 1):
+        ways = math.lgamma(items + 1) - math.lgamma(k + 1) - math.lgamma(items - k + 1)
+        fewer += math.exp(ways + k * math.log(risk) + (items - k) * math.log1p(-risk))
+        if fewer > 1 - SURE:
+            return k
+    return 0

@@ -19,6 +19,7 @@ import numpy as np
 from rodeo.vision.classification import MODEL_DIR, UNKNOWN, Preprocessing
 from rodeo.vision.classifier import Classifier
 from services.itrash.training import crossed, evaluation, metrics, others, renderings
+from services.itrash.training.abstention import SURE
 from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.metrics import Answers
@@ -156,8 +157,9 @@ def _text(training: Training, preprocessing: Preprocessing, m: Measured) -> str:
         else "its train list to learn from, its val list to measure"
     )
     chosen = (
-        "by the five networks on photos that they did not learn from; the\nlatter risks"
-        f" {training.recipe['known_rejected']:.0%} of ordinary waste"
+        "by the five networks on photos that they did not learn from; with\n"
+        f"a probability of {SURE:.0%} the latter makes at most {training.recipe['known_rejected']:.0%} of "
+        "ordinary waste unknown"
         if training.learnt_all
         else "on the val photos and on held-out renderings, one number each"
     )

@@ -12,7 +12,7 @@ import onnx
 from onnx import numpy_helper
 
 _LEVELS = 127
-_KEPT = ("second_classes_w_fp16", "second_known_w_fp16")
+_KEPT = tuple(f"second_{name}_w_fp16" for name in ("clear", "foul", "is_clear", "nothing"))
 """Weights that stay as they are: for channels that vary little they are large, and 127 levels up to those
 would make the others 0."""
 

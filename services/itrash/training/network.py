@@ -176,11 +176,17 @@ def exported(path: Path, drop_connect: float = 0.0) -> Network:
     body._fc.bias.copy_(values("fc_b"))
     if "second_share" in stored:
         network.second = other = Second(
-            len(head) - 1, float(stored["second_share"]), float(stored["second_alone"])
+            len(head) - 1,
+            *(float(stored[f"second_{part}"]) for part in ("share", "foul_share", "alone", "nothing_share")),
         )
         conv("second_stem_conv", other.stem, other.norm)
         blocks_of("second_block", other.blocks)
-        for name, layer in (("second_classes", other.classes), ("second_known", other.known)):
+        for name, layer in (
+            ("second_clear", other.clear),
+            ("second_foul", other.foul),
+            ("second_is_clear", other.is_clear),
+            ("second_nothing", other.nothing),
+        ):
             layer.weight.copy_(values(f"{name}_w"))
             layer.bias.copy_(values(f"{name}_b"))
     network.fixed_statistics = True
@@ -231,10 +237,21 @@ def export(network: Network, path: Path, input_px: int) -> None:
     def relu6(name: str, x: str) -> str:
         return node("Clip", name, [x, least, most])
 
+    def pool(name: str, x: str, spread: bool) -> list[str]:
+        """Mean and, if it is asked for, standard deviation over the picture."""
+        mean = node("GlobalAveragePool", f"{name}_pool", [x])
+        if not spread:
+            return [mean]
+        apart = node("Sub", f"{name}_apart", [x, mean])
+        variance = node(
+            "GlobalAveragePool", f"{name}_variance", [node("Mul", f"{name}_square", [apart, apart])]
+        )
+        return [mean, node("Sqrt", f"{name}_spread", [variance])]
+
     def trunk(
         prefix: str, stem: nn.Conv2d, norm: nn.BatchNorm2d, blocks: nn.ModuleList, pooled: tuple[int, ...]
     ) -> tuple[str, list[str]]:
-        """What the last block says, and the pools of those in `pooled`."""
+        """What the last block says, and the pools of those in `pooled`; a second opinion's with spreads."""
         pools: list[str] = []
         x = relu6(f"{prefix}stem", conv(f"{prefix}stem_conv", "image", stem, norm, input_px))
         side = -(-input_px // 2)
@@ -246,7 +263,7 @@ def export(network: Network, path: Path, input_px: int) -> None:
             x = conv(f"{name}_depthwise_conv", x, depthwise, block._bn1, side)
             x = relu6(f"{name}_depthwise", x)
             if index in pooled:
-                pools.append(node("GlobalAveragePool", f"{name}_pool", [x]))
+                pools += pool(name, x, spread=bool(prefix))
             if prefix and index == pooled[-1]:
                 break  # nothing behind it is asked for
             x = conv(f"{name}_project", x, block._project_conv, block._bn2)
@@ -273,20 +290,27 @@ def export(network: Network, path: Path, input_px: int) -> None:
         node("Identity", "logits", [said])
     else:
         _, pools = trunk("second_", other.stem, other.norm, other.blocks, second.POOLED_BLOCKS)
-        seen = features("second_", pools)
-        classes = node("LogSoftmax", "second_said", [linear("second_classes", seen, other.classes)], axis=1)
-        known = node("Sigmoid", "second_heard", [linear("second_known", seen, other.known)])
-        share = constant("second_share", np.array(other.share, np.float32))
-        counted = node("Mul", "second_counted", [classes, node("Mul", "second_weight", [known, share])])
-        none = constant("second_none", np.zeros((1, 1), np.float32))
-        added = node("Concat", "second_added", [counted, none], axis=1)
-        alone = constant("second_alone", np.array(other.alone, np.float32))
-        less = node(
-            "Mul",
-            "second_less",
-            [known, constant("second_alone_less", np.array(other.alone - 1, np.float32))],
+        seen = features("second_", [*pools[::2], *pools[1::2]])
+        one = constant("one", np.ones((), np.float32))
+        clear = node("Sigmoid", "second_heard_clear", [linear("second_is_clear", seen, other.is_clear)])
+        foul = node("Sub", "second_heard_foul", [one, clear])
+
+        def times(name: str, factor: float, x: str) -> str:
+            return node("Mul", f"{name}_times", [x, constant(name, np.array(factor, np.float32))])
+
+        def counted(name: str, layer: nn.Linear, weight: str) -> str:
+            said = node("LogSoftmax", f"{name}_said", [linear(name, seen, layer)], axis=1)
+            return node("Mul", f"{name}_counted", [said, weight])
+
+        of_clear = counted("second_clear", other.clear, times("second_share", other.share, clear))
+        of_foul = counted("second_foul", other.foul, times("second_foul_share", other.foul_share, foul))
+        nothing = node("Relu", "second_no_item", [linear("second_nothing", seen, other.nothing)])
+        none = times("second_nothing_share", other.nothing_share, nothing)
+        added = node(
+            "Concat", "second_added", [node("Add", "second_said", [of_clear, of_foul]), none], axis=1
         )
-        own = node("Mul", "own", [said, node("Sub", "own_weight", [alone, less])])
+        weight = node("Add", "own_weight", [clear, times("second_alone", other.alone, foul)])
+        own = node("Mul", "own", [said, weight])
         node("Add", "logits", [own, added])
     graph = helper.make_graph(
         nodes,

@@ -18,7 +18,7 @@ import logging
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -54,7 +54,7 @@ from services.itrash.training.network import (
     exported,
 )
 from services.itrash.training.others import FETCHED, World
-from services.itrash.training.second import Second
+from services.itrash.training.second import Second, Views
 
 log = logging.getLogger("itrash.train")
 
@@ -105,14 +105,23 @@ class Recipe:
     pretrained_share: float = 0.2
     """In the end so much of each weight before the head is ImageNet's again: between what was learnt before
     and after lie networks that know new photos better (Wortsman et al., 2022, arXiv:2109.01903)."""
-    second_share: float = 1.0
-    """How much the second opinion counts (`second.py`)."""
+    second_share: float = 1.5
+    """How much the second opinion counts where the picture is clear (`second.py`)."""
+    second_foul_share: float = 0.5
+    """And where it is not."""
     second_alone: float = 1.6
-    """And so much the first one where the second says nothing: the temperatures that calibrate it alone and
-    both together, 0.68 and 1.08, have about this ratio."""
+    """And so much the first one there: the temperatures that calibrate it alone and both together, 0.68 and
+    1.05, have about this ratio."""
+    second_nothing_share: float = 0.5
+    """How much it counts where the second takes it for more probable that there is no item."""
     second_ridge: float = 0.003
     """Its features outnumber the photos."""
-    second_nothing: int = 1000
+    second_foul_ridge: float = 0.01
+    second_disturbed: int = 3
+    """So often it sees each photo disturbed, each time in another way."""
+    second_faint: int = 2
+    """And so often faintly."""
+    second_nothing: int = 2000
     """So many pictures of nothing are drawn for it."""
     known_rejected: float = RISK
     """Share of known photos that may be called unknown; sets the threshold."""
@@ -487,8 +496,15 @@ def wholly(
 
 
 def seconded(photos: list[Sample], rendered: list[Sample], world: World, recipe: Recipe) -> Second:
-    """The second opinion: it knows the photos as they are, and mirrored."""
-    opinion = Second(len(CLASSES), recipe.second_share, recipe.second_alone)
+    """The second opinion. Clear to it are the photos as they are, and mirrored; foul are those that are
+    disturbed, strongly or faintly, and what else it is shown."""
+    opinion = Second(
+        len(CLASSES),
+        share=recipe.second_share,
+        foul_share=recipe.second_foul_share,
+        alone=recipe.second_alone,
+        nothing_share=recipe.second_nothing_share,
+    )
     side = recipe.input_px
 
     def square(sample: Sample) -> np.ndarray:
@@ -498,19 +514,36 @@ def seconded(photos: list[Sample], rendered: list[Sample], world: World, recipe:
         with torch.no_grad():
             return torch.cat([opinion.features(torch.from_numpy(_input(view)[None])) for view in views])
 
+    def targets(samples: list[Sample]) -> torch.Tensor:
+        label = torch.tensor([CLASSES.index(str(sample.label)) for sample in samples])
+        smoothing = recipe.label_smoothing
+        return nn.functional.one_hot(label, len(CLASSES)) * (1 - smoothing) + smoothing / len(CLASSES)
+
     draws = Draws(photos, rendered, world, recipe, recipe.seed + 4, SELDOM)
     rng = np.random.default_rng(recipe.seed + 4)
-    known = torch.cat([seen(map(square, photos)), seen(square(photo)[:, ::-1] for photo in photos)])
+    as_they_are, mirrored = seen(map(square, photos)), seen(square(photo)[:, ::-1] for photo in photos)
     log.info("second opinion: the photos are seen")
-    others = [
-        seen(weather.disturbed(square(photo), rng) for photo in photos),
-        seen(map(square, rendered)),
-        seen(square(Sample(draws.nothing(side), None)) for _ in range(recipe.second_nothing)),
-    ]
-    label = torch.tensor([CLASSES.index(str(photo.label)) for photo in photos] * 2)
-    smoothing = recipe.label_smoothing
-    targets = nn.functional.one_hot(label, len(CLASSES)) * (1 - smoothing) + smoothing / len(CLASSES)
-    opinion.learn(known, targets, others, recipe.second_ridge)
+    of_photos = targets(photos)
+
+    def changed(
+        how: Callable[[np.ndarray, np.random.Generator], np.ndarray], times: int, share: float
+    ) -> Views:
+        views = [seen(how(square(photo), rng) for photo in photos) for _ in range(times)]
+        return Views(torch.cat(views), of_photos.repeat(times, 1), share)
+
+    disturbed = changed(weather.disturbed, recipe.second_disturbed, 0.4)
+    faint = changed(weather.faintly, recipe.second_faint, 0.3)
+    log.info("second opinion: the disturbed photos are seen")
+    items = [sample for sample in rendered if sample.label is not None]
+    empty = [square(sample) for sample in rendered if sample.label is None]
+    nothing = [square(Sample(draws.nothing(side), None)) for _ in range(recipe.second_nothing)]
+    opinion.learn(
+        Views(torch.cat([as_they_are, mirrored]), of_photos.repeat(2, 1)),
+        [disturbed, faint, Views(seen(map(square, items)), targets(items), 0.1)],
+        seen([*nothing, *empty]),
+        recipe.second_ridge,
+        recipe.second_foul_ridge,
+    )
     return opinion
 
 

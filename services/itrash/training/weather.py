@@ -21,6 +21,9 @@ Disturbance = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 SECOND = 0.3
 """How often a second disturbance follows the first."""
 
+FAINT = (0.15, 0.6)
+"""How much of a disturbed view stands in one that is disturbed faintly."""
+
 
 def disturbed(view: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """The view after one disturbance, at times after two of them."""
@@ -28,6 +31,12 @@ def disturbed(view: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         which = int(rng.choice(len(DISTURBANCES), p=_OFTEN))
         view = DISTURBANCES[which](view, rng)
     return view
+
+
+def faintly(view: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The view with a disturbance shining through it."""
+    seen = rng.uniform(*FAINT)
+    return cv2.addWeighted(view, 1 - seen, disturbed(view, rng), seen, 0)
 
 
 def steam(view: np.ndarray, rng: np.random.Generator) -> np.ndarray:

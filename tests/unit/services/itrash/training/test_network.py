@@ -42,9 +42,11 @@ def test_a_second_opinion_is_added_in_the_file_too_and_read_back(network: Networ
     with torch.no_grad():
         network.keep_pools((10, 14, 20), [torch.rand(1, 3, SIDE_PX, SIDE_PX)])
         alone = network(torch.from_numpy(picture))
-        network.second = Second(classes=6, share=1.5, alone=2.0)
-        network.second.classes.weight *= 5
-        network.second.classes.weight[:, 0] = 100.0  # for all classes alike, and large beside the others
+        network.second = Second(classes=6, share=1.5, foul_share=0.75, alone=2.0, nothing_share=0.5)
+        network.second.nothing.bias.fill_(3.0)
+        for layer in (network.second.clear, network.second.foul):
+            layer.weight *= 5
+            layer.weight[:, 0] = 100.0  # for all classes alike, and large beside the others
         both = network(torch.from_numpy(picture))
         torch.testing.assert_close(both, network.second(torch.from_numpy(picture), alone))
     assert float((both - alone).abs().max()) > 0.05

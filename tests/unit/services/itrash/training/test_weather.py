@@ -29,6 +29,17 @@ def test_the_same_seed_disturbs_alike_and_another_otherwise() -> None:
     assert np.array_equal(one, same) and not np.array_equal(one, other)
 
 
+def test_a_faint_disturbance_lies_between_the_picture_and_a_disturbed_one() -> None:
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        rng.uniform()  # how much of it is seen
+        disturbed = weather.disturbed(VIEW, rng).astype(int)
+        found = weather.faintly(VIEW, np.random.default_rng(seed)).astype(int)
+        apart, whole = np.abs(found - VIEW).sum(), np.abs(disturbed - VIEW).sum()
+        # Half a level of each value is lost by rounding.
+        assert 0.15 * whole - VIEW.size / 2 < apart < 0.6 * whole + VIEW.size / 2
+
+
 def test_nothing_that_measures_is_learnt_from() -> None:
     assert not set(weather.DISTURBANCES) & set(CORRUPTIONS.values())
     assert not {one.__name__ for one in weather.DISTURBANCES} & set(CORRUPTIONS)
