@@ -18,7 +18,7 @@ import logging
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -525,9 +525,7 @@ def seconded(photos: list[Sample], rendered: list[Sample], world: World, recipe:
     log.info("second opinion: the photos are seen")
     of_photos = targets(photos)
 
-    def changed(
-        how: Callable[[np.ndarray, np.random.Generator], np.ndarray], times: int, share: float
-    ) -> Views:
+    def changed(how: weather.Disturbance, times: int, share: float) -> Views:
         views = [seen(how(square(photo), rng) for photo in photos) for _ in range(times)]
         return Views(torch.cat(views), of_photos.repeat(times, 1), share)
 
