@@ -228,7 +228,7 @@ TrashNet shows one object on a plain board, so accuracy on it flatters; a bin se
 ## How it was chosen
 
 Temperature and threshold were chosen {chosen}. The
-real photos of other things choose nothing; {origin}.
+real photos of other things choose neither; {origin}.
 
 {TRIALS}
 """

@@ -290,6 +290,7 @@ def export(network: Network, path: Path, input_px: int) -> None:
         node("Identity", "logits", [said])
     else:
         _, pools = trunk("second_", other.stem, other.norm, other.blocks, second.POOLED_BLOCKS)
+        # Means first, then spreads, as its own features are.
         seen = features("second_", [*pools[::2], *pools[1::2]])
         one = constant("one", np.ones((), np.float32))
         clear = node("Sigmoid", "second_heard_clear", [linear("second_is_clear", seen, other.is_clear)])

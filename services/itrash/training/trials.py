@@ -169,5 +169,6 @@ fortieth of a fold, each corruption and severity, by networks that did not learn
 
 Of 55 real photos of other things the five networks call 94.9 % unknown on the average, and 96.4 % with a
 layer of the second opinion that tells pictures of nothing from items (of corrupted photos 0.05 % fewer are
-named rightly then; learnt beside clear items alone it took fog for nothing: 12 % fewer).
+named rightly then; learnt beside clear items alone it took fog for nothing: 12 % fewer). So that this layer
+is there was decided with these photos in view. Neither its weights nor a threshold was.
 """
