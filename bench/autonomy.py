@@ -41,7 +41,7 @@ from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.messages import DaoEvent
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo_testing import BINS
 from services.robot_sim.planner import Map, PlanningFailed, plan
 from tests.support.site import free_port

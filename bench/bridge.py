@@ -27,7 +27,12 @@ from deploy import contracts
 from deploy.launcher import Launcher
 from rodeo import topics, wallets
 from rodeo.bus import Bus
-from rodeo.chain import Call, ChainClient, Deployment, Log, Verdict, events
+from rodeo.chain import events
+from rodeo.chain.abi import Verdict
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import Call
+from rodeo.chain.logs import Log
 from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.dao import Participant

@@ -22,7 +22,8 @@ from bench.cpu import cpu_s
 from rodeo import topics
 from rodeo.clock import WallClock
 from rodeo.messages import DaoEvent
-from rodeo.ros2 import Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
 from services.console.accounts import Accounts, accounts_path
 from services.console.roles import Role
 from tests.support.browser import chromium

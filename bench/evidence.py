@@ -17,7 +17,8 @@ from eth_account import Account
 
 from rodeo import topics
 from rodeo.clock import WallClock
-from rodeo.evidence import Recorder, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
 from rodeo.ros2.types import new, serialize
 from rodeo_testing.assignments import BINDING
 

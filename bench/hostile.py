@@ -31,7 +31,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.counts import BURST_S, COUNTS
 from rodeo.checks.verify import verify_file
 from rodeo.config import Site
-from rodeo.evidence import attest
+from rodeo.evidence.attestation import attest
 from rodeo.meter import Meter
 from rodeo.metering import Reading
 from rodeo.ros2.types import new

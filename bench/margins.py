@@ -27,8 +27,9 @@ from rodeo.checks.phases import phases_of
 from rodeo.checks.replay import replay_of
 from rodeo.checks.verify import case_of, verify_file
 from rodeo.config import Site
-from rodeo.evidence import Attestation, open_proof
-from rodeo.witness import MeterRecord
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.proof import open_proof
+from rodeo.witness.statement import MeterRecord
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
 from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT

@@ -33,7 +33,8 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.verify import verify_submission
 from rodeo.config import Site
 from rodeo.dao import Participant
-from rodeo.evidence import Binding, Store
+from rodeo.evidence.seal import Binding
+from rodeo.evidence.store import Store
 from rodeo.messages import DaoEvent
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning

@@ -27,7 +27,8 @@ from rodeo.config import Site
 from rodeo.lab.config import ItemConfig
 from rodeo.lab.items import rest_pose
 from rodeo.messages import DaoEvent
-from rodeo.ros2 import Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 from tests.support.load import busy_machine
 

@@ -32,10 +32,11 @@ from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site, agent_process
-from rodeo.evidence import Recorder
+from rodeo.evidence.recorder import Recorder
 from rodeo.lab.world import CONTROL_PERIOD_S
 from rodeo.messages import DaoEvent
-from rodeo.ros2 import MessageInfo, Node, types, wire
+from rodeo.ros2 import types, wire
+from rodeo.ros2.node import MessageInfo, Node
 from rodeo.ros2.service import Client
 from rodeo.sim_clock import SimClock
 from rodeo_testing.assignments import BINDING

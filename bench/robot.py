@@ -51,7 +51,8 @@ from rodeo.lab.world import (
     begin,
     build_world,
 )
-from rodeo.ros2 import MessageInfo, Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.node import MessageInfo, Node
 from rodeo.sim_clock import SimClock
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"

@@ -27,23 +27,14 @@ from web3.types import Wei
 
 from deploy.founding import OtherToken, create_contracts
 from rodeo import possession, wallets
-from rodeo.chain import (
-    Call,
-    ChainClient,
-    ChainUnavailable,
-    ContractReverted,
-    Deployment,
-    DeploymentMismatch,
-    Instance,
-    NotDeployed,
-    Review,
-    Role,
-    Silence,
-    transactions,
-)
-from rodeo.chain.client import connect, require_chain
-from rodeo.chain.errors import translated
+from rodeo.chain import transactions
+from rodeo.chain.abi import Instance, Review, Silence
+from rodeo.chain.client import ChainClient, connect, require_chain
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed, translated
 from rodeo.chain.events import RoleRevoked
+from rodeo.chain.types import Role
 from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
 from rodeo.errors import RodeoError, WalletError
 from rodeo.kinds import Kind, kinds_of

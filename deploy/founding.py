@@ -22,9 +22,11 @@ from web3.types import Nonce, Wei
 from web3.utils import get_create_address
 
 from rodeo import wallets
-from rodeo.chain import Deployment, Policy, artifacts, registry, transactions
+from rodeo.chain import artifacts, registry, transactions
+from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ContractReverted, TransactionFailed, translated
 from rodeo.chain.registry import Part, Registry
+from rodeo.chain.types import Policy
 from rodeo.config import Site
 from rodeo.errors import ConfigError, RodeoError
 from rodeo.files import replace_file

@@ -22,24 +22,14 @@ from web3 import Web3
 from deploy import contracts, waiting
 from deploy.founding import create_contracts, token_of
 from rodeo import wallets
-from rodeo.chain import (
-    Call,
-    ChainClient,
-    ContractReverted,
-    Deployment,
-    DeploymentMismatch,
-    Event,
-    NotDeployed,
-    Policy,
-    Review,
-    Role,
-    ServiceState,
-    Silence,
-    TaskState,
-)
 from rodeo.chain import events as chain_events
-from rodeo.chain.errors import translated
+from rodeo.chain.abi import Review, ServiceState, Silence, TaskState
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ContractReverted, DeploymentMismatch, NotDeployed, translated
 from rodeo.chain.governance import Operation, described, text_of
+from rodeo.chain.types import Event, Policy, Role
 from rodeo.config import Site, bridge_wallets
 from rodeo.errors import RodeoError, WalletError
 from rodeo.files import replace_file

@@ -18,9 +18,8 @@ from deploy.contracts import WithoutGasMoney
 from deploy.gas_money import purses
 from deploy.launcher import Launcher
 from rodeo import wallets
-from rodeo.chain import ChainUnavailable
 from rodeo.chain.client import connect, require_chain
-from rodeo.chain.errors import translated
+from rodeo.chain.errors import ChainUnavailable, translated
 from rodeo.config import Site
 from rodeo.tls import wants_certificates
 

@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 from eth_account.signers.local import LocalAccount
 from eth_utils import to_bytes
 
-from rodeo.chain import Call, ChainClient
+from rodeo.chain.client import ChainClient
+from rodeo.chain.encoding import Call
 from rodeo.chain.governance import WHY, Operation, text_of
 from rodeo.durations import span
 from rodeo.errors import RodeoError

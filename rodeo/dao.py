@@ -13,7 +13,7 @@ from rodeo import queries, signed_requests, topics
 from rodeo.bus import Bus
 from rodeo.config import Site, oracle_names
 from rodeo.errors import MalformedAnswer
-from rodeo.evidence import Binding
+from rodeo.evidence.seal import Binding
 from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
     AbandonTask,

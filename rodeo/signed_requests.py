@@ -10,7 +10,7 @@ from eth_utils import to_checksum_address
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, StringConstraints
 from pydantic.alias_generators import to_camel
 
-from rodeo.chain import TaskRequest
+from rodeo.chain.abi import TaskRequest
 from rodeo.chain.types import bytes32_to_kind, kind_to_bytes32
 from rodeo.messages import SignedRequest, TypedSignature
 

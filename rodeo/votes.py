@@ -7,7 +7,7 @@ from eth_account.messages import SignableMessage, encode_typed_data
 from eth_account.signers.local import LocalAccount
 from eth_keys.exceptions import BadSignature, ValidationError
 
-from rodeo.chain import Verdict
+from rodeo.chain.abi import Verdict
 from rodeo.currency import Currency, InvalidAmount
 from rodeo.messages import Vote
 

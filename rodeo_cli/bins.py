@@ -61,7 +61,7 @@ def correct(
     """
     # Signing takes its time to import; the other commands should not wait for it.
     from rodeo import wallets
-    from rodeo.evidence import attest
+    from rodeo.evidence.attestation import attest
     from rodeo.witness.correction import Correction, Corrections
 
     with connected(site) as (loaded, bus):

@@ -117,8 +117,9 @@ def list_(
     # Imported here: what speaks to a node takes a second to load.
     from eth_utils import to_checksum_address
 
-    from rodeo.chain import Deployment, NotDeployed
     from rodeo.chain.client import connect, require_chain
+    from rodeo.chain.deployment import Deployment
+    from rodeo.chain.errors import NotDeployed
     from rodeo.chain.registry import Registry, known_address
 
     loaded = Site.load(site)

@@ -9,8 +9,8 @@ from typing import Any
 from deploy import contracts
 from deploy.gas_money import purses
 from rodeo import wallets
-from rodeo.chain import ChainUnavailable
 from rodeo.chain.client import connect
+from rodeo.chain.errors import ChainUnavailable
 from rodeo.config import Site
 from rodeo_cli.layout import Row
 

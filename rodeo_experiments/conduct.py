@@ -33,7 +33,7 @@ from rodeo.files import replace_file
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.messages import DaoEvent, Deposit, RegisterTask
 from rodeo.person.statement import Executor, judge
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 from rodeo.stamps import stamp_s
 from rodeo.tariff import price_at

@@ -17,7 +17,8 @@ from rodeo.lab.items import rest_pose
 from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, dock_parking
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
-from rodeo.ros2 import Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from services.robot_sim.planner import Map, PlanningFailed, plan
 

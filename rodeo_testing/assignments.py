@@ -15,7 +15,7 @@ from eth_keys import keys
 from hexbytes import HexBytes
 
 from rodeo.checks.case import ChainRecord
-from rodeo.evidence import Binding
+from rodeo.evidence.seal import Binding
 from rodeo.messages import Device, Task
 
 

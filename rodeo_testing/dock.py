@@ -13,7 +13,7 @@ from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.messages import Task
 from rodeo.robot.receipts import Receipts
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo.ros2.types import new, time_message
 from rodeo.witness.witness import Witness
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rodeo import topics
-from rodeo.evidence import Attestation
+from rodeo.evidence.attestation import Attestation
 from rodeo.lab.world import arm_model
 from rodeo.ros2.types import new
 from rodeo_testing.recordings import Sample, Sides, Take, Witnesses, stamp, stamped_ns

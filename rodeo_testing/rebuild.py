@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
-from rodeo.chain import (
-    NOBODY,
+from rodeo.chain import events
+from rodeo.chain.abi import (
     Cause,
     Device,
     Hire,
     Judge,
     KindRules,
-    Log,
     Quorum,
     Review,
     Revocation,
@@ -26,8 +25,9 @@ from rodeo.chain import (
     TaskState,
     Terms,
     Verdict,
-    events,
 )
+from rodeo.chain.client import NOBODY
+from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work, is_own
 
 NO_PROOF = bytes(32)

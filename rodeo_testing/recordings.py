@@ -24,9 +24,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from rodeo import topics
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Binding, SealedProof
-from rodeo.evidence.recorder import _Entry, _SealedFile
-from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, SealChain
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.recorder import SealedProof, _Entry, _SealedFile
+from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding, SealChain
 from rodeo.lab.body import Body, Twist2, joint_names
 from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.geometry import wrap
@@ -34,25 +34,24 @@ from rodeo.lab.world import world_spec
 from rodeo.ros2.types import STORE, new, serialize
 from rodeo.stamps import set_stamp, stamp_ns
 from rodeo.topics import ATTESTATION_CHANNEL
-from rodeo.witness import (
+from rodeo.witness import motion
+from rodeo.witness.chain import Inputs, WitnessChain
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import (
     Claimant,
     Classification,
     Drop,
     Head,
-    HeadBook,
     Header,
-    Inputs,
-    Journal,
     MeterRecord,
     Motion,
     Presentation,
     Receipt,
     Removal,
     Scope,
-    WitnessChain,
-    motion,
+    digest,
 )
-from rodeo.witness.statement import digest
 from rodeo_testing.assignments import BIN, BINDING, METER, MOCAP, ROBOT
 from rodeo_testing.operator import Operator
 

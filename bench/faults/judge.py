@@ -17,7 +17,7 @@ from bench.faults.lab import PLACE, WORKERS, Lab, need
 from rodeo import topics, wallets
 from rodeo.config import Site
 from rodeo.dao import Participant
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning
 from rodeo_testing.recordings import Take, Witnesses, seal
 from tests.support.clock import publish_clock

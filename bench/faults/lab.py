@@ -33,7 +33,9 @@ from deploy.chain.record import give_up_chain
 from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus
-from rodeo.chain import ChainClient, Deployment, TaskState
+from rodeo.chain.abi import TaskState
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
 from rodeo.chain.events import TaskRegistered, TaskSettled
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
@@ -631,7 +633,7 @@ class Lab:
     def store(self, data: bytes, suffix: str = ".mcap") -> tuple[str, str]:
         """Put bytes into the site's store; their hash and URI."""
         # Imported here: most cases put nothing into a store.
-        from rodeo.evidence import Store
+        from rodeo.evidence.store import Store
 
         uri, sha256 = Store(self.site).put_bytes(data, suffix)
         return sha256, uri

@@ -6,7 +6,8 @@ import time
 from pathlib import Path
 
 from deploy.chain.errors import ChainLost
-from rodeo.chain import Deployment, NotDeployed
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import NotDeployed
 from rodeo.config import Site
 
 

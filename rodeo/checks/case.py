@@ -16,7 +16,8 @@ from pydantic import BaseModel, ValidationError
 from rodeo.checks.report import Finding
 from rodeo.config import FASTEST_CLOCK, Site
 from rodeo.errors import wrong_fields
-from rodeo.evidence import EvidenceError, Proof
+from rodeo.evidence.errors import EvidenceError
+from rodeo.evidence.proof import Proof
 from rodeo.lab.config import BinConfig, ItemConfig, RobotConfig
 from rodeo.messages import Device, Root, Task
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from rodeo.checks.statements import Testimony
 from rodeo.checks.testimony import signed_by
-from rodeo.evidence import EvidenceError, Store
-from rodeo.evidence.errors import BadStatement
+from rodeo.evidence.errors import BadStatement, EvidenceError
+from rodeo.evidence.store import Store
 from rodeo.messages import Device, Root
 from rodeo.witness.days import DayLog, SignedDay, day_of, lacks
 

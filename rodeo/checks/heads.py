@@ -13,7 +13,7 @@ from rodeo.checks.statements import Said
 from rodeo.checks.tables import events_of
 from rodeo.evidence.recorder import RESUMED
 from rodeo.topics import EVENT_CHANNEL, SEAL_CHANNEL
-from rodeo.witness import Head
+from rodeo.witness.statement import Head
 
 LISTED_S = 3.0
 """From when something was measured until motion capture lists a head that covers it: a seal and a statement

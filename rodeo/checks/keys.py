@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 
 from rodeo.checks.statements import Said, Testimony
 from rodeo.messages import Device
-from rodeo.witness import Head, Receipt
+from rodeo.witness.statement import Head, Receipt
 
 
 def counts_until_s(device: Device, submitted_s: float) -> float:

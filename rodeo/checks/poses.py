@@ -16,8 +16,8 @@ from rodeo.checks.testimony import motion_capture_of
 from rodeo.evidence.errors import BadStatement, LayoutChanged
 from rodeo.evidence.series import Array, Table
 from rodeo.lab.geometry import yaws_of
-from rodeo.witness import Motion
 from rodeo.witness.motion import STEP_US, track
+from rodeo.witness.statement import Motion
 
 CLOCKS_S = 0.3
 """What motion capture's clock may be off the robot's: disciplined clocks of one site stay within 0.2 s."""

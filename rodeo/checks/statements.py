@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from rodeo.evidence import Attestation, Proof, verify_attestation
+from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.evidence.plain_json import read_json
+from rodeo.evidence.proof import Proof
 from rodeo.topics import ATTESTATION_CHANNEL
-from rodeo.witness import Statement, parse, payload_digest
+from rodeo.witness.statement import Statement, parse, payload_digest
 
 MAX_BAD_SIGNATURES = 200
 """Of one device in one recording: a recorder that writes only what it verified has none. What follows is not

@@ -11,7 +11,7 @@ from rodeo.checks.keys import counts_until_s, taken
 from rodeo.checks.results import once_per_case
 from rodeo.checks.statements import Said, Testimony, joined, recorded, testimonies
 from rodeo.messages import Device
-from rodeo.witness import Statement
+from rodeo.witness.statement import Statement
 
 
 def keys_of(case: Case, role: str, name: str) -> list[Device]:

@@ -15,17 +15,11 @@ from rodeo.checks.rules import rules_hash
 from rodeo.checks.stages import PEOPLE
 from rodeo.config import Site
 from rodeo.errors import RodeoError
-from rodeo.evidence import (
-    EvidenceError,
-    Limits,
-    Proof,
-    Store,
-    is_bag,
-    is_never_sealed,
-    open_bag,
-    open_proof,
-)
-from rodeo.evidence.errors import CorruptProof, SealError, StoreUnavailable
+from rodeo.evidence.container import Limits
+from rodeo.evidence.errors import CorruptProof, EvidenceError, SealError, StoreUnavailable
+from rodeo.evidence.proof import Proof, open_proof
+from rodeo.evidence.store import Store
+from rodeo.evidence.unsealed import is_bag, is_never_sealed, open_bag
 from rodeo.kinds import kinds_of
 
 log = logging.getLogger(__name__)

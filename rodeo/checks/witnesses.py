@@ -20,7 +20,7 @@ from rodeo.evidence.series import Array
 from rodeo.lab.config import gripper_body
 from rodeo.messages import Device
 from rodeo.topics import JOINT_STATES, SEAL_CHANNEL
-from rodeo.witness import Motion
+from rodeo.witness.statement import Motion
 
 MOVED_M = 0.03
 """An item this far from where it lay at first has been moved; motion capture repeats to a tenth of that."""

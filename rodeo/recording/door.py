@@ -20,8 +20,9 @@ from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.series import Layout
 from rodeo.metrics import RECORDER_REFUSED
-from rodeo.ros2 import MessageInfo, types
+from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.ros2.node import MessageInfo
 from rodeo.stamps import SECOND_NS
 from rodeo.topics import Topic
 

@@ -21,8 +21,7 @@ from rodeo.bus import Bus
 from rodeo.errors import BusError, RemoteError
 from rodeo.ros2 import types
 from rodeo.stamps import set_stamp
-from rodeo.witness import Classification, Drop
-from rodeo.witness.statement import MAX_LOOKS, Look
+from rodeo.witness.statement import MAX_LOOKS, Classification, Drop, Look
 
 log = logging.getLogger(__name__)
 

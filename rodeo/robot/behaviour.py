@@ -22,7 +22,7 @@ from rodeo.robot.body import Body
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
-from rodeo.witness import Claimant
+from rodeo.witness.statement import Claimant
 
 Report = Callable[[str, float], None]
 """Told what is being done, and what share of the task (0..1) is done by then."""

@@ -15,13 +15,13 @@ from rodeo.bus import Bus
 from rodeo.clock import Clock, Patience
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError
-from rodeo.evidence import Attestation
-from rodeo.recording import Heard, Refusals, StatementDoor, StatementListener
-from rodeo.recording.door import stamp_slack_s
+from rodeo.evidence.attestation import Attestation
+from rodeo.recording.door import Refusals, stamp_slack_s
+from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
 from rodeo.wallets import SiteDevice
-from rodeo.witness import Claimant, Classification, Drop, Presentation, Removal, Scope
+from rodeo.witness.statement import Claimant, Classification, Drop, Presentation, Removal, Scope
 from rodeo.witness.witness import Witness
 
 log = logging.getLogger(__name__)

@@ -14,19 +14,19 @@ from rodeo.bus import Bus
 from rodeo.charging import dock_of
 from rodeo.clock import Clock
 from rodeo.config import Site
-from rodeo.evidence import Attestation
+from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.messages import Task
 from rodeo.metering import METER_CLASS, STEP_WH
-from rodeo.recording import Heard, Refusals, StatementDoor, StatementListener
-from rodeo.recording.door import stamp_slack_s
-from rodeo.ros2 import Node
+from rodeo.recording.door import Refusals, stamp_slack_s
+from rodeo.recording.statements import Heard, StatementDoor, StatementListener
+from rodeo.ros2.node import Node
 from rodeo.stamps import stamp_s
 from rodeo.wallets import SiteDevice
-from rodeo.witness import MeterRecord, Receipt, ocmf, parse
+from rodeo.witness import ocmf
 from rodeo.witness.devices import DeviceTable
-from rodeo.witness.statement import payload_digest
+from rodeo.witness.statement import MeterRecord, Receipt, parse, payload_digest
 from rodeo.witness.witness import Witness
 
 log = logging.getLogger(__name__)

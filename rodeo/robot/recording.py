@@ -18,26 +18,22 @@ from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.clock import Clock, Patience
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Binding, EvidenceError, Recorder
-from rodeo.evidence.errors import BadStatement, ContainerError
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.errors import BadStatement, ContainerError, EvidenceError
 from rodeo.evidence.reader import SealedReader
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
 from rodeo.messages import DaoEvent
-from rodeo.recording import (
-    Heard,
-    MessageDoor,
-    PictureFetcher,
-    Refusals,
-    SealPublisher,
-    StatementDoor,
-    StatementListener,
-)
-from rodeo.recording.door import LEFT_OUT, stamp_slack_s
+from rodeo.recording.door import LEFT_OUT, MessageDoor, Refusals, stamp_slack_s
+from rodeo.recording.pictures import PictureFetcher
+from rodeo.recording.seals import SealPublisher
+from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.robot.errors import EvidenceHole, NoAnswer
 from rodeo.robot.interrupts import Interrupts
-from rodeo.ros2 import MessageInfo, Node
+from rodeo.ros2.node import MessageInfo, Node
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
 from rodeo.wallets import device_names
-from rodeo.witness import Claimant, Classification, Drop, Motion, Scope, Statement, parse
+from rodeo.witness.statement import Claimant, Classification, Drop, Motion, Scope, Statement, parse
 
 log = logging.getLogger(__name__)
 

@@ -23,7 +23,8 @@ from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
-from rodeo.ros2 import ActionClient, ClientGoal, MessageInfo, Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionClient, ClientGoal
 from rodeo.ros2.errors import (
     ActionServerLost,
     ActionServerUnavailable,
@@ -34,6 +35,7 @@ from rodeo.ros2.errors import (
     Ros2Error,
     ServiceTimeout,
 )
+from rodeo.ros2.node import MessageInfo, Node
 
 log = logging.getLogger(__name__)
 

@@ -17,11 +17,11 @@ from rodeo.checks.results import once_per_case
 from rodeo.checks.statements import Said, Testimony, joined
 from rodeo.checks.testimony import by_signer, keys_of
 from rodeo.errors import ConfigError
-from rodeo.evidence import Binding
+from rodeo.evidence.seal import Binding
 from rodeo.messages import Device
 from rodeo.metering import REGISTER_DIGITS, Reading, Readings, unpack
 from rodeo.topics import DOCK_OUTPUT
-from rodeo.witness import MeterRecord, Receipt, Scope
+from rodeo.witness.statement import MeterRecord, Receipt, Scope
 
 
 @dataclass(frozen=True)

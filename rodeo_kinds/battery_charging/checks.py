@@ -29,8 +29,8 @@ from rodeo.checks.witnesses import (
     signed_twice,
 )
 from rodeo.config import Site
-from rodeo.evidence import EvidenceError, Proof
-from rodeo.evidence.errors import BadStatement
+from rodeo.evidence.errors import BadStatement, EvidenceError
+from rodeo.evidence.proof import Proof
 from rodeo.kinds import providing_energy
 from rodeo.metering import METER_CLASS
 from rodeo.topics import BATTERY_STATE, JOINT_STATES

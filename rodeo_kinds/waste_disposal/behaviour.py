@@ -40,7 +40,7 @@ from rodeo.robot.navigation import in_base_frame
 from rodeo.robot.perception import Cluster, Sighting, View, best, candidates, cloud, clusters
 from rodeo.robot.recording import last_s, notes, statements
 from rodeo.vision.classification import UNKNOWN
-from rodeo.witness import Claimant, Classification, Drop
+from rodeo.witness.statement import Claimant, Classification, Drop
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 log = logging.getLogger(__name__)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rodeo.chain import Event
+from rodeo.chain.types import Event
 from rodeo.currency import Currency
 
 _AMOUNTS = frozenset({"reward", "price", "paid", "refund", "value", "amount", "bond", "penalty"})

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rodeo.chain import ChainUnavailable, Deployment
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import ChainUnavailable
 from services.bridge.index import Index
 from services.bridge.journal import Journal
 from services.bridge.node import Call, Node

@@ -18,28 +18,26 @@ from eth_utils import is_address, to_checksum_address
 from rodeo import messages, signed_requests, votes
 from rodeo.addresses import typed_address
 from rodeo.bus import validate
-from rodeo.chain import (
-    Call,
-    ChainClient,
-    ParticipantCalls,
-    Policy,
+from rodeo.chain.abi import (
     Quorum,
     Review,
     Revocation,
-    Role,
     ServiceState,
     Silence,
     TaskRequest,
     Terms,
-    TimelockRole,
     Verdict,
     Vote,
 )
+from rodeo.chain.calls import ParticipantCalls
+from rodeo.chain.client import ChainClient
+from rodeo.chain.encoding import Call
 from rodeo.chain.governance import BUDGET_CREDITS, Operation, Proposed, shares
+from rodeo.chain.types import Policy, Role, TimelockRole
 from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo.kinds import EXECUTION_WINDOW_S, Kinds
 from rodeo.messages import (
     JUDGES,

@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 
-from rodeo.chain import ChainError, ChainUnavailable
+from rodeo.chain.errors import ChainError, ChainUnavailable
 from rodeo.config import BRIDGE, Site
 from rodeo.files import set_aside
 from services.bridge.database import damage

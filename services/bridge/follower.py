@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rodeo.chain import ChainError, Deployment, RpcFailed
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import ChainError, RpcFailed
 from rodeo.chain.logs import decode_json_log, event_topics
 from rodeo.messages import DaoEvent
 from services.bridge.errors import ChainReorganized

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit, urlunsplit
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from rodeo.chain import ChainUnavailable
+from rodeo.chain.errors import ChainUnavailable
 
 log = logging.getLogger(__name__)
 

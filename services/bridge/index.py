@@ -31,7 +31,8 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DBAPIError
 
-from rodeo.chain import Log, events
+from rodeo.chain import events
+from rodeo.chain.logs import Log
 from rodeo.currency import IEC, Currency
 from rodeo.messages import GRACE_SHARE, LIVE_STATES, DaoEvent
 from services.bridge import schema

@@ -13,7 +13,8 @@ import time
 from eth_utils import function_signature_to_4byte_selector
 from sqlalchemy.exc import DBAPIError
 
-from rodeo.chain import ChainError, ChainUnavailable, Deployment
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import ChainError, ChainUnavailable
 from services.bridge.index import Index
 from services.bridge.node import Call, Node
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from eth_utils import is_address, to_checksum_address
 
 from rodeo import wallets
-from rodeo.chain import Deployment, Policy
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.types import Policy
 from rodeo.config import Site, oracle_names
 from rodeo.dao import cannot_do, most_offers
 from services.bridge.errors import UnknownParticipant

@@ -11,7 +11,7 @@ from pathlib import Path
 from sqlalchemy import create_engine, select
 from sqlalchemy.exc import DBAPIError
 
-from rodeo.chain import Deployment
+from rodeo.chain.deployment import Deployment
 from rodeo.config import BRIDGE, Site
 from rodeo.messages import Task
 from rodeo.queries import Transaction

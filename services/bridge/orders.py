@@ -13,7 +13,8 @@ from typing import Any
 from eth_account.signers.local import LocalAccount
 from eth_utils import keccak
 
-from rodeo.chain import Call, TransactionTimeout
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import TransactionTimeout
 from rodeo.errors import RemoteError, RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import RequestIdReused, WalletElsewhere

@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from rodeo.chain import ChainError, ContractReverted, TransactionFailed, events
+from rodeo.chain import events
+from rodeo.chain.errors import ChainError, ContractReverted, TransactionFailed
 from rodeo.chain.logs import decode_json_log, event_topics
 from rodeo.errors import RodeoError
 from services.bridge.chain import Chain

@@ -21,19 +21,12 @@ from sqlalchemy.exc import DBAPIError
 
 from rodeo import topics, wallets
 from rodeo.bus import Request
-from rodeo.chain import (
-    ChainClient,
-    ChainError,
-    ChainUnavailable,
-    Deployment,
-    DeploymentMismatch,
-    NotDeployed,
-    RpcFailed,
-)
-from rodeo.chain.client import connect, require_chain
+from rodeo.chain.client import ChainClient, connect, require_chain
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import ChainError, ChainUnavailable, DeploymentMismatch, NotDeployed, RpcFailed
 from rodeo.config import BRIDGE, Site, WalletLimits, bridge_process, bridge_wallets
 from rodeo.errors import ClockUnavailable, KeystoreMissing, RodeoError, WalletError
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
 from rodeo.messages import DaoEvent
 from rodeo.metrics import LATENCY_BUCKETS_S

@@ -10,9 +10,12 @@ from typing import Any
 from eth_utils import keccak
 
 from rodeo.bus import decode_json
-from rodeo.chain import Cause, Log, TimelockRole, Vote, artifacts, events
+from rodeo.chain import artifacts, events
+from rodeo.chain.abi import Cause, Vote
 from rodeo.chain.governance import SUPPORT, text_of
+from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work, is_own
+from rodeo.chain.types import TimelockRole
 from rodeo.currency import Currency
 from rodeo.errors import MalformedJson
 from services.bridge import schema

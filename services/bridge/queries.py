@@ -10,9 +10,10 @@ from eth_typing import HexStr
 from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
-from rodeo.chain import ChainClient, Role
+from rodeo.chain.client import ChainClient
 from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, WHY, described, shares
 from rodeo.chain.reputation import Work
+from rodeo.chain.types import Role
 from rodeo.currency import Currency
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (

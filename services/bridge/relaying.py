@@ -10,7 +10,10 @@ from pydantic import BaseModel
 
 from rodeo import signed_requests
 from rodeo.bus import validate
-from rodeo.chain import Call, ChainClient, ContractReverted, TaskRequest
+from rodeo.chain.abi import TaskRequest
+from rodeo.chain.client import ChainClient
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ContractReverted
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
 from rodeo.signed_requests import UNLIMITED, CancelTask, Permit, RegisterTask, SubmitProof, Typed

@@ -10,7 +10,8 @@ from typing import Any
 from eth_typing import HexStr
 from eth_utils import to_checksum_address
 
-from rodeo.chain import Call, ChainError, ChainUnavailable, TransactionTimeout
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ChainError, ChainUnavailable, TransactionTimeout
 from rodeo.errors import RequestError, RodeoError
 from services.bridge.chain import Chain
 from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Fees, Market

@@ -18,18 +18,19 @@ from rodeo import topics
 from rodeo.charging import ChargingParams
 from rodeo.clock import Clock
 from rodeo.errors import RodeoError
-from rodeo.evidence import Attestation, Binding, Recorder, SealedProof
-from rodeo.evidence.recorder import OnSeal
-from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.recorder import OnSeal, Recorder, SealedProof
+from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding
 from rodeo.messages import DaoEvent
 from rodeo.meter import Meter, load_register, store_register
 from rodeo.metering import RECORD_WH, STEP_WH, Reading
-from rodeo.recording import Heard, MessageDoor, Refusals
-from rodeo.ros2 import MessageInfo
+from rodeo.recording.door import MessageDoor, Refusals
+from rodeo.recording.statements import Heard
+from rodeo.ros2.node import MessageInfo
 from rodeo.stamps import stamp_s
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
-from rodeo.witness import MeterRecord, Receipt, WitnessChain, parse
-from rodeo.witness.statement import digest, payload_digest
+from rodeo.witness.chain import WitnessChain
+from rodeo.witness.statement import MeterRecord, Receipt, digest, parse, payload_digest
 from services.charger.job import Job, Recorded, recover
 from services.charger.session import End, Phase, Session, SessionLimits
 

@@ -15,7 +15,7 @@ from rodeo.charging import SOC_USED, ChargingParams, dock_of, most_due_iec, orde
 from rodeo.config import Site
 from rodeo.dao import Assignment
 from rodeo.errors import ConfigError, RodeoError, unreadable
-from rodeo.evidence import Attestation
+from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
 from rodeo.files import replace_file, set_aside

@@ -26,23 +26,26 @@ from rodeo.charging import ChargingParams
 from rodeo.config import Site, dock_process
 from rodeo.dao import ORGANIZATION, Assignment, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
-from rodeo.evidence import Binding, Store
 from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
+from rodeo.evidence.seal import Binding
+from rodeo.evidence.store import Store
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.process import Process
-from rodeo.recording import SealPublisher, StatementDoor, StatementListener
 from rodeo.recording.door import stamp_slack_s
-from rodeo.ros2 import MessageInfo, Node
+from rodeo.recording.seals import SealPublisher
+from rodeo.recording.statements import StatementDoor, StatementListener
+from rodeo.ros2.node import MessageInfo, Node
 from rodeo.ros2.types import new
 from rodeo.serving import served_by
 from rodeo.tls import bus_is_closed
 from rodeo.wallets import SiteDevice
-from rodeo.witness import Inputs, Scope, WitnessChain
+from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.roots import DailyRoots
+from rodeo.witness.statement import Scope
 from rodeo.witness.witness import Witness
 from services.charger.delivery import Delivery, Order
 from services.charger.job import Job, is_for, require_payable, wrong_order

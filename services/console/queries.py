@@ -16,7 +16,8 @@ from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.earnings import Line, earnings
 from rodeo.errors import MalformedJson
-from rodeo.evidence import Store, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from rodeo.messages import DaoEvent, Task
 from rodeo.person.review import Review, Reviewer
 from rodeo.person.statement import Statement, fetch_statement

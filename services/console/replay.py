@@ -9,14 +9,15 @@ from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Proof
+from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement, LayoutChanged
+from rodeo.evidence.proof import Proof
 from rodeo.evidence.series import Table
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.geometry import yaws_of
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
-from rodeo.witness import Classification, Drop, Motion, Removal, parse
 from rodeo.witness.motion import track as signed_track
+from rodeo.witness.statement import Classification, Drop, Motion, Removal, parse
 from services.console.formatting import phrase
 from services.console.scene import arm_drawing
 

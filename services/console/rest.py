@@ -23,7 +23,7 @@ from rodeo.errors import (
     RequestError,
     RodeoError,
 )
-from rodeo.evidence import EvidenceError
+from rodeo.evidence.errors import EvidenceError
 from rodeo.http import answer_with_problems, problem, problems
 from rodeo.messages import Kind, Task, TaskState
 from services.console.accounts import User

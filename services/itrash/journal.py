@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ValidationError
 
 from rodeo.errors import RodeoError, unreadable
-from rodeo.evidence import Attestation
+from rodeo.evidence.attestation import Attestation
 from rodeo.files import replace_file
 from services.itrash.behaviour import Memory
 

@@ -23,25 +23,17 @@ from rodeo.errors import RodeoError
 from rodeo.http import HttpServer
 from rodeo.lab.config import BinConfig
 from rodeo.process import Process
-from rodeo.ros2 import MessageInfo, Node
+from rodeo.ros2.node import MessageInfo, Node
 from rodeo.serving import served_by
 from rodeo.stamps import stamp_s
 from rodeo.tls import bus_is_closed
 from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier
-from rodeo.witness import (
-    Claimant,
-    Classification,
-    Drop,
-    Header,
-    Inputs,
-    Presentation,
-    Removal,
-    Statement,
-    correction,
-)
+from rodeo.witness import correction
+from rodeo.witness.chain import Inputs
 from rodeo.witness.devices import Device
 from rodeo.witness.roots import DailyRoots
+from rodeo.witness.statement import Claimant, Classification, Drop, Header, Presentation, Removal, Statement
 from rodeo.witness.witness import Witness
 from services.itrash.behaviour import (
     Action,

@@ -31,9 +31,9 @@ from rodeo.checks.report import Check, Report
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.errors import BusError, ClockUnavailable, DiskFull, RodeoError
-from rodeo.evidence import Store
 from rodeo.evidence.copies import ask_to_put, hand_over
 from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.store import Store
 from rodeo.logs import about_task
 from rodeo.messages import Task
 

@@ -15,7 +15,9 @@ from rodeo.checks.daily_logs import logged
 from rodeo.checks.verify import case_of
 from rodeo.config import Site
 from rodeo.dao import Participant
-from rodeo.evidence import EvidenceError, Limits, Proof, open_proof
+from rodeo.evidence.container import Limits
+from rodeo.evidence.errors import EvidenceError
+from rodeo.evidence.proof import Proof, open_proof
 from rodeo.messages import DaoEvent, Device, Root
 from rodeo.witness.days import day_of
 

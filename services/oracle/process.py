@@ -32,8 +32,8 @@ from rodeo.checks.report import Check, Report
 from rodeo.config import Site, oracle_process
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
-from rodeo.evidence import EvidenceError, Store
-from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.errors import EvidenceError, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.store import Store
 from rodeo.files import replace_file, writing
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.logs import about_task

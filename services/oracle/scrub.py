@@ -20,9 +20,9 @@ from rodeo.bus import Bus
 from rodeo.checks.acts import Judged
 from rodeo.config import Site
 from rodeo.errors import BusError, DiskFull
-from rodeo.evidence import EvidenceError, Store
 from rodeo.evidence.copies import ask_to_put, hand_over
-from rodeo.evidence.errors import ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.store import Store
 from rodeo.files import replace_file
 
 log = logging.getLogger(__name__)

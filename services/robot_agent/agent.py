@@ -18,9 +18,10 @@ from rodeo import queries, topics
 from rodeo.bus import DaoEvents
 from rodeo.chance import generator
 from rodeo.errors import BusError, DiskFull, RemoteError, wrong_fields
-from rodeo.evidence import EvidenceError, Recorder, Store
 from rodeo.evidence.copies import Copies
-from rodeo.evidence.errors import RecordingSealed
+from rodeo.evidence.errors import EvidenceError, RecordingSealed
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.store import Store
 from rodeo.files import is_full
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.lab.config import Pose2, RobotConfig
@@ -56,10 +57,11 @@ from rodeo.robot.receipts import Receipts
 from rodeo.robot.recording import RecordedRobot, Recording
 from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
-from rodeo.ros2 import Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
 from rodeo.stamps import set_stamp
 from rodeo.tls import bus_is_closed
-from rodeo.witness import Inputs
+from rodeo.witness.chain import Inputs
 from rodeo.witness.witness import Witness
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.charging import Charging

@@ -21,7 +21,7 @@ from rodeo.robot.behaviour import Estimate
 from rodeo.robot.energy import DETOUR, Consumption, EnergyMeter, battery_suffices
 from rodeo.robot.errors import CapReached
 from rodeo.robot.ros_body import RosBody
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo.stamps import stamp_s
 from services.robot_agent.participant import RobotParticipant
 

@@ -13,7 +13,10 @@ from rodeo import topics
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import on_plane
-from rodeo.ros2 import LATCHED, ActionServer, Node, ServerGoal, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionServer, ServerGoal
+from rodeo.ros2.node import Node
+from rodeo.ros2.wire import LATCHED
 from rodeo.stamps import SECOND_NS, stamp_s
 from services.robot_sim import messages
 from services.robot_sim.arm import (

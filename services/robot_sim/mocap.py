@@ -17,10 +17,10 @@ from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import DiskFull, KeystoreMissing
-from rodeo.witness import Motion
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.motion import MotionLog, Sample
 from rodeo.witness.roots import DailyRoots
+from rodeo.witness.statement import Motion
 from rodeo.witness.witness import Witness
 
 log = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from rodeo import tls
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.process import Process
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo.serving import served_by
 from services.robot_sim.actions import Actions
 from services.robot_sim.commander import Commander

@@ -18,8 +18,9 @@ from eth_account.signers.local import LocalAccount
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.completeness import MISSED_SHARE
 from rodeo.checks.report import Report
-from rodeo.evidence import Attestation, Binding
-from rodeo.witness import Header, MeterRecord, Receipt, Scope
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.seal import Binding
+from rodeo.witness.statement import Header, MeterRecord, Receipt, Scope
 from rodeo_kinds.battery_charging.harness.film import KIND as BATTERY_CHARGING
 from rodeo_kinds.waste_disposal.harness.film import KIND as WASTE_DISPOSAL
 from rodeo_kinds.waste_disposal.harness.workshop import ITEM_POSE, PICTURE, PLACE

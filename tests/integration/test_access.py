@@ -18,8 +18,9 @@ from rodeo.bus import Bus
 from rodeo.config import Site, body_identity
 from rodeo.errors import BusUnavailable, NoResponder
 from rodeo.holding import EVERYBODY
-from rodeo.ros2 import ActionClient, Node
+from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceTimeout, ServiceUnavailable
+from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from services.robot_sim.sessions import BodySessions
 from tests.support.site import WAIT_S, RunningSite, free_port, write_site

@@ -20,15 +20,17 @@ from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.clock import WallClock
 from rodeo.dao import Participant
-from rodeo.evidence import Store, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
 from rodeo.robot.decisions import Explained
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
-from rodeo.ros2 import Node, types
-from rodeo.witness import Classification, Drop, Motion, parse
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
 from rodeo.witness.motion import track
+from rodeo.witness.statement import Classification, Drop, Motion, parse
 from tests.support.site import WAIT_S as CALL_S
 from tests.support.site import RunningSite, write_site
 

@@ -13,10 +13,11 @@ from typing import Any
 import pytest
 
 from rodeo import wallets
-from rodeo.chain import NOBODY, TaskRequest
+from rodeo.chain.abi import TaskRequest
+from rodeo.chain.client import NOBODY
 from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, RemoteError
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo.messages import DaoEvent
 from rodeo_testing.recordings import START_NS, Sample, Take, seal
 from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao

@@ -19,11 +19,11 @@ from rodeo import possession, wallets
 from rodeo.bus import Bus, DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo.messages import DaoEvent, Status, Task
-from rodeo.witness import Removal
 from rodeo.witness.days import SignedDay, day_of
 from rodeo.witness.roots import DailyRoots
+from rodeo.witness.statement import Removal
 from rodeo.witness.witness import Witness
 from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
 from tests.support.index import index_differences

@@ -20,8 +20,8 @@ from deploy.chain.record import give_up_chain
 from deploy.chain.server import RpcServer
 from deploy.contracts import run as deploy
 from rodeo import wallets
-from rodeo.chain import WrongChain
 from rodeo.chain.client import connect
+from rodeo.chain.errors import WrongChain
 from rodeo.errors import NoResponder, RemoteError
 from services.bridge.node import Node
 from tests.support import soak

@@ -10,7 +10,10 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from rodeo.chain import Cause, Event, Log, Review, Verdict, events
+from rodeo.chain import events
+from rodeo.chain.abi import Cause, Review, Verdict
+from rodeo.chain.logs import Log
+from rodeo.chain.types import Event
 from services.bridge import journal
 from services.bridge.database import migrate, open_database
 from services.bridge.index import NOWHERE, UNDONE, Index, Page, Position, TimedLog, sqlite_url

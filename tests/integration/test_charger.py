@@ -15,10 +15,11 @@ import pytest
 
 from rodeo import queries, topics, wallets
 from rodeo.dao import Participant
-from rodeo.evidence import Proof, Store, open_proof
+from rodeo.evidence.proof import Proof, open_proof
+from rodeo.evidence.store import Store
 from rodeo.messages import PostVerdict, RegisterTask, Task
 from rodeo.metering import STEP_WH, unpack
-from rodeo.witness import MeterRecord, Receipt, parse
+from rodeo.witness.statement import MeterRecord, Receipt, parse
 from rodeo_testing.dock import SLOW_TICK_S, TARGET_SOC, Buyer, Hardware
 from services.charger.process import PROOF_SHARE
 from tests.support.site import WAIT_S, RunningSite, write_site

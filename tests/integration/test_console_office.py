@@ -30,7 +30,8 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from rodeo import possession, queries, wallets
-from rodeo.chain import ChainClient, Deployment
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
 from rodeo.chain.events import ServiceRegistered
 from rodeo.config import LOCAL_CHAIN_ID
 from rodeo.currency import IEC

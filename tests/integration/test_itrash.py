@@ -19,13 +19,15 @@ from typer.testing import CliRunner
 
 from rodeo import topics, wallets
 from rodeo.errors import RemoteError
-from rodeo.evidence import Attestation, attest, verify_attestation
-from rodeo.ros2 import Node
+from rodeo.evidence.attestation import Attestation, attest, verify_attestation
+from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.vision.classification import model_sha256, thresholds_sha256
-from rodeo.witness import Claimant, Classification, Drop, HeadBook, Presentation, Scope, WitnessChain, parse
-from rodeo.witness import Journal as WitnessJournal
+from rodeo.witness.chain import WitnessChain
 from rodeo.witness.correction import Correction
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal as WitnessJournal
+from rodeo.witness.statement import Claimant, Classification, Drop, Presentation, Scope, parse
 from rodeo_cli import app
 from rodeo_testing import answers
 from rodeo_testing.recordings import RENDERINGS

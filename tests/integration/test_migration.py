@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.chain import Deployment
+from rodeo.chain.deployment import Deployment
 from tests.integration.test_agent import SITE, Organization
 from tests.support.command import rodeo
 from tests.support.dao import Dao

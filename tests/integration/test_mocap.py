@@ -11,13 +11,15 @@ import pytest
 
 from rodeo import topics, wallets
 from rodeo.bus import Request
-from rodeo.evidence import Recorder, open_proof, verify_attestation
+from rodeo.evidence.attestation import verify_attestation
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.recording import RecordedRobot, Recording
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
-from rodeo.witness import Motion, parse
 from rodeo.witness.motion import track
+from rodeo.witness.statement import Motion, parse
 from rodeo_testing import answers
 from rodeo_testing.assignments import BINDING, ROBOT
 from tests.support.site import RunningSite, write_site

@@ -15,11 +15,12 @@ import pytest
 from rodeo import wallets
 from rodeo.clock import WallClock
 from rodeo.dao import Participant
-from rodeo.evidence import Store, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from rodeo.person.statement import Executor, NotAccepted, NotYourTask, read_statement
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site

@@ -17,11 +17,13 @@ from rodeo import wallets
 from rodeo.checks.report import Report
 from rodeo.currency import IEC
 from rodeo.dao import Participant
-from rodeo.evidence import Store, attest, open_proof
+from rodeo.evidence.attestation import attest
 from rodeo.evidence.copies import Copies
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from rodeo.messages import PostRoot
-from rodeo.witness import Scope
 from rodeo.witness.days import DayLog, day_of
+from rodeo.witness.statement import Scope
 from rodeo_cli import app
 from tests.support.dao import Dao
 from tests.support.executor import PLACE, Executor, Film, stored

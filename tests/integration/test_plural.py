@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from rodeo.evidence import Store, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from rodeo.processes import processes_of
-from rodeo.witness import Drop, parse
+from rodeo.witness.statement import Drop, parse
 from tests.integration.test_agent import Organization
 from tests.support.site import LAB, RunningSite, write_site
 

@@ -20,8 +20,10 @@ from rodeo.robot.errors import MotionFailed, Stopped
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.navigation import Floor
 from rodeo.robot.ros_body import RosBody
-from rodeo.ros2 import ActionClient, Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import GoalCanceled
+from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 from tests.support.site import WAIT_S, RunningSite, write_site
 

@@ -18,8 +18,11 @@ from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.lab.geometry import wrap
 from rodeo.lab.layout import BinLayout, dock_parking, on_contacts
 from rodeo.lab.world import arm_model
-from rodeo.ros2 import LATCHED, ActionClient, MessageInfo, Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import ActionServerLost, GoalAborted, GoalRejected
+from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.wire import LATCHED
 from rodeo.sim_clock import SimClock
 from tests.support.site import RunningSite, write_site
 

@@ -12,9 +12,12 @@ from typing import Any
 import pytest
 
 from rodeo import topics
-from rodeo.chain import ChainClient, Deployment, events
+from rodeo.chain import events
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
 from rodeo.checks.report import Report
-from rodeo.evidence import Store, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from tests.integration.test_agent import Organization
 from tests.support.load import busy_machine
 from tests.support.site import RunningSite, write_site

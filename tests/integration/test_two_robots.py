@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from rodeo.evidence import Store, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 

@@ -10,7 +10,8 @@ import pytest
 
 from rodeo.bus import DaoEvents
 from rodeo.checks.report import Report
-from rodeo.evidence import Store, open_proof
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.store import Store
 from rodeo.messages import DaoEvent
 from tests.support.site import RunningSite, write_site
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo.messages import ProofCopy
 
 

@@ -11,7 +11,8 @@ from web3 import Web3
 
 from rodeo import topics
 from rodeo.bus import DaoEvents
-from rodeo.chain import ChainClient, Deployment
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
 from rodeo.messages import DaoEvent
 from tests.support.clock import publish_clock
 from tests.support.site import PAUSE_S, WAIT_S, RunningSite

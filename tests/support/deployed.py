@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rodeo.chain import ChainClient, Deployment
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
 from rodeo.config import Site
 from tests.support.chain import FaultyNode
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from rodeo import wallets
 from rodeo.dao import Participant
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning
 from rodeo_testing.recordings import Take, Witnesses, later, seal
 from tests.support.dao import Dao

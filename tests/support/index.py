@@ -8,7 +8,9 @@ from decimal import Decimal
 from enum import Enum
 from typing import Any
 
-from rodeo.chain import NOBODY, ChainClient, Hire, Policy, Revocation, Role
+from rodeo.chain.abi import Hire, Revocation
+from rodeo.chain.client import NOBODY, ChainClient
+from rodeo.chain.types import Policy, Role
 from rodeo.currency import IEC
 from rodeo.messages import Task
 

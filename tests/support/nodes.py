@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from rodeo.bus import zenoh_config
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from tests.support.site import free_port
 
 

@@ -10,7 +10,7 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo import wallets
 from rodeo.bus import Request
-from rodeo.chain import Call
+from rodeo.chain.encoding import Call
 from services.bridge.commands import Wallet
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.bridge.names import Names

@@ -20,7 +20,13 @@ from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
 from rodeo import wallets
-from rodeo.chain import NOBODY, Call, ChainClient, Deployment, Event, Log, TaskRequest, events
+from rodeo.chain import events
+from rodeo.chain.abi import TaskRequest
+from rodeo.chain.client import NOBODY, ChainClient
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import Call
+from rodeo.chain.logs import Log
+from rodeo.chain.types import Event
 from rodeo.config import Site
 from rodeo.currency import IEC
 from tests.support.site import write_site

@@ -18,7 +18,8 @@ from typing import Any, TypeVar
 
 from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
-from rodeo.chain import ChainClient, Deployment
+from rodeo.chain.client import ChainClient
+from rodeo.chain.deployment import Deployment
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.messages import (
     Command,

@@ -12,7 +12,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Check, Report
 from rodeo.checks.verify import verify_file
 from rodeo.config import Site
-from rodeo.evidence import Binding
+from rodeo.evidence.seal import Binding
 from rodeo_kinds.battery_charging.harness.film import film_charging
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning
 from rodeo_testing.assignments import BINDING, ROBOT

@@ -13,7 +13,7 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import zenoh_config
-from rodeo.ros2 import Node, Publisher
+from rodeo.ros2.node import Node, Publisher
 from rodeo.ros2.types import new
 from rodeo.sim_clock import SimClock
 from tests.support.nodes import make_node as make_node

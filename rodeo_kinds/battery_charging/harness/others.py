@@ -10,8 +10,8 @@ from typing import Any
 
 from eth_account import Account
 
-from rodeo.evidence import Attestation, attest
-from rodeo.witness import Header, Receipt
+from rodeo.evidence.attestation import Attestation, attest
+from rodeo.witness.statement import Header, Receipt
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.battery_charging.harness.workshop import GAUGE, HARNESS, ChargingWorkshop
 from rodeo_testing.assignments import CHARGE_BINDING, METER, ROBOT

@@ -10,9 +10,10 @@ from unittest.mock import patch
 
 import numpy as np
 
-from rodeo.evidence import Attestation, attest
+from rodeo.evidence.attestation import Attestation, attest
 from rodeo.kinds import providing_energy
-from rodeo.witness import Header, MeterRecord, Receipt, ocmf
+from rodeo.witness import ocmf
+from rodeo.witness.statement import Header, MeterRecord, Receipt
 from rodeo_kinds.battery_charging.harness.workshop import HARNESS, ChargingWorkshop
 from rodeo_testing.assignments import METER, ORGANIZATION, ROBOT
 from rodeo_testing.recordings import METER_RECORD, Sides

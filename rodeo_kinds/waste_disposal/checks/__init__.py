@@ -6,7 +6,7 @@ from rodeo.checks import completeness as recorded
 from rodeo.checks.case import Checks
 from rodeo.checks.stages import COUNTED, PROVENANCE
 from rodeo.config import Site
-from rodeo.evidence import Proof
+from rodeo.evidence.proof import Proof
 from rodeo.vision.classification import model_sha256
 from rodeo_kinds.waste_disposal.checks import carry, completeness, disposal
 from rodeo_kinds.waste_disposal.checks.acts import acts

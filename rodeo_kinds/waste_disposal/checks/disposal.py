@@ -26,8 +26,8 @@ from rodeo.kinds import kinds_of
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
 from rodeo.topics import SEAL_CHANNEL
-from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
 from rodeo.witness.heads import TOLD
+from rodeo.witness.statement import Classification, Drop, Motion, Presentation, Removal
 from rodeo_kinds.waste_disposal.checks import picture
 
 DROP_SLACK_S = 10.0

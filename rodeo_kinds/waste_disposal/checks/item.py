@@ -8,7 +8,7 @@ from rodeo.checks.results import once_per_case
 from rodeo.checks.tables import events_of
 from rodeo.checks.testimony import testimony_of
 from rodeo.lab.config import BinConfig, ItemConfig
-from rodeo.witness import Classification, Drop
+from rodeo.witness.statement import Classification, Drop
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 

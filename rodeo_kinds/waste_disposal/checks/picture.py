@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from rodeo import topics
 from rodeo.checks.case import CaseError
 from rodeo.checks.report import Finding, at_most, undecided
-from rodeo.evidence import Proof
+from rodeo.evidence.proof import Proof
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.vision.classification import (

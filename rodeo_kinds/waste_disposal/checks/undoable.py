@@ -16,7 +16,7 @@ from rodeo.checks.report import Finding, impossible, undecided
 from rodeo.checks.testimony import bin_said
 from rodeo.checks.witnesses import UNSEEN_S, unsound
 from rodeo.lab.place import PLACE_LIMIT_M
-from rodeo.witness import Classification
+from rodeo.witness.statement import Classification
 from rodeo_kinds.waste_disposal.checks.disposal import LOST_IN_A_ROW
 from rodeo_kinds.waste_disposal.params import CleaningParams
 

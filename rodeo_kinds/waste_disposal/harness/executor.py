@@ -15,8 +15,9 @@ from eth_account.signers.local import LocalAccount
 from mcap.writer import MCAP0_MAGIC, Writer
 from rosbags.rosbag2 import StoragePlugin
 
-from rodeo.evidence import Attestation, Recorder, attest
-from rodeo.witness import Claimant, Scope, payload_digest
+from rodeo.evidence.attestation import Attestation, attest
+from rodeo.evidence.recorder import Recorder
+from rodeo.witness.statement import Claimant, Scope, payload_digest
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning, without_mocap
 from rodeo_kinds.waste_disposal.harness.workshop import (
     HARNESS,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from eth_account import Account
 
-from rodeo.evidence import Attestation, attest
+from rodeo.evidence.attestation import Attestation, attest
 from rodeo.messages import Device
 from rodeo.person.statement import PHOTO_TOPIC, PHOTO_TYPE
 from rodeo.ros2.types import new

@@ -12,7 +12,7 @@ from nicegui import ui
 
 from rodeo.durations import span
 from rodeo.errors import RodeoError
-from rodeo.evidence import open_proof
+from rodeo.evidence.proof import open_proof
 from rodeo.kinds import Kinds
 from rodeo.messages import LIVE_STATES, Dispute, Task
 from rodeo.person.pace import running_out_s

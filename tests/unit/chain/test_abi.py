@@ -9,25 +9,24 @@ from typing import Any
 import pytest
 
 from rodeo import chain
-from rodeo.chain import (
-    Calls,
-    Deployment,
-    Event,
-    OrganizationCalls,
-    Policy,
+from rodeo.chain import artifacts
+from rodeo.chain.abi import (
+    DisputesCalls,
+    Instance,
     Review,
     Revocation,
-    Role,
     ServiceState,
+    SignedBy,
     Silence,
     TaskRequest,
     Terms,
     Verdict,
     Vote,
-    artifacts,
 )
-from rodeo.chain.abi import DisputesCalls, Instance, SignedBy
+from rodeo.chain.calls import Calls, OrganizationCalls
+from rodeo.chain.deployment import Deployment
 from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
+from rodeo.chain.types import Event, Policy, Role
 
 ADDRESS = "0x" + "00" * 19 + "01"
 DEPLOYMENT = Deployment(

@@ -8,20 +8,10 @@ from decimal import Decimal
 import pytest
 from eth_account import Account
 
-from rodeo.chain import (
-    NOBODY,
-    Call,
-    ChainClient,
-    ChainUnavailable,
-    ContractReverted,
-    Event,
-    Role,
-    RpcFailed,
-    ServiceState,
-    TaskRequest,
-    TaskState,
-)
-from rodeo.chain.abi import Cause, Verdict
+from rodeo.chain.abi import Cause, ServiceState, TaskRequest, TaskState, Verdict
+from rodeo.chain.client import NOBODY, ChainClient
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed
 from rodeo.chain.events import (
     ProofSubmitted,
     ServiceRegistered,
@@ -34,6 +24,7 @@ from rodeo.chain.events import (
     Transfer,
     VerdictPosted,
 )
+from rodeo.chain.types import Event, Role
 from rodeo.currency import IEC
 from tests.support.organization import KIND, PROOF, REPORT, Organization
 from tests.support.site import free_port

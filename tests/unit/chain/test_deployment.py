@@ -14,22 +14,15 @@ from eth_utils import to_bytes
 from deploy import contracts
 from deploy.contracts import WithoutGasMoney
 from rodeo import wallets
-from rodeo.chain import (
-    Call,
-    ChainError,
-    ContractReverted,
-    Deployment,
-    DeploymentMismatch,
-    Instance,
-    NotDeployed,
-    Review,
-    Role,
-    Terms,
-    artifacts,
-)
+from rodeo.chain import artifacts
+from rodeo.chain.abi import Instance, Review, Terms
 from rodeo.chain.client import connect
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ChainError, ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.events import Transfer
 from rodeo.chain.governance import WHY, Operation
+from rodeo.chain.types import Role
 from rodeo.config import AppealConfig, DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from rodeo.currency import IEC
 from rodeo.kinds import kinds_of

@@ -12,8 +12,10 @@ from pydantic import ValidationError
 from web3 import Web3
 
 from deploy import contracts, founding
-from rodeo.chain import ContractReverted, Role, Terms
+from rodeo.chain.abi import Terms
 from rodeo.chain.client import connect
+from rodeo.chain.errors import ContractReverted
+from rodeo.chain.types import Role
 from rodeo.config import BudgetConfig, GovernanceConfig, Site, TermsConfig, TokenConfig
 from tests.support.organization import Organization, running_chain
 from tests.support.plain_token import create, init_code

@@ -6,7 +6,10 @@ import pytest
 from eth_abi import encode
 from eth_utils import keccak
 
-from rodeo.chain import Deployment, OrganizationCalls, Terms, artifacts, events
+from rodeo.chain import artifacts, events
+from rodeo.chain.abi import Terms
+from rodeo.chain.calls import OrganizationCalls
+from rodeo.chain.deployment import Deployment
 from rodeo.chain.governance import described
 from rodeo.chain.logs import decode_json_log, event_topics
 

@@ -14,21 +14,12 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
 from rodeo import possession
-from rodeo.chain import (
-    Call,
-    Log,
-    Policy,
-    Review,
-    Revocation,
-    Role,
-    ServiceState,
-    Silence,
-    TaskState,
-    Terms,
-    Verdict,
-    events,
-)
+from rodeo.chain import events
+from rodeo.chain.abi import Review, Revocation, ServiceState, Silence, TaskState, Terms, Verdict
+from rodeo.chain.encoding import Call
+from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work
+from rodeo.chain.types import Policy, Role
 from rodeo.currency import IEC
 from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url

@@ -13,7 +13,7 @@ from rodeo.checks import replay
 from rodeo.checks.counts import BURST_S, COUNTS
 from rodeo.checks.report import Report
 from rodeo.config import Site
-from rodeo.evidence import attest
+from rodeo.evidence.attestation import attest
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
 from rodeo_testing.assignments import ROBOT
 from rodeo_testing.recordings import Sample, Take, shifted_by

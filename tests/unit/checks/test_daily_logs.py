@@ -11,7 +11,8 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo.checks.case import ChainRecord
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Store, attest
+from rodeo.evidence.attestation import Attestation, attest
+from rodeo.evidence.store import Store
 from rodeo.messages import Device, Root
 from rodeo.witness.days import DayLog, day_of
 from rodeo.witness.statement import digest

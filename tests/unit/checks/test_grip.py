@@ -15,7 +15,7 @@ from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.replay import Motion, Perturbation, Replay, World, compartment_at, replay_of
 from rodeo.checks.verify import case_of
 from rodeo.config import Site
-from rodeo.evidence import open_proof
+from rodeo.evidence.proof import open_proof
 from rodeo.lab.body import joint_names
 from rodeo.lab.world import arm_model
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning

@@ -12,7 +12,7 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
-from rodeo.evidence import Attestation, attest
+from rodeo.evidence.attestation import Attestation, attest
 from rodeo.messages import Device
 from rodeo.witness.statement import digest
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record

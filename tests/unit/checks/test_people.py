@@ -11,7 +11,7 @@ from rodeo.checks.report import Check, Report
 from rodeo.checks.verify import verify_file
 from rodeo.clock import WallClock
 from rodeo.config import Site
-from rodeo.evidence import Recorder
+from rodeo.evidence.recorder import Recorder
 from rodeo.kinds import kinds_of
 from rodeo.queries import KindRules, Organization
 from rodeo.topics import EVENT_CHANNEL

@@ -18,8 +18,7 @@ from typer.testing import CliRunner
 
 from rodeo import messages
 from rodeo.bus import validate
-from rodeo.chain import ContractReverted
-from rodeo.chain.errors import why_unanswered
+from rodeo.chain.errors import ContractReverted, why_unanswered
 from rodeo.charging import ChargingParams
 from rodeo.checks.report import Check, Report, at_most, equal, skipped
 from rodeo.config import Site

@@ -14,18 +14,12 @@ from web3.types import TxReceipt
 
 from deploy import contracts, founding
 from rodeo import wallets
-from rodeo.chain import (
-    ChainClient,
-    ChainUnavailable,
-    ContractReverted,
-    Deployment,
-    Role,
-    artifacts,
-    registry,
-    transactions,
-)
-from rodeo.chain.client import connect
+from rodeo.chain import artifacts, registry, transactions
+from rodeo.chain.client import ChainClient, connect
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import ChainUnavailable, ContractReverted
 from rodeo.chain.registry import Registry
+from rodeo.chain.types import Role
 from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, Site
 from rodeo.errors import ConfigError
 from rodeo.kinds import kinds_of

@@ -31,27 +31,14 @@ from deploy.migration import (
 from deploy.waiting import DelayRuns
 from deploy.waiting import proposed as waiting_for
 from rodeo import wallets
-from rodeo.chain import (
-    Call,
-    ChainClient,
-    ChainUnavailable,
-    ContractReverted,
-    Deployment,
-    NotDeployed,
-    Policy,
-    Review,
-    Revocation,
-    Role,
-    ServiceState,
-    Silence,
-    TaskState,
-    Terms,
-    Verdict,
-    transactions,
-)
-from rodeo.chain.abi import KindRules
-from rodeo.chain.client import connect
+from rodeo.chain import transactions
+from rodeo.chain.abi import KindRules, Review, Revocation, ServiceState, Silence, TaskState, Terms, Verdict
+from rodeo.chain.client import ChainClient, connect
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ChainUnavailable, ContractReverted, NotDeployed
 from rodeo.chain.registry import PROXY
+from rodeo.chain.types import Policy, Role
 from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, JudgeConfig, Site, TokenConfig
 from rodeo.currency import IEC
 from rodeo.instance import lock_instance

@@ -21,8 +21,9 @@ from deploy import prepare as module
 from deploy.contracts import OtherRelease, WithoutGasMoney
 from deploy.prepare import prepare
 from rodeo import wallets
-from rodeo.chain import ChainUnavailable, Deployment
 from rodeo.chain.client import connect
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import ChainUnavailable
 from rodeo.config import Site
 from rodeo_cli import app
 from tests.support.organization import CHAIN_ID, running_chain

@@ -10,7 +10,8 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from rodeo.evidence import Binding, Recorder
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
 from rodeo.ros2.types import new, serialize
 
 START_NS = 1_790_000_000 * 10**9

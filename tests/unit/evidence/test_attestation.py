@@ -9,8 +9,7 @@ from eth_account.messages import encode_defunct
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from rodeo.evidence import Attestation, attest, verify_attestation
-from rodeo.evidence.attestation import canonical_json
+from rodeo.evidence.attestation import Attestation, attest, canonical_json, verify_attestation
 from rodeo.evidence.errors import BadAttestation
 
 _VALUES = st.recursive(

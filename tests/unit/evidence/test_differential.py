@@ -31,9 +31,11 @@ from mcap.records import Channel, ChunkIndex, Schema, Statistics
 from mcap.writer import MCAP0_MAGIC
 from rosbags.highlevel import AnyReader
 
-from rodeo.evidence import Binding, EvidenceError, Limits, Recorder, open_proof
-from rodeo.evidence.container import Container
-from rodeo.evidence.errors import CorruptProof
+from rodeo.evidence.container import Container, Limits
+from rodeo.evidence.errors import CorruptProof, EvidenceError
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
 from rodeo.evidence.summary import ChunkFacts, MessageTimes, SummaryOf
 from rodeo.ros2.types import STORE, schema_text
 from tests.unit.evidence.conftest import HandClock, drive

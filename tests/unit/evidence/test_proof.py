@@ -20,12 +20,12 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from rodeo.evidence import Binding, EvidenceError, Limits, Recorder, open_proof
-from rodeo.evidence.container import Container
+from rodeo.evidence.container import Container, Limits
 from rodeo.evidence.errors import (
     BrokenSeal,
     ContainerError,
     CorruptProof,
+    EvidenceError,
     LayoutChanged,
     ProofNotFound,
     ProofTooLarge,
@@ -33,6 +33,9 @@ from rodeo.evidence.errors import (
     TruncatedProof,
     UnsealedProof,
 )
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
 from rodeo.ros2.types import new, serialize
 from tests.unit.evidence.conftest import START_NS, HandClock, drive, odometry
 

@@ -17,9 +17,10 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from rodeo.evidence import Binding, Recorder, open_proof
 from rodeo.evidence.errors import BrokenSeal, RecorderFailed, RecordingExists, RecordingSealed, UnsealedProof
-from rodeo.evidence.recorder import Tally
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder, Tally
+from rodeo.evidence.seal import Binding
 from tests.support.site import WAIT_S
 from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive, joint_state, odometry
 
@@ -268,7 +269,8 @@ def test_a_killed_process_loses_at_most_one_seal_period(
 import json, threading
 from eth_account import Account
 from pathlib import Path
-from rodeo.evidence import Binding, Recorder
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
 from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive
 sealed = threading.Event()
 def on_seal(data):

@@ -8,8 +8,8 @@ import fsspec
 import pytest
 
 from rodeo.config import Site
-from rodeo.evidence import Store
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofTooLarge, ProofUriNotAllowed
+from rodeo.evidence.store import Store
 from tests.support.site import LAB
 
 DATA = b"a proof" * 1000

@@ -16,8 +16,9 @@ import pytest
 from moto.server import ThreadedMotoServer
 
 from rodeo.config import Site
-from rodeo.evidence import Store, upload
+from rodeo.evidence import upload
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofTooLarge, StoreUnavailable
+from rodeo.evidence.store import Store
 from tests.support.site import LAB, free_port
 
 DATA = os.urandom(3 << 20)

@@ -12,8 +12,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from rodeo.evidence import Limits, is_bag, is_never_sealed, open_bag
+from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, ProofNotFound, ProofTooLarge
+from rodeo.evidence.unsealed import is_bag, is_never_sealed, open_bag
 
 ODOMETRY, JOINTS, STRING = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState", "std_msgs/msg/String"
 BATTERY = "sensor_msgs/msg/BatteryState"

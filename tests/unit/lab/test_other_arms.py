@@ -13,7 +13,7 @@ from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.verify import case_of
 from rodeo.config import Site
 from rodeo.errors import ConfigError
-from rodeo.evidence import open_proof
+from rodeo.evidence.proof import open_proof
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.body import Body
 from rodeo.lab.config import PosturesConfig

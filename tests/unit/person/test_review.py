@@ -13,7 +13,9 @@ import pytest
 from eth_account import Account
 
 from rodeo.config import Site
-from rodeo.evidence import Binding, Recorder, Store
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
+from rodeo.evidence.store import Store
 from rodeo.messages import Task
 from rodeo.person.photo_code import photo_code
 from rodeo.person.review import Review, Reviewer

@@ -13,8 +13,11 @@ import pytest
 from eth_account import Account
 
 from rodeo.config import Site
-from rodeo.evidence import Binding, Recorder, Store, open_proof
 from rodeo.evidence.errors import RecordingSealed
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
+from rodeo.evidence.store import Store
 from rodeo.person.statement import (
     MAX_PHOTO_BYTES,
     PHOTO_TOPIC,

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from rodeo.recording import PictureFetcher
+from rodeo.recording.pictures import PictureFetcher
 from rodeo.ros2 import types
 from rodeo.topics import BIN_IMAGE
-from rodeo.witness import Classification, Drop
+from rodeo.witness.statement import Classification, Drop
 from tests.unit.robot.fakes import BIN, payload_of
 
 WAIT_S = 20.0

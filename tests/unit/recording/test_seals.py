@@ -7,7 +7,7 @@ import time
 
 import zenoh
 
-from rodeo.recording import SealPublisher
+from rodeo.recording.seals import SealPublisher
 from tests.support.site import WAIT_S
 
 

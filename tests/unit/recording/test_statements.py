@@ -10,11 +10,15 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.recording import Refusal, Refusals, StatementDoor
 from rodeo.recording import statements as statements_module
+from rodeo.recording.door import Refusal, Refusals
+from rodeo.recording.statements import StatementDoor
 from rodeo.wallets import SiteDevice
-from rodeo.witness import Head, HeadBook, Journal, Removal, Scope, WitnessChain
+from rodeo.witness.chain import WitnessChain
 from rodeo.witness.devices import Device
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import Head, Removal, Scope
 from tests.unit.robot.fakes import ManualClock
 
 BIN, MOCAP, STRANGER, ABROAD = (Account.create() for _ in range(4))

@@ -17,7 +17,7 @@ from eth_account import Account
 from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.errors import NoResponder, RodeoError
-from rodeo.evidence import Attestation, attest
+from rodeo.evidence.attestation import Attestation, attest
 from rodeo.lab.config import ItemConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose, shape_of
@@ -39,16 +39,10 @@ from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import View
 from rodeo.robot.ros_body import Grip, Joints
-from rodeo.witness import (
-    Claimant,
-    Classification,
-    Drop,
-    HeadBook,
-    Journal,
-    Removal,
-    Scope,
-    WitnessChain,
-)
+from rodeo.witness.chain import WitnessChain
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import Claimant, Classification, Drop, Removal, Scope
 
 READY_RAD = np.array(PosturesConfig().ready_rad)
 _GRASP_RADIUS_M = 0.03

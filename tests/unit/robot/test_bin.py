@@ -13,13 +13,13 @@ from eth_account import Account
 
 from rodeo.config import Site
 from rodeo.errors import MalformedAnswer, RemoteError
-from rodeo.evidence import verify_attestation
+from rodeo.evidence.attestation import verify_attestation
 from rodeo.robot import bin as bin_module
 from rodeo.robot.bin import SmartBin
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
-from rodeo.witness import Classification, Drop, Presentation, Removal, parse
 from rodeo.witness import devices as devices_module
+from rodeo.witness.statement import Classification, Drop, Presentation, Removal, parse
 from tests.support.site import LAB, WAIT_S
 from tests.unit.robot.fakes import CLAIMANT, BinBus, ManualClock, Voice, device
 

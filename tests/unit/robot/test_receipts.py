@@ -12,12 +12,16 @@ from typing import Any, cast
 import pytest
 
 from rodeo.config import Site
-from rodeo.evidence import Attestation, attest
+from rodeo.evidence.attestation import Attestation, attest
 from rodeo.lab.config import BatteryConfig
 from rodeo.metering import STEP_WH
 from rodeo.robot.receipts import RESOLUTION_WH, Gauge, ReceiptPolicy, Receipts
 from rodeo.ros2.types import new
-from rodeo.witness import HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, ocmf, parse
+from rodeo.witness import ocmf
+from rodeo.witness.chain import WitnessChain
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import MeterRecord, Receipt, Scope, parse
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.assignments import METER, ROBOT
 from rodeo_testing.recordings import Sample, Take

@@ -17,7 +17,9 @@ from rodeo import topics
 from rodeo.bus import Bus, zenoh_config
 from rodeo.clock import WallClock
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Recorder, open_proof
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
 from rodeo.robot import recording as recording_module
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
@@ -26,20 +28,13 @@ from rodeo.robot.recording import (
     Recording,
     recorded_topics,
 )
-from rodeo.ros2 import Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
 from rodeo.topics import Plane
-from rodeo.witness import (
-    Classification,
-    Drop,
-    Head,
-    HeadBook,
-    Header,
-    Journal,
-    Motion,
-    Removal,
-    Scope,
-    WitnessChain,
-)
+from rodeo.witness.chain import WitnessChain
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import Classification, Drop, Head, Header, Motion, Removal, Scope
 from rodeo.witness.witness import unverified_seal
 from rodeo_testing.assignments import BIN as BIN_KEY
 from rodeo_testing.assignments import BINDING, MOCAP, ROBOT, devices

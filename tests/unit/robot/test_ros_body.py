@@ -21,7 +21,9 @@ from rodeo.robot.errors import BodySilent, MotionFailed, NoAnswer, Stopped
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.recording import Recording
 from rodeo.robot.ros_body import Latest, RosBody
-from rodeo.ros2 import ActionServer, Node, ServerGoal, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionServer, ServerGoal
+from rodeo.ros2.node import Node
 from rodeo.stamps import set_stamp
 from tests.support.site import LAB, WAIT_S, free_port
 

@@ -13,7 +13,8 @@ import pytest
 import zenoh
 
 from rodeo.bus import zenoh_config
-from rodeo.ros2 import LATCHED, ActionClient, ActionServer, GoalStatus, Node, ServerGoal, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionClient, ActionServer, GoalStatus, ServerGoal
 from rodeo.ros2.errors import (
     ActionServerLost,
     ActionServerUnavailable,
@@ -23,6 +24,8 @@ from rodeo.ros2.errors import (
     GoalTimeout,
     Ros2Error,
 )
+from rodeo.ros2.node import Node
+from rodeo.ros2.wire import LATCHED
 from tests.support.site import WAIT_S, free_port
 
 GRIPPER = "control_msgs/action/GripperCommand"

@@ -11,7 +11,8 @@ import pytest
 from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2ServiceServer, ROS2Subscriber
 from zenoh_ros2_sdk.session import ZenohSession
 
-from rodeo.ros2 import Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
 from tests.support.site import WAIT_S
 
 STRING = "std_msgs/msg/String"

@@ -12,8 +12,10 @@ import pytest
 import zenoh
 
 from rodeo.errors import RodeoError
-from rodeo.ros2 import LATCHED, MessageInfo, Node, types
+from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
+from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.wire import LATCHED
 from tests.support.site import WAIT_S
 
 STRING = "std_msgs/msg/String"

@@ -9,9 +9,10 @@ from eth_account import Account
 
 from rodeo.evidence.attestation import verify_attestation
 from rodeo.evidence.errors import BadStatement, BrokenJournal
-from rodeo.witness import Head, HeadBook, Journal, Removal, Scope, WitnessChain, parse, payload_digest
-from rodeo.witness.heads import TOLD
-from rodeo.witness.statement import MAX_HEADS
+from rodeo.witness.chain import WitnessChain
+from rodeo.witness.heads import TOLD, HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import MAX_HEADS, Head, Removal, Scope, parse, payload_digest
 
 KEY = Account.create()
 SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)

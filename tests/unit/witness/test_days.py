@@ -16,10 +16,13 @@ from rodeo.evidence.errors import BadAttestation, BadStatement, StoreUnavailable
 from rodeo.evidence.store import Store
 from rodeo.messages import PostRoot
 from rodeo.queries import A, Query
-from rodeo.witness import HeadBook, Journal, Removal, Scope, WitnessChain, roots
+from rodeo.witness import roots
+from rodeo.witness.chain import WitnessChain
 from rodeo.witness.days import DAY_S, Days, SignedDay, lacks
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
 from rodeo.witness.roots import DailyRoots
-from rodeo.witness.statement import digest
+from rodeo.witness.statement import Removal, Scope, digest
 from rodeo_testing import answers
 from tests.support.site import LAB
 

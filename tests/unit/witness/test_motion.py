@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rodeo.evidence.errors import BadStatement
-from rodeo.witness import Motion
 from rodeo.witness.motion import MotionLog, Sample, track
+from rodeo.witness.statement import Motion
 
 START_US = 1_900_000_000_000_000
 STEP_US = 20_000

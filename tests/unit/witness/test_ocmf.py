@@ -12,7 +12,8 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from pyocmf import OCMF
 
 from rodeo.evidence.errors import BadStatement
-from rodeo.witness import Head, MeterRecord, ocmf
+from rodeo.witness import ocmf
+from rodeo.witness.statement import Head, MeterRecord
 from rodeo_testing.assignments import METER, ROBOT
 from tests.unit.services.charger.test_delivery import Bench
 

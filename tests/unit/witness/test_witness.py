@@ -13,12 +13,14 @@ import pytest
 from eth_account import Account
 
 from rodeo.errors import NoResponder
-from rodeo.evidence import Binding
-from rodeo.evidence.seal import RunningHash, SealChain
-from rodeo.witness import HeadBook, Journal, Presentation, WitnessChain
+from rodeo.evidence.seal import Binding, RunningHash, SealChain
 from rodeo.witness import devices as devices_module
 from rodeo.witness import witness as witness_module
+from rodeo.witness.chain import WitnessChain
 from rodeo.witness.devices import DeviceTable
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import Presentation
 from rodeo.witness.witness import Witness
 from rodeo_testing import answers
 from tests.support.site import WAIT_S

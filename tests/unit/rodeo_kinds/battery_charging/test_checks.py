@@ -16,11 +16,12 @@ from rodeo.checks.acts import Act, ConsumedActs, Spent
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.config import KindConfig, RateConfig, Site, TokenConfig
-from rodeo.evidence import open_proof
+from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import RESUMED
 from rodeo.messages import DaoEvent
 from rodeo.topics import ATTESTATION_CHANNEL
-from rodeo.witness import Header, MeterRecord, Receipt, ocmf
+from rodeo.witness import ocmf
+from rodeo.witness.statement import Header, MeterRecord, Receipt
 from rodeo_kinds.battery_charging.harness.film import (
     ORDERED_WH,
     charging_chain_record,

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rodeo.config import Site
-from rodeo.evidence import Recorder
+from rodeo.evidence.recorder import Recorder
 from rodeo.lab.config import Pose2
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
@@ -23,7 +23,7 @@ from rodeo.robot.errors import GraspFailed, MotionFailed, Stopped, TaskFailed
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
-from rodeo.witness import Classification, Drop
+from rodeo.witness.statement import Classification, Drop
 from rodeo_kinds.waste_disposal import behaviour as cleaning_module
 from rodeo_kinds.waste_disposal.behaviour import WasteDisposal, ordered
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record

@@ -16,15 +16,17 @@ from eth_account.signers.local import LocalAccount
 from rodeo import topics
 from rodeo.checks.case import ChainRecord
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Binding, attest, open_proof
+from rodeo.evidence.attestation import Attestation, attest
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.seal import Binding
 from rodeo.lab.body import joint_names
 from rodeo.lab.config import BinConfig, ItemClass, Pose2
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.lab.world import arm_model
 from rodeo.vision.classification import Classification as Answer
 from rodeo.vision.classification import thresholds_sha256
-from rodeo.witness import Claimant
 from rodeo.witness.poses import pack, unpack
+from rodeo.witness.statement import Claimant
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
 from rodeo_testing.assignments import BIN, BINDING, MOCAP, ROBOT

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rodeo.evidence import Recorder, attest
+from rodeo.evidence.attestation import attest
+from rodeo.evidence.recorder import Recorder
 from rodeo.robot.recording import stated
-from rodeo.witness import Drop
+from rodeo.witness.statement import Drop
 from rodeo_kinds.waste_disposal.behaviour import release_in, tells_of_disposal
 from rodeo_testing.assignments import BINDING, ROBOT
 from tests.unit.robot.fakes import BIN, ManualClock, payload_of

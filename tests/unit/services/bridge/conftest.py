@@ -10,7 +10,7 @@ import pytest
 from deploy import contracts
 from deploy.chain.server import RpcServer
 from rodeo import wallets
-from rodeo.chain import Deployment
+from rodeo.chain.deployment import Deployment
 from rodeo.config import Site
 from tests.support.chain import CHAIN_ID, EmbeddedChain, FaultyNode
 from tests.support.deployed import DeployedChain

@@ -12,8 +12,7 @@ import pytest
 
 from rodeo import wallets
 from rodeo.bus import Request
-from rodeo.chain import ContractReverted
-from rodeo.chain.errors import decode_revert
+from rodeo.chain.errors import ContractReverted, decode_revert
 from rodeo.chain.governance import BUDGET_CREDITS, shares
 from rodeo.config import BudgetConfig, GovernanceConfig, ParticipantConfig
 from rodeo.errors import InvalidRequest

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from eth_utils import keccak, to_checksum_address
 
-from rodeo.chain import Deployment
+from rodeo.chain.deployment import Deployment
 from rodeo.messages import DaoEvent
 from services.bridge.follower import Follower
 from services.bridge.heads import Header

@@ -10,18 +10,10 @@ from typing import Any
 import pytest
 import sqlalchemy
 
-from rodeo.chain import (
-    Cause,
-    Event,
-    Instance,
-    Log,
-    Review,
-    Revocation,
-    ServiceState,
-    Silence,
-    Verdict,
-    events,
-)
+from rodeo.chain import events
+from rodeo.chain.abi import Cause, Instance, Review, Revocation, ServiceState, Silence, Verdict
+from rodeo.chain.logs import Log
+from rodeo.chain.types import Event
 from services.bridge import schema
 from services.bridge.errors import IndexDamaged, IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url

@@ -13,9 +13,11 @@ from eth_utils import to_bytes
 
 from deploy import contracts, founding
 from rodeo import wallets
-from rodeo.chain import ChainClient, ContractReverted, Role, TimelockRole, abi
-from rodeo.chain.client import connect
+from rodeo.chain import abi
+from rodeo.chain.client import ChainClient, connect
+from rodeo.chain.errors import ContractReverted
 from rodeo.chain.governance import WHY
+from rodeo.chain.types import Role, TimelockRole
 from rodeo.config import GovernanceConfig, ParticipantConfig
 from rodeo.errors import InvalidRequest
 from rodeo.messages import CancelProposal, HandOver, Proposable

@@ -9,7 +9,7 @@ import pytest
 from eth_account import Account
 
 from rodeo import signed_requests
-from rodeo.chain import Call
+from rodeo.chain.encoding import Call
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
 from rodeo.signed_requests import CancelTask, SubmitProof

@@ -12,8 +12,12 @@ from eth_account.signers.local import LocalAccount
 from eth_utils import keccak
 
 from deploy import contracts
-from rodeo.chain import Call, ChainClient, ContractReverted, Event, artifacts, events
+from rodeo.chain import artifacts, events
+from rodeo.chain.client import ChainClient
+from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ContractReverted
 from rodeo.chain.governance import SUPPORT, Proposed
+from rodeo.chain.types import Event
 from rodeo.config import GovernanceConfig
 from rodeo.currency import IEC
 from services.bridge.commands import Wallet

@@ -17,7 +17,7 @@ import sqlalchemy
 
 from deploy.chain.errors import InternalError, TransactionRejected
 from rodeo import wallets
-from rodeo.chain import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
+from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
 from rodeo.config import WalletLimits
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError

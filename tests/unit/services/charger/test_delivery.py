@@ -11,14 +11,18 @@ import pytest
 
 from rodeo.charging import ChargingParams
 from rodeo.clock import WallClock
-from rodeo.evidence import Attestation, Binding, attest, open_proof
+from rodeo.evidence.attestation import Attestation, attest
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.seal import Binding
 from rodeo.metering import STEP_WH
-from rodeo.recording import Heard
-from rodeo.ros2 import MessageInfo
+from rodeo.recording.statements import Heard
+from rodeo.ros2.node import MessageInfo
 from rodeo.ros2.types import new, serialize
-from rodeo.witness import Head, HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, parse
+from rodeo.witness.chain import WitnessChain
 from rodeo.witness.devices import Device
-from rodeo.witness.statement import digest
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import Head, MeterRecord, Receipt, Scope, digest, parse
 from rodeo.witness.witness import unverified_seal
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.assignments import CHARGE_BINDING, METER, ROBOT

@@ -12,7 +12,8 @@ from eth_account import Account
 from rodeo.charging import ChargingParams
 from rodeo.config import ClockConfig, KindConfig, RateConfig, Site
 from rodeo.dao import ORGANIZATION, most_offers
-from rodeo.evidence import Binding, Recorder
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.seal import Binding
 from rodeo.kinds import providing_energy
 from rodeo.messages import Task
 from rodeo.topics import EVENT_CHANNEL

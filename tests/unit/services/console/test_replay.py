@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 from rodeo.config import Site
-from rodeo.evidence import Recorder, attest, open_proof
-from rodeo.witness import HeadBook, Journal, Motion, Removal, Scope, WitnessChain
+from rodeo.evidence.attestation import attest
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
+from rodeo.witness.chain import WitnessChain
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
 from rodeo.witness.poses import pack
+from rodeo.witness.statement import Motion, Removal, Scope
 from rodeo_testing.assignments import BIN, BINDING, MOCAP, ROBOT
 from services.console.replay import track
 from tests.support.site import LAB

@@ -8,7 +8,7 @@ import pytest
 
 from rodeo.lab.config import BinConfig, ItemClass, Pose2
 from rodeo.vision.classification import UNKNOWN, Classification
-from rodeo.witness import Claimant
+from rodeo.witness.statement import Claimant
 from services.itrash.behaviour import (
     Action,
     Attest,

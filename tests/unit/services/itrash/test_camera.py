@@ -13,8 +13,8 @@ from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.lab.config import CameraConfig
-from rodeo.ros2 import Node
 from rodeo.ros2.errors import ServiceUnavailable
+from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.vision.images import decode_image
 from services.itrash.camera import BusCamera, CameraError, FolderCamera, VideoCamera

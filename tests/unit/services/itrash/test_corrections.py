@@ -10,7 +10,7 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from rodeo.evidence import attest
+from rodeo.evidence.attestation import attest
 from rodeo.witness.correction import Correction, Judged
 from rodeo.witness.statement import Classification, Look
 from services.itrash.corrections import AlreadyCorrected, Corrections, NotAnAuditor, pictures_of

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from eth_account import Account
 
-from rodeo.evidence import attest
+from rodeo.evidence.attestation import attest
 from services.itrash.behaviour import State
 from services.itrash.journal import Journal, JournalBroken
 

@@ -12,7 +12,7 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.payloads import EXAMPLES
-from rodeo.witness import Presentation, parse
+from rodeo.witness.statement import Presentation, parse
 from rodeo_testing.assignments import devices
 from services.itrash.behaviour import Bin, Memory, State
 from services.itrash.process import Itrash

@@ -11,7 +11,7 @@ import pytest
 from rodeo.checks.report import Report
 from rodeo.clock import WallClock
 from rodeo.config import DisputesConfig, Site
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo.messages import Task
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Take

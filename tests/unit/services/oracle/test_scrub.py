@@ -11,7 +11,7 @@ import pytest
 
 from rodeo.checks.acts import Judged, judged_files
 from rodeo.config import Site
-from rodeo.evidence import Store
+from rodeo.evidence.store import Store
 from rodeo.messages import DaoEvent
 from services.oracle import scrub
 from services.oracle.scrub import Scrub

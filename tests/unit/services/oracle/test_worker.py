@@ -20,8 +20,8 @@ import rodeo
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import OracleConfig, Site
-from rodeo.evidence import Store
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.store import Store
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT

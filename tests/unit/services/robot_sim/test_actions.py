@@ -16,8 +16,11 @@ from rodeo.bus import zenoh_config
 from rodeo.config import ClockConfig, Site
 from rodeo.lab.body import joint_names
 from rodeo.lab.world import WHEEL_JOINTS
-from rodeo.ros2 import LATCHED, ActionClient, Node, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import GoalAborted, GoalCanceled
+from rodeo.ros2.node import Node
+from rodeo.ros2.wire import LATCHED
 from services.robot_sim import messages
 from services.robot_sim.actions import Actions
 from services.robot_sim.arm import TrajectoryError

@@ -10,8 +10,10 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import zenoh_config
-from rodeo.ros2 import ActionClient, ActionServer, Node, ServerGoal, types
+from rodeo.ros2 import types
+from rodeo.ros2.action import ActionClient, ActionServer, ServerGoal
 from rodeo.ros2.errors import GoalRejected
+from rodeo.ros2.node import Node
 from services.robot_sim.commander import Commander
 from tests.support.site import WAIT_S, free_port
 

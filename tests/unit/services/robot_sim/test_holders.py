@@ -14,7 +14,7 @@ from rodeo import topics
 from rodeo.bus import Bus, zenoh_config
 from rodeo.config import Site, agent_process
 from rodeo.holding import EVERYBODY
-from rodeo.ros2 import Node
+from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 from services.robot_sim import holders as holders_module
 from services.robot_sim import messages

@@ -21,7 +21,7 @@ torch = pytest.importorskip("torch", reason="needs the train extra: pip install 
 from rodeo.bus import Bus  # noqa: E402
 from rodeo.config import Site, bin_process  # noqa: E402
 from rodeo.errors import BusUnavailable  # noqa: E402
-from rodeo.evidence import attest  # noqa: E402
+from rodeo.evidence.attestation import attest  # noqa: E402
 from rodeo.messages import Device  # noqa: E402
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS, digest, load_preprocessing  # noqa: E402
 from rodeo.vision.classifier import Classifier, to_input  # noqa: E402
