@@ -16,9 +16,8 @@ from rodeo.robot.receipts import Receipts
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new, time_message
 from rodeo.witness.witness import Witness
+from rodeo_testing.waiting import wait_until
 
-WAIT_S = 60.0
-"""Wall time after which what is waited for does not come any more."""
 TICK_S = 0.001
 """Wall time between two readings, which are 1 s of site time apart."""
 SLOW_TICK_S = 0.05
@@ -116,12 +115,10 @@ class Hardware:
             )
 
     def wait_for_command(self, closed: bool) -> None:
-        waited = threading.Event()
-        for _ in range(int(WAIT_S * 100)):
-            if self.commands and self.commands[-1] is closed:
-                return
-            waited.wait(0.01)
-        raise AssertionError(f"the contactor was not told to be {closed}: {self.commands}")
+        wait_until(
+            lambda: self.commands and self.commands[-1] is closed,
+            lambda: f"the contactor was not told to be {closed}: {self.commands}",
+        )
 
     def close(self) -> None:
         self._stop.set()

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from rodeo_testing.template import write
+from rodeo_testing.waiting import HANG_S
 from tests.docs.not_run import ON_THEIR_OWN
 from tests.docs.text import ROOT, Block, blocks
 
 PAGE = "docs/write-a-kind.md"
-COMMAND_S = 600.0
 
 
 class Reader:
@@ -46,7 +46,7 @@ class Reader:
             env=os.environ | {"PATH": self._path, "PIP_NO_BUILD_ISOLATION": "0", "PYTHONPATH": ""},
             capture_output=True,
             text=True,
-            timeout=COMMAND_S,
+            timeout=HANG_S,
             check=False,
         )
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
@@ -60,7 +60,6 @@ def apply(change: Block, package: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 def test_the_page_leads_to_a_kind_whose_checks_hold(tmp_path: Path) -> None:
     reader = Reader(tmp_path)
     done = 0

@@ -22,8 +22,9 @@ from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceTimeout, ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
+from rodeo_testing.waiting import HANG_S
 from services.robot_sim.sessions import BodySessions
-from tests.support.site import WAIT_S, RunningSite, free_port, write_site
+from tests.support.site import RunningSite, free_port, write_site
 
 ONE, OTHER = "panther1", "panther2"
 ROBOTS = f"""robots = [
@@ -60,7 +61,7 @@ class Voices(dict[str, Bus]):
 
     def __missing__(self, name: str) -> Bus:
         shown = tls.identity(self._site, name)
-        self[name] = Bus.open(self._site.bus.router, timeout_s=WAIT_S, identity=shown)
+        self[name] = Bus.open(self._site.bus.router, timeout_s=HANG_S, identity=shown)
         return self[name]
 
 
@@ -101,7 +102,7 @@ def test_a_client_without_a_certificate_of_the_site_stays_out(running: RunningSi
             Bus.open(endpoint, timeout_s=1.0, identity=shown).close()
     with pytest.raises(BusUnavailable):
         Bus.open(endpoint.replace("tls/", "tcp/"), timeout_s=1.0).close()
-    Bus.open(endpoint, timeout_s=WAIT_S, identity=ours).close()
+    Bus.open(endpoint, timeout_s=HANG_S, identity=ours).close()
 
 
 @pytest.mark.parametrize("speaker", ["itrash", MIND, "operator"])
@@ -247,7 +248,7 @@ def test_the_simulators_mark_comes_after_what_its_bodies_said(running: RunningSi
         assert sessions.taken()
         say(bus.session, mark, payload)
         with changed:
-            assert changed.wait_for(lambda end=(mark, payload): end in heard, WAIT_S)
+            assert changed.wait_for(lambda end=(mark, payload): end in heard, HANG_S)
             before = heard[: heard.index((mark, payload))]
         assert [before.count((key, payload)) for key in keys] == [20, 20]
     sessions.close()
@@ -262,7 +263,7 @@ def test_a_simulated_body_speaks_as_itself_and_follows_its_own_mind_only(
         node_of(running, voices, "itrash").raw_subscription(
             topics.ODOM.name(ns=robot), topics.ODOM.type, lambda _info, came=came: came.set()
         )
-        assert came.wait(WAIT_S), robot
+        assert came.wait(HANG_S), robot
         mind = node_of(running, voices, f"robot_agent.{robot}")
         for body in (ONE, OTHER):
             arm = ActionClient(
@@ -272,12 +273,12 @@ def test_a_simulated_body_speaks_as_itself_and_follows_its_own_mind_only(
             released = new(f"{topics.EMERGENCY_STOP.type}_Request", data=False)
             goal = new(f"{topics.FOLLOW_JOINT_TRAJECTORY.type}_Goal")
             # Its server is in the graph for all to see.
-            assert arm.wait_for_server(WAIT_S)
+            assert arm.wait_for_server(HANG_S)
             if body == robot:
-                assert stop.call(released, WAIT_S).success
+                assert stop.call(released, HANG_S).success
                 # It comes as far as the arm, which has no use for a trajectory without joints.
                 with pytest.raises(GoalAborted):
-                    arm.send_goal(goal, timeout_s=WAIT_S).result(WAIT_S)
+                    arm.send_goal(goal, timeout_s=HANG_S).result(HANG_S)
             else:
                 for ask in (partial(arm.send_goal, goal), partial(stop.call, released)):
                     with pytest.raises((ServiceTimeout, ServiceUnavailable, ActionServerUnavailable)):

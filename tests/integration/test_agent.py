@@ -7,7 +7,6 @@ import math
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
 from decimal import Decimal
 from hashlib import sha256
@@ -31,10 +30,9 @@ from rodeo.ros2 import types
 from rodeo.ros2.node import Node
 from rodeo.witness.motion import track
 from rodeo.witness.statement import Classification, Drop, Motion, parse
-from tests.support.site import WAIT_S as CALL_S
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import RunningSite, write_site
 
-WAIT_S = 170.0
 MIN_UPDATE_S = 120.0
 SITE = f"""clock.speed = 20
 clock.idle_speed = 400
@@ -56,7 +54,7 @@ min_change = 0.01
 class Organization:
     """The organization's side of a running site."""
 
-    def __init__(self, running: RunningSite, wait_s: float = WAIT_S) -> None:
+    def __init__(self, running: RunningSite, wait_s: float = HANG_S) -> None:
         self.running = running
         self._wait_s = wait_s
         self.events: list[DaoEvent] = []
@@ -96,7 +94,7 @@ class Organization:
         params = {"item_id": item_id, "x_m": place.x_m if place else 1.0, "y_m": place.y_m if place else 1.0}
         request = {"kind": "waste_disposal", "reward_iec": "100", "params": params, **more}
         key = f"rodeo/{self.running.site.org}/wallet/organization/register_task"
-        return int(self.running.bus.query(key, request, timeout_s=30.0)["task_id"])
+        return int(self.running.bus.query(key, request, timeout_s=HANG_S)["task_id"])
 
     def lay(self, item_id: str) -> None:
         """Put the item where the site has it, wherever an earlier attempt at the same test has left it."""
@@ -108,14 +106,14 @@ class Organization:
         turn.w, turn.x, turn.y, turn.z = map(float, lying.xquat)
         node = Node(self.running.bus.session, "test", "", self.running.site.bus.domain_id, WallClock())
         client = node.client(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type)
-        assert client.wait_for_server(CALL_S)
+        assert client.wait_for_server(HANG_S)
         request = types.new(f"{topics.SET_ENTITY_STATE.type}_Request", entity=item_id, state=state)
-        assert client.call(request, CALL_S).result.result == 1
+        assert client.call(request, HANG_S).result.result == 1
         node.close()
 
     def cancel(self, task_id: int) -> None:
         key = f"rodeo/{self.running.site.org}/wallet/organization/cancel_task"
-        self.running.bus.query(key, {"task_id": task_id}, timeout_s=30.0)
+        self.running.bus.query(key, {"task_id": task_id}, timeout_s=HANG_S)
 
     def task(self, task_id: int) -> dict[str, Any]:
         return self.running.bus.query(f"rodeo/{self.running.site.org}/state/task/{task_id}")
@@ -143,13 +141,12 @@ def test_an_idle_robot_explores(organization: Organization) -> None:
     node, robot = Node(running.bus.session, "test", "", 0, clock), running.site.robots[0]
     body = RosBody(node, running.site, robot, clock, Interrupts())
     start = body.base_pose()
-    pause, deadline_s = threading.Event(), time.monotonic() + WAIT_S
-    while time.monotonic() < deadline_s:
+
+    def moved_m() -> float:
         here = body.base_pose()
-        if math.dist((here.x_m, here.y_m), (start.x_m, start.y_m)) > 0.3:
-            return
-        pause.wait(0.01)
-    raise AssertionError("it did not move")
+        return math.dist((here.x_m, here.y_m), (start.x_m, start.y_m))
+
+    wait_until(lambda: moved_m() > 0.3, "it did not move")
 
 
 def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
@@ -227,10 +224,7 @@ def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organiza
         assert service is not None
         return service.price_iec
 
-    deadline_s, pause = time.monotonic() + WAIT_S, threading.Event()
-    while price() == 100:
-        assert time.monotonic() < deadline_s, organization.running.log("robot_agent")
-        pause.wait(0.1)
+    wait_until(lambda: price() != 100, lambda: organization.running.log("robot_agent"))
     # Some 5 Wh at about 0.6 IEC and 10 m at 500 IEC/km, and half of that.
     assert 3 < price() < 60
     updates = [event for event in list(organization.events) if event.name == "ServiceUpdated"]

@@ -20,7 +20,8 @@ from rodeo.errors import InvalidRequest, RemoteError
 from rodeo.evidence.store import Store
 from rodeo.messages import DaoEvent
 from rodeo_testing.recordings import START_NS, Sample, Take, seal
-from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
+from rodeo_testing.waiting import HANG_S
+from tests.support.dao import CHARGING, PARAMS, Dao
 from tests.support.site import RunningSite, write_site
 
 CLEANING = "waste_disposal"
@@ -47,7 +48,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
 def send(dao: Dao, key: str, payload: Any = None) -> dict[str, Any]:
     """Ask `rodeo/<org>/<key>`; a payload in bytes goes as it is."""
     body = payload if isinstance(payload, bytes | None) else json.dumps(payload).encode()
-    return dao.running.bus.query(f"rodeo/{dao.site.org}/{key}", body, timeout_s=WAIT_S)
+    return dao.running.bus.query(f"rodeo/{dao.site.org}/{key}", body, timeout_s=HANG_S)
 
 
 def refusal(dao: Dao, key: str, payload: Any = None) -> RemoteError:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
@@ -15,7 +14,7 @@ import pytest
 from eth_account import Account
 from web3 import Web3
 
-from rodeo import possession, wallets
+from rodeo import possession, topics, wallets
 from rodeo.bus import Bus, DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
@@ -25,13 +24,12 @@ from rodeo.witness.days import SignedDay, day_of
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.statement import Removal
 from rodeo.witness.witness import Witness
-from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
+from rodeo_testing.waiting import HANG_S, wait_until
+from tests.support.dao import CHARGING, PARAMS, Dao
 from tests.support.index import index_differences
 from tests.support.site import RunningSite, readyz, write_site
 
 CLEANING = "waste_disposal"
-RETRIED_S = 150.0
-"""Wall time for a request whose bridge is killed again and again; each start takes its time."""
 
 
 @pytest.fixture(scope="module")
@@ -78,20 +76,25 @@ def own_dao(site_to_break: Dao) -> Dao:
     return site_to_break
 
 
+AGAIN_S = 20.0
+"""Wall time after which a request is sent again: its bridge may have been killed."""
+
+
 def retried(dao: Dao, participant: str, command: str, **fields: Any) -> dict[str, Any]:
     """Ask until there is an answer, as a participant does whose bridge or node went away."""
-    deadline_s = time.monotonic() + RETRIED_S
-    pause = threading.Event()
-    while True:
+    key = topics.COMMAND.name(org=dao.site.org, participant=participant, command=command)
+
+    def answer() -> dict[str, Any] | None:
         try:
-            return dao.command(participant, command, **fields)
+            return dao.running.bus.query(key, fields, timeout_s=AGAIN_S)
         except (NoResponder, QueryTimeout):
-            pass
+            return None
         except RemoteError as error:
             if error.code not in ("bridge_not_ready", "chain_unavailable", "transaction_timeout"):
                 raise
-        assert time.monotonic() < deadline_s, dao.running.log("bridge")
-        pause.wait(0.1)
+            return None
+
+    return wait_until(answer, lambda: dao.running.log("bridge"))
 
 
 def events_from_the_beginning(dao: Dao) -> list[dict[str, Any]]:
@@ -105,7 +108,7 @@ def events_from_the_beginning(dao: Dao) -> list[dict[str, Any]]:
             everything.set()
 
     with DaoEvents(dao.running.bus, dao.site.org, on_event):
-        assert everything.wait(WAIT_S), heard
+        assert everything.wait(HANG_S), heard
     return heard
 
 
@@ -338,12 +341,12 @@ def test_every_event_comes_once_in_chain_order_and_after_its_state(dao: Dao) -> 
         if event.name == "TaskSettled":
             done.set()
 
-    bus = Bus.open(dao.site.bus.router, timeout_s=WAIT_S)
+    bus = Bus.open(dao.site.bus.router, timeout_s=HANG_S)
     bus.subscribe_json(f"rodeo/{dao.site.org}/event/*", on_event)
     task_id = dao.post()
     dao.prove(task_id)
     dao.judge(task_id, accepted=True)
-    assert done.wait(WAIT_S)
+    assert done.wait(HANG_S)
     bus.close()
     rank = ["open", "assigned", "submitted", "settled"]
     least = {"TaskRegistered": 0, "TaskAssigned": 1, "ProofSubmitted": 2, "TaskSettled": 3}
@@ -717,10 +720,7 @@ def test_a_witness_posts_the_root_of_its_day_over_the_bus_once(dao: Dao, tmp_pat
     for _ in range(2):  # started twice
         witness = Witness(dao.running.bus, dao.site.org, "itrash", account, tmp_path, "sensor")
         roots = DailyRoots(dao.site, organization, witness)
-        deadline_s = time.monotonic() + WAIT_S
-        while (chain := witness.chain) is None:
-            assert time.monotonic() < deadline_s, "nobody told for which organization it signs"
-            threading.Event().wait(0.05)
+        chain = wait_until(lambda: witness.chain, "nobody told for which organization it signs")  # noqa: B023
         for at_s in (now_s - 86_400, now_s):
             fields = {"compartment": "blue", "weight_n": 0.4, "after_s": at_s - 1, "settled_s": at_s}
             if len(chain.last(2)) < 2:
@@ -977,12 +977,12 @@ def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite)
             no_contracts.set()
 
     subscriber = running.bus.subscribe_json(f"rodeo/{running.site.org}/status/bridge", on_status)
-    assert no_node.wait(WAIT_S), seen
+    assert no_node.wait(HANG_S), seen
     with pytest.raises(RemoteError) as refused:
         Dao(running).state("tasks")
     assert refused.value.code == "bridge_not_ready"
     running.start("chain", ready=False)
-    assert no_contracts.wait(WAIT_S), seen
+    assert no_contracts.wait(HANG_S), seen
     subscriber.undeclare()
     running.deploy_contracts()
     running.wait_ready("bridge")
@@ -1032,10 +1032,8 @@ def test_a_killed_router_loses_no_event(own_dao: Dao) -> None:
     task_id = dao.post()
     url = dao.running.status("bridge").metrics_url
     dao.running.kill("router")
-    deadline_s = time.monotonic() + WAIT_S
-    while (answer := readyz(url))[0] == 200:
-        assert time.monotonic() < deadline_s, "it is ready without a router"
-    assert answer[0] == 503 and "no router" in answer[1]
+    wait_until(lambda: readyz(url)[0] == 503, "it is ready without a router")
+    assert "no router" in readyz(url)[1]
     dao.running.start("router", ready=False)
     sha256 = "a" * 64
     retried(
@@ -1083,10 +1081,7 @@ def test_a_value_that_was_changed_in_the_index_is_not_told_for_truth(own_dao: Da
 
     change_balance()  # while the bridge runs
     told = "rebuilding the index from the chain"
-    deadline_s = time.monotonic() + WAIT_S
-    while told not in dao.running.log("bridge"):
-        assert time.monotonic() < deadline_s
-        threading.Event().wait(0.1)
+    wait_until(lambda: told in dao.running.log("bridge"))
     dao.running.wait_for_status("bridge", lambda status: status.ready)
     assert (dao.state("events"), dao.state("wallets")) == before
 

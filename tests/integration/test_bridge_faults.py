@@ -23,11 +23,12 @@ from rodeo import wallets
 from rodeo.chain.client import connect
 from rodeo.chain.errors import WrongChain
 from rodeo.errors import NoResponder, RemoteError
+from rodeo_testing.waiting import HANG_S
 from services.bridge.node import Node
 from tests.support import soak
 from tests.support.chain import Answer, EmbeddedChain, FaultyNode
 from tests.support.dao import PARAMS, Dao
-from tests.support.site import WAIT_S, RunningSite, readyz
+from tests.support.site import RunningSite, readyz
 
 pytestmark = pytest.mark.long
 
@@ -96,7 +97,7 @@ def test_a_bridge_is_ready_only_while_node_and_index_tell_of_now(site_path: Path
         return answer(method, params)
 
     def answer_late(method: str, params: Sequence[Any], answer: Answer) -> Any:
-        goes_on.wait(WAIT_S)
+        goes_on.wait(HANG_S)
         return answer(method, params)
 
     try:
@@ -145,13 +146,13 @@ def test_a_bridge_that_is_killed_before_the_receipt_gives_the_same_one(
         if method == SEND and not mined.is_set():
             sent.append(result)
             mined.set()
-            killed.wait(WAIT_S)
+            killed.wait(HANG_S)
         return result
 
     node.fault = answer_nobody
     with ThreadPoolExecutor(max_workers=1) as asker:
         first = asker.submit(dao.post, request_id="the task")
-        assert mined.wait(WAIT_S)
+        assert mined.wait(HANG_S)
         running.kill("bridge")
         killed.set()
         with pytest.raises(NoResponder):

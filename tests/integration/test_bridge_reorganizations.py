@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from eth_account import Account
 
+from rodeo_testing.waiting import HANG_S
 from services.bridge.index import UNDONE
 from tests.integration.test_bridge import assert_index_equals_contracts
 from tests.support.dao import Dao
@@ -35,7 +36,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dao]:
 def rpc(dao: Dao, method: str, *params: Any) -> Any:
     body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": params}).encode()
     request = urllib.request.Request(dao.site.chain.url, body, {"content-type": "application/json"})
-    with urllib.request.urlopen(request, timeout=60) as response:
+    with urllib.request.urlopen(request, timeout=HANG_S) as response:
         reply = json.load(response)
     assert "error" not in reply, reply
     return reply["result"]

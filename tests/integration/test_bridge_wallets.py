@@ -34,9 +34,10 @@ from rodeo.messages import (
     TypedSignature,
     UpdateService,
 )
+from rodeo_testing.waiting import HANG_S
 from tests.support import command
 from tests.support.dao import PARAMS, Dao
-from tests.support.site import WAIT_S, RunningSite, readyz, write_site
+from tests.support.site import RunningSite, readyz, write_site
 
 ALICE: LocalAccount = Account.from_key("0x" + "a1" * 32)
 CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
@@ -235,7 +236,7 @@ def test_the_command_line_signs_into_a_file_and_sends_it(dao: Dao, tmp_path: Pat
     file, path = tmp_path / "task.json", dao.running.path
 
     def rodeo(*arguments: str, status: int = 0) -> str:
-        done = command.rodeo("task", *arguments, "--site", str(path), env=os.environ, timeout_s=WAIT_S)
+        done = command.rodeo("task", *arguments, "--site", str(path), env=os.environ, timeout_s=HANG_S)
         assert done.returncode == status, done.stderr
         return done.stdout + done.stderr
 
@@ -265,7 +266,7 @@ def test_what_a_participant_earns_goes_where_its_key_cannot_take_it(dao: Dao) ->
 
     path = str(dao.running.path)
     done = command.rodeo(
-        *("service", "payout", ALICE.address, "--as", "bob", "--site", path), env=os.environ, timeout_s=WAIT_S
+        *("service", "payout", ALICE.address, "--as", "bob", "--site", path), env=os.environ, timeout_s=HANG_S
     )
     assert (done.returncode, "alone can change this" in done.stdout) == (0, True), done.stderr
     assert paid("bob") == (ALICE.address, "alice") and paid("alice") == (None, None)
@@ -329,7 +330,7 @@ def test_a_bridge_whose_keystore_has_an_address_and_no_key_says_which_one_and_gi
     try:
         dao.running.start("bridge", ready=False)
         # Starting it again would not help: its launcher leaves it.
-        assert dao.running.children["bridge"].wait(timeout=WAIT_S) == GAVE_UP
+        assert dao.running.children["bridge"].wait(timeout=HANG_S) == GAVE_UP
         told = dao.running.log("bridge")
         assert f"wallet_error: this is not a keystore (name='bob', path='{path}')" in told
     finally:

@@ -1,9 +1,8 @@
 """The bus over a real router: errors keep their code, nothing hangs, and a router may be restarted."""
 
 import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
@@ -19,14 +18,15 @@ from rodeo.errors import (
     RemoteError,
 )
 from rodeo.messages import Transfer
-from tests.support.site import WAIT_S, RunningSite, free_port
+from rodeo_testing.waiting import HANG_S, wait_until
+from tests.support.site import RunningSite, free_port
 
 
 @pytest.fixture
 def peer(running: RunningSite) -> Iterator[Bus]:
     """A second process's session, served by the site's router."""
     running.start("router")
-    bus = Bus.open(running.site.bus.router, timeout_s=WAIT_S)
+    bus = Bus.open(running.site.bus.router, timeout_s=HANG_S)
     yield bus
     bus.close()
 
@@ -39,7 +39,7 @@ def made_known(asking: Bus, key: str) -> Iterator[None]:
     querier = asking.session.declare_querier(key)
     listener = querier.declare_matching_listener(lambda status: known.set() if status.matching else None)
     yield
-    assert known.wait(WAIT_S)
+    assert known.wait(HANG_S)
     listener.undeclare()
     querier.undeclare()
 
@@ -114,7 +114,7 @@ def test_nobody_serving_and_nobody_answering_are_different_errors(running: Runni
     with pytest.raises(NoResponder):
         running.bus.query("t/nobody")
     hold = threading.Event()
-    serve(peer, running.bus, "t/slow", lambda request: {"late": hold.wait(WAIT_S)})
+    serve(peer, running.bus, "t/slow", lambda request: {"late": hold.wait(HANG_S)})
     with pytest.raises(QueryTimeout):
         running.bus.query("t/slow", timeout_s=0.3)
     hold.set()
@@ -164,16 +164,14 @@ def test_sessions_work_again_after_the_router_was_killed_and_started(running: Ru
     running.start("router")
 
     # The peer reconnects in its own time: publish until it hears, ask until it answers.
-    deadline_s = time.monotonic() + WAIT_S
-    while not heard.wait(0.1):
-        assert time.monotonic() < deadline_s
-        running.bus.put_json("t/news", {})
-    while True:
-        try:
-            assert running.bus.query("t/echo") == {}
-            return
-        except NoResponder:
-            assert time.monotonic() < deadline_s
+    wait_until(lambda: running.bus.put_json("t/news", {}) or heard.is_set())
+
+    def answers() -> bool:
+        with suppress(NoResponder):
+            return running.bus.query("t/echo") == {}
+        return False
+
+    wait_until(answers)
 
 
 def test_no_router_is_an_error_and_not_a_wait_without_end() -> None:

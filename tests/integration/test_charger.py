@@ -6,7 +6,7 @@ The robot signs with what its agent uses.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from decimal import Decimal
 from itertools import pairwise
 from typing import Any
@@ -20,9 +20,10 @@ from rodeo.evidence.store import Store
 from rodeo.messages import PostVerdict, RegisterTask, Task
 from rodeo.metering import STEP_WH, unpack
 from rodeo.witness.statement import MeterRecord, Receipt, parse
-from rodeo_testing.dock import SLOW_TICK_S, TARGET_SOC, Buyer, Hardware
+from rodeo_testing.dock import TARGET_SOC, Buyer, Hardware
+from rodeo_testing.waiting import HANG_S, wait_until
 from services.charger.process import PROOF_SHARE
-from tests.support.site import WAIT_S, RunningSite, write_site
+from tests.support.site import RunningSite, write_site
 
 ORDERED_WH = 400.0
 
@@ -61,7 +62,7 @@ class Organization:
     def wait_for(self, task_id: int, state: str) -> Task:
         waits = 0
         while (task := self.robot.task(task_id)).state != state:
-            assert waits < WAIT_S, f"task {task_id} is {task.state}\n{self.running.log('charger')}"
+            assert waits < HANG_S, f"task {task_id} is {task.state}\n{self.running.log('charger')}"
             waits += not self._changed.wait(1.0)
             self._changed.clear()
         return task
@@ -187,18 +188,7 @@ def hurry_to_the_window(dao: Organization, hardware: Hardware, task_id: int) -> 
     assert task.assigned is not None
     hardware.hurry_until_s = task.assigned + (1 - PROOF_SHARE) * task.execution_window_s - 30
     # Hours of site time; how long they take depends on the machine.
-    while hardware.now_s() < hardware.hurry_until_s:
-        dao._changed.wait(0.05)
-        dao._changed.clear()
-
-
-def wait_until(dao: Organization, done: Callable[[], bool]) -> None:
-    for _ in range(int(WAIT_S * 20)):
-        if done():
-            return
-        dao._changed.wait(0.05)
-        dao._changed.clear()
-    raise AssertionError(dao.running.log("charger"))
+    wait_until(lambda: hardware.now_s() >= hardware.hurry_until_s)
 
 
 def test_a_charge_is_delivered_metered_countersigned_sealed_and_submitted(
@@ -236,7 +226,7 @@ def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
 ) -> None:
     task_id = docked(dao, hardware, buyer)
     hardware.fast = True
-    wait_until(dao, lambda: hardware.soc >= 0.6)
+    wait_until(lambda: hardware.soc >= 0.6, lambda: dao.running.log("charger"))
     hardware.fast = False
     dao.running.kill("charger")
     dao.running.start("charger")
@@ -272,7 +262,7 @@ def test_a_robot_that_falls_silent_costs_the_seller_a_step_and_goes_on_when_it_i
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
     task_id = docked(dao, hardware, buyer)
-    wait_until(dao, lambda: hardware.energy_wh > 2 * STEP_WH)
+    wait_until(lambda: hardware.energy_wh > 2 * STEP_WH, lambda: dao.running.log("charger"))
     buyer.close()
     hardware.wait_for_command(False)
     silent_wh = hardware.energy_wh
@@ -295,7 +285,7 @@ def test_a_gauge_that_lies_costs_the_seller_a_step_and_what_both_signed_is_what_
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
     task_id = docked(dao, hardware, buyer)
-    wait_until(dao, lambda: hardware.energy_wh > 2 * STEP_WH)
+    wait_until(lambda: hardware.energy_wh > 2 * STEP_WH, lambda: dao.running.log("charger"))
     hardware.gauge = 0.5
     hardware.wait_for_command(False)
     hurry_to_the_window(dao, hardware, task_id)
@@ -309,9 +299,10 @@ def test_a_malformed_message_of_the_battery_is_left_out(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
     task_id = docked(dao, hardware, buyer)
-    wait_until(dao, lambda: hardware.energy_wh > STEP_WH)
+    wait_until(lambda: hardware.energy_wh > STEP_WH, lambda: dao.running.log("charger"))
     hardware.malformed = True
-    dao._changed.wait(3 * SLOW_TICK_S)
+    until_s = hardware.now_s() + 3
+    wait_until(lambda: hardware.now_s() >= until_s)
     hardware.malformed = False
     hardware.fast = True
     proof = dao.proof_of(task_id)
@@ -334,7 +325,7 @@ def test_a_robot_that_leaves_early_gets_a_proof_of_what_was_delivered(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
     task_id = docked(dao, hardware, buyer)
-    wait_until(dao, lambda: hardware.soc >= 0.51)
+    wait_until(lambda: hardware.soc >= 0.51, lambda: dao.running.log("charger"))
     hardware.docked = False
     hardware.wait_for_command(False)
     hardware.fast = True

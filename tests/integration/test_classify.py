@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from rodeo_cli import app
 from rodeo_testing.recordings import RENDERINGS
+from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB
 
 CLASSES = {"cardboard", "glass", "metal", "paper", "plastic", "trash"}
@@ -63,7 +64,7 @@ def test_no_site_is_needed_unless_one_is_named(tmp_path: Path) -> None:
             env=environment | {"PYTHONPATH": str(Path.cwd())},
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=HANG_S,
             check=False,
         )
 

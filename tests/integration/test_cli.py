@@ -21,12 +21,11 @@ from rodeo.config import Site
 from rodeo.instance import lock_holder
 from rodeo.processes import PROCESSES
 from rodeo_cli import app
+from rodeo_testing.waiting import HANG_S
 from tests.support import command
 from tests.support.site import RunningSite, free_port, write_site
 
 RODEO = (sys.executable, "-m", "rodeo_cli")
-WAIT_S = 150.0
-"""Longer than `rodeo up --detach` itself waits for the site."""
 QUIET = "clock.speed = 1.0\nagent.explore_when_idle = false"
 
 
@@ -38,7 +37,7 @@ def rodeo(
     site: Path, *arguments: str, status: int = 0, cwd: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run a command that must end with `status`."""
-    done = command.rodeo(*arguments, env=environment(site), timeout_s=WAIT_S, folder=cwd)
+    done = command.rodeo(*arguments, env=environment(site), timeout_s=HANG_S, folder=cwd)
     assert done.returncode == status, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done

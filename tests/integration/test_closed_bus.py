@@ -20,11 +20,12 @@ from rodeo.instance import GAVE_UP
 from rodeo.messages import Status
 from rodeo.sim_clock import SimClock
 from rodeo.tls import bus_is_closed
+from rodeo_testing.waiting import HANG_S
 from tests.integration.test_itrash import Office
 from tests.support import command
 from tests.support.browser import chromium, log_in
 from tests.support.console import PASSPHRASE, WAIT_MS, Desk
-from tests.support.site import LAB, WAIT_S, RunningSite, free_port, write_site
+from tests.support.site import LAB, RunningSite, free_port, write_site
 
 NOBODY = 65534
 ROOT = Path(__file__).parents[2]
@@ -63,7 +64,7 @@ def connects_as_nobody(path: Path) -> subprocess.CompletedProcess[str]:
         env={"PATH": os.defpath},
         capture_output=True,
         text=True,
-        timeout=WAIT_S,
+        timeout=HANG_S,
     )
 
 
@@ -85,7 +86,7 @@ def test_a_router_that_was_killed_leaves_a_socket_that_the_next_one_takes_over(r
     running.kill("router")
     assert socket_of(running).is_socket()
     running.start("router")
-    Bus.open(running.site.bus.router, timeout_s=WAIT_S).close()
+    Bus.open(running.site.bus.router, timeout_s=HANG_S).close()
 
 
 def test_a_router_does_not_listen_where_others_could_be_it(running: RunningSite) -> None:
@@ -93,14 +94,14 @@ def test_a_router_does_not_listen_where_others_could_be_it(running: RunningSite)
     folder.mkdir(parents=True)
     folder.chmod(0o777)
     running.start("router", ready=False)
-    assert running.children["router"].wait(WAIT_S) == GAVE_UP
+    assert running.children["router"].wait(HANG_S) == GAVE_UP
     assert "unsafe_socket_folder" in running.log("router") and str(folder) in running.log("router")
     running.children.clear()
 
 
 def status(path: Path) -> subprocess.CompletedProcess[str]:
     env = {**os.environ, "COLUMNS": "300"}
-    return command.rodeo("status", "--site", str(path), env=env, timeout_s=WAIT_S, folder=ROOT)
+    return command.rodeo("status", "--site", str(path), env=env, timeout_s=HANG_S, folder=ROOT)
 
 
 @pytest.mark.parametrize("router", ["tcp/127.0.0.1:7447", "tcp/192.168.1.10:7447"])
@@ -166,7 +167,7 @@ def test_nobody_else_moves_the_sites_clock_and_whoever_tries_is_told_of(running:
 
     clock = SimClock(session, domain)
     running.wait_for_status("itrash", told)
-    assert clock.wait_ready(threading.Event(), WAIT_S) and clock.now_s() < 2**31 - 1
+    assert clock.wait_ready(threading.Event(), HANG_S) and clock.now_s() < 2**31 - 1
     assert "second publisher on /clock" in status(running.path).stdout
     assert "second publisher on /clock" in running.log("itrash")
 
@@ -175,12 +176,12 @@ def test_nobody_else_moves_the_sites_clock_and_whoever_tries_is_told_of(running:
 def test_the_clock_is_followed_again_after_the_router_was_restarted(running: RunningSite) -> None:
     running.start("router", "robot_sim")
     clock = SimClock(running.bus.session, running.site.bus.domain_id)
-    assert clock.wait_ready(threading.Event(), WAIT_S)
+    assert clock.wait_ready(threading.Event(), HANG_S)
     running.kill("router")
     running.start("router")
     before_s = clock.now_s()
     late = threading.Event()
-    timer = threading.Timer(WAIT_S, late.set)
+    timer = threading.Timer(HANG_S, late.set)
     timer.start()
     assert clock.wait_until(before_s + 10.0, late)
     timer.cancel()

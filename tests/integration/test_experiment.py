@@ -63,7 +63,6 @@ def one_day(folder: Path, *options: str) -> dict[str, Any]:
     return results
 
 
-@pytest.mark.timeout(900)
 @pytest.mark.long
 def test_a_day_ends_with_everything_paid_and_reported(tmp_path: Path) -> None:
     results = one_day(tmp_path / "day")
@@ -84,7 +83,6 @@ def test_a_day_ends_with_everything_paid_and_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 def test_the_same_seed_gives_the_same_counts_and_balances_on_a_busy_machine(tmp_path: Path) -> None:
     quiet = one_day(tmp_path / "quiet")
     with busy_machine():
@@ -93,7 +91,6 @@ def test_the_same_seed_gives_the_same_counts_and_balances_on_a_busy_machine(tmp_
 
 
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 def test_an_interrupted_run_goes_on_to_the_same_end(tmp_path: Path) -> None:
     progress = tmp_path / "day" / "out" / "progress.json"
     with started(tmp_path / "day") as run:

@@ -21,12 +21,12 @@ from rodeo.lab.items import shape_of
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
 from rodeo.messages import DaoEvent
+from rodeo_testing.waiting import HANG_S
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
 
-WAIT_S = 170.0
 FOREIGN = Path(__file__).parents[1] / "foreign_robot"
 SITE = """clock.speed = 2
 agent.explore_when_idle = false
@@ -137,7 +137,6 @@ def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
         yield running
 
 
-@pytest.mark.timeout(300)
 def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite) -> None:
     ended = threading.Event()
     events: list[DaoEvent] = []
@@ -151,8 +150,10 @@ def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite
     item = running.site.items[0]
     params: dict[str, Any] = {"item_id": item.id, "x_m": item.pose.x_m + 0.1, "y_m": item.pose.y_m - 0.1}
     key = f"rodeo/{running.site.org}/wallet/organization/register_task"
-    running.bus.query(key, {"kind": "waste_disposal", "reward_iec": "100", "params": params}, timeout_s=30.0)
-    came = ended.wait(WAIT_S)
+    running.bus.query(
+        key, {"kind": "waste_disposal", "reward_iec": "100", "params": params}, timeout_s=HANG_S
+    )
+    came = ended.wait(HANG_S)
     dao.close()
     foreign = (running.site.data_dir / "foreign.log").read_text()[-2000:]
     names = [event.name for event in events]
@@ -160,13 +161,12 @@ def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite
     assert came and "TaskSettled" in names, why
 
 
-@pytest.mark.timeout(600)
 def test_one_of_ours_works_beside_it_on_a_clock_that_waits_for_minds_and_jumps_where_nobody_works(
     tmp_path: Path, chain_backend: str
 ) -> None:
     """What the foreign robot does nobody here simulates, and time is not jumped over while it does it."""
     with running_site(tmp_path, chain_backend, f"clock.idle_speed = 0\n{SITE}{BESIDE}") as running:
-        organization = Organization(running, wait_s=WAIT_S)
+        organization = Organization(running, wait_s=HANG_S)
         try:
             # Before there are minds: this robot lives through the time that is jumped over, and is late then.
             tasks = [organization.post("item1")]

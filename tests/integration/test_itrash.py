@@ -6,7 +6,6 @@ import base64
 import math
 import queue
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -31,10 +30,11 @@ from rodeo.witness.statement import Claimant, Classification, Drop, Presentation
 from rodeo_cli import app
 from rodeo_testing import answers
 from rodeo_testing.recordings import RENDERINGS
+from rodeo_testing.waiting import HANG_S, wait_until
 from services.itrash.behaviour import DropRecord, Memory
 from services.itrash.journal import Journal
 from services.itrash.training.allowed import Allowed
-from tests.support.site import WAIT_S, RunningSite
+from tests.support.site import RunningSite
 
 TICK_S = 0.01
 """Wall time between two rounds of readings, which are 0.1 s of site time apart."""
@@ -178,14 +178,14 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
     listener = Listener(site)
     site.start("itrash")
     hardware.show("plastic_1.jpg")
-    classified = listener.classifications.get(timeout=WAIT_S)
+    classified = listener.classifications.get(timeout=HANG_S)
     assert (classified.item_class, classified.compartment) == ("plastic", "yellow")
     assert (classified.chain_id, classified.organization) == (SCOPE.chain_id, SCOPE.organization)
     assert (classified.model_sha256, classified.thresholds_sha256) == (model_sha256(), thresholds_sha256())
 
     hardware.take_away()
     hardware.loads_n["yellow"] = 0.3
-    dropped = listener.drops.get(timeout=WAIT_S)
+    dropped = listener.drops.get(timeout=HANG_S)
     assert dropped.correct
     assert dropped.classification == classified.number
     assert dropped.weight_n == pytest.approx(0.3)
@@ -198,7 +198,7 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
     assert parse(httpx.get(f"{url}/classification").json()["payload"]) == classified
     assert len(httpx.get(f"{url}/events").json()) == 2
     assert httpx.get(f"{url}/readyz").status_code == 200
-    verdict = httpx.post(f"{url}/classify", content=hardware.photo, timeout=WAIT_S).json()
+    verdict = httpx.post(f"{url}/classify", content=hardware.photo, timeout=HANG_S).json()
     assert verdict["class"] == "plastic"
 
     key = topics.BIN_PICTURE.name(org=site.site.org, bin=site.site.bins[0].name)
@@ -285,12 +285,10 @@ def test_a_robot_that_presents_itself_is_named_and_a_stranger_is_not(
         )
         site.bus.put_json(topics.WITNESS_STATEMENT.name(org=site.site.org, device="panther1"), presented)
     state_key = topics.BIN_STATE.name(org=site.site.org, bin=site.site.bins[0].name)
-    deadline_s = time.monotonic() + WAIT_S
-    while not (presented := site.bus.query(state_key)["presented"]):
-        assert time.monotonic() < deadline_s, site.log("itrash")
+    presented = wait_until(lambda: site.bus.query(state_key)["presented"], lambda: site.log("itrash"))
     assert presented == ["panther1"]
     hardware.show("plastic_1.jpg")
-    classified = listener.classifications.get(timeout=WAIT_S)
+    classified = listener.classifications.get(timeout=HANG_S)
     assert classified.claimants == (
         Claimant(device="panther1", address=ROBOT.address, recording=recording, task_id=7, attempt=1),
     )
@@ -302,12 +300,12 @@ def test_a_drop_while_the_bin_was_killed_is_confirmed_after_its_restart(
     listener = Listener(site)
     site.start("itrash")
     hardware.show("glass_1.jpg")
-    classified = listener.classifications.get(timeout=WAIT_S)
+    classified = listener.classifications.get(timeout=HANG_S)
     site.kill("itrash")
     hardware.take_away()
     hardware.loads_n["blue"] = 0.5
     site.start("itrash")
-    dropped = listener.drops.get(timeout=WAIT_S)
+    dropped = listener.drops.get(timeout=HANG_S)
     assert (dropped.compartment, dropped.expected_compartment) == ("blue", "green")
     assert dropped.classification == classified.number
     assert not dropped.correct
@@ -336,7 +334,7 @@ def test_what_was_decided_and_not_signed_is_said_once_after_a_restart(
     Journal(memory=Memory(drops=7, unsigned=[fell])).save(path)
     listener = Listener(site)
     site.start("itrash")
-    said = listener.drops.get(timeout=WAIT_S)
+    said = listener.drops.get(timeout=HANG_S)
     assert said.model_dump(include=set(DropRecord.model_fields)) == fell.model_dump()
     kept = Journal.load(path)
     assert (kept.memory.unsigned, len(kept.entries)) == ([], 1)
@@ -348,6 +346,6 @@ def test_a_frame_without_an_item_is_called_unknown_after_a_second_and_third_look
     listener = Listener(site)
     site.start("itrash")
     hardware.show("unknown_1.jpg")
-    classified = listener.classifications.get(timeout=WAIT_S)
+    classified = listener.classifications.get(timeout=HANG_S)
     assert (classified.item_class, classified.compartment) == ("unknown", "grey")
     assert hardware.photos == 3

@@ -13,15 +13,14 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.instance import lock_holder
-from tests.integration.test_demo import LIMIT_S, start_demo
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import HANG_S
+from tests.integration.test_demo import start_demo
 
 pytestmark = pytest.mark.long
 
 ASSIGNED, PROOF, CHARGING = "assigned to panther1", "proof submitted", "assigned to organization"
 
 
-@pytest.mark.timeout(LIMIT_S + 60)
 @pytest.mark.parametrize(
     "kills",
     [
@@ -44,7 +43,7 @@ def test_the_tasks_finish_although_processes_are_killed(
             for number, name in enumerate(waiting.pop(text), 1):
                 # In the middle of what follows, not at its very start.
                 threading.Timer(2.0 * number, _kill, (out, name)).start()
-    assert demo.wait(timeout=WAIT_S) == 0, "".join(lines)
+    assert demo.wait(timeout=HANG_S) == 0, "".join(lines)
     assert waiting == {}
     tasks = json.loads((out / "summary.json").read_text())["tasks"]
     assert [task["state"] for task in tasks] == ["settled", "settled"]

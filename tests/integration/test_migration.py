@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from rodeo.chain.deployment import Deployment
+from rodeo_testing.waiting import HANG_S
 from tests.integration.test_agent import SITE, Organization
 from tests.support.command import rodeo
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
-
-MIGRATE_S = 120.0
 
 
 @pytest.fixture
@@ -30,9 +29,7 @@ def dao(tmp_path: Path, chain_backend: str) -> Iterator[Dao]:
 def migrate(running: RunningSite, status: int = 0) -> str:
     """What `rodeo organization migrate` prints."""
     path = str(running.path)
-    done = rodeo(
-        "organization", "migrate", "--yes", "--site", path, env=dict(os.environ), timeout_s=MIGRATE_S
-    )
+    done = rodeo("organization", "migrate", "--yes", "--site", path, env=dict(os.environ), timeout_s=HANG_S)
     assert done.returncode == status, done.stdout + done.stderr
     return done.stdout + done.stderr
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from rodeo import wallets
-from rodeo.clock import WallClock
 from rodeo.dao import Participant
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
@@ -22,6 +21,7 @@ from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 
@@ -71,28 +71,18 @@ def service_state(organization: Organization) -> str:
     return service.state
 
 
-def wait_until(what: str, holds: Any) -> None:
-    pause = threading.Event()
-    for _ in range(1200):
-        if holds():
-            return
-        pause.wait(0.1)
-    raise AssertionError(f"waited for {what}")
-
-
-@pytest.mark.timeout(400)
 def test_a_robot_asks_a_person_to_clean_its_wheels_and_an_auditor_has_it_paid(
     organization: Organization,
 ) -> None:
     running, site = organization.running, organization.running.site
     alice = Participant(running.bus, site.org, "alice")
     alice.offer_service("wheel_cleaning", Decimal(40), "I clean wheels")
-    wait_until("the robot to ask", lambda: alice.assignments("wheel_cleaning"))
+    wait_until(lambda: alice.assignments("wheel_cleaning"), "waited for the robot to ask")
     (task, *_) = alice.assignments("wheel_cleaning")
     assert (task.creator_name, task.description) == ("panther1", "Clean my wheels")
 
     clock = SimClock(running.bus.session, site.bus.domain_id)
-    assert clock.wait_ready(threading.Event(), 60)
+    assert clock.wait_ready(threading.Event(), HANG_S)
     person = Executor(site, alice, wallets.load(site, "alice"), clock)
     with pytest.raises(NotAccepted):
         person.submit(task.id, "clean", [PNG])
@@ -119,17 +109,16 @@ def test_a_robot_asks_a_person_to_clean_its_wheels_and_an_auditor_has_it_paid(
         "report_sha256": sha256,
         "report_uri": submitted["proof_uri"],
     }
-    running.bus.query(f"rodeo/{site.org}/wallet/{auditor.name}/post_verdict", verdict, timeout_s=30)
+    running.bus.query(f"rodeo/{site.org}/wallet/{auditor.name}/post_verdict", verdict, timeout_s=HANG_S)
     organization.wait_for_event("TaskSettled", task.id)
     assert Decimal(organization.task(task.id)["paid_iec"]) == 40
 
 
-@pytest.mark.timeout(400)
 def test_a_pause_holds_across_a_restart_and_the_service_is_paused_on_chain(
     organization: Organization,
 ) -> None:
     assert order(organization, "pause")["paused"] is True
-    wait_until("the service to pause", lambda: service_state(organization) == "paused")
+    wait_until(lambda: service_state(organization) == "paused", "waited for the service to pause")
     organization.running.kill("robot_agent")
     organization.running.start("robot_agent")
     assert order(organization, "state")["paused"] is True
@@ -141,43 +130,39 @@ def test_a_pause_holds_across_a_restart_and_the_service_is_paused_on_chain(
     organization.wait_for_event("TaskSettled", task_id)
 
 
-@pytest.mark.timeout(400)
 def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when_resumed(
     organization: Organization,
 ) -> None:
     running = organization.running
-    clock = WallClock()
+    clock = SimClock(running.bus.session, running.site.bus.domain_id)
+    assert clock.wait_ready(threading.Event(), HANG_S)
     node, robot = Node(running.bus.session, "test", "", 0, clock), running.site.robots[0]
     body = RosBody(node, running.site, robot, clock, Interrupts())
     organization.lay("item3")
     task_id = organization.post("item3")
-    wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)
+    wait_until(lambda: order(organization, "state")["task_id"] == task_id, "waited for the robot to work")
     assert order(organization, "stop")["stopped"] is True
-    wait_until("it to say so", lambda: "stopped" in order(organization, "state")["activity"])
+    wait_until(lambda: "stopped" in order(organization, "state")["activity"], "waited for it to say so")
     first = body.base_pose(), body.joints().arm_rad
-    pause = threading.Event()
-    for _ in range(50):
-        pause.wait(0.02)
-        here = body.base_pose(), body.joints().arm_rad
+    clock.wait_until(clock.now_s() + 2.0)
+    here = body.base_pose(), body.joints().arm_rad
     assert math.dist((first[0].x_m, first[0].y_m), (here[0].x_m, here[0].y_m)) < 0.02
     assert np.abs(first[1] - here[1]).max() < 0.02
     order(organization, "resume")
     organization.wait_for_event("TaskSettled", task_id)
 
 
-@pytest.mark.timeout(400)
 def test_a_cancelled_attempt_fails_on_chain_with_its_reason_and_the_arm_folded(
     organization: Organization,
 ) -> None:
     task_id = organization.post("item2", max_attempts=1)
-    wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)
+    wait_until(lambda: order(organization, "state")["task_id"] == task_id, "waited for the robot to work")
     order(organization, "cancel")
     organization.wait_for_event("TaskFailed", task_id)
     reason = organization.task(task_id)["reason"]
     assert reason == "not_given_up: the executor reports: given up by an operator"
 
 
-@pytest.mark.timeout(400)
 def test_an_ordered_charge_is_bought_at_once(organization: Organization) -> None:
     assert order(organization, "charge")["charge_ordered"] is True
     organization._wait(
@@ -187,4 +172,4 @@ def test_an_ordered_charge_is_bought_at_once(organization: Organization) -> None
         ),
         "a charging task",
     )
-    wait_until("the order to be done", lambda: not order(organization, "state")["charge_ordered"])
+    wait_until(lambda: not order(organization, "state")["charge_ordered"], "waited for the order to be done")

@@ -17,10 +17,11 @@ from rodeo.dao import Participant
 from rodeo.errors import RemoteError
 from rodeo.messages import AllowPayments, RegisterTask
 from rodeo_cli.formatting import iec
+from rodeo_testing.waiting import HANG_S
 from tests.support import command
 from tests.support.dao import PARAMS, Dao
 from tests.support.plain_token import ADDRESS, PlainToken
-from tests.support.site import WAIT_S, RunningSite, write_site
+from tests.support.site import RunningSite, write_site
 
 TOKEN = 10**6
 CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
@@ -133,5 +134,5 @@ def test_who_signs_for_another_to_send_has_to_approve_first(dao: Dao) -> None:
 
 def test_the_command_line_shows_what_the_token_has(dao: Dao) -> None:
     path = str(dao.running.path)
-    done = command.rodeo("wallet", "panther1", "--site", path, env=os.environ, timeout_s=WAIT_S)
+    done = command.rodeo("wallet", "panther1", "--site", path, env=os.environ, timeout_s=HANG_S)
     assert done.returncode == 0 and iec(balances(dao)["panther1"]) in done.stdout, done.stdout + done.stderr

@@ -12,6 +12,7 @@ from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
 from rodeo.processes import processes_of
 from rodeo.witness.statement import Drop, parse
+from rodeo_testing.waiting import HANG_S
 from tests.integration.test_agent import Organization
 from tests.support.site import LAB, RunningSite, write_site
 
@@ -60,7 +61,6 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
     running.stop()
 
 
-@pytest.mark.timeout(900)
 def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: Organization) -> None:
     running = organization.running
     params = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2, "bin": "bin_east"}
@@ -76,7 +76,7 @@ def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: 
 
     # Who sells charges without a dock is cheaper, has waited longer, and gets none of them.
     key = f"rodeo/{running.site.org}/wallet/seller/register_service"
-    cheap = running.bus.query(key, {"kind": "battery_charging", "price_iec": "1"}, timeout_s=30.0)
+    cheap = running.bus.query(key, {"kind": "battery_charging", "price_iec": "1"}, timeout_s=HANG_S)
     # The second robot orders where nobody charges yet.
     robots, docks = [one.name for one in running.site.robots], []
     hired: set[int] = set()

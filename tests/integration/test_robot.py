@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import queue
 import threading
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,7 +24,8 @@ from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import GoalCanceled
 from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
-from tests.support.site import WAIT_S, RunningSite, write_site
+from rodeo_testing.waiting import HANG_S, wait_until
+from tests.support.site import RunningSite, write_site
 
 READY_RAD = np.array(PosturesConfig().ready_rad)
 
@@ -53,7 +53,7 @@ def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, RosBo
     )
     running.start("router", "robot_sim")
     clock = SimClock(running.bus.session, 0)
-    assert clock.wait_ready(threading.Event(), WAIT_S)
+    assert clock.wait_ready(threading.Event(), HANG_S)
     node = Node(running.bus.session, "test", "", 0, clock)
     yield node, RosBody(node, running.site, running.site.robots[0], clock, Interrupts())
     node.close()
@@ -64,7 +64,7 @@ def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, RosBo
 @pytest.fixture(scope="module")
 def clock(lab: RunningSite) -> SimClock:
     clock = SimClock(lab.bus.session, 0)
-    assert clock.wait_ready(threading.Event(), WAIT_S)
+    assert clock.wait_ready(threading.Event(), HANG_S)
     return clock
 
 
@@ -81,20 +81,20 @@ def body(lab: RunningSite, node: Node, clock: SimClock) -> RosBody:
 def collect(node: Node, topic: str, typename: str, count: int) -> list[Any]:
     got: queue.Queue[Any] = queue.Queue()
     subscription = node.subscription(topic, typename, lambda message, info: got.put((message, info)))
-    messages = [got.get(timeout=WAIT_S) for _ in range(count)]
+    messages = [got.get(timeout=HANG_S) for _ in range(count)]
     subscription.close()
     return messages
 
 
 def wait_until_it_stands(node: Node) -> None:
     """A robot needs a moment to brake."""
-    give_up_s = time.monotonic() + WAIT_S
-    while True:
+
+    def stands() -> bool:
         messages = collect(node, "panther1/odom", "nav_msgs/msg/Odometry", 10)
         twists = [message.twist.twist for message, _ in messages]
-        if max(abs(twist.linear.x) + abs(twist.angular.z) for twist in twists) < 0.01:
-            return
-        assert time.monotonic() < give_up_s, "it goes on driving"
+        return max(abs(twist.linear.x) + abs(twist.angular.z) for twist in twists) < 0.01
+
+    wait_until(stands, "it goes on driving")
 
 
 @pytest.mark.parametrize(
@@ -165,14 +165,14 @@ def test_a_cancelled_drive_stops_the_robot(slow: tuple[Node, RosBody]) -> None:
 def test_a_newer_goal_replaces_the_one_under_way(lab: RunningSite, slow: tuple[Node, RosBody]) -> None:
     node, body = slow
     client = ActionClient(node, "panther1/navigate_to_pose", NAVIGATE)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     pose = types.new("geometry_msgs/msg/PoseStamped")
     pose.pose.position.x, pose.pose.position.y = BEHIND_DESK.x_m, BEHIND_DESK.y_m
     pose.pose.orientation.z, pose.pose.orientation.w = math.sin(0.5), math.cos(0.5)
     first = client.send_goal(types.new(f"{NAVIGATE}_Goal", pose=pose))
     body.navigate(lab.site.robots[0].pose)
     with pytest.raises(GoalCanceled):
-        first.result(WAIT_S)
+        first.result(HANG_S)
 
 
 def test_the_arm_follows_a_planned_trajectory(lab: RunningSite, body: RosBody) -> None:
@@ -231,9 +231,9 @@ def test_a_drive_goes_on_after_the_simulator_was_killed(lab: RunningSite, body: 
         done.set()
 
     threading.Thread(target=drive, daemon=True).start()
-    assert moving.wait(WAIT_S)
+    assert moving.wait(HANG_S)
     lab.kill("robot_sim")
     lab.start("robot_sim")
-    assert done.wait(WAIT_S)
+    assert done.wait(HANG_S)
     reached = body.base_pose()
     assert math.dist((reached.x_m, reached.y_m), (goal.x_m, goal.y_m)) < 0.02

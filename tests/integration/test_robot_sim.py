@@ -24,9 +24,8 @@ from rodeo.ros2.errors import ActionServerLost, GoalAborted, GoalRejected
 from rodeo.ros2.node import MessageInfo, Node
 from rodeo.ros2.wire import LATCHED
 from rodeo.sim_clock import SimClock
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import RunningSite, write_site
-
-WALL_LIMIT_S = 60.0
 
 
 class Remote:
@@ -36,7 +35,7 @@ class Remote:
         self.site = running.site
         session = running.bus.session
         self.clock = SimClock(session, self.site.bus.domain_id)
-        assert self.clock.wait_ready(threading.Event(), WALL_LIMIT_S)
+        assert self.clock.wait_ready(threading.Event(), HANG_S)
         self.node = Node(session, "remote", "", self.site.bus.domain_id, self.clock)
         self._last: dict[str, Any] = {}
         self._came = threading.Condition()
@@ -73,7 +72,7 @@ class Remote:
         answer to a call is waited for, not looked for at a time.
         """
         with self._came:
-            came = self._came.wait_for(lambda: topic in self._last and holds(self._last[topic]), WALL_LIMIT_S)
+            came = self._came.wait_for(lambda: topic in self._last and holds(self._last[topic]), HANG_S)
             assert came, f"{topic}: the newest is {self._last.get(topic)}"
             return self._last[topic]
 
@@ -92,7 +91,7 @@ class Remote:
         return self.navigate.send_goal(types.new("nav2_msgs/action/NavigateToPose_Goal", pose=target))
 
     def call(self, name: str, typename: str, **fields: Any) -> Any:
-        return self.node.client(name, typename).call(types.new(f"{typename}_Request", **fields), WALL_LIMIT_S)
+        return self.node.client(name, typename).call(types.new(f"{typename}_Request", **fields), HANG_S)
 
 
 def seconds(stamp: Any) -> float:
@@ -135,7 +134,7 @@ def test_the_robot_docks_and_is_charged_and_a_new_world_begins_no_earlier(
 ) -> None:
     remote.watch("dock1/output", "sensor_msgs/msg/BatteryState")
     remote.watch("panther1/battery_state", "sensor_msgs/msg/BatteryState")
-    assert remote.drive(dock_parking(remote.site.docks[0])).result(WALL_LIMIT_S).error_code == 0
+    assert remote.drive(dock_parking(remote.site.docks[0])).result(HANG_S).error_code == 0
     goal, pose = dock_parking(remote.site.docks[0]), remote.pose()
     assert math.dist((pose.x_m, pose.y_m), (goal.x_m, goal.y_m)) < 0.02
     assert abs(wrap(pose.yaw_rad - goal.yaw_rad)) < 0.03
@@ -145,7 +144,7 @@ def test_the_robot_docks_and_is_charged_and_a_new_world_begins_no_earlier(
     remote.until("dock1/output", lambda output: output.current == pytest.approx(10.5))
     remote.until("panther1/battery_state", lambda battery: battery.current > 0)
     # By more than a start takes.
-    ahead_s = time.time() + WALL_LIMIT_S
+    ahead_s = time.time() + HANG_S
     remote.until("panther1/battery_state", lambda battery: seconds(battery.header.stamp) > ahead_s)
     assert remote.call("dock1/enable", "std_srvs/srv/SetBool", data=False).success
     remote.until("dock1/output", lambda output: output.current == 0)
@@ -154,12 +153,12 @@ def test_the_robot_docks_and_is_charged_and_a_new_world_begins_no_earlier(
     ended_s = remote.clock.now_s()
     body = lab.children.pop("robot_sim")
     body.send_signal(signal.SIGTERM)
-    assert body.wait(WALL_LIMIT_S) == 0
+    assert body.wait(HANG_S) == 0
     world = lab.site.data_dir / "robot_sim" / "world.state"
     world.rename(world.with_suffix(".old"))
     lab.start("robot_sim")
     follower = SimClock(lab.bus.session, lab.site.bus.domain_id)
-    assert follower.wait_ready(threading.Event(), WALL_LIMIT_S) and follower.now_s() >= ended_s
+    assert follower.wait_ready(threading.Event(), HANG_S) and follower.now_s() >= ended_s
     follower.close()
 
 
@@ -175,19 +174,19 @@ def test_arm_and_gripper_do_as_told_and_refuse_nonsense(remote: Remote) -> None:
     joints = list(arm_model().joints)
     trajectory = types.new("trajectory_msgs/msg/JointTrajectory", joint_names=joints, points=[point])
     goal = types.new("control_msgs/action/FollowJointTrajectory_Goal", trajectory=trajectory)
-    assert remote.arm.send_goal(goal).result(WALL_LIMIT_S).error_code == 0
+    assert remote.arm.send_goal(goal).result(HANG_S).error_code == 0
     state = remote.newest("panther1/joint_states", remote.clock.now_s())
     assert state.name[:6] == joints
     assert np.abs(state.position[:6] - target).max() < 0.02
 
     trajectory.joint_names = ["elbow"] * 6
     with pytest.raises(GoalAborted) as aborted:
-        remote.arm.send_goal(goal).result(WALL_LIMIT_S)
+        remote.arm.send_goal(goal).result(HANG_S)
     assert aborted.value.result.error_code == -2
 
     grip = types.new("control_msgs/action/GripperCommand_Goal")
     grip.command.position, grip.command.max_effort = 0.0, 5.0
-    result = remote.gripper.send_goal(grip).result(WALL_LIMIT_S)
+    result = remote.gripper.send_goal(grip).result(HANG_S)
     assert result.stalled and not result.reached_goal
     assert result.position == pytest.approx(0.021, abs=0.001)
 
@@ -203,7 +202,7 @@ def test_the_bin_takes_a_picture_when_asked(remote: Remote) -> None:
 
 def test_a_goal_nobody_can_reach_is_aborted_with_nav2s_code(remote: Remote) -> None:
     with pytest.raises(GoalAborted) as aborted:
-        remote.drive(Pose2(x_m=9.0, y_m=1.0)).result(WALL_LIMIT_S)
+        remote.drive(Pose2(x_m=9.0, y_m=1.0)).result(HANG_S)
     assert aborted.value.result.error_code == 204
 
 
@@ -218,7 +217,7 @@ def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remo
         remote.newest("mocap/panther1/pose", remote.clock.now_s())
     lab.kill("robot_sim")
     with pytest.raises(ActionServerLost):
-        goal.result(WALL_LIMIT_S)
+        goal.result(HANG_S)
     killed_s, killed_at = remote.clock.now_s(), remote.pose()
 
     lab.start("robot_sim")
@@ -226,7 +225,7 @@ def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remo
     pose = remote.pose()
     assert math.dist((pose.x_m, pose.y_m), (killed_at.x_m, killed_at.y_m)) < 0.3
     assert remote.clock.now_s() >= killed_s
-    assert remote.drive(parking).result(WALL_LIMIT_S).error_code == 0
+    assert remote.drive(parking).result(HANG_S).error_code == 0
 
 
 def test_it_stops_in_time_while_the_router_takes_nothing(lab: RunningSite, remote: Remote) -> None:
@@ -239,7 +238,7 @@ def test_it_stops_in_time_while_the_router_takes_nothing(lab: RunningSite, remot
             body.wait(3.0)
         body.send_signal(signal.SIGTERM)
         # By itself: a launcher that had to kill it would see another status.
-        assert body.wait(WALL_LIMIT_S) == 0
+        assert body.wait(HANG_S) == 0
     finally:
         router.send_signal(signal.SIGCONT)
     assert "Traceback" not in lab.log("robot_sim")
@@ -275,15 +274,15 @@ def test_sensors_and_frames_are_there_for_who_subscribes_late(remote: Remote) ->
     assert (image.width, image.height) == (info.width, info.height)
     depth_m = np.frombuffer(image.data.tobytes(), np.float32).reshape(image.height, image.width)
     assert depth_m[image.height // 2, image.width // 2] == pytest.approx(0.71, abs=0.03), "the floor"
-    eventually(lambda: described, "the description")
+    wait_until(lambda: described, "the description")
     assert "<robot" in described[0]
-    eventually(lambda: "panther1/wrist_camera_optical_frame" in frames and "itrash" in frames, "tf_static")
-    eventually(lambda: "panther1/base_link" in frames, "tf")
+    wait_until(lambda: "panther1/wrist_camera_optical_frame" in frames and "itrash" in frames, "tf_static")
+    wait_until(lambda: "panther1/base_link" in frames, "tf")
     # One tree: every frame leads to the map.
-    eventually(lambda: all(leads_to_map(frame, frames) for frame in frames), "a tree")
+    wait_until(lambda: all(leads_to_map(frame, frames) for frame in frames), "a tree")
     tokens = [
         str(reply.ok.key_expr)
-        for reply in remote.node.session.liveliness().get("@ros2_lv/0/*/*/*/MP/**", timeout=WALL_LIMIT_S)
+        for reply in remote.node.session.liveliness().get("@ros2_lv/0/*/*/*/MP/**", timeout=HANG_S)
         if reply.ok is not None
     ]
     (token,) = (token for token in tokens if "%panther1%robot_description/" in token)
@@ -296,25 +295,18 @@ def leads_to_map(frame: str, parents: dict[str, str]) -> bool:
     return frame == "map"
 
 
-def eventually(holds: Callable[[], Any], what: str) -> None:
-    deadline_s = time.monotonic() + WALL_LIMIT_S
-    while not holds():
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.05)
-
-
 @SLOWLY
 def test_an_emergency_stop_aborts_the_goal_and_refuses_the_next(remote: Remote) -> None:
     goal = remote.drive(BinLayout(remote.site.bins[0]).parking)
     stop = "panther1/emergency_stop", "std_srvs/srv/SetBool"
     assert remote.call(*stop, data=True).success
     with pytest.raises(GoalAborted):
-        goal.result(WALL_LIMIT_S)
+        goal.result(HANG_S)
     with pytest.raises(GoalRejected):
         remote.drive(BinLayout(remote.site.bins[0]).parking)
     assert remote.call(*stop, data=False).success
     there = remote.pose()
-    assert remote.drive(there).result(WALL_LIMIT_S).error_code == 0
+    assert remote.drive(there).result(HANG_S).error_code == 0
 
 
 def test_without_motor_power_it_draws_the_standby_power_and_refuses_goals(remote: Remote) -> None:
@@ -334,7 +326,7 @@ def test_without_motor_power_it_draws_the_standby_power_and_refuses_goals(remote
         remote.drive(BinLayout(remote.site.bins[0]).parking)
     assert remote.call(*power, data=True).success
     assert draws(battery.idle_power_w)
-    assert remote.drive(remote.pose()).result(WALL_LIMIT_S).error_code == 0
+    assert remote.drive(remote.pose()).result(HANG_S).error_code == 0
 
 
 def test_the_base_drives_around_what_was_put_in_its_way(remote: Remote) -> None:
@@ -349,7 +341,7 @@ def test_the_base_drives_around_what_was_put_in_its_way(remote: Remote) -> None:
     remote.node.subscription(
         "panther1/plan", "nav_msgs/msg/Path", lambda path, _: plans.append(path), LATCHED
     )
-    assert remote.drive(Pose2(x_m=4.0, y_m=1.6)).result(WALL_LIMIT_S).error_code == 0
-    eventually(lambda: plans, "the plan")
+    assert remote.drive(Pose2(x_m=4.0, y_m=1.6)).result(HANG_S).error_code == 0
+    wait_until(lambda: plans, "the plan")
     corners = [pose.pose.position for pose in plans[0].poses]
     assert max(corner.y for corner in corners) > 1.8, "the straight way is blocked"

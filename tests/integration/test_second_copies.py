@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,8 +14,9 @@ import pytest
 from rodeo.instance import GAVE_UP
 from rodeo.serving import Claim, served_by
 from rodeo_cli.site import read_rows
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.dao import Dao
-from tests.support.site import READY_S, RunningSite, free_port, write_site
+from tests.support.site import RunningSite, free_port, write_site
 
 pytestmark = pytest.mark.long
 
@@ -72,14 +72,15 @@ def test_a_second_copy_refuses_to_serve_and_each_task_is_posted_once(
 ) -> None:
     elsewhere.start(*SERVES, ready=False)
 
-    deadline_s = time.monotonic() + READY_S
-    while {row.here for row in read_rows(dao.running.site) if row.name == "bridge"} != {True, False}:
-        assert time.monotonic() < deadline_s, elsewhere.log("bridge")
+    wait_until(
+        lambda: {row.here for row in read_rows(dao.running.site) if row.name != "bridge"} != {True, False},
+        lambda: elsewhere.log("bridge"),
+    )
     before = len(dao.state("tasks")["tasks"])
     balance_iec = dao.balances()["organization"]
     with ThreadPoolExecutor(max_workers=20) as askers:
         tasks = list(askers.map(lambda n: dao.post("10", request_id=f"post {n}"), range(20)))
-    statuses = {name: child.wait(timeout=READY_S) for name, child in elsewhere.children.items()}
+    statuses = {name: child.wait(timeout=HANG_S) for name, child in elsewhere.children.items()}
     assert statuses == dict.fromkeys(SERVES, GAVE_UP)
     for name, things in SERVES.items():
         log = elsewhere.log(name)

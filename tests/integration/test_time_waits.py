@@ -18,6 +18,7 @@ from rodeo.chain.deployment import Deployment
 from rodeo.checks.report import Report
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
+from rodeo_testing.waiting import HANG_S
 from tests.integration.test_agent import Organization
 from tests.support.load import busy_machine
 from tests.support.site import RunningSite, write_site
@@ -32,7 +33,6 @@ agent.explore_when_idle = false
 agent.charge_below = 0.1
 """
 CHAIN_ID = 31_337
-CLEANING_WALL_S = 300.0
 WINDOW_S, LATE_S = 7200, 2
 """Of site time: a window in which nobody does anything, and by how much it may end late."""
 STOPPED_S = 20.0
@@ -58,7 +58,7 @@ def expire(running: RunningSite, organization: Organization) -> None:
     task_id = organization.post("item2", execution_window_s=WINDOW_S, max_attempts=1)
     organization.wait_for_event("TaskAssigned", task_id)
     order = topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="stop")
-    running.bus.query(order, timeout_s=10.0)
+    running.bus.query(order, timeout_s=HANG_S)
     failed = organization.wait_for_event("TaskFailed", task_id)
     assigned = next(
         one for one in organization.events if (one.name, one.task_id) == ("TaskAssigned", task_id)
@@ -117,7 +117,6 @@ def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]
         running.stop()
 
 
-@pytest.mark.timeout(900)
 def test_a_busy_machine_and_a_process_that_stands_still_change_nothing(
     tmp_path: Path, chain_backend: str
 ) -> None:
@@ -137,7 +136,7 @@ def checked(folder: Path, chain_backend: str, clock: str) -> list[tuple[str, boo
     running.start("router", "chain")
     running.deploy_contracts()
     running.start("bridge", "oracle", "itrash", "robot_sim")
-    organization = Organization(running, wait_s=CLEANING_WALL_S)
+    organization = Organization(running, wait_s=HANG_S)
     try:
         task_id = organization.post("item1")
         running.start("robot_agent")
@@ -152,7 +151,6 @@ def checked(folder: Path, chain_backend: str, clock: str) -> list[tuple[str, boo
         running.stop()
 
 
-@pytest.mark.timeout(900)
 def test_a_recording_made_at_full_speed_verifies_like_one_made_in_real_time(
     tmp_path: Path, chain_backend: str
 ) -> None:

@@ -47,7 +47,6 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
     running.stop()
 
 
-@pytest.mark.timeout(720)
 def test_two_tasks_are_done_by_two_robots_which_are_both_paid(organization: Organization) -> None:
     running = organization.running
     offers = running.bus.query(f"rodeo/{running.site.org}/state/services")["services"]

@@ -132,7 +132,6 @@ def test_nothing_is_imported_from_the_checkout(installed: Environment) -> None:
     assert installed.python(missing) == "[]"
 
 
-@pytest.mark.timeout(LIMIT_S + BUILD_S)
 def test_the_demo_settles_its_tasks_without_a_checkout(installed: Environment) -> None:
     installed.rodeo("demo", "--limit", str(LIMIT_S - 30), limit_s=LIMIT_S)
     summary = json.loads((installed.work / "out" / "demo" / "summary.json").read_text())

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import Locator, Page
 
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import wait_until
 
 _NAMED = {"button", "link", "textbox", "searchbox", "spinbutton", "combobox", "checkbox", "slider"}
 _NAMED |= {"menuitem", "image", "progressbar", "table", "region"}
@@ -60,10 +59,7 @@ def _is_unnamed(role: str, node: dict[str, Any]) -> bool:
 
 
 def _until_none(page: Page, find: Callable[[], list[str]]) -> None:
-    deadline_s = time.monotonic() + WAIT_S
-    while found := find():
-        assert time.monotonic() < deadline_s, f"{page.url}: {found}"
-        page.wait_for_timeout(100)
+    wait_until(lambda: not find(), lambda: f"{page.url}: {find()}")
 
 
 def tab_to(page: Page, control: Locator) -> None:

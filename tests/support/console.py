@@ -8,13 +8,14 @@ import secrets
 import httpx
 from playwright.sync_api import Browser, Page, expect
 
+from rodeo_testing.waiting import HANG_S
 from services.console.accounts import Accounts, accounts_path
 from services.console.roles import Role
 from tests.support.browser import log_in
-from tests.support.site import WAIT_S, RunningSite
+from tests.support.site import RunningSite
 
 PASSPHRASE = "correct horse battery"
-WAIT_MS = 1e3 * WAIT_S
+WAIT_MS = 1e3 * HANG_S
 expect.set_options(timeout=WAIT_MS)
 
 
@@ -50,7 +51,7 @@ class Desk:
         """A program with a token of `user`."""
         token = "none" if user is None else self.accounts.issue_token(user, "test")
         headers = {"Authorization": f"Bearer {token}"}
-        return httpx.Client(base_url=f"{self.origin}/api", headers=headers, timeout=WAIT_S)
+        return httpx.Client(base_url=f"{self.origin}/api", headers=headers, timeout=HANG_S)
 
 
 def open_page(page: Page, path: str) -> None:

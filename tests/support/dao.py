@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,8 +13,9 @@ from rodeo.bus import DaoEvents
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.messages import DaoEvent
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.clock import publish_clock
-from tests.support.site import PAUSE_S, WAIT_S, RunningSite
+from tests.support.site import RunningSite
 
 PARAMS = {"item_id": "item1", "x_m": 1.0, "y_m": 2.0}
 CHARGING = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95, "energy_wh": 421.0}
@@ -46,11 +46,11 @@ class Dao:
 
     def command(self, participant: str, command: str, **fields: Any) -> dict[str, Any]:
         key = topics.COMMAND.name(org=self.site.org, participant=participant, command=command)
-        return self.running.bus.query(key, fields, timeout_s=WAIT_S)
+        return self.running.bus.query(key, fields, timeout_s=HANG_S)
 
     def state(self, what: str, **parameters: Any) -> dict[str, Any]:
         return self.running.bus.query(
-            topics.STATE.name(org=self.site.org, what=what), parameters=parameters, timeout_s=WAIT_S
+            topics.STATE.name(org=self.site.org, what=what), parameters=parameters, timeout_s=HANG_S
         )
 
     def task(self, task_id: int) -> dict[str, Any]:
@@ -106,11 +106,11 @@ class Dao:
     def set_clock(self, time_s: float) -> None:
         """Set the site's clock and return once the chain would stamp its next block with it."""
         chain = Web3(Web3.HTTPProvider(self.site.chain.url))
-        deadline_s, pause = time.monotonic() + WAIT_S, threading.Event()
         publish_clock(self.running.bus, self.site.bus.domain_id, time_s)
-        while chain.eth.get_block("pending")["timestamp"] < int(time_s):
-            assert time.monotonic() < deadline_s, self.running.log("chain")
-            pause.wait(PAUSE_S)
+        wait_until(
+            lambda: chain.eth.get_block("pending")["timestamp"] >= int(time_s),
+            lambda: self.running.log("chain"),
+        )
 
     def names_of(self, task_id: int) -> list[str]:
         """Names of the task's events so far, in order."""
@@ -119,7 +119,7 @@ class Dao:
     def wait_for(self, condition: Callable[[], bool], what: str) -> None:
         """Until `condition()` after an event."""
         with self._changed:
-            assert self._changed.wait_for(condition, WAIT_S), (
+            assert self._changed.wait_for(condition, HANG_S), (
                 f"{what} did not come\n{self.running.log('bridge')}"
             )
 

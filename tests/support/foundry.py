@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from rodeo_testing.waiting import HANG_S
+
 _NODE_MODULES = Path(__file__).parents[2] / "node_modules" / "@foundry-rs"
 
 
@@ -35,7 +37,7 @@ class Cast:
             env={**os.environ, "ETH_RPC_URL": self.url},
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=HANG_S,
             check=False,
         )
 

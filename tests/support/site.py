@@ -9,11 +9,11 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -27,15 +27,10 @@ from rodeo.processes import processes_of
 from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
 from rodeo_testing import BINS
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.nursery import Fork, Nursery
 
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
-READY_S = 120.0
-WAIT_S = 60.0
-"""Wall time after which what a test waits for does not come any more, however slow the machine is."""
-STOP_S = 30.0
-PAUSE_S = 0.02
-"""Wall time between two looks at something: asking without a pause takes the processor from who is asked."""
 
 
 _handed_out: set[int] = set()
@@ -71,7 +66,7 @@ console.port = {free_port()}
 def readyz(metrics_url: str) -> tuple[int, str]:
     """HTTP status and text of a process's readiness, which needs no bus."""
     try:
-        with urllib.request.urlopen(f"{metrics_url}/readyz", timeout=WAIT_S) as answer:
+        with urllib.request.urlopen(f"{metrics_url}/readyz", timeout=HANG_S) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
@@ -96,7 +91,7 @@ class RunningSite:
         """A session on the site's router, which must have been started."""
         if self._bus is None:
             shown = identity(self.site, OPERATOR)
-            self._bus = Bus.open(self.site.bus.router, timeout_s=READY_S, identity=shown)
+            self._bus = Bus.open(self.site.bus.router, timeout_s=HANG_S, identity=shown)
         return self._bus
 
     def start(self, *names: str, ready: bool = True) -> None:
@@ -109,7 +104,7 @@ class RunningSite:
 
     def deploy_contracts(self) -> None:
         step = self._spawn("contracts", "deploy.contracts")
-        assert step.wait(timeout=READY_S) == 0, self.log("contracts")
+        assert step.wait(timeout=HANG_S) == 0, self.log("contracts")
 
     def kill(self, name: str) -> None:
         """SIGKILL: what a power cut leaves behind."""
@@ -131,7 +126,7 @@ class RunningSite:
 
         subscriber = self.bus.subscribe_json(topics.STATUS.pattern(org=self.site.org), on_status)
         try:
-            assert done.wait(READY_S), self._whole_story(waiting)
+            assert done.wait(HANG_S), self._whole_story(waiting)
         finally:
             subscriber.undeclare()
 
@@ -141,11 +136,12 @@ class RunningSite:
         for name in names:
             if isinstance(child := self.children.get(name), Fork):
                 child.tell_stacks()
-                deadline_s, pause = time.monotonic() + STOP_S, threading.Event()
-                while "most recent call first" not in self.log(name) and time.monotonic() < deadline_s:
-                    pause.wait(PAUSE_S)
+                wait_until(partial(self._told_stacks, name), "no stacks")
         told = [f"{name}:\n{self.log(name, 20_000)}" for name in names]
         return "\n".join([f"not ready: {sorted(waiting)}", *told])
+
+    def _told_stacks(self, name: str) -> bool:
+        return "most recent call first" in self.log(name)
 
     def status(self, name: str) -> Status:
         """What process `name` answers now, as soon as it answers."""
@@ -153,17 +149,16 @@ class RunningSite:
 
     def wait_for_status(self, name: str, holds: Callable[[Status], bool]) -> Status:
         """The status of process `name` once this holds for it."""
-        deadline_s, pause = time.monotonic() + READY_S, threading.Event()
-        status = None
-        while True:
+        key, seen = topics.STATUS.name(org=self.site.org, process=name), list[Status]()
+
+        def reached() -> bool:
             with suppress(BusError):
-                status = Status.model_validate(
-                    self.bus.query(topics.STATUS.name(org=self.site.org, process=name))
-                )
-                if holds(status):
-                    return status
-            assert time.monotonic() < deadline_s, f"{name}: {status}\n{self.log(name)}"
-            pause.wait(PAUSE_S)
+                seen[:] = [Status.model_validate(self.bus.query(key))]
+                return holds(seen[0])
+            return False
+
+        wait_until(reached, lambda: f"{name}: {seen}\n{self.log(name)}")
+        return seen[0]
 
     def log(self, name: str, length: int = 4000) -> str:
         """The last `length` characters of what process `name` wrote."""
@@ -178,7 +173,7 @@ class RunningSite:
             child.send_signal(signal.SIGTERM)
         for name, child in self.children.items():
             try:
-                child.wait(timeout=STOP_S)
+                child.wait(timeout=HANG_S)
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Event
 from typing import Any
 
 from rodeo.bus import DaoEvents
 from rodeo.clock import WallClock
 from rodeo.messages import DaoEvent
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import wait_until
 
 
 def event(seq: int, name: str) -> dict[str, Any]:
@@ -57,10 +55,7 @@ def test_an_index_that_was_made_anew_and_counts_less_is_heard_from_its_beginning
     dao = DaoEvents(bus, "lab", lambda event: heard.append(event.name))  # type: ignore[arg-type]
 
     def wait_for(names: list[str]) -> None:
-        deadline_s = time.monotonic() + WAIT_S
-        while heard != names:
-            assert time.monotonic() < deadline_s, heard
-            Event().wait(0.01)
+        wait_until(lambda: heard == names, heard)
 
     wait_for(bus.names)
     heard.clear()

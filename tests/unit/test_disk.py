@@ -22,6 +22,7 @@ from rodeo.evidence.attestation import attest
 from rodeo.files import is_full, replace_file
 from rodeo.logs import TextFormatter, WholeLines
 from rodeo.witness.journal import Journal
+from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB
 
 
@@ -93,7 +94,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, before)
 log.warning("four")
 """
     with (tmp_path / "p.log").open("ab") as output:
-        subprocess.run([sys.executable, "-c", logs], stdout=output, stderr=output, check=True, timeout=30)
+        subprocess.run([sys.executable, "-c", logs], stdout=output, stderr=output, check=True, timeout=HANG_S)
     said = [line.partition("p: ")[2] for line in (tmp_path / "p.log").read_text().splitlines()]
     assert said == ["one", "2 messages before this one are lost: the log could not be written", "four"]
 

@@ -10,6 +10,7 @@ import pytest
 
 from rodeo.errors import AlreadyRunning
 from rodeo.instance import forget_ending, last_ending, lock_holder, lock_instance, note_ending
+from rodeo_testing.waiting import HANG_S
 
 HOLDS = """
 import sys
@@ -70,5 +71,5 @@ def test_a_second_instance_leaves_no_ending_in_the_folder_of_the_first(tmp_path:
     assert holder.stdout is not None
     holder.stdout.readline()
     note_ending(tmp_path, "already_running", gave_up=True)
-    holder.communicate(b"\n", timeout=30)
+    holder.communicate(b"\n", timeout=HANG_S)
     assert last_ending(tmp_path) is None

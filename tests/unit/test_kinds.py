@@ -15,6 +15,7 @@ from rodeo.config import Site
 from rodeo.errors import ConfigError, InvalidRequest
 from rodeo.kinds import Kind, KindError, kinds_of, place_problems, with_place
 from rodeo.lab.config import PlaceConfig, Pose2
+from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB
 
 WATERING = """[[kinds]]
@@ -138,7 +139,7 @@ def test_reading_a_declaration_imports_neither_mujoco_nor_opencv(name: str) -> N
         "print(sorted({'mujoco', 'cv2', 'scipy'} & set(sys.modules)))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=HANG_S
     )
     assert done.stdout.strip() == "[]"
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from rodeo.instance import lock_holder
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support import command
 from tests.support.nursery import Fork, Nursery
-from tests.support.site import READY_S, RunningSite, write_site
+from tests.support.site import RunningSite, write_site
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,7 +35,7 @@ def test_it_gets_its_arguments_and_its_exit_status_and_output_are_its_own(
 ) -> None:
     refused = start(nursery, tmp_path / "refused.log", "deploy.router", "--sight", "lab.toml")
     helped = start(nursery, tmp_path / "helped.log", "services.charger", "--help")
-    assert (refused.wait(READY_S), helped.wait(READY_S)) == (2, 0)
+    assert (refused.wait(HANG_S), helped.wait(HANG_S)) == (2, 0)
     assert "required: --site" in (tmp_path / "refused.log").read_text()
     assert "usage: charger" in (tmp_path / "helped.log").read_text()
 
@@ -51,7 +50,7 @@ def test_a_command_says_what_it_says_when_it_is_started_anew(
     said = []
     for forks in (None, nursery):
         monkeypatch.setattr(RunningSite, "nursery", forks)
-        done = command.rodeo(*arguments, env=env, timeout_s=READY_S, folder=folder)
+        done = command.rodeo(*arguments, env=env, timeout_s=HANG_S, folder=folder)
         said.append((done.returncode, done.stdout, done.stderr))
     anew, fork = said
     assert fork == anew and any(anew)
@@ -64,12 +63,10 @@ def test_it_has_its_folder_and_its_session_and_is_gone_once_killed(
     child = start(nursery, tmp_path / "log", "http.server", "--bind", "127.0.0.1", "0")
     assert child.poll() is None
     # It has them before it runs its module, and that is soon.
-    process, pause, deadline_s = Path(f"/proc/{child.pid}"), threading.Event(), time.monotonic() + READY_S
-    while not (os.getsid(child.pid) == child.pid and (process / "cwd").readlink() == tmp_path):
-        assert time.monotonic() < deadline_s
-        pause.wait(0.01)
+    process = Path(f"/proc/{child.pid}")
+    wait_until(lambda: os.getsid(child.pid) == child.pid and (process / "cwd").readlink() == tmp_path)
     child.kill()
-    assert child.wait(READY_S) == child.poll() == child.returncode == -signal.SIGKILL
+    assert child.wait(HANG_S) == child.poll() == child.returncode == -signal.SIGKILL
     child.terminate()  # nobody has its number any more, or somebody else
 
 
@@ -78,7 +75,7 @@ def test_waiting_ends_with_the_time_that_was_given_for_it(nursery: Nursery, tmp_
     with pytest.raises(subprocess.TimeoutExpired):
         child.wait(0.05)
     child.terminate()
-    assert child.wait(READY_S) == -signal.SIGTERM
+    assert child.wait(HANG_S) == -signal.SIGTERM
 
 
 def test_what_comes_after_a_start_that_nobody_waited_for_is_told_its_own_number(
@@ -92,7 +89,7 @@ def test_what_comes_after_a_start_that_nobody_waited_for_is_told_its_own_number(
         patched.setattr(Fork, "__init__", give_up)
         start(nursery, tmp_path / "given_up.log", "deploy.router", "--help")
     child = start(nursery, tmp_path / "log", "deploy.router", "--help")
-    assert child.wait(READY_S) == 0
+    assert child.wait(HANG_S) == 0
     assert "usage: router" in (tmp_path / "log").read_text()
 
 
@@ -103,8 +100,5 @@ def test_a_sites_processes_end_with_the_nursery(tmp_path: Path) -> None:
         router = running.children["router"]
         assert lock_holder(running.site.data_dir / "router") == router.pid
         running.bus.close()
-    pause, deadline_s = threading.Event(), time.monotonic() + READY_S
-    while lock_holder(running.site.data_dir / "router") is not None:
-        assert time.monotonic() < deadline_s, running.log("router")
-        pause.wait(0.01)
+    wait_until(lambda: lock_holder(running.site.data_dir / "router") is None, lambda: running.log("router"))
     assert router.poll() == -signal.SIGTERM

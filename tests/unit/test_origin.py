@@ -15,6 +15,7 @@ from rodeo.config import Site
 from rodeo.errors import WrongBus
 from rodeo.origin import check_bus, record_path
 from rodeo.process import Process
+from rodeo_testing.waiting import HANG_S
 from tests.support.site import free_port, write_site
 
 OURS, THEIRS = "0x" + "11" * 20, "0x" + "22" * 20
@@ -47,7 +48,7 @@ def theirs(tmp_path: Path, router: str) -> Iterator[Site]:
 
 
 def check(site: Site) -> None:
-    with Bus.open(site.bus.router, timeout_s=20.0) as bus:
+    with Bus.open(site.bus.router, timeout_s=HANG_S) as bus:
         check_bus(bus, site)
 
 

@@ -12,6 +12,7 @@ import pytest
 from playwright.sync_api import Page
 from playwright.sync_api import TimeoutError as PageTimeout
 
+from rodeo_testing.waiting import HANG_S
 from tests.support.page_figures import FigureMissing, kept, latency_ms, measured, wait_seen
 
 ROOT = Path(__file__).parents[2]
@@ -106,7 +107,7 @@ sys.exit(main(["console"]))
         env={"PYTHONPATH": str(ROOT), "PATH": ""},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG_S,
     )
     assert done.returncode == 0, done.stderr
     assert ["console_a_ms", "missing"] in [line.split() for line in done.stdout.splitlines()]

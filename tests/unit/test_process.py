@@ -14,6 +14,7 @@ from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.instance import GAVE_UP
 from rodeo.process import Process
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.clock import publish_clock
 from tests.support.nodes import router_port as router_port
 from tests.support.site import write_site
@@ -38,7 +39,7 @@ sys.exit(supervise("stuck", body, stop_s=0.5))
     asked_s = time.monotonic()
     child.send_signal(signal.SIGTERM)
     try:
-        _, log = child.communicate(timeout=10)
+        _, log = child.communicate(timeout=HANG_S)
     finally:
         child.kill()
     assert child.returncode == 0
@@ -61,7 +62,7 @@ def body(stop):
 
 sys.exit(supervise("failing", body))
 """
-    ended = subprocess.run([sys.executable, "-c", fails], capture_output=True, text=True, timeout=30)
+    ended = subprocess.run([sys.executable, "-c", fails], capture_output=True, text=True, timeout=HANG_S)
     assert ended.returncode == status
     assert "the reason" in ended.stderr
 
@@ -90,16 +91,17 @@ def test_a_process_whose_clock_should_be_the_walls_and_is_not_is_not_ready(
     path = write_site(tmp_path, backend, OPEN_BUS.format(speed=speed, port=router_port))
     site = Site.load(path)
     with (
-        Bus.open(site.bus.router, timeout_s=30.0) as bus,
+        Bus.open(site.bus.router, timeout_s=HANG_S) as bus,
         Process("oracle", site, threading.Event()) as process,
     ):
         process.ready()
         assert process.status().ready, "who needs the clock waits for it"
-        deadline_s = time.monotonic() + 30
-        stop = threading.Event()
-        while not process.clock.wait_ready(stop, 0.05):  # type: ignore[attr-defined]
-            assert time.monotonic() < deadline_s
+
+        def follows() -> bool:
             publish_clock(bus, site.bus.domain_id, time.time() + off_s)
+            return process.clock.wait_ready(threading.Event(), 0.05)  # type: ignore[attr-defined]
+
+        wait_until(follows)
         status = process.status()
         assert (status.ready, status.reason) == (not reason, reason)
 
@@ -116,13 +118,15 @@ def test_that_it_is_ready_is_said_at_once_and_not_with_the_next_heartbeat(
             heard.set()
 
     with (
-        Bus.open(site.bus.router, timeout_s=30.0) as bus,
+        Bus.open(site.bus.router, timeout_s=HANG_S) as bus,
         Process("oracle", site, threading.Event()) as process,
     ):
         bus.subscribe_json(f"rodeo/{site.org}/status/oracle", on_status)
-        deadline_s = time.monotonic() + 30
-        # Again: the first may be said before the router knows who listens.
-        while not heard.wait(0.05):
-            assert time.monotonic() < deadline_s
+
+        def said() -> bool:
+            # Again: the first may be said before the router knows who listens.
             process.not_ready("starting")
             process.ready()
+            return heard.wait(0.05)
+
+        wait_until(said)

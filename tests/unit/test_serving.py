@@ -12,11 +12,11 @@ from rodeo.bus import zenoh_config
 from rodeo.config import OtherBridgeConfig, Site
 from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.serving import Claim, Holder, Rival, Thing, served_by
+from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB, free_port
 
 PANTHER1, PANTHER2 = Thing("wallet", "panther1"), Thing("wallet", "panther2")
 NEVER = threading.Event()
-SOON_S = 20.0
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_whoever_serves_hears_of_one_that_was_refused(connect: Callable[[], zeno
     first.watch(on_rival, lambda error: pytest.fail(str(error)))
     with pytest.raises(ServedElsewhere):
         second.take(NEVER, lambda _: None, lease_s=0.3)
-    assert heard.wait(SOON_S)
+    assert heard.wait(HANG_S)
     assert (rivals[0].thing, str(rivals[0].holder)) == (PANTHER1, "process 102 on host2")
 
 
@@ -79,7 +79,7 @@ def test_what_a_wait_cures_is_waited_for(connect: Callable[[], zenoh.Session], e
     first, second = claim(session, 1), claim(connect(), 2)
     first.take(NEVER)
     threading.Timer(0.5, first.close if end == "closed" else session.close).start()
-    second.take(NEVER, lambda _: None, lease_s=SOON_S)
+    second.take(NEVER, lambda _: None, lease_s=HANG_S)
 
 
 def test_of_many_that_start_at_once_one_serves(connect: Callable[[], zenoh.Session]) -> None:
@@ -119,7 +119,7 @@ def test_after_a_partition_the_younger_of_two_ends(connect: Callable[[], zenoh.S
     # The elder was on the other side: what it serves comes with the connection.
     elder._serves = elder._declare("serves")
     elder.watch(lambda _: None, lambda error: pytest.fail(str(error)))
-    assert ended.wait(SOON_S)
+    assert ended.wait(HANG_S)
     assert "process 101 on host1" in str(lost[0])
 
 
@@ -129,7 +129,7 @@ def test_who_is_asked_to_stop_does_not_wait(connect: Callable[[], zenoh.Session]
     stop = threading.Event()
     threading.Timer(0.3, stop.set).start()
     with pytest.raises(Interrupted):
-        claim(connect(), 2).take(stop, lambda _: None, lease_s=SOON_S)
+        claim(connect(), 2).take(stop, lambda _: None, lease_s=HANG_S)
 
 
 def test_without_a_router_nothing_is_served(connect: Callable[[], zenoh.Session]) -> None:

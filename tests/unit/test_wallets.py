@@ -11,6 +11,7 @@ import pytest
 from rodeo import wallets
 from rodeo.config import Site
 from rodeo.errors import KeystoreMissing, WalletError
+from rodeo_testing.waiting import HANG_S
 
 
 @pytest.fixture
@@ -129,7 +130,7 @@ def test_a_terminal_is_asked_for_the_passphrase_once(site: Site, site_path: Path
         while b"Passphrase" not in shown:
             shown += os.read(ours, 1024)
         os.write(ours, f"{typed}\n".encode())
-        printed, _ = asking.communicate(timeout=60)
+        printed, _ = asking.communicate(timeout=HANG_S)
     os.close(ours)
     passphrase.write_text(typed)
     assert printed.split() == [wallets.load(site, name).address for name in ("panther1", "oracle")]

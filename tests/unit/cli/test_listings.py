@@ -26,6 +26,7 @@ from rodeo.processes import processes_of
 from rodeo_cli import app, budget_votes, common, organization, proposals, robot, tasks
 from rodeo_cli import site as site_commands
 from rodeo_testing import answers
+from rodeo_testing.waiting import HANG_S
 from services.console.accounts import Accounts, accounts_path
 from services.console.roles import Role
 from tests.support.site import LAB, write_site
@@ -416,7 +417,7 @@ COLOURFUL = {"FORCE_COLOR": "1", "TTY_COMPATIBLE": "1", "COLUMNS": "20", "TERM":
 def test_status_into_a_pipe_has_a_plain_whole_line_for_each_process(tmp_path: Path) -> None:
     path = write_site(tmp_path)
     done = subprocess.run(
-        rodeo(path, "status"), env={**os.environ, **COLOURFUL}, capture_output=True, text=True, timeout=60
+        rodeo(path, "status"), env={**os.environ, **COLOURFUL}, capture_output=True, text=True, timeout=HANG_S
     )
     header, *lines = done.stdout.splitlines()
     assert done.returncode == 1 and "\x1b" not in done.stdout + done.stderr

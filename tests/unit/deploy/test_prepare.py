@@ -26,6 +26,7 @@ from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ChainUnavailable
 from rodeo.config import Site
 from rodeo_cli import app
+from rodeo_testing.waiting import HANG_S
 from tests.support.organization import CHAIN_ID, running_chain
 from tests.support.site import write_site
 
@@ -180,7 +181,7 @@ def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         env=environment,
-        timeout=60,
+        timeout=HANG_S,
     )
     site = Site.load(path)
     for name in [*wallets.wallet_names(site), *wallets.device_names(site)]:

@@ -21,7 +21,7 @@ from rodeo.evidence.errors import BrokenSeal, RecorderFailed, RecordingExists, R
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder, Tally
 from rodeo.evidence.seal import Binding
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import HANG_S
 from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive, joint_state, odometry
 
 
@@ -221,9 +221,9 @@ def test_a_few_messages_are_signed_once_nothing_follows(
 ) -> None:
     sealed, path = threading.Semaphore(0), tmp_path / "proof.mcap"
     with Recorder(path, binding, device, clock, lambda _data: sealed.release()) as recorder:
-        assert sealed.acquire(timeout=WAIT_S)  # the opening seal
+        assert sealed.acquire(timeout=HANG_S)  # the opening seal
         drive(recorder, 0, 2)
-        assert sealed.acquire(timeout=WAIT_S)
+        assert sealed.acquire(timeout=HANG_S)
 
 
 def test_a_suspended_recording_is_finished_as_it_is(

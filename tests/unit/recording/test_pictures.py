@@ -14,9 +14,9 @@ from rodeo.recording.pictures import PictureFetcher
 from rodeo.ros2 import types
 from rodeo.topics import BIN_IMAGE
 from rodeo.witness.statement import Classification, Drop
+from rodeo_testing.waiting import HANG_S
 from tests.unit.robot.fakes import BIN, payload_of
 
-WAIT_S = 20.0
 PICTURES = {"0x" + sha256(data).hexdigest(): data for data in (b"%d" % number for number in range(400))}
 NAMES = list(PICTURES)
 
@@ -31,7 +31,7 @@ class Gallery:
         self.fetcher = PictureFetcher(bus, "lab", self._write)
 
     def query_all(self, _key: str, parameters: dict[str, str], **_more: Any) -> list[dict[str, Any]]:
-        assert self.open.wait(WAIT_S)
+        assert self.open.wait(HANG_S)
         return [{"data_base64": base64.b64encode(PICTURES[parameters["sha256"]]).decode()}]
 
     def _write(self, _bin_name: str, cdr: bytes, _time_ns: int) -> None:
@@ -51,7 +51,7 @@ class Gallery:
 
     def lacks(self, *said: Classification) -> list[str]:
         self.open.set()
-        assert self.fetcher.wait(WAIT_S)
+        assert self.fetcher.wait(HANG_S)
         return [look.image_sha256 for one in said for look in one.looks if not self._has(look.image_sha256)]
 
     def _has(self, name: str) -> bool:

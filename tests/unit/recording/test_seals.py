@@ -8,7 +8,7 @@ import time
 import zenoh
 
 from rodeo.recording.seals import SealPublisher
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import HANG_S, wait_until
 
 
 class PutBus:
@@ -22,7 +22,7 @@ class PutBus:
         self.said: list[tuple[str, bytes]] = []
 
     def put_bytes(self, key: str, payload: bytes) -> None:
-        assert self.blocked.wait(WAIT_S)
+        assert self.blocked.wait(HANG_S)
         if self.broken:
             raise zenoh.ZError("the session is closed")
         self.said.append((key, payload))
@@ -52,9 +52,7 @@ def test_a_session_that_is_closed_does_not_end_the_publisher() -> None:
     publisher = SealPublisher(bus, "lab", "panther1")  # type: ignore[arg-type]
     bus.broken = True
     publisher(b"one")
-    deadline_s = time.monotonic() + WAIT_S
-    while not publisher.dropped and time.monotonic() < deadline_s:
-        threading.Event().wait(0.01)
+    wait_until(lambda: publisher.dropped)
     bus.broken = False
     publisher(b"two")
     publisher.close()

@@ -20,7 +20,8 @@ from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
 from rodeo.witness import devices as devices_module
 from rodeo.witness.statement import Classification, Drop, Presentation, Removal, parse
-from tests.support.site import LAB, WAIT_S
+from rodeo_testing.waiting import HANG_S
+from tests.support.site import LAB
 from tests.unit.robot.fakes import CLAIMANT, BinBus, ManualClock, Voice, device
 
 STRANGER = Account.create()
@@ -28,7 +29,7 @@ STRANGER = Account.create()
 
 def until(true: Callable[[], bool]) -> bool:
     """Whether it becomes true; other threads have to work."""
-    deadline_s = time.monotonic() + WAIT_S
+    deadline_s = time.monotonic() + HANG_S
     while not true() and time.monotonic() < deadline_s:
         threading.Event().wait(0.01)
     return true()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from math import nan
 from pathlib import Path
-from threading import Event
 from typing import Any, cast
 
 import pytest
@@ -25,7 +23,8 @@ from rodeo.witness.statement import MeterRecord, Receipt, Scope, parse
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.assignments import METER, ROBOT
 from rodeo_testing.recordings import Sample, Take
-from tests.support.site import LAB, WAIT_S
+from rodeo_testing.waiting import wait_until
+from tests.support.site import LAB
 from tests.unit.robot.fakes import ManualClock
 
 ADDRESS = "0x" + "11" * 20
@@ -260,10 +259,7 @@ class Surroundings:
         self._callbacks: list[Callable[..., None]] = []
         site, here = Site.load(LAB), cast(Any, self)
         self.receipts = Receipts(site, site.robots[0], here, here, here, cast(Any, self.clock))
-        deadline_s = time.monotonic() + WAIT_S
-        while self.receipts._listeners[0]._devices.known(METER.address) is None:
-            assert time.monotonic() < deadline_s
-            Event().wait(0.01)
+        wait_until(lambda: self.receipts._listeners[0]._devices.known(METER.address) is not None)
         self.receipts.begin(JOB)
         state = new("sensor_msgs/msg/BatteryState", voltage=40.0, percentage=0.86)
         state.header.stamp.sec = int(self.clock.time_s)

@@ -38,7 +38,8 @@ from rodeo.witness.statement import Classification, Drop, Head, Header, Motion, 
 from rodeo.witness.witness import unverified_seal
 from rodeo_testing.assignments import BIN as BIN_KEY
 from rodeo_testing.assignments import BINDING, MOCAP, ROBOT, devices
-from tests.support.site import LAB, WAIT_S, free_port
+from rodeo_testing.waiting import HANG_S
+from tests.support.site import LAB, free_port
 from tests.unit.robot.fakes import BIN, payload_of
 
 SITE = Site.load(LAB)
@@ -74,7 +75,7 @@ class Lab:
     def __init__(self, folder: Path) -> None:
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self._router = zenoh.open(zenoh_config("router", listen=[self.endpoint]))
-        self.bus = Bus.open(self.endpoint, timeout_s=WAIT_S)
+        self.bus = Bus.open(self.endpoint, timeout_s=HANG_S)
         self.clock = WallClock()
         self._node = Node(self.bus.session, "lab", "", 0, self.clock)
         self._said = [
@@ -155,7 +156,7 @@ class Session:
 
     def __init__(self, lab: Lab, path: Path) -> None:
         self.lab, self.path = lab, path
-        self.bus = Bus.open(lab.endpoint, timeout_s=WAIT_S)
+        self.bus = Bus.open(lab.endpoint, timeout_s=HANG_S)
         self._made: list[Recording] = []
         self._thread = threading.Thread(target=self._make)
         self._thread.start()
@@ -191,7 +192,7 @@ class Session:
 
 def until(true: Callable[[], bool], *meanwhile: Callable[[], Any]) -> bool:
     """Whether it becomes true, while something else goes on."""
-    deadline_s = time.monotonic() + WAIT_S
+    deadline_s = time.monotonic() + HANG_S
     while not true() and time.monotonic() < deadline_s:
         for go_on in meanwhile:
             go_on()
@@ -301,7 +302,7 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
         session.recording.await_witness("item1")
     assert not caught.value.details["shown"]
     lab.watch("panther1")
-    monkeypatch.setattr(recording_module, "_WITNESS_S", WAIT_S)
+    monkeypatch.setattr(recording_module, "_WITNESS_S", HANG_S)
     session.recording.await_witness("item1")
     monkeypatch.setattr(recording_module, "_WITNESS_S", 0.3)
     with pytest.raises(NoAnswer):

@@ -25,7 +25,8 @@ from rodeo.ros2 import types
 from rodeo.ros2.action import ActionServer, ServerGoal
 from rodeo.ros2.node import Node
 from rodeo.stamps import set_stamp
-from tests.support.site import LAB, WAIT_S, free_port
+from rodeo_testing.waiting import HANG_S, wait_until
+from tests.support.site import LAB, free_port
 
 READY_RAD = np.array(PosturesConfig().ready_rad)
 
@@ -98,7 +99,7 @@ def test_a_body_that_comes_late_is_waited_for(make_node: Any, body: RosBody) -> 
     thread = threading.Thread(target=lambda: (body.navigate(GOAL), done.set()), daemon=True)
     thread.start()
     ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, succeed)
-    assert done.wait(WAIT_S)
+    assert done.wait(HANG_S)
 
 
 def test_a_motion_lost_with_its_body_is_started_again_on_the_next(make_node: Any, body: RosBody) -> None:
@@ -107,16 +108,16 @@ def test_a_motion_lost_with_its_body_is_started_again_on_the_next(make_node: Any
 
     def hang(goal: ServerGoal) -> None:
         started.set()
-        goal.cancel_requested.wait(WAIT_S)
+        goal.cancel_requested.wait(HANG_S)
 
     ActionServer(first, "panther1/navigate_to_pose", NAVIGATE, hang)
     done = threading.Event()
     thread = threading.Thread(target=lambda: (body.navigate(GOAL), done.set()), daemon=True)
     thread.start()
-    assert started.wait(WAIT_S)
+    assert started.wait(HANG_S)
     first.session.close()  # as when the simulator is killed
     ActionServer(make_node("second"), "panther1/navigate_to_pose", NAVIGATE, succeed)
-    assert done.wait(WAIT_S)
+    assert done.wait(HANG_S)
 
 
 def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: RosBody) -> None:
@@ -124,7 +125,7 @@ def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Ro
 
     def until_told(goal: ServerGoal) -> None:
         started.set()
-        if goal.cancel_requested.wait(WAIT_S):
+        if goal.cancel_requested.wait(HANG_S):
             told.set()
         goal.canceled(types.new(f"{NAVIGATE}_Result"))
 
@@ -135,7 +136,7 @@ def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Ro
     ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, until_told)
     with pytest.raises(Stopped), body.interrupts.also(stop_once_started):
         body.navigate(GOAL)
-    assert told.wait(WAIT_S)
+    assert told.wait(HANG_S)
 
 
 def test_what_was_said_before_a_motion_ended_does_not_tell_where_the_body_is_after_it(
@@ -229,13 +230,6 @@ def power_service(node: Node, asked: list[bool], success: bool = True) -> None:
     node.service("panther1/motor_power", POWER, switch)
 
 
-def eventually(holds: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + WAIT_S
-    while not holds():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
-
-
 def test_a_body_that_is_off_is_switched_on_before_it_moves_and_only_then(
     make_node: Any, body: RosBody
 ) -> None:
@@ -258,7 +252,7 @@ def test_a_body_that_somebody_else_switched_off_is_switched_on_again(make_node: 
     sim = make_node("sim")
     power_service(sim, asked)
     ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: bool(asked) and asked[-1])
-    eventually(body.switch_on)
+    wait_until(body.switch_on)
     asked.append(False)
     body.navigate(GOAL)
     assert asked == [True, False, True]
@@ -269,7 +263,7 @@ def test_a_goal_that_is_refused_for_another_reason_fails(make_node: Any, body: R
     sim = make_node("sim")
     power_service(sim, asked)
     ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: False)
-    eventually(body.switch_on)
+    wait_until(body.switch_on)
     with pytest.raises(MotionFailed):
         body.navigate(GOAL)
     assert len(asked) == 2
@@ -293,7 +287,7 @@ def test_a_body_that_cannot_switch_is_asked_again_and_works_on(
     sim = make_node("sim")
     power_service(sim, asked, success=False)
     ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed)
-    eventually(lambda: not body.switch_on() and bool(asked))
+    wait_until(lambda: not body.switch_on() and bool(asked))
     body.navigate(GOAL)
     assert len(asked) >= 2 and all(asked)
     assert "no relay" in caplog.text

@@ -8,8 +8,6 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from rodeo.config import Site
 from rodeo.messages import Task
 from rodeo.queries import Person, Transaction, Transfer
@@ -230,7 +228,6 @@ def test_the_table_has_three_columns() -> None:
     assert rows["Cleanings by day"].ours == "1, 1"
 
 
-@pytest.mark.timeout(120)
 def test_the_report_holds_everything_that_it_shows(tmp_path: Path) -> None:
     write_report(
         a_run(), SITE, tmp_path, ["nothing"], [Figures(a_run(seed=s, wall_s=s)).results() for s in (1, 2, 3)]

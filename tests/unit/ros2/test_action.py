@@ -26,7 +26,8 @@ from rodeo.ros2.errors import (
 )
 from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
-from tests.support.site import WAIT_S, free_port
+from rodeo_testing.waiting import HANG_S
+from tests.support.site import free_port
 
 GRIPPER = "control_msgs/action/GripperCommand"
 MakeNode = Callable[[str], Node]
@@ -46,20 +47,20 @@ def succeed_at_once(handle: ServerGoal) -> None:
 
 
 def until_cancelled(handle: ServerGoal) -> None:
-    assert handle.cancel_requested.wait(WAIT_S)
+    assert handle.cancel_requested.wait(HANG_S)
     handle.canceled(result(0.0))
 
 
 def connect(make_node: MakeNode, execute: Callable[[ServerGoal], None], **options: Any) -> ActionClient:
     ActionServer(make_node("body"), "gripper", GRIPPER, execute, **options)
     client = ActionClient(make_node("mind"), "gripper", GRIPPER, lost_after_s=0.5)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     return client
 
 
 def test_a_goal_succeeds_with_its_result(make_node: MakeNode) -> None:
     client = connect(make_node, succeed_at_once)
-    assert client.send_goal(goal(0.042)).result(WAIT_S).position == 0.042
+    assert client.send_goal(goal(0.042)).result(HANG_S).position == 0.042
 
 
 def test_feedback_reaches_the_goal_it_belongs_to(make_node: MakeNode) -> None:
@@ -68,15 +69,15 @@ def test_feedback_reaches_the_goal_it_belongs_to(make_node: MakeNode) -> None:
     def report(handle: ServerGoal) -> None:
         for position in (0.05, 0.04, 0.03):
             handle.publish_feedback(types.new(f"{GRIPPER}_Feedback", position=position))
-        seen.wait(WAIT_S)
+        seen.wait(HANG_S)
         handle.succeed(result(0.03))
 
     got: queue.Queue[float] = queue.Queue()
     client = connect(make_node, report)
     running = client.send_goal(goal(), lambda feedback: got.put(feedback.position))
-    assert [got.get(timeout=WAIT_S) for _ in range(3)] == [0.05, 0.04, 0.03]
+    assert [got.get(timeout=HANG_S) for _ in range(3)] == [0.05, 0.04, 0.03]
     seen.set()
-    running.result(WAIT_S)
+    running.result(HANG_S)
 
 
 def test_what_is_around_a_goal_begins_before_it_is_accepted_and_ends_after_it(make_node: MakeNode) -> None:
@@ -92,7 +93,7 @@ def test_what_is_around_a_goal_begins_before_it_is_accepted_and_ends_after_it(ma
     proceed = threading.Event()
 
     def execute(handle: ServerGoal) -> None:
-        proceed.wait(WAIT_S)
+        proceed.wait(HANG_S)
         told.append(handle.around)
         handle.succeed(result(0.0))
 
@@ -100,8 +101,8 @@ def test_what_is_around_a_goal_begins_before_it_is_accepted_and_ends_after_it(ma
     running = client.send_goal(goal())
     assert told == ["around"]
     proceed.set()
-    running.result(WAIT_S)
-    client.send_goal(goal()).result(WAIT_S)  # executed after the first is over
+    running.result(HANG_S)
+    client.send_goal(goal()).result(HANG_S)  # executed after the first is over
     assert told[:4] == ["around", "its turn", "over", "around"]
 
 
@@ -110,14 +111,14 @@ def test_goals_are_executed_in_the_order_in_which_they_were_accepted(make_node: 
 
     def execute(handle: ServerGoal) -> None:
         executed.append(handle.request.command.position)
-        handle.cancel_requested.wait(WAIT_S if len(executed) < 20 else 0)
+        handle.cancel_requested.wait(HANG_S if len(executed) < 20 else 0)
         handle.canceled(result(0.0))
 
     client = connect(make_node, execute)
     handles = [client.send_goal(goal(number / 1000)) for number in range(20)]
     for handle in handles:
         with pytest.raises(GoalCanceled):
-            handle.result(WAIT_S)
+            handle.result(HANG_S)
     assert executed == [number / 1000 for number in range(20)]
 
 
@@ -128,14 +129,14 @@ def test_a_cancelled_goal_says_what_was_reached(make_node: MakeNode) -> None:
         handle.result(0.1)
     handle.cancel()
     with pytest.raises(GoalCanceled) as caught:
-        handle.result(WAIT_S)
+        handle.result(HANG_S)
     assert caught.value.result.position == 0.0
 
 
 def test_an_aborted_goal_carries_its_result(make_node: MakeNode) -> None:
     client = connect(make_node, lambda handle: handle.abort(result(0.057)))
     with pytest.raises(GoalAborted) as caught:
-        client.send_goal(goal()).result(WAIT_S)
+        client.send_goal(goal()).result(HANG_S)
     assert caught.value.result.position == 0.057
 
 
@@ -144,7 +145,7 @@ def test_an_exception_in_the_server_aborts_the_goal(make_node: MakeNode) -> None
         raise RuntimeError("the motor is on fire")
 
     with pytest.raises(GoalAborted):
-        connect(make_node, fail).send_goal(goal()).result(WAIT_S)
+        connect(make_node, fail).send_goal(goal()).result(HANG_S)
 
 
 @pytest.mark.parametrize("at_the_end", ["result", "feedback", "nothing"])
@@ -157,7 +158,7 @@ def test_a_goal_that_outlives_its_node_ends_quietly(
 
     def outlive(handle: ServerGoal) -> None:
         runs.put(threading.current_thread())
-        assert closed.wait(WAIT_S)
+        assert closed.wait(HANG_S)
         if at_the_end == "result":
             handle.succeed(result(0.0))
         elif at_the_end == "feedback":
@@ -167,15 +168,15 @@ def test_a_goal_that_outlives_its_node_ends_quietly(
     body = Node(other.session, "outlived", "panther1", 0, other.clock)
     ActionServer(body, "outlived", GRIPPER, outlive)
     client = ActionClient(make_node("mind"), "outlived", GRIPPER, lost_after_s=0.1)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     failures: list[Any] = []
     hook, threading.excepthook = threading.excepthook, failures.append
     try:
         client.send_goal(goal())
-        thread = runs.get(timeout=WAIT_S)
+        thread = runs.get(timeout=HANG_S)
         close(body)
         closed.set()
-        thread.join(WAIT_S)
+        thread.join(HANG_S)
     finally:
         threading.excepthook = hook
     assert not thread.is_alive()
@@ -191,7 +192,7 @@ def test_a_failure_that_the_server_knows_aborts_the_goal_without_a_traceback(
 
     client = connect(make_node, fail)
     with pytest.raises(GoalAborted):
-        client.send_goal(goal()).result(WAIT_S)
+        client.send_goal(goal()).result(HANG_S)
     assert "the motor is off" in caplog.text
     assert [record for record in caplog.records if record.exc_info] == []
 
@@ -213,13 +214,13 @@ def test_a_newer_goal_replaces_the_running_one(make_node: MakeNode) -> None:
     first = client.send_goal(goal(1.0))
     second = client.send_goal(goal(2.0))
     with pytest.raises(GoalCanceled):
-        first.result(WAIT_S)
-    assert second.result(WAIT_S).position == 2.0
+        first.result(HANG_S)
+    assert second.result(HANG_S).position == 2.0
 
 
 def test_the_status_topic_tells_a_late_observer_how_goals_ended(make_node: MakeNode) -> None:
     client = connect(make_node, succeed_at_once)
-    client.send_goal(goal()).result(WAIT_S)
+    client.send_goal(goal()).result(HANG_S)
     got: queue.Queue[list[int]] = queue.Queue()
     make_node("observer").subscription(
         "gripper/_action/status",
@@ -227,7 +228,7 @@ def test_the_status_topic_tells_a_late_observer_how_goals_ended(make_node: MakeN
         lambda message, info: got.put([entry.status for entry in message.status_list]),
         LATCHED,
     )
-    assert got.get(timeout=WAIT_S) == [GoalStatus.SUCCEEDED]
+    assert got.get(timeout=HANG_S) == [GoalStatus.SUCCEEDED]
 
 
 def test_without_a_server_sending_fails_at_once(make_node: MakeNode) -> None:
@@ -241,16 +242,16 @@ def test_a_server_that_goes_away_loses_the_goal(make_node: MakeNode) -> None:
 
     def hang(handle: ServerGoal) -> None:
         started.set()
-        handle.cancel_requested.wait(WAIT_S)
+        handle.cancel_requested.wait(HANG_S)
 
     ActionServer(body, "vanishing", GRIPPER, hang)
     client = ActionClient(make_node("mind"), "vanishing", GRIPPER, lost_after_s=0.5)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     handle = client.send_goal(goal())
-    assert started.wait(WAIT_S)
+    assert started.wait(HANG_S)
     body.session.close()  # as when the process is killed
     with pytest.raises(ActionServerLost):
-        handle.result(WAIT_S)
+        handle.result(HANG_S)
 
 
 def test_a_server_that_restarted_no_longer_knows_the_goal(make_node: MakeNode) -> None:
@@ -272,16 +273,16 @@ def test_a_running_goal_survives_a_router_restart() -> None:
     release = threading.Event()
 
     def execute(handle: ServerGoal) -> None:
-        release.wait(WAIT_S)
+        release.wait(HANG_S)
         handle.succeed(result(0.021))
 
     ActionServer(Node(body, "body", "", 0, Clock()), "gripper", GRIPPER, execute)
     client = ActionClient(Node(mind, "mind", "", 0, Clock()), "gripper", GRIPPER, lost_after_s=20)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     handle = client.send_goal(goal())
     router.close()
     router = zenoh.open(zenoh_config("router", listen=[endpoint]))
     release.set()
-    assert handle.result(WAIT_S).position == 0.021
+    assert handle.result(HANG_S).position == 0.021
     for session in (body, mind, router):
         session.close()

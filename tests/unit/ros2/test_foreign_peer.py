@@ -13,7 +13,7 @@ from zenoh_ros2_sdk.session import ZenohSession
 
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import HANG_S
 
 STRING = "std_msgs/msg/String"
 ADD = "example_interfaces/srv/AddTwoInts"
@@ -41,9 +41,9 @@ def test_a_foreign_subscriber_reads_our_topic(make_node: MakeNode, router_port: 
     watch = node.session.liveliness().declare_subscriber(
         "@ros2_lv/0/*/*/*/MS/**", lambda sample: seen.set(), history=True
     )
-    assert seen.wait(WAIT_S)
+    assert seen.wait(HANG_S)
     node.publisher("chatter", STRING).publish(types.new(STRING, data="hello"))
-    assert got.get(timeout=WAIT_S) == "hello"
+    assert got.get(timeout=HANG_S) == "hello"
     watch.undeclare()
     subscriber.close()
 
@@ -53,7 +53,7 @@ def test_we_read_a_foreign_publisher(make_node: MakeNode, router_port: int) -> N
     make_node("ours").subscription("reply", STRING, lambda message, info: got.put(message.data))
     publisher = ROS2Publisher("/reply", STRING, "string data", router_port=router_port)
     publisher.publish(data="hello back")
-    assert got.get(timeout=WAIT_S) == "hello back"
+    assert got.get(timeout=HANG_S) == "hello back"
     publisher.close()
 
 
@@ -80,6 +80,6 @@ def test_we_call_a_foreign_service(make_node: MakeNode, router_port: int) -> Non
         type_hash=types.type_hash(ADD),
     )
     client = make_node("ours").client("foreign_add", ADD)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     assert client.call(types.new(f"{ADD}_Request", a=20, b=22)).sum == 42
     server.close()

@@ -16,7 +16,7 @@ from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
 from rodeo.ros2.node import MessageInfo, Node
 from rodeo.ros2.wire import LATCHED
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import HANG_S
 
 STRING = "std_msgs/msg/String"
 SET_BOOL = "std_srvs/srv/SetBool"
@@ -33,7 +33,7 @@ def await_subscriber(node: Node, topic: str) -> None:
     watch = node.session.liveliness().declare_subscriber(
         f"@ros2_lv/0/*/*/*/MS/*/*/*/%{topic}/**", lambda sample: seen.set(), history=True
     )
-    assert seen.wait(WAIT_S)
+    assert seen.wait(HANG_S)
     watch.undeclare()
 
 
@@ -45,7 +45,7 @@ def test_messages_arrive_in_order_with_source_time_and_raw_bytes(make_node: Make
     publisher = talker.publisher("chatter", STRING)
     for number in range(100):
         publisher.publish(types.new(STRING, data=str(number)), source_time_ns=number)
-    received = [got.get(timeout=WAIT_S) for _ in range(100)]
+    received = [got.get(timeout=HANG_S) for _ in range(100)]
     assert [message.data for message, _ in received] == [str(number) for number in range(100)]
     assert [info.sequence for _, info in received] == list(range(1, 101))
     assert received[42][1].source_time_ns == 42
@@ -60,10 +60,10 @@ def test_a_latched_topic_reaches_a_late_subscriber(make_node: MakeNode) -> None:
     publisher.publish(types.new(STRING, data="last"))
     early, late = queue.Queue[str](), queue.Queue[str]()
     listener.subscription("latched", STRING, lambda message, info: early.put(message.data), LATCHED)
-    while early.get(timeout=WAIT_S) != "last":
+    while early.get(timeout=HANG_S) != "last":
         pass  # subscribed while the two were still on their way
     make_node("late").subscription("latched", STRING, lambda message, info: late.put(message.data), LATCHED)
-    assert late.get(timeout=WAIT_S) == "last"
+    assert late.get(timeout=HANG_S) == "last"
 
 
 def test_garbage_on_a_topic_is_dropped_and_the_next_message_arrives(make_node: MakeNode) -> None:
@@ -75,7 +75,7 @@ def test_garbage_on_a_topic_is_dropped_and_the_next_message_arrives(make_node: M
     publisher.publish_cdr(b"\x00\x01garbage")
     talker.session.put(f"0/noise/std_msgs::msg::dds_::String_/{types.type_hash(STRING)}", b"no attachment")
     publisher.publish(types.new(STRING, data="fine"))
-    assert got.get(timeout=WAIT_S) == "fine"
+    assert got.get(timeout=HANG_S) == "fine"
 
 
 def test_a_message_of_another_type_is_refused_at_the_publisher(make_node: MakeNode) -> None:
@@ -91,7 +91,7 @@ def test_a_service_answers(make_node: MakeNode) -> None:
         "switch", SET_BOOL, lambda r: types.new("std_srvs/srv/SetBool_Response", success=r.data, message="ok")
     )
     client = caller.client("switch", SET_BOOL)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     assert client.call(request(True)).success
     assert not client.call(request(False)).success
 
@@ -100,17 +100,17 @@ def test_a_missing_server_is_reported_at_once(make_node: MakeNode) -> None:
     client = make_node("caller").client("nowhere", SET_BOOL)
     started_s = time.monotonic()
     with pytest.raises(ServiceUnavailable):
-        client.call(request(), timeout_s=WAIT_S)
-    assert time.monotonic() - started_s < WAIT_S / 2
+        client.call(request(), timeout_s=HANG_S)
+    assert time.monotonic() - started_s < HANG_S / 2
 
 
 def test_a_silent_server_times_out(make_node: MakeNode) -> None:
     server, caller = make_node("server"), make_node("caller")
     release = threading.Event()
     response = types.new("std_srvs/srv/SetBool_Response")
-    server.service("slow", SET_BOOL, lambda r: release.wait(WAIT_S) and response)
+    server.service("slow", SET_BOOL, lambda r: release.wait(HANG_S) and response)
     client = caller.client("slow", SET_BOOL)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     with pytest.raises(ServiceTimeout) as caught:
         client.call(request(), timeout_s=0.2)
     release.set()
@@ -125,7 +125,7 @@ def test_the_servers_error_reaches_the_caller_with_its_values(make_node: MakeNod
 
     server.service("refusing", SET_BOOL, refuse)
     client = caller.client("refusing", SET_BOOL)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     with pytest.raises(ServiceFailed, match="contactor is locked") as caught:
         client.call(request())
     assert caught.value.details["temperature_c"] == 80
@@ -135,9 +135,9 @@ def test_a_malformed_request_is_refused_and_the_server_goes_on(make_node: MakeNo
     server, caller = make_node("server"), make_node("caller")
     server.service("sturdy", SET_BOOL, lambda r: types.new("std_srvs/srv/SetBool_Response", success=True))
     client = caller.client("sturdy", SET_BOOL)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     key = f"0/sturdy/std_srvs::srv::dds_::SetBool_/{types.type_hash(SET_BOOL)}"
-    (reply,) = caller.session.get(key, payload=b"junk", target=zenoh.QueryTarget.ALL_COMPLETE, timeout=WAIT_S)
+    (reply,) = caller.session.get(key, payload=b"junk", target=zenoh.QueryTarget.ALL_COMPLETE, timeout=HANG_S)
     assert reply.err is not None
     assert client.call(request()).success
 
@@ -146,7 +146,7 @@ def test_closing_a_node_takes_its_servers_out_of_the_graph(make_node: MakeNode) 
     server, caller = make_node("server"), make_node("caller")
     server.service("leaving", SET_BOOL, lambda r: types.new("std_srvs/srv/SetBool_Response"))
     client = caller.client("leaving", SET_BOOL)
-    assert client.wait_for_server(WAIT_S)
+    assert client.wait_for_server(HANG_S)
     server.close()
     with pytest.raises(ServiceUnavailable):
         client.call(request())

@@ -11,9 +11,8 @@ from contextlib import ExitStack
 import zenoh
 
 from rodeo import receiving
+from rodeo_testing.waiting import HANG_S
 from tests.support.site import free_port
-
-WAIT_S = 20.0
 
 
 def opened(stack: ExitStack, connect: list[str], listen: list[str]) -> zenoh.Session:
@@ -43,7 +42,7 @@ def test_python_keeps_a_receiving_thread_between_two_messages() -> None:
             threading.Event().wait(0.01)
         for number in range(20):
             publisher.put(str(number))
-            assert arrived.acquire(timeout=WAIT_S)
+            assert arrived.acquire(timeout=HANG_S)
     assert [text for _, _, text in seen] == [str(number) for number in range(20)], "in their order"
     threads = {thread for thread, _, _ in seen}
     assert threading.get_native_id() not in threads
@@ -59,7 +58,7 @@ def test_the_end_of_a_query_is_told_after_its_answers() -> None:
         session = opened(stack, [], [])
         session.declare_queryable("q", lambda query: query.reply("q", "yes"))
         session.get("q", receiving.direct(lambda reply: told.append(reply.ok.payload.to_string()), ended.set))
-        assert ended.wait(WAIT_S)
+        assert ended.wait(HANG_S)
     assert told == ["yes"]
 
 
@@ -67,7 +66,7 @@ SESSIONS = """
 import json, threading, zenoh
 from contextlib import ExitStack
 from rodeo import receiving
-from tests.unit.ros2.test_receiving import WAIT_S, free_port, opened
+from tests.unit.ros2.test_receiving import HANG_S, free_port, opened
 for _ in range(5):
     endpoint, heard = f"tcp/127.0.0.1:{free_port()}", threading.Event()
     with ExitStack() as stack:
@@ -80,5 +79,5 @@ print("over")
 
 
 def test_a_process_whose_receiving_threads_have_ended_ends() -> None:
-    done = subprocess.run([sys.executable, "-c", SESSIONS], capture_output=True, text=True, timeout=WAIT_S)
+    done = subprocess.run([sys.executable, "-c", SESSIONS], capture_output=True, text=True, timeout=HANG_S)
     assert (done.returncode, done.stdout) == (0, "over\n"), done.stderr

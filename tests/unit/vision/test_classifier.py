@@ -31,6 +31,7 @@ from rodeo.vision.classification import (
 from rodeo.vision.classifier import Classifier, shrink
 from rodeo.vision.images import BrokenImage, ImageLimits, ImageTooLarge, UnsupportedImage, decode_image
 from rodeo_testing import recordings
+from rodeo_testing.waiting import HANG_S
 
 RENDERINGS = sorted(recordings.RENDERINGS.glob("*.jpg"))
 SMALL = Preprocessing(
@@ -220,7 +221,7 @@ def test_threads_and_forks_get_the_same_answer_to_the_last_bit(classifier: Class
     answers = fork.SimpleQueue()
     child = fork.Process(target=lambda: answers.put([classifier.logits(one).tobytes() for one in pictures]))
     child.start()
-    child.join(60)
+    child.join(HANG_S)
     assert child.exitcode == 0
     assert answers.get() == alone
 

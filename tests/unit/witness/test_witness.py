@@ -23,7 +23,7 @@ from rodeo.witness.journal import Journal
 from rodeo.witness.statement import Presentation
 from rodeo.witness.witness import Witness
 from rodeo_testing import answers
-from tests.support.site import WAIT_S
+from rodeo_testing.waiting import wait_until
 
 MOCAP, ROBOT, STRANGER = (Account.create() for _ in range(3))
 CONTRACTS = {"TaskManager": "0x" + "12" * 20, "Organization": "0x" + "34" * 20}
@@ -78,10 +78,7 @@ def bus() -> Bus:
 @pytest.fixture
 def witness(bus: Bus, tmp_path: Path) -> Iterator[Witness]:
     witness = Witness(bus, "lab", "mocap", MOCAP, tmp_path, "sensor")  # type: ignore[arg-type]
-    deadline_s = time.monotonic() + WAIT_S
-    while witness.chain is None or witness._devices.known(ROBOT.address) is None:
-        assert time.monotonic() < deadline_s
-        Event().wait(0.01)
+    wait_until(lambda: witness.chain is not None or witness._devices.known(ROBOT.address) is not None)
     yield witness
     witness.close()
 
@@ -176,10 +173,7 @@ def test_an_old_presentation_that_somebody_says_again_counts_no_more(tmp_path: P
         "sensor",
         lambda _device, statement: heard.append(statement.seq),
     )
-    deadline_s = time.monotonic() + WAIT_S
-    while hearing.chain is None or hearing._devices.known(ROBOT.address) is None:
-        assert time.monotonic() < deadline_s
-        Event().wait(0.01)
+    wait_until(lambda: hearing.chain is not None or hearing._devices.known(ROBOT.address) is not None)
     robot = WitnessChain(
         "panther1", ROBOT, hearing.chain.scope, "sensor", Journal(tmp_path / "robot"), HeadBook()
     )
@@ -201,10 +195,9 @@ def test_on_another_chain_it_signs_for_the_organization_there(
     monkeypatch.setattr(witness_module, "_LOOK_WALL_S", 0.01)
     witness = Witness(bus, "lab", "mocap", MOCAP, tmp_path, "sensor")  # type: ignore[arg-type]
     bus.contracts = CONTRACTS | {"Organization": "0x" + "99" * 20}
-    deadline_s = time.monotonic() + WAIT_S
-    while witness.chain is None or witness.chain.scope.organization == CONTRACTS["Organization"]:
-        assert time.monotonic() < deadline_s
-        Event().wait(0.01)
+    wait_until(
+        lambda: not (witness.chain is None or witness.chain.scope.organization == CONTRACTS["Organization"])
+    )
     said = {"bin": "itrash", "recording": "0x" + "ab" * 32, "task_id": 7, "attempt": 1}
     signed = witness.chain.sign(Presentation, 1.9e9, **said)
     assert signed.payload["organization"] == "0x" + "99" * 20
@@ -224,10 +217,7 @@ def test_a_bridge_that_could_not_be_asked_is_asked_again_soon(
     Event().wait(0.2)
     assert not table.answered
     bus.slow.clear()
-    deadline_s = time.monotonic() + WAIT_S
-    while not table.answered:
-        assert time.monotonic() < deadline_s
-        Event().wait(0.01)
+    wait_until(lambda: table.answered)
     assert table.known(ROBOT.address) is not None
     closed.set()
     thread.join()

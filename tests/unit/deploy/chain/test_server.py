@@ -11,6 +11,7 @@ import pytest
 from deploy.chain.errors import ExecutionReverted, MethodNotFound
 from deploy.chain.server import MAX_BATCH, MAX_BODY_BYTES, RpcServer, host_and_port
 from rodeo.errors import ConfigError
+from rodeo_testing.waiting import HANG_S
 from tests.support.chain import EmbeddedChain
 from tests.support.evm import DESCENDER
 from tests.support.site import free_port
@@ -106,5 +107,5 @@ def test_a_url_that_cannot_be_served_is_a_config_error(url: str) -> None:
 def test_calls_as_deep_as_the_evm_allows_leave_the_node_standing(chain: EmbeddedChain) -> None:
     descender = chain.create(DESCENDER)
     url = f"http://127.0.0.1:{free_port()}"
-    with RpcServer(url, chain.methods), httpx.Client(base_url=url, timeout=60) as node:
+    with RpcServer(url, chain.methods), httpx.Client(base_url=url, timeout=HANG_S) as node:
         assert node.post("/", json=request("eth_call", {"to": descender})).json()["result"] == "0x"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +10,13 @@ from threading import Event
 
 import pytest
 
+from rodeo_testing.waiting import wait_until
 from services.bridge import inspection
 from services.bridge.follower import Follower
 from services.bridge.index import NOWHERE, Index, Position, sqlite_url
 from services.bridge.inspection import Inspector
 from services.bridge.node import Node
 from tests.support.deployed import DeployedChain
-from tests.support.site import WAIT_S
 
 
 @pytest.fixture
@@ -84,10 +83,7 @@ def test_what_is_changed_while_the_bridge_runs_is_found_by_itself(
     with connection:
         connection.execute("update balances set balance = '9999'")
     connection.close()
-    deadline_s = time.monotonic() + WAIT_S
-    while inspector.found is None:
-        assert time.monotonic() < deadline_s
-        Event().wait(0.01)
+    wait_until(lambda: inspector.found is not None)
     inspector.close()
     index.clear()
     inspector.reset()

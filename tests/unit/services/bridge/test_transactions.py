@@ -21,6 +21,7 @@ from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, Tr
 from rodeo.config import WalletLimits
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError
+from rodeo_testing.waiting import HANG_S
 from services.bridge import orders, outcomes, signer
 from services.bridge.chain import Chain
 from services.bridge.errors import (
@@ -43,7 +44,6 @@ from tests.support.deployed import DeployedChain
 from tests.support.site import free_port
 
 SEND = "eth_sendRawTransaction"
-WAIT_S = 60.0
 
 
 class Robot:
@@ -97,7 +97,7 @@ class Robot:
     def until(self, condition: Any) -> None:
         """Step until it holds."""
         pause = threading.Event()
-        for _ in range(int(WAIT_S / 0.01)):
+        for _ in range(int(HANG_S / 0.01)):
             if condition():
                 return
             self.step()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,11 +16,10 @@ from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.vision.images import decode_image
+from rodeo_testing.waiting import wait_until
 from services.itrash.camera import BusCamera, CameraError, FolderCamera, VideoCamera
 from tests.support.nodes import make_node as make_node
 from tests.support.nodes import router_port as router_port
-
-DEADLINE_S = 60.0
 
 
 class StillClock:
@@ -35,13 +33,6 @@ class StillClock:
 
     def now_ns(self) -> int:
         return int(self.time_s * 1e9)
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
 
 
 @pytest.fixture

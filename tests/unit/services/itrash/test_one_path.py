@@ -35,8 +35,7 @@ from tests.unit.services.itrash.test_web import QuietBin
 PHOTOS = Path(__file__).parents[5] / "shared" / "data" / "trashnet" / "val"
 FOLDERS = [pytest.param(RENDERINGS, id="renderings")]
 if PHOTOS.is_dir():
-    marks = (pytest.mark.long, pytest.mark.timeout(900))
-    FOLDERS.append(pytest.param(PHOTOS, id="photos", marks=marks))
+    FOLDERS.append(pytest.param(PHOTOS, id="photos", marks=pytest.mark.long))
 BIN = BinConfig(pose=Pose2(x_m=0, y_m=0))
 
 

@@ -15,11 +15,11 @@ from rodeo.evidence.store import Store
 from rodeo.messages import Task
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Take
+from rodeo_testing.waiting import HANG_S
 from services.oracle import away
 from services.oracle.away import MissingProofs, ProofAway
 from tests.support.copies import CopyBus
 
-WAIT_S = 20.0
 DATA = b"a proof" * 100_000
 
 
@@ -61,7 +61,7 @@ class Search:
         self.missing.seek(self.task, ProofAway("lost", self.task, "executor"))
 
     def word(self) -> Report:
-        assert self.done.wait(WAIT_S)
+        assert self.done.wait(HANG_S)
         report = self.missing.last_word(self.key)
         assert report is not None
         return report
@@ -103,7 +103,7 @@ def test_what_the_store_lost_is_put_there_again_by_its_executor(search: Callable
     one = search()
     one.bus.copy = DATA
     one.begin()
-    assert one.done.wait(WAIT_S)
+    assert one.done.wait(HANG_S)
     copy = one.missing.copy(one.key)
     assert copy is not None and copy.read_bytes() == DATA
     assert Store(one.missing._site).fetch(one.task.proof_uri or "", one.task.proof_sha256 or "").exists()
@@ -115,7 +115,7 @@ def test_what_its_executor_cannot_put_anywhere_is_handed_over(search: Callable[.
     one = search("s3://elsewhere/{sha256}.mcap")
     one.bus.copy, one.bus.store = DATA, None
     one.begin()
-    assert one.done.wait(WAIT_S)
+    assert one.done.wait(HANG_S)
     copy = one.missing.copy(one.key)
     assert copy is not None and copy.read_bytes() == DATA
 

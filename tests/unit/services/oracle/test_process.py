@@ -25,11 +25,10 @@ from rodeo.queries import A, Query
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Take
+from rodeo_testing.waiting import HANG_S, wait_until
 from services.oracle import process, rules, worker
 from services.oracle.away import ProofAway, due_s
 from services.oracle.process import Oracle
-
-WAIT_S = 20.0
 
 
 class HeldClock(WallClock):
@@ -180,7 +179,7 @@ def oracle(
     yield start
     stop.set()
     for thread in threads:
-        thread.join(WAIT_S)
+        thread.join(HANG_S)
 
 
 def event(task: Task, seq: int, name: str, **args: Any) -> DaoEvent:
@@ -228,7 +227,7 @@ def test_a_submission_that_the_index_does_not_know_yet_gets_its_verdict_when_it_
 ) -> None:
     bridge.behind = 3
     submit(oracle(), bridge.current)
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     assert bridge.behind == 0 and [one.attempt for one in bridge.verdicts] == [bridge.current.attempt]
 
 
@@ -245,7 +244,7 @@ def test_a_submission_that_was_undone_while_the_index_is_behind_is_waited_for_no
     }
     judge._on_event(event(bridge.current, 1000, "EventUndone", **undone))
     done = threading.Event()
-    for _ in range(int(WAIT_S / 0.02)):
+    for _ in range(int(HANG_S / 0.02)):
         if not judge._in_work:
             break
         done.wait(0.02)
@@ -257,7 +256,7 @@ def test_a_submission_whose_verdict_failed_for_an_unknown_reason_is_looked_at_ag
 ) -> None:
     bridge.broken = True
     submit(oracle(), bridge.current)
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     assert len(bridge.verdicts) == 1
 
 
@@ -270,7 +269,7 @@ def test_a_verdict_holds_the_clock_until_it_is_posted_and_nothing_afterwards(
     held: list[int] = []
     monkeypatch.setattr(bridge, "task", lambda _id: (held.append(clock.held), bridge.current)[1])
     submit(judge, bridge.current)
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     assert held and min(held) > 0
     wait_until(lambda: clock.held == 0)
 
@@ -279,7 +278,7 @@ def test_who_waits_for_the_bridge_holds_no_clock(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it waits for may be that something becomes due."""
-    monkeypatch.setattr(process, "RETRY_S", WAIT_S)
+    monkeypatch.setattr(process, "RETRY_S", HANG_S)
     bridge.behind = 10**9
     judge = oracle()
     clock = judge._clock
@@ -293,7 +292,7 @@ def test_who_waits_for_the_bridge_holds_no_clock(
 def test_a_proof_that_is_found_before_the_turn_ends_in_which_it_was_missing_is_verified_then(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, waits: bool
 ) -> None:
-    monkeypatch.setattr(process, "SWEEP_S", 2 * WAIT_S)  # it is not left to the next sweep
+    monkeypatch.setattr(process, "SWEEP_S", 2 * HANG_S)  # it is not left to the next sweep
     verified: list[int] = []
     forgotten = threading.Event()
 
@@ -313,7 +312,7 @@ def test_a_proof_that_is_found_before_the_turn_ends_in_which_it_was_missing_is_v
     monkeypatch.setattr(judge._missing, "seek", find)
     monkeypatch.setattr(judge._missing, "forget", lambda _key: forgotten.set())
     submit(judge, bridge.current)
-    assert forgotten.wait(WAIT_S)  # in the last turn
+    assert forgotten.wait(HANG_S)  # in the last turn
     assert (len(verified), len(bridge.verdicts)) == ((2, 1) if waits else (1, 0))
     wait_until(lambda: not judge._in_work and not judge._once_more)
 
@@ -321,8 +320,8 @@ def test_a_proof_that_is_found_before_the_turn_ends_in_which_it_was_missing_is_v
 def test_a_last_word_that_is_due_before_the_turn_ends_that_left_it_to_others_is_said_as_one(
     oracle: Callable[..., Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, "SWEEP_S", 2 * WAIT_S)
-    monkeypatch.setattr(rules, "_LOOK_S", 2 * WAIT_S)
+    monkeypatch.setattr(process, "SWEEP_S", 2 * HANG_S)
+    monkeypatch.setattr(rules, "_LOOK_S", 2 * HANG_S)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
     judge = oracle("0x" + "88" * 32)
     leave, put, words = judge._judging.leave, judge._words.put, []
@@ -341,7 +340,7 @@ def test_a_last_word_that_is_due_before_the_turn_ends_that_left_it_to_others_is_
     monkeypatch.setattr(judge._judging, "leave", leave_late)
     monkeypatch.setattr(judge._words, "put", noted)
     submit(judge, bridge.current)
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     assert [one.outcome for one in bridge.verdicts] == ["undecided"]
     assert words == [(bridge.current.id, bridge.current.attempt)]
 
@@ -351,14 +350,14 @@ def test_while_something_is_away_no_clock_jumps_but_to_a_verdict_that_is_due(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, away: str
 ) -> None:
     """A bridge that does not answer does not say either when that is."""
-    monkeypatch.setattr(process, "RETRY_S", WAIT_S)
+    monkeypatch.setattr(process, "RETRY_S", HANG_S)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
     judge = oracle()
     clock, waits = judge._clock, []
     wait_for = clock.wait_for
 
     def noted(*args: Any, **more: Any) -> bool:
-        if more.get("wall_s") == WAIT_S:
+        if more.get("wall_s") == HANG_S:
             waits.append((more.get("until_s"), more.get("resting")))
         return wait_for(*args, **more)
 
@@ -404,7 +403,7 @@ def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(
     monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: other)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": 1.0})
     submit(oracle(), bridge.current)
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     (verdict,) = bridge.verdicts
     assert (verdict.outcome, verdict.amount_iec) == ("undecided", None)
     assert verdict.reason.startswith("rules: no oracle that has the rules of this task has judged it")
@@ -419,7 +418,7 @@ def test_of_two_oracles_with_different_rules_the_one_that_has_the_tasks_judges_i
     wait_until(lambda: updated._judging.keys() == {(bridge.current.id, bridge.current.attempt)})
     assert "which this oracle lacks" in updated._judging.lacking() and not bridge.verdicts
     submit(judge, bridge.current)
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     wait_until(lambda: not updated._judging.keys() and not judge._in_work)
     assert [(one.outcome, one.reason) for one in bridge.verdicts] == [("rejected", "fetched")]
     assert (judge._decided, updated._decided) == (1, 0)
@@ -456,7 +455,7 @@ def test_a_verification_that_failed_is_tried_again_after_the_first_attempts_at_o
     def verify(_site: Site, chain_record: ChainRecord, *_: Any, failed: int, **__: Any) -> Report:
         task_id = chain_record.task.id
         tried.append((task_id, failed))
-        assert others_submitted.wait(WAIT_S)
+        assert others_submitted.wait(HANG_S)
         if task_id == bridge.current.id and not failed:
             raise worker.VerificationFailed("used up its CPU time", task_id=task_id, attempt=1)
         return REFUSED.model_copy(update={"task_id": task_id})
@@ -484,7 +483,7 @@ def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     submit(judge, bridge.current, "many")
     submit(judge, honest, "honest")
     verifications.ended[honest.id].set()
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     assert [(one.task_id, one.outcome) for one in bridge.verdicts] == [(honest.id, "accepted")]
     verifications.ended[bridge.current.id].set()
     wait_until(lambda: len(bridge.verdicts) == 2)
@@ -531,7 +530,7 @@ def test_a_last_word_waits_for_no_verification(
     due = left.model_copy(update={"verdict_deadline": 1.0})
     bridge.others[left.id] = due
     judge._judging._left[left.id, left.attempt] = due
-    assert bridge.posted.wait(WAIT_S)
+    assert bridge.posted.wait(HANG_S)
     assert [(one.task_id, one.outcome) for one in bridge.verdicts] == [(left.id, "undecided")]
 
 
@@ -577,8 +576,8 @@ def test_an_older_account_of_open_tasks_does_not_stay(oracle: Callable[[], Oracl
     first = threading.Thread(target=judge._set_activity, args=((1, 1), None), name="first")
     second = threading.Thread(target=judge._set_activity, args=(None, None), name="second")
     first.start()
-    first.join(WAIT_S)
-    second.join(WAIT_S)
+    first.join(HANG_S)
+    second.join(HANG_S)
     assert [text.partition(" of ")[0] for text in told] == ["idle", "1 open task"]
 
 
@@ -603,10 +602,3 @@ def test_a_task_that_is_posted_right_after_another_ended_is_told_of(
     judge._update_status()
     judge._update_status()
     assert [text.partition(" of ")[0] for text in told] == ["1 open task", "idle", "1 open task"]
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        threading.Event().wait(0.01)

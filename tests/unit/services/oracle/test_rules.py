@@ -11,11 +11,11 @@ import pytest
 from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.messages import DaoEvent, Task
+from rodeo_testing.waiting import HANG_S
 from services.oracle import rules
 from services.oracle.rules import Judging
 from tests.support.tasks import task
 
-WAIT_S = 20.0
 KIND = "waste_disposal"
 MINE, OTHER = "0x" + "11" * 32, "0x" + "22" * 32
 
@@ -129,7 +129,7 @@ def test_a_task_of_other_rules_is_left_to_others_and_said_once(
 def test_what_nobody_has_judged_when_its_verdict_is_due_is_left_to_people(oracle: Oracle) -> None:
     assert oracle.judging.leave(submitted()) is None
     oracle.clock.time_s = 3599.0
-    assert oracle.found_some.wait(WAIT_S)
+    assert oracle.found_some.wait(HANG_S)
     assert oracle.found == [(1, 1)]
     report = oracle.judging.leave(submitted())
     assert report is not None
@@ -151,7 +151,7 @@ def test_what_another_oracle_has_judged_is_forgotten(oracle: Oracle) -> None:
     oracle.waits = False
     oracle.clock.notify()
     deadline = threading.Event()
-    for _ in range(int(WAIT_S / 0.01)):
+    for _ in range(int(HANG_S / 0.01)):
         if not oracle.judging.keys():
             break
         deadline.wait(0.01)

@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from rodeo.clock import WallClock
+from rodeo_testing.waiting import HANG_S
 from services.oracle.turns import Key, Turns
-
-WAIT_S = 20.0
 
 
 class Desk:
@@ -41,7 +40,7 @@ class Desk:
         self._thread.start()
 
     def next(self) -> int:
-        return self.begun.get(timeout=WAIT_S)
+        return self.begun.get(timeout=HANG_S)
 
     def end(self, task: int) -> None:
         self._ends[task].set()
@@ -60,7 +59,7 @@ class Desk:
     def stop(self) -> bool:
         """Whether it has ended."""
         self.stopped.set()
-        self._thread.join(WAIT_S)
+        self._thread.join(HANG_S)
         return not self._thread.is_alive()
 
 

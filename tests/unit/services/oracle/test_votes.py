@@ -21,6 +21,7 @@ from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from rodeo.messages import PostVotes, SealedVote, Vote
 from rodeo_testing import answers
+from rodeo_testing.waiting import HANG_S
 from services.oracle.votes import REPEAT_S, Votes
 from tests.support.site import LAB
 from tests.support.tasks import task
@@ -131,8 +132,8 @@ class Anna:
         self.done.clear()
         worker = threading.Thread(target=self.votes.run, args=(self.done,), daemon=True)
         worker.start()
-        assert self.done.wait(20), self.posted
-        worker.join(20)
+        assert self.done.wait(HANG_S), self.posted
+        worker.join(HANG_S)
 
     def _ask(self, query: queries.Query[Any]) -> Any:
         self.asked.append(query.what)

@@ -26,6 +26,7 @@ from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, seal, write_bag
+from rodeo_testing.waiting import HANG_S
 from services.oracle import worker
 from services.oracle.process import SIDE_BY_SIDE
 from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, VerificationFailed, VerifierEnded, verify_apart
@@ -153,7 +154,7 @@ def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_p
             target=lambda: verdicts.append(verify_apart(slow, chain, tmp_path / "hanging", stop))
         )
         hanging.start()
-        silent.settimeout(60.0)
+        silent.settimeout(HANG_S)
         connection, _ = silent.accept()
         with connection:
             assert submitted(site, cleaning, tmp_path).accepted
@@ -243,7 +244,7 @@ def test_a_network_that_cannot_be_loaded_keeps_no_other_kind_from_being_judged(
         env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANG_S,
     )
     assert answer.stdout.strip() == judged, answer.stderr
     assert "the installed network cannot be loaded" in answer.stderr

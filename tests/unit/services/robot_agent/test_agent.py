@@ -24,6 +24,7 @@ from rodeo.robot.ros_body import Battery
 from rodeo.schedule import Schedule
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Sample, Take
+from rodeo_testing.waiting import HANG_S
 from services.robot_agent.agent import Agent, AssignmentWatch
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.journal import Phase
@@ -280,7 +281,7 @@ def test_who_sleeps_hears_at_once_that_the_process_is_asked_to_end() -> None:
     threading.Thread(target=agent._wake_to_stop, daemon=True).start()
     assert not agent._wake.wait(0.05)
     agent._stop.set()
-    assert agent._wake.wait(5)
+    assert agent._wake.wait(HANG_S)
 
 
 @pytest.mark.parametrize(("hour", "paused"), [(17.9, False), (18.1, True)])

@@ -21,6 +21,7 @@ from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import GoalAborted, GoalCanceled
 from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
+from rodeo_testing.waiting import HANG_S
 from services.robot_sim import messages
 from services.robot_sim.actions import Actions
 from services.robot_sim.arm import TrajectoryError
@@ -33,7 +34,6 @@ from services.robot_sim.state import StateFile
 from tests.support.arms import JOINTS, with_arm
 from tests.support.site import LAB, free_port
 
-WALL_LIMIT_S = 120.0
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
@@ -103,8 +103,8 @@ class Bench:
         pose = types.new("geometry_msgs/msg/PoseStamped")
         pose.header.frame_id = "map"
         pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w = x_m, y_m, 1.0
-        assert self.client.wait_for_server(WALL_LIMIT_S)
-        return self.client.send_goal(types.new(f"{NAVIGATE}_Goal", pose=pose), feedback, WALL_LIMIT_S)
+        assert self.client.wait_for_server(HANG_S)
+        return self.client.send_goal(types.new(f"{NAVIGATE}_Goal", pose=pose), feedback, HANG_S)
 
     def follow(self, joints: Sequence[str], target_rad: np.ndarray) -> Any:
         """Move these joints there within 3 s."""
@@ -117,9 +117,9 @@ class Bench:
         trajectory = types.new(
             "trajectory_msgs/msg/JointTrajectory", joint_names=list(joints), points=[point]
         )
-        assert self.arm.wait_for_server(WALL_LIMIT_S)
+        assert self.arm.wait_for_server(HANG_S)
         goal = types.new(f"{FOLLOW}_Goal", trajectory=trajectory)
-        return self.arm.send_goal(goal, timeout_s=WALL_LIMIT_S).result(WALL_LIMIT_S)
+        return self.arm.send_goal(goal, timeout_s=HANG_S).result(HANG_S)
 
     def close(self) -> None:
         self._stop.set()
@@ -165,11 +165,11 @@ def test_a_route_that_is_blocked_on_the_way_is_planned_anew_and_published(bench:
             closest_m = min(closest_m, math.dist((pose.x_m, pose.y_m), (2.9, 0.75)))
 
     bench.each_period = watch
-    assert bench.drive(4.6, 1.3).result(WALL_LIMIT_S).error_code == 0
+    assert bench.drive(4.6, 1.3).result(HANG_S).error_code == 0
     pose = bench.robot.body.pose
     assert math.dist((pose.x_m, pose.y_m), (4.6, 1.3)) < 0.03
     assert closest_m > 0.6, "it went around"
-    assert two.wait(WALL_LIMIT_S)
+    assert two.wait(HANG_S)
     ends = [path.poses[-1].pose.position for path in plans]
     assert all((end.x, end.y) == pytest.approx((4.6, 1.3)) for end in ends)
     assert all(path.header.frame_id == "map" for path in plans)
@@ -184,13 +184,13 @@ def test_a_robot_waits_for_a_way_that_becomes_free_again(bench: Bench) -> None:
             bench.simulation.place("obstacle2", EntityState(np.array([0.0, 0.0, -10.0]), UPRIGHT))
 
     bench.each_period = leave
-    assert bench.drive(4.6, 1.3).result(WALL_LIMIT_S).error_code == 0
+    assert bench.drive(4.6, 1.3).result(HANG_S).error_code == 0
 
 
 def test_a_way_that_stays_blocked_is_given_up_with_nav2s_code(bench: Bench) -> None:
     bench.block()
     with pytest.raises(GoalAborted) as aborted:
-        bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
+        bench.drive(4.6, 1.3).result(HANG_S)
     assert aborted.value.result.error_code == 208
 
 
@@ -208,7 +208,7 @@ def test_a_blocked_way_is_looked_at_again_after_the_same_site_time_on_any_machin
     bench.hold_the_clock()
     bench.block()
     with pytest.raises(GoalAborted):
-        bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
+        bench.drive(4.6, 1.3).result(HANG_S)
     assert np.diff(looked_ns).tolist() == [2_000_000_000] * 3
 
 
@@ -220,11 +220,11 @@ def test_a_goal_that_is_cancelled_while_its_way_is_blocked_ends_as_cancelled(ben
     def cancel() -> None:
         if bench.simulation.time_s > cancels_s:
             bench.each_period = lambda: None
-            goal.cancel(WALL_LIMIT_S)
+            goal.cancel(HANG_S)
 
     bench.each_period = cancel
     with pytest.raises(GoalCanceled):
-        goal.result(WALL_LIMIT_S)
+        goal.result(HANG_S)
 
 
 def test_a_stop_engaged_in_the_middle_of_a_drive_aborts_it(bench: Bench) -> None:
@@ -234,7 +234,7 @@ def test_a_stop_engaged_in_the_middle_of_a_drive_aborts_it(bench: Bench) -> None
 
     bench.each_period = stop
     with pytest.raises(GoalAborted):
-        bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
+        bench.drive(4.6, 1.3).result(HANG_S)
     assert bench.robot.body.pose.x_m < 2.0
 
 

@@ -14,8 +14,9 @@ from rodeo.ros2 import types
 from rodeo.ros2.action import ActionClient, ActionServer, ServerGoal
 from rodeo.ros2.errors import GoalRejected
 from rodeo.ros2.node import Node
+from rodeo_testing.waiting import HANG_S
 from services.robot_sim.commander import Commander
-from tests.support.site import WAIT_S, free_port
+from tests.support.site import free_port
 
 GRIPPER = topics.GRIPPER_CMD
 
@@ -32,11 +33,11 @@ class Mind:
         self._session = session
         self._node = Node(session, name, "", 0, Clock())
         self._client = ActionClient(self._node, GRIPPER.name(ns="panther1"), GRIPPER.type)
-        assert self._client.wait_for_server(WAIT_S)
+        assert self._client.wait_for_server(HANG_S)
 
     def grip(self) -> None:
         goal = types.new(f"{GRIPPER.type}_Goal", command=types.new("control_msgs/msg/GripperCommand"))
-        self._client.send_goal(goal, timeout_s=WAIT_S).result(WAIT_S)
+        self._client.send_goal(goal, timeout_s=HANG_S).result(HANG_S)
 
     def end(self) -> None:
         self._node.close()
@@ -90,6 +91,6 @@ def test_a_second_minds_goals_are_refused_until_the_first_has_gone(
     assert "already takes commands from /mind" in said and "/other_mind" in said
     gone.clear()
     first.end()
-    assert gone.wait(WAIT_S)
+    assert gone.wait(HANG_S)
     second.grip()
     second.end()

@@ -10,11 +10,12 @@ import pytest
 import zenoh
 
 from rodeo.config import ClockConfig, Site, agent_process, bin_process, dock_process
+from rodeo_testing.waiting import HANG_S
 from services.robot_sim import holders as holders_module
 from services.robot_sim.loop import Loop
 from services.robot_sim.simulation import PERIOD_NS
 from tests.support.site import LAB
-from tests.unit.services.robot_sim.test_holders import NEVER, SOON_S, Mind, Simulator, connect
+from tests.unit.services.robot_sim.test_holders import NEVER, Mind, Simulator, connect
 from tests.unit.services.robot_sim.test_loop import Nothing
 
 __all__ = ["connect"]
@@ -67,7 +68,7 @@ def test_every_process_wakes_at_each_of_its_times_and_the_clock_stops_nowhere_el
     connect: Callable[[], zenoh.Session],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(holders_module, "_BEGIN_S", SOON_S)  # a busy machine is late, and nobody is left out
+    monkeypatch.setattr(holders_module, "_BEGIN_S", HANG_S)  # a busy machine is late, and nobody is left out
     simulator = Simulator(connect(), site, connect())
     begin_ns = simulator.now_ns_
     world, stop = Empty(begin_ns), threading.Event()
@@ -84,7 +85,7 @@ def test_every_process_wakes_at_each_of_its_times_and_the_clock_stops_nowhere_el
     running.start()
 
     def work(mind: Mind, who: str) -> None:
-        assert mind.clock.wait_ready(NEVER, SOON_S)
+        assert mind.clock.wait_ready(NEVER, HANG_S)
         for after_s in AFTER_S[who]:
             mind.clock.wait_for(NEVER.is_set, until_s=begin_ns / SECOND_NS + after_s, resting=True)
             woken_ns[who].append(mind.clock.now_ns() - begin_ns)
@@ -92,7 +93,7 @@ def test_every_process_wakes_at_each_of_its_times_and_the_clock_stops_nowhere_el
     minds = {who: Mind(connect(), site, names.get(who, who)) for who in AFTER_S}
     threads = [mind.start(partial(work, mind, who)) for who, mind in minds.items()]
     for thread in threads:
-        thread.join(SOON_S)
+        thread.join(HANG_S)
     stop.set()
     running.join()
     assert not world.stepped

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 import pytest
 
 from rodeo.config import ClockConfig
+from rodeo_testing.waiting import HANG_S
 from services.robot_sim import loop as loop_module
 from services.robot_sim.holders import NEVER_NS
 from services.robot_sim.loop import JUMP_NS, Loop
@@ -228,7 +229,7 @@ def test_a_clock_that_has_to_stand_does_not_jump_and_then_keeps_to_the_limit() -
     loop.stands = lambda: assigned.is_set() and not known.is_set()
     thread = threading.Thread(target=loop.run, args=(Nothing(),))
     thread.start()
-    assert assigned.wait(30)
+    assert assigned.wait(HANG_S)
     known.wait(0.3)  # long enough for a thousand jumps
     stood_ns.append(world.time_ns)
     limit[0] = 1.0

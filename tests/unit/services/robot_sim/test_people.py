@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
 from decimal import Decimal
 from typing import Any
@@ -16,6 +15,7 @@ from rodeo.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
 from rodeo.errors import NoResponder
 from rodeo.messages import Dispute, Task
 from rodeo_testing import answers
+from rodeo_testing.waiting import wait_until
 from services.robot_sim import people as people_module
 from services.robot_sim.people import GIVES_WORK, PeoplesTime
 from tests.support.site import LAB
@@ -231,10 +231,10 @@ def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_g
     bus, tasks = SilentBus(), []
     bus.answer = answering(tasks)
     held = PeoplesTime(bus, lab(), lambda: START_S)  # type: ignore[arg-type]
-    until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.limit))
     tasks.append(task())
     bus.tell("event", {})
-    until(lambda: held.limit < 3)
+    wait_until(lambda: held.limit < 3)
     bus.answer = None
     bus.tell("event", {})
     threading.Event().wait(0.2)
@@ -263,7 +263,7 @@ def bus() -> SilentBus:
 
 def test_from_an_assignment_the_clock_stands_until_it_is_known_whose_task_it_is(bus: SilentBus) -> None:
     held, may_answer, limits = PeoplesTime(bus, lab(), lambda: START_S), threading.Event(), []  # type: ignore[arg-type]
-    until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.limit))
     answer = answering([task()])
 
     def late(key: str) -> dict[str, Any]:
@@ -277,14 +277,14 @@ def test_from_an_assignment_the_clock_stands_until_it_is_known_whose_task_it_is(
     bus.tell("event", {"name": "TaskAssigned"})
     assert held.stands
     may_answer.set()
-    until(lambda: not held.stands)
+    wait_until(lambda: not held.stands)
     assert limits[-1] < 3
     held.close()
 
 
 def test_what_is_assigned_while_the_index_is_asked_is_asked_about_once_more(bus: SilentBus) -> None:
     held, asked = PeoplesTime(bus, lab(), lambda: START_S), []  # type: ignore[arg-type]
-    until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.limit))
     empty, full = answering([]), answering([task()])
 
     def answer(key: str) -> dict[str, Any]:
@@ -296,7 +296,7 @@ def test_what_is_assigned_while_the_index_is_asked_is_asked_about_once_more(bus:
 
     bus.answer = answer
     bus.tell("event", {"name": "TaskAssigned"})
-    until(lambda: not held.stands)
+    wait_until(lambda: not held.stands)
     assert held.limit < 3
     held.close()
 
@@ -312,7 +312,7 @@ def test_a_silent_bridge_does_not_stop_the_clock_and_is_named(
     monkeypatch.setattr(people_module, "STANDS_S", HOUR_S)
     site = lab(participants=participants)
     held = PeoplesTime(bus, site, lambda: START_S)  # type: ignore[arg-type]
-    until(lambda: math.isinf(held.limit))
+    wait_until(lambda: math.isinf(held.limit))
     bus.answer, answer = None, bus.answer
     bus.tell("event", {"name": "TaskAssigned"})
     assert held.stands
@@ -320,18 +320,11 @@ def test_a_silent_bridge_does_not_stop_the_clock_and_is_named(
     assert not held.stands
     assert held.speed(400) == speed  # somebody may be at work
     assert ("the bridge has not yet reported" in held.activity("simulating")) == bool(participants)
-    until(lambda: "has not said for 0 s whether a person has a task: the clock goes on" in caplog.text)
+    wait_until(lambda: "has not said for 0 s whether a person has a task: the clock goes on" in caplog.text)
     bus.answer = answer
-    until(lambda: held.speed(400) == 400)
+    wait_until(lambda: held.speed(400) == 400)
     held.close()
 
 
 def test_what_gives_work_are_events_of_the_contracts() -> None:
     assert GIVES_WORK - {"EventUndone"} <= {event.__name__ for event in events.Event.__subclasses__()}
-
-
-def until(holds: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 30
-    while not holds():
-        assert time.monotonic() < deadline_s
-        threading.Event().wait(0.01)

@@ -15,6 +15,7 @@ import pytest
 
 from rodeo.config import ClockConfig, Site
 from rodeo.lab.body import Twist2
+from rodeo_testing.waiting import HANG_S
 from services.robot_sim import loop as loop_module
 from services.robot_sim.loop import Loop
 from services.robot_sim.simulation import PERIOD_NS, Simulation
@@ -74,7 +75,7 @@ class Running:
     def next_period(self) -> None:
         self.loop.call(self.taken.clear)
         self.loop.call(lambda: self.wall.advance(PERIOD_NS * 1e-9))
-        assert self.taken.wait(10)
+        assert self.taken.wait(HANG_S)
 
     def behind_s(self) -> float:
         return self.loop.call(lambda: self.wall.monotonic() - self.simulation.time_s)
