@@ -19,7 +19,7 @@ from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
 from rodeo_cli import app
 from tests.docs.not_run import NOT_RUN, reason
-from tests.docs.text import ROOT, Block, Command, blocks, commands, links, mentioned
+from tests.docs.text import ROOT, Block, Command, blocks, commands, links, mentioned, slug
 from tests.support.site import LAB
 
 MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
@@ -209,5 +209,5 @@ def test_a_link_leads_to_a_file_and_a_heading_that_are_there(thing: tuple[str, s
     assert path.exists(), target
     if heading:
         titles = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
-        slugs = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+        slugs = {slug(title) for title in titles}
         assert heading in slugs, f"{heading} is not in {sorted(slugs)}"

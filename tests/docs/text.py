@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import tomllib
 from collections.abc import Iterator
@@ -106,6 +107,11 @@ def links() -> list[tuple[str, str]]:
                 if target and "://" not in target:
                     found.append((str(page.relative_to(ROOT)), target))
     return found
+
+
+def slug(title: str) -> str:
+    """The anchor of a heading, as GitHub makes it."""
+    return re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
 
 
 def _without_comment(line: str) -> str:
