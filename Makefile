@@ -5,13 +5,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 # The solver's packages want older versions of some that the project needs.
 SOLVER := .venv-symbolic
+# So do Sphinx's.
+SPHINX := .venv-docs
 CHAIN ?= eth-tester
 # What is compiled.
 PYX := $(wildcard rodeo/lab/*.pyx services/robot_sim/*.pyx)
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup postgresql demo test test-contracts test-python test-long test-contracts-long test-python-long symbolic experiment bench lint contracts clean
+.PHONY: help setup postgresql demo test test-contracts test-python test-long test-contracts-long test-python-long symbolic experiment bench lint docs contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -28,6 +30,12 @@ $(SOLVER)/stamp: contracts/symbolic/requirements.txt
 	@echo "Installing the solver into $(SOLVER) ..."
 	@test -x $(SOLVER)/bin/python || $(PYTHON) -m venv $(SOLVER)
 	@$(SOLVER)/bin/pip install --quiet --disable-pip-version-check --requirement $<
+	@touch $@
+
+$(SPHINX)/stamp: docs/requirements.txt
+	@echo "Installing Sphinx into $(SPHINX) ..."
+	@test -x $(SPHINX)/bin/python || $(PYTHON) -m venv $(SPHINX)
+	@$(SPHINX)/bin/pip install --quiet --disable-pip-version-check --requirement $<
 	@touch $@
 
 node_modules/.stamp: package.json package-lock.json
@@ -96,7 +104,12 @@ lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, imports, buil
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo --no-cache
+	@$(BIN)/python -m tests.docs.links
 	@npm run --silent contracts:check
+
+docs: $(SPHINX)/stamp  ## the documentation as a web site; out/docs/index.html
+	@$(SPHINX)/bin/sphinx-build -W --keep-going --quiet docs out/docs
+	@echo "The documentation is in out/docs/index.html"
 
 contracts: $(VENV)/stamp node_modules/.stamp  ## build the contracts' ABI and bytecode, and their mirror in Python
 	@npm run --silent contracts:build
@@ -104,4 +117,4 @@ contracts: $(VENV)/stamp node_modules/.stamp  ## build the contracts' ABI and by
 
 clean:  ## remove what was installed, built and run
 	rm -f $(PYX:.pyx=.c) $(PYX:.pyx=.*.so)
-	rm -rf $(VENV) $(SOLVER) node_modules out var contracts/out contracts/cache
+	rm -rf $(VENV) $(SOLVER) $(SPHINX) node_modules out var contracts/out contracts/cache

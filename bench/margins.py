@@ -3,7 +3,7 @@
 Each disturbance is one thing alone, done to a film without noise, sealed and signed anew, and judged like any
 proof. Its size is bisected, between none and one that is refused, to `STEPS` halvings. `margin_<name>_<unit>`
 is the smallest size that was refused; the check that refused it is printed, next to the one that it is meant
-for. What honest noise reaches of the same limits is printed by `bench.honest`; docs/evidence.md has both.
+for. `bench.honest` prints what honest noise reaches of the same limits; docs/reference/evidence.md has both.
 `MARGINS=item_offset_mm,heavier_share` measures these alone.
 """
 

@@ -530,7 +530,7 @@ class GasPrices(_Table):
 
 
 class ExperimentConfig(_Table):
-    """The days that `rodeo experiment` runs on this site. Every number here is printed in its report."""
+    """The days that `rodeo experiment paper` runs on this site. Its report prints every number."""
 
     kind: KindName
     """The organization has this done for each item that somebody leaves on the floor."""

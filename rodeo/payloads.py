@@ -1,4 +1,4 @@
-"""The payloads of the DAO plane, from the models: `python -m rodeo.payloads > docs/keys.md`."""
+"""The payloads of the DAO plane, from the models: `python -m rodeo.payloads > docs/reference/keys.md`."""
 
 from __future__ import annotations
 
@@ -385,7 +385,7 @@ def parameters_of(what: str) -> dict[str, Any]:
 
 
 def keys_page() -> str:
-    """The text of docs/keys.md: the table of keys, then the payloads."""
+    """The text of docs/reference/keys.md: the table of keys, then the payloads."""
     return markdown() + _payloads()
 
 

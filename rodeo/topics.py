@@ -435,7 +435,7 @@ TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if
 
 
 def markdown() -> str:
-    """The table as text: the first part of docs/keys.md, which `rodeo.payloads` makes."""
+    """The table as text: the first part of docs/reference/keys.md, which `rodeo.payloads` makes."""
     lines = [
         "# Keys on the bus",
         "",
@@ -462,7 +462,7 @@ def markdown() -> str:
 
 
 def robot_interface() -> str:
-    """A robot's interface as a table: part of docs/bring-your-own-robot.md."""
+    """A robot's interface as a table: part of docs/tutorials/robot.md."""
     lines = ["| name | type | form | rate (Hz) | in a proof | what |", "|---|---|---|---|---|---|"]
     for topic in TOPICS:
         if topic is ITEM_POSE:

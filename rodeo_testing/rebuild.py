@@ -1,6 +1,6 @@
 """The state of an organization, made of its contracts' events and nothing else.
 
-It knows the rules of docs/contracts.md, never asks a contract, and says the same as their views.
+It knows the rules of docs/reference/contracts.md, never asks a contract, and says the same as their views.
 """
 
 from __future__ import annotations

@@ -161,6 +161,6 @@ def vouched_for(is_sealed: bool) -> Finding:
     return equal(
         "sealed" if is_sealed else "a bag without a seal",
         "sealed",
-        source="docs/evidence.md",
+        source="docs/reference/evidence.md",
         detail="witnesses of the recording",
     )

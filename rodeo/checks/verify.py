@@ -52,7 +52,8 @@ def verify_file(
         return _report([unsealed], site, chain_record)
     by = f"under {proof.seals} seals by {proof.signer}" if proof.sealed else "of a bag"
     detail = f"{proof.messages} messages {by}"
-    checks.append(Check(name="readable_and_sealed", passed=True, source="docs/evidence.md", detail=detail))
+    source = "docs/reference/evidence.md"
+    checks.append(Check(name="readable_and_sealed", passed=True, source=source, detail=detail))
     case = case_of(proof, site, chain_record)
     case = replace(case, checks=checks_of(case.checks))
     missed = ""

@@ -16,8 +16,8 @@ NOT_RUN: dict[str, str] = {
     "rodeo task dispute show 7": _DISPUTES,
     'rodeo task dispute challenge 7 --as panther1 --reason "the can is in the bin"': _DISPUTES,
     "rodeo task dispute vote 7 accepted --as dora --votes votes.json": _DISPUTES,
+    "git clone --depth 1 URL rodeo && cd rodeo": "downloads the project",
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
-    "make experiment": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
     "rodeo experiment paper": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
     "rodeo experiment ablation": f"{_MINUTES}: tests/unit/rodeo_experiments tests it",
     "make setup": "installs packages",
@@ -87,7 +87,7 @@ ON_THEIR_OWN = (
     "rodeo kind check inspect_door",
     "python -m pytest inspect-door/tests",
 )
-"""The commands of docs/write-a-kind.md, in order."""
+"""The commands of docs/tutorials/kind.md, in order."""
 NOT_RUN |= dict.fromkeys(ON_THEIR_OWN, _NEW_KIND)
 
 BEGINNINGS = {"export ": _SHELL, "ros2 ": _ROS, "python -m pytest ": _SUITE}

@@ -29,7 +29,7 @@ PICTURE = ROOT / "docs" / "images" / "lab.png"
 
 
 class Reader:
-    """A newcomer in a terminal of 80 columns, in a folder of its own, with the site of the README."""
+    """A newcomer in a terminal of 80 columns, with a folder and the site of docs/how-to/people.md."""
 
     def __init__(self, folder: Path, chain_backend: str) -> None:
         self.folder = folder
@@ -156,7 +156,7 @@ def typed(reader: Reader, command: Command) -> None:
 
 
 def questions(reader: Reader) -> None:
-    """The questions of docs/keys.md are answered with the fields that the page says."""
+    """The questions of docs/reference/keys.md are answered with the fields that the page says."""
     from rodeo import payloads, queries
 
     for what, query in queries.QUERIES.items():

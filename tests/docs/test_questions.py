@@ -14,14 +14,14 @@ QUESTIONS = tomllib.loads((Path(__file__).parent / "questions.toml").read_text()
 
 
 def section(page: str, anchor: str) -> str:
-    """The text below this heading, up to the next heading of the same level or above."""
+    """The text below this heading, up to the next of the same level or above; the whole page without one."""
     lines, level, fenced = [], 0, False
     for line in (ROOT / page).read_text().splitlines():
         fenced ^= line.startswith("```")
         heading = None if fenced else re.match(r"(#+) (.*)", line)
         if heading and level and len(heading[1]) <= level:
             break
-        if heading and slug(heading[2]) == anchor:
+        if heading and (not level) and anchor in ("", slug(heading[2])):
             level = len(heading[1])
         if level:
             lines.append(line)

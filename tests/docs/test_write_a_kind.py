@@ -1,4 +1,4 @@
-"""A reader follows docs/write-a-kind.md: types each command and makes each change, in its own environment."""
+"""A reader follows docs/tutorials/kind.md: types each command and makes each change."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rodeo_testing.waiting import HANG_S
 from tests.docs.not_run import ON_THEIR_OWN
 from tests.docs.text import ROOT, Block, blocks
 
-PAGE = "docs/write-a-kind.md"
+PAGE = "docs/tutorials/kind.md"
 
 
 class Reader:

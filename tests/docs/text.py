@@ -8,13 +8,16 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "CONTRIBUTING.md"]
-PROGRAMS = ("rodeo", "make", "python", "pip", "npm", "ros2", "source", "export", "cast", "curl")
+DOCS = ROOT / "docs"
+LAST = DOCS / "tutorials" / "bin.md"
+"""Replaces the bin's key, so its commands come after those of all other pages."""
+PROGRAMS = ("git", "rodeo", "make", "python", "pip", "npm", "ros2", "source", "export", "cast", "curl")
 """First words of a block that is typed into a shell."""
 
 
@@ -47,9 +50,24 @@ class Command:
 
 
 @cache
+def pages() -> list[Path]:
+    """README, the pages in the order in which docs/index.md lists them, and CONTRIBUTING."""
+    index = DOCS / "index.md"
+    listed = list(dict.fromkeys(DOCS / target for target in _targets(index) if "decisions/" not in target))
+    read = [page for page in listed if page != LAST]
+    return [
+        ROOT / "README.md",
+        index,
+        *read,
+        *(page for page in listed if page == LAST),
+        ROOT / "CONTRIBUTING.md",
+    ]
+
+
+@cache
 def blocks() -> list[Block]:
-    """Every fenced or indented block of README, docs and CONTRIBUTING, in order."""
-    return [block for page in PAGES for block in _blocks(page)]
+    """Every fenced or indented block of these pages, in order."""
+    return [block for page in pages() for block in _blocks(page)]
 
 
 def _blocks(page: Path) -> Iterator[Block]:
@@ -86,7 +104,7 @@ def commands() -> list[Command]:
 def mentioned() -> list[Command]:
     """Commands within sentences: `rodeo down`, `make test-long`."""
     found = []
-    for page in PAGES:
+    for page in pages():
         for token in MarkdownIt("commonmark").enable("table").parse(page.read_text()):
             for child in token.children or []:
                 if child.type == "code_inline" and child.content.startswith(
@@ -97,15 +115,38 @@ def mentioned() -> list[Command]:
     return found
 
 
-def links() -> list[tuple[str, str]]:
-    """(page, target) of every link and picture that leads into the repository."""
+def _targets(page: Path) -> list[str]:
+    """Where the links and pictures of a page lead, if into the repository."""
+    tokens = MarkdownIt("commonmark").enable("table").parse(page.read_text())
+    children = (child for token in tokens for child in token.children or [])
+    found = (str(child.attrs.get("href") or child.attrs.get("src") or "") for child in children)
+    return [target for target in found if target and "://" not in target]
+
+
+def headings(page: Path) -> list[str]:
+    """The anchors of a page's headings."""
+    tokens = MarkdownIt("commonmark").parse(page.read_text())
+    return [slug(text.content) for head, text in pairwise(tokens) if head.type == "heading_open"]
+
+
+def broken_links() -> list[str]:
+    """Links of any page that lead to no file or heading, and pages that docs/index.md does not list."""
     found = []
-    for page in PAGES:
-        for token in MarkdownIt("commonmark").enable("table").parse(page.read_text()):
-            for child in token.children or []:
-                target = str(child.attrs.get("href") or child.attrs.get("src") or "")
-                if target and "://" not in target:
-                    found.append((str(page.relative_to(ROOT)), target))
+    every = {*pages(), *DOCS.rglob("*.md"), *ROOT.glob("*.md"), *(ROOT / ".github").rglob("*.md")}
+    for page in sorted(every):
+        for target in _targets(page):
+            file, _, heading = target.partition("#")
+            path = (page.parent / file).resolve() if file else page
+            if not path.exists():
+                found.append(f"{page.relative_to(ROOT)}: {target}: there is no such file")
+            elif heading and heading not in headings(path):
+                found.append(f"{page.relative_to(ROOT)}: {target}: there are {sorted(headings(path))}")
+    listed = {*pages(), *(DOCS / "decisions").glob("*.md")}
+    found += [
+        f"docs/index.md does not list {page.relative_to(DOCS)}"
+        for page in DOCS.rglob("*.md")
+        if page not in listed
+    ]
     return found
 
 

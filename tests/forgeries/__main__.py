@@ -1,4 +1,4 @@
-"""Prints docs/forgeries.md: `python -m tests.forgeries > docs/forgeries.md`."""
+"""Prints docs/reference/forgeries.md: `python -m tests.forgeries > docs/reference/forgeries.md`."""
 
 from tests.forgeries.catalogue import listed
 

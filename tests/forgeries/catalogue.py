@@ -51,7 +51,7 @@ def kinds(role: Role | None = None) -> int:
 
 
 def listed() -> str:
-    """docs/forgeries.md"""
+    """docs/reference/forgeries.md"""
     spoiled = len(CATALOGUE) - kinds()
     parts = [_HEAD.format(kinds=kinds(), spoiled=spoiled)]
     for role, has in ROLES.items():

@@ -14,7 +14,7 @@ from tests.support.site import LAB
 
 pytestmark = pytest.mark.long
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "forgeries.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "forgeries.md"
 
 SOME = list(CATALOGUE)[::12]
 
@@ -55,4 +55,4 @@ def test_there_are_enough_of_them() -> None:
 
 
 def test_they_are_listed_in_the_documentation() -> None:
-    assert DOCUMENT.read_text() == listed(), "python -m tests.forgeries > docs/forgeries.md"
+    assert DOCUMENT.read_text() == listed(), "python -m tests.forgeries > docs/reference/forgeries.md"

@@ -1,4 +1,4 @@
-"""The README's "Another chain": a site on a node that is not its own, on the wall's time, from nothing to a
+"""docs/how-to/chains.md: a site on a node that is not its own, on the wall's time, from nothing to a
 payment."""
 
 from __future__ import annotations

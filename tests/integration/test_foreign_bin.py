@@ -1,4 +1,4 @@
-"""The bin of docs/bring-your-own-bin.md, run as it stands there, until a robot is paid."""
+"""The bin of docs/tutorials/bin.md, run as it stands there, until a robot is paid."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
 
-PAGE = Path(__file__).parents[2] / "docs" / "bring-your-own-bin.md"
+PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "bin.md"
 SITE = "clock.speed = 4\nagent.explore_when_idle = false\nlab.furniture = []"
 
 

@@ -1,4 +1,4 @@
-"""What docs/architecture.md and CONTRIBUTING.md say of files, names, processes and rooms is so."""
+"""What architecture.md, one-task.md and CONTRIBUTING.md say of files, names, processes and rooms is so."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from rodeo.processes import PROCESSES
 from rodeo.topics import BODY, TOPICS, Form
 from tests.docs.text import ROOT
 
-ARCHITECTURE, CONTRIBUTING = "docs/architecture.md", "CONTRIBUTING.md"
-PAGES = [ARCHITECTURE, CONTRIBUTING]
+ARCHITECTURE, ONE_TASK = "docs/explanation/architecture.md", "docs/explanation/one-task.md"
+PAGES = [ARCHITECTURE, ONE_TASK, "CONTRIBUTING.md"]
 TOP = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.is_symlink()}
 ROOT_FILE = re.compile(r"Makefile|LICENSE|[\w.-]+\.(md|toml|json|txt|cff)")
 NAME = re.compile(r"_?[A-Za-z]\w*")

@@ -58,6 +58,7 @@ def test_the_citation_is_of_this_version_and_by_the_papers_authors() -> None:
         assert [one["family-names"] for one in authors] == ["Groshev", "Castelló Ferrer"]
 
 
-def test_the_changelog_begins_with_what_is_unreleased() -> None:
-    sections = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert sections[0] == "[Unreleased]"
+def test_the_changelog_is_short_and_has_this_version_below_what_is_unreleased() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text()
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE)[:2] == ["[Unreleased]", f"[{PROJECT['version']}]"]
+    assert len(text.splitlines()) <= 40

@@ -158,12 +158,12 @@ def test_what_is_no_key_written_by_hand_is_let_be(source: str) -> None:
 
 
 def test_the_page_of_keys_is_the_table() -> None:
-    page = Path(__file__).parents[2] / "docs" / "keys.md"
-    assert page.read_text() == keys_page(), "run: python -m rodeo.payloads > docs/keys.md"
+    page = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
+    assert page.read_text() == keys_page(), "run: python -m rodeo.payloads > docs/reference/keys.md"
 
 
 def test_the_page_for_who_brings_a_robot_lists_the_robots_part_of_the_table() -> None:
-    page = Path(__file__).parents[2] / "docs" / "bring-your-own-robot.md"
+    page = Path(__file__).parents[2] / "docs" / "tutorials" / "robot.md"
     assert robot_interface() in page.read_text(), "paste what rodeo.topics.robot_interface() returns"
 
 

@@ -20,7 +20,7 @@ from services.itrash.training.dataset import CLASSES, NoPhotos
 from services.itrash.training.others import PROJECT
 
 PHOTOS = PROJECT.parent / "shared/data/trashnet"
-"""TrashNet as README's commands name it."""
+"""TrashNet as the commands of docs/how-to/train-the-bin.md name it."""
 MODEL = PROJECT / "out/model"
 """Where a network goes that no site's corrections taught, unless another folder is named."""
 
