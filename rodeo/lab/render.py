@@ -12,10 +12,17 @@ class RendererUnavailable(RodeoError):
 
 
 class Camera:
-    """Renders one fixed camera of a world. Use it from the thread that made it."""
+    """Renders what one camera of a world sees, or a view that its owner moves. Use it from the thread that
+    made it."""
 
-    def __init__(self, model: mujoco.MjModel, name: str, width_px: int = 320, height_px: int = 240) -> None:
-        self.name = name
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        view: str | mujoco.MjvCamera,
+        width_px: int = 320,
+        height_px: int = 240,
+    ) -> None:
+        self._view = view
         try:
             self._renderer = mujoco.Renderer(model, height_px, width_px)
         except Exception as error:  # MuJoCo's GL back ends raise whatever their loader raises.
@@ -23,7 +30,7 @@ class Camera:
 
     def image(self, data: mujoco.MjData) -> np.ndarray:
         """What the camera sees: (height, width, 3) uint8, RGB."""
-        self._renderer.update_scene(data, self.name)
+        self._renderer.update_scene(data, self._view)
         return self._renderer.render()
 
     def close(self) -> None:

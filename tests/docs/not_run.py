@@ -20,6 +20,11 @@ NOT_RUN: dict[str, str] = {
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
     "rodeo experiment paper": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
     "rodeo experiment ablation": f"{_MINUTES}: tests/unit/rodeo_experiments tests it",
+    "python -m rodeo_cli.lab_picture --site deploy/sites/lab.toml --out docs/images/lab.png": "overwrites it",
+    "python -m rodeo_cli.lab_picture --site out/demo/site.toml --recording "
+    "out/demo/data/robot_agent/tasks/1-1/recording.mcap --out docs/images/cleaning.webp": (
+        f"{_MINUTES}: tests/unit/cli/test_film.py makes a small one"
+    ),
     "make setup": "installs packages",
     "make lint": _SUITE,
     "make test": _SUITE,

@@ -23,6 +23,7 @@ from tests.docs.text import ROOT, Block, Command, blocks, broken_links, commands
 from tests.support.site import LAB
 
 MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
+MADE_BY_THE_READER |= {"out/demo/site.toml"}
 """Files of which the text says that the reader brings them or writes them."""
 KINDS = {"{toctree}", "shell", "toml", "python", "json", "mermaid", "question", "diagram", "diff"}
 DIAGRAMS = {"docs/reference/evidence.md"}
