@@ -92,7 +92,7 @@ test-contracts-long: node_modules/.stamp symbolic
 test-python-long: $(VENV)/stamp
 	@$(PYTEST) -m long
 
-experiment: $(VENV)/stamp  ## the published experiment, about ten minutes; out/experiment/paper/report.html
+experiment: $(VENV)/stamp  ## the published experiment twice, about half an hour; out/experiment/paper/report.html
 	@$(BIN)/rodeo experiment paper
 
 # Of all areas only the planted bugs need the solver.

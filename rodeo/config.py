@@ -552,7 +552,9 @@ class ExperimentConfig(_Table):
     gas_prices: list[GasPrices] = []
     eth_eur: Decimal = Field(default=Decimal(3700), ge=0)
     slow_limits: dict[str, float] = {}
-    """Motion limits of the robots with `--pace paper`."""
+    """Motion limits of the robots with `--pace paper`, and in the calibrated run."""
+    calibrated_idle_power_w: float | None = Field(None, gt=0)
+    """Base load of the robots in the calibrated run, W. None: the site has no calibrated run."""
 
     @field_validator("arrival_hours")
     @classmethod

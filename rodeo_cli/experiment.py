@@ -7,7 +7,7 @@ import logging
 import time
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.markup import escape
@@ -19,6 +19,7 @@ from rodeo_cli.common import console, reports_errors, say
 from rodeo_cli.site import stop_on_signals
 
 if TYPE_CHECKING:
+    from rodeo_experiments.record import Run
     from rodeo_experiments.site import Variation
 
 PAPER = Path(deploy.__file__).parent / "sites" / "paper.toml"
@@ -55,8 +56,19 @@ def paper(
         bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
     ] = False,
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Run so many seeds one after the other.")] = 1,
+    calibrated: Annotated[
+        bool | None,
+        typer.Option(
+            "--calibrated/--no-calibrated",
+            help="Run the days once more, with the base load and the pace that were fitted to the paper.",
+            show_default="only where site, days, robots, arrivals and pace are the published ones",
+        ),
+    ] = None,
 ) -> None:
     """Run the days of the published experiment, and report them beside its numbers.
+
+    A second run of the same days is calibrated: its base load and pace were fitted to the paper. The report
+    shows both beside the paper.
 
     Exit status 0 only if every arrival was posted, every task is over and the supply of IEC was conserved.
     """
@@ -65,11 +77,13 @@ def paper(
     _need_matplotlib()
     stop_on_signals()
     vary = Variation(seed=seed, days=days, robots=robots, tariff=tariff, chain=chain, slow=pace == "paper")
+    if calibrated is None:
+        calibrated = site == PAPER and not (days or robots or arrivals or vary.slow) and seeds == 1
     try:
         problems = (
-            _run(site, out, vary, arrivals, resume)
+            _run(site, out, vary, arrivals, resume, calibrated)
             if seeds == 1
-            else _run_seeds(site, out, vary, arrivals, resume, seeds)
+            else _run_seeds(site, out, vary, arrivals, resume, calibrated, seeds)
         )
     except KeyboardInterrupt:
         console.print("stopped; --resume continues")
@@ -111,19 +125,31 @@ def _need_matplotlib() -> None:
 
 
 def _run(
-    base: Path,
-    out: Path,
-    vary: Variation,
-    source: str,
-    resume: bool,
-    others: tuple[dict[str, Any], ...] = (),
+    base: Path, out: Path, vary: Variation, source: str, resume: bool, calibrated: bool = False
 ) -> list[str]:
-    """One run and its report; what is wrong with it."""
+    """One run, with the calibrated one after it if asked for, and the report; what is wrong with them."""
+    from dataclasses import replace
+
+    from rodeo_experiments.report import write_report
+
+    run, site, problems = _days(base, out, vary, source, resume)
+    fitted = None
+    if calibrated:
+        vary, folder = replace(vary, slow=True, calibrated=True), out / "calibrated"
+        say("The same days again, with the base load and the pace that were fitted to the paper:")
+        fitted, fitted_site, found = _days(base, folder, vary, source, resume)
+        write_report(fitted, fitted_site, folder, found)
+        problems += [f"calibrated run: {one}" for one in found]
+    write_report(run, site, out, problems, calibrated=fitted)
+    return problems
+
+
+def _days(base: Path, out: Path, vary: Variation, source: str, resume: bool) -> tuple[Run, Site, list[str]]:
+    """The record of one run, its site, and what is wrong with it."""
     # Physics and chain take seconds to import, and the other commands need none of it.
     from rodeo_experiments.arrivals import plan
     from rodeo_experiments.conduct import Conduct
     from rodeo_experiments.record import Run
-    from rodeo_experiments.report import write_report
     from rodeo_experiments.results import Figures
     from rodeo_experiments.site import Begun, write_site
 
@@ -142,15 +168,12 @@ def _run(
         with _Shown() as shown:
             Conduct(path, times, out, shown.say).run().save(record)
     run = Run.load(record)
-    found = Figures(run)
-    problems = found.problems(len(times))
-    write_report(run, site, out, problems, others)
-    results = found.results()
+    results = Figures(run).results()
     say(
         f"{results['cleaning_settled']} cleanings and {results['charging_settled']} charges are paid; "
         f"{run.wall_s:.0f} s of wall time."
     )
-    return problems
+    return run, site, Figures(run).problems(len(times))
 
 
 def _options(base: Path, vary: Variation, source: str) -> dict[str, str | int | None]:
@@ -167,7 +190,9 @@ def _options(base: Path, vary: Variation, source: str) -> dict[str, str | int | 
     }
 
 
-def _run_seeds(base: Path, out: Path, vary: Variation, source: str, resume: bool, count: int) -> list[str]:
+def _run_seeds(
+    base: Path, out: Path, vary: Variation, source: str, resume: bool, calibrated: bool, count: int
+) -> list[str]:
     """A run for each seed in a folder of its own; the last report shows all of them."""
     from dataclasses import replace
 
@@ -178,7 +203,7 @@ def _run_seeds(base: Path, out: Path, vary: Variation, source: str, resume: bool
     first = vary.seed if vary.seed is not None else Site.load(base).clock.seed or 0
     problems, folders = [], [out / f"seed-{first + number}" for number in range(count)]
     for number, folder in enumerate(folders):
-        found = _run(base, folder, replace(vary, seed=first + number), source, resume)
+        found = _run(base, folder, replace(vary, seed=first + number), source, resume, calibrated)
         problems += [f"seed {first + number}: {one}" for one in found]
     runs = [Run.load(folder / "run.json") for folder in folders]
     results = [Figures(run).results() for run in runs]

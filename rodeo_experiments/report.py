@@ -167,6 +167,7 @@ def markdown(
     captions: dict[str, str],
     problems: Sequence[str],
     seeds: Sequence[dict[str, Value]] = (),
+    calibrated: Figures | None = None,
 ) -> str:
     """The report. `seeds` are the results of several runs, for the intervals."""
     run, experiment = figures.run, site.experiment
@@ -177,11 +178,18 @@ def markdown(
     lines += ["", _summary(figures), ""]
     if problems:
         lines += ["**This run is not complete:** " + "; ".join(problems) + ".", ""]
-    lines += ["## Three columns", ""]
-    lines += _table(
-        ("quantity", "paper", "recomputed from the paper's counts", "this run"),
-        [(row.quantity, row.paper, row.recomputed, row.ours) for row in paper.table(figures)],
-    )
+    heads = ("quantity", "paper", "recomputed from the paper's counts", "this run", "calibrated run")
+    rows = [
+        (row.quantity, row.paper, row.recomputed, row.ours, row.calibrated)
+        for row in paper.table(figures, calibrated)
+    ]
+    columns = len(heads) if calibrated else len(heads) - 1
+    lines += ["## Beside the paper", ""]
+    if calibrated:
+        from_w = site.robots[0].battery.idle_power_w
+        to_w = experiment.calibrated_idle_power_w or from_w
+        lines += [paper.fitted(figures, calibrated, from_w, to_w), ""]
+    lines += _table(heads[:columns], [row[:columns] for row in rows])
     lines += ["", "## Where the paper's numbers contradict each other", ""]
     lines += [f"- {one}" for one in paper.contradictions()]
     lines += ["", "## What differs between its robot and ours", "", _differences(figures, site), ""]
@@ -388,7 +396,12 @@ def _inline(text: str) -> str:
 
 
 def write_report(
-    run: Run, site: Site, folder: Path, problems: Sequence[str], seeds: Sequence[dict[str, Value]] = ()
+    run: Run,
+    site: Site,
+    folder: Path,
+    problems: Sequence[str],
+    seeds: Sequence[dict[str, Value]] = (),
+    calibrated: Run | None = None,
 ) -> None:
     """Everything that `rodeo experiment paper` leaves in its folder, from the run's record."""
     from rodeo_experiments.figures import draw  # needs the extra `experiment`
@@ -398,6 +411,6 @@ def write_report(
     write_tables(figures, site.experiment, folder)
     captions = draw(figures, site.economy.electricity, folder / "figures")
     (folder / "results.json").write_text(json.dumps(figures.results(), indent=2) + "\n")
-    text = markdown(figures, site, captions, problems, seeds)
+    text = markdown(figures, site, captions, problems, seeds, Figures(calibrated) if calibrated else None)
     (folder / "report.md").write_text(text)
     (folder / "report.html").write_text(as_html(text, folder))

@@ -40,6 +40,8 @@ class Variation:
     chain: str | None = None
     slow: bool = False
     """Robots keep to `experiment.slow_limits`."""
+    calibrated: bool = False
+    """Robots have the base load `experiment.calibrated_idle_power_w`."""
 
 
 def write_site(base: Path, folder: Path, vary: Variation) -> Path:
@@ -136,6 +138,14 @@ def _robots(site: Site, tables: list[dict[str, Any]], vary: Variation) -> list[d
         ]
     if vary.slow:
         robots = [one | {"limits": one.get("limits", {}) | site.experiment.slow_limits} for one in robots]
+    if vary.calibrated:
+        if site.experiment.calibrated_idle_power_w is None:
+            raise ExperimentFailed(
+                "a calibrated run needs experiment.calibrated_idle_power_w in the site file: set it, or use "
+                "--no-calibrated"
+            )
+        load = {"idle_power_w": site.experiment.calibrated_idle_power_w}
+        robots = [one | {"battery": one.get("battery", {}) | load} for one in robots]
     return robots
 
 

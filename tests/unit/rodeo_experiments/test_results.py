@@ -15,7 +15,7 @@ from rodeo_cli.experiment import PAPER
 from rodeo_experiments import paper
 from rodeo_experiments.arrivals import day_begins_s
 from rodeo_experiments.record import Arrival, Flow, Heard, Reading, Run, Sent
-from rodeo_experiments.report import write_report
+from rodeo_experiments.report import markdown, write_report
 from rodeo_experiments.results import Figures
 from tests.support.tasks import task
 
@@ -226,6 +226,25 @@ def test_the_table_has_three_columns() -> None:
     gain = rows["Robot's gain (IEC)"]
     assert (gain.paper, gain.recomputed, gain.ours) == ("+2,100", "+3,500", "+0")
     assert rows["Cleanings by day"].ours == "1, 1"
+
+
+def test_a_calibrated_run_stands_beside_the_others_with_what_was_fitted() -> None:
+    calibrated = Figures(a_run(tasks=[*TASKS, done(4, "battery_charging", 38, 80.0, 200)]))
+    rows = {row.quantity: row for row in paper.table(Figures(a_run()), calibrated)}
+    charges, reward = rows["Charges paid"], rows["Reward of a cleaning (IEC)"]
+    assert (charges.paper, charges.ours, charges.calibrated) == ("8", "1", "2")
+    assert reward.calibrated == reward.ours == "100"
+    text = markdown(Figures(a_run()), SITE, {}, [], calibrated=calibrated)
+    assert "| Charges paid | 8 | 8 | 1 | 2 |" in text
+    assert "a base load of 115 W instead of 45 W" in text
+    assert "paid 2 charges (paper: 8) and 2 cleanings (51)" in text
+    assert "A charge took 70.0 min (65.5; this run 60.0)" in text
+
+
+def test_a_report_without_a_calibrated_run_says_nothing_of_one() -> None:
+    text = markdown(Figures(a_run()), SITE, {}, [])
+    assert "| Charges paid | 8 | 8 | 1 |\n" in text
+    assert "calibrated" not in text.partition("## Parameters")[0]
 
 
 def test_the_report_holds_everything_that_it_shows(tmp_path: Path) -> None:

@@ -75,6 +75,28 @@ def test_the_papers_pace_is_slower(tmp_path: Path) -> None:
     assert slow.robots[0].limits.joint_rad_s < usual.robots[0].limits.joint_rad_s
 
 
+def test_the_calibrated_run_differs_by_base_load_and_pace_alone(tmp_path: Path) -> None:
+    usual = Site.load(PAPER)
+    site = Site.load(write_site(PAPER, tmp_path / "run", Variation(slow=True, calibrated=True)))
+    (ours,), (theirs,) = usual.robots, site.robots
+    assert (ours.battery.idle_power_w, theirs.battery.idle_power_w) == (45, 115)
+    assert theirs.battery.model_copy(update={"idle_power_w": 45}) == ours.battery
+    assert theirs.model_copy(update={"battery": ours.battery, "limits": ours.limits}) == ours
+    same = ("clock", "agent", "experiment", "items", "economy", "kinds", "docks", "lab")
+    assert {name: getattr(site, name) for name in same} == {name: getattr(usual, name) for name in same}
+
+
+def test_a_site_that_names_no_calibrated_base_load_is_refused(tmp_path: Path) -> None:
+    base = tmp_path / "site.toml"
+    base.write_text(
+        PAPER.read_text()
+        .replace('"lab.toml"', f'"{PAPER.with_name("lab.toml")}"')
+        .replace("calibrated_idle_power_w = 115\n", "")
+    )
+    with pytest.raises(ExperimentFailed, match=r"calibrated_idle_power_w"):
+        write_site(base, tmp_path / "run", Variation(calibrated=True))
+
+
 def test_a_site_without_an_experiment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ExperimentFailed):
         write_site(LAB, tmp_path / "run", Variation())
