@@ -21,12 +21,12 @@ from typing import Any
 from rodeo import topics
 from rodeo.config import BRIDGE, Site, agent_process, body_identity
 from rodeo.dao import ORGANIZATION
+from rodeo.keystores import MOCAP_NAME
 from rodeo.lab.config import RobotConfig
 from rodeo.processes import processes_of
 from rodeo.serving import served_by
 from rodeo.tls import OPERATOR
 from rodeo.topics import BODY, TOPICS, Form, Plane, Topic
-from rodeo.wallets import MOCAP_NAME
 
 _PEOPLE = (OPERATOR, "console")
 """Who speaks for people, and may ask for everything."""

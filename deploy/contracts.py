@@ -26,7 +26,7 @@ from web3 import Web3
 from web3.types import Wei
 
 from deploy.founding import OtherToken, create_contracts
-from rodeo import possession, wallets
+from rodeo import keystores, possession, wallets
 from rodeo.chain import transactions
 from rodeo.chain.abi import Instance, Review, Silence
 from rodeo.chain.client import ChainClient, connect, require_chain
@@ -176,7 +176,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     if not wait_for_node(site, w3, stop, say):
         return
     require_chain(w3, site.chain)
-    names = {address: name for name in wallets.wallet_names(site) if (address := _told(site, name))}
+    names = {address: name for name in keystores.wallet_names(site) if (address := _told(site, name))}
     if local:
         _fund(w3, list(names))
     administrator = wallets.load(site, "organization")
@@ -211,7 +211,7 @@ def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAcc
 
     Raises ChainError, KindError and WalletError.
     """
-    names = {address: name for name in wallets.wallet_names(site) if (address := _told(site, name))}
+    names = {address: name for name in keystores.wallet_names(site) if (address := _told(site, name))}
     client = ChainClient(site.chain.url, deployment)
     sender = _Sender(client, administrator.address, names, say)
     for account, call in _missing_rules(site, client, administrator, deployment.rules):
@@ -277,7 +277,7 @@ def _fund(w3: Web3, accounts: list[str]) -> None:
 def _told(site: Site, name: str) -> str | None:
     """The address of a keystore; None where that cannot be read, which need not keep all others waiting."""
     try:
-        return wallets.address(site, name)
+        return keystores.address(site, name)
     except WalletError as error:
         log.error(
             "skipped %s, whose roles on chain stay unchanged: %s; repair its keystore and run this step "
@@ -291,7 +291,7 @@ def _told(site: Site, name: str) -> str | None:
 def _possession(site: Site, client: ChainClient, keystore: str, owner: str) -> tuple[bytes, bytes] | None:
     """By which the device key agrees to its owner; None where the keystore cannot be opened."""
     try:
-        key = wallets.load(site, keystore)
+        key = keystores.open_key(site, keystore)
     except WalletError as error:
         log.error(
             "skipped %s, which is not registered: %s; run this step again with its key", keystore, error
@@ -329,7 +329,7 @@ def require_this_release(site: Site, w3: Web3) -> None:
 
 
 def _require_gas_money(site: Site, w3: Web3) -> None:
-    accounts = {name: wallets.address(site, name) for name in wallets.sender_names(site)}
+    accounts = {name: keystores.address(site, name) for name in keystores.sender_names(site)}
     with translated():
         empty = {
             name: account
@@ -415,8 +415,8 @@ def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> di
     then what this step has sent `now`."""
     found = dict(deployment.sent)
     with translated():
-        for name in wallets.wallet_names(site):
-            address = to_checksum_address(wallets.address(site, name))
+        for name in keystores.wallet_names(site):
+            address = to_checksum_address(keystores.address(site, name))
             if address in found:
                 found[address] += now[address]
             else:
@@ -446,7 +446,7 @@ def _missing_rules(
     for former in _former_oracles(site, client):
         yield administrator, calls.revoke_role(Role.ORACLE, former)
     guardian = site.governance.guardian
-    elsewhere = wallets.wallets_elsewhere(site)
+    elsewhere = keystores.wallets_elsewhere(site)
     told = None if guardian is None else elsewhere.get(guardian) or _told(site, guardian)
     roles.append((Role.GUARDIAN, told))
     for role, account in _roles_to_grant(client, roles):
@@ -473,7 +473,7 @@ def _missing_rules(
                 yield administrator, call
             for call in _missing_instances(site, client, administrator.address, kind):
                 yield administrator, call
-    for keystore, (device_role, name) in wallets.device_names(site).items():
+    for keystore, (device_role, name) in keystores.device_names(site).items():
         device = _told(site, keystore)
         if device is not None and not _is_registered(client, device):
             owner = _owner(site, client, device_role, name)
@@ -506,9 +506,9 @@ def _other_delay(site: Site, client: ChainClient) -> str | None:
 
 def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
     """What gives the first members their votes."""
-    elsewhere = wallets.wallets_elsewhere(site)
+    elsewhere = keystores.wallets_elsewhere(site)
     for name in site.governance.members:
-        account = elsewhere.get(name) or wallets.address(site, name)
+        account = elsewhere.get(name) or keystores.address(site, name)
         if not client.is_member(account):
             yield client.organization_calls.admit(account)
         if not client.votes(account):
@@ -548,7 +548,7 @@ def _roles_to_grant(
 
 def _former_oracles(site: Site, client: ChainClient) -> Iterator[str]:
     """Who judges on chain, but by the site file no longer does."""
-    oracle = _told(site, ORACLE) if wallets.keystore_path(site, ORACLE).exists() else None
+    oracle = _told(site, ORACLE) if keystores.keystore_path(site, ORACLE).exists() else None
     for former in (client.committee, client.disputes, oracle):
         if former not in (None, _judge(site, client)) and client.has_role(Role.ORACLE, former):
             yield former
@@ -592,7 +592,7 @@ def _missing_instances(site: Site, client: ChainClient, administrator: str, kind
         return
     committees = client.deployment.committees[: 1 + len(wanted.instances)]
     keys = [
-        [wallets.wallets_elsewhere(site).get(name) or _told(site, name) for name in one.judges]
+        [keystores.wallets_elsewhere(site).get(name) or _told(site, name) for name in one.judges]
         for one in wanted.instances
     ]
     for committee, one, judges in zip(committees[1:], wanted.instances, keys, strict=True):
@@ -711,8 +711,8 @@ def _owner(site: Site, client: ChainClient, device_role: str, name: str) -> str:
     everything else for the organization."""
     if device_role == "oracle":
         owner = next(one.owner for one in site.oracles if one.name == name) or name
-        return wallets.wallets_elsewhere(site).get(owner) or wallets.address(site, owner)
-    return wallets.address(site, name) if device_role == "robot" else client.organization
+        return keystores.wallets_elsewhere(site).get(owner) or keystores.address(site, owner)
+    return keystores.address(site, name) if device_role == "robot" else client.organization
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from web3.exceptions import BadFunctionCallOutput, ContractLogicError
 from web3.types import Nonce, Wei
 from web3.utils import get_create_address
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.chain import artifacts, registry, transactions
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ContractReverted, TransactionFailed, translated
@@ -280,7 +280,7 @@ def _first_holders(site: Site, organization: str, administrator: str) -> tuple[l
     currency = site.economy.currency
     initial = currency.to_units(site.economy.initial_iec)
     shares = {organization: initial}
-    shares |= {wallets.address(site, robot.name): initial for robot in site.robots}
+    shares |= {keystores.address(site, robot.name): initial for robot in site.robots}
     shares[administrator] = currency.to_units(site.economy.supply_iec) - sum(shares.values())
     return list(shares), list(shares.values())
 

@@ -9,7 +9,7 @@ from decimal import ROUND_UP, Context, Decimal
 from eth_utils import to_checksum_address
 from web3 import Web3
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.chain.errors import translated
 from rodeo.config import Site
 
@@ -51,8 +51,8 @@ def purses(site: Site, w3: Web3, deployed: bool) -> Iterator[Purse]:
         fee = (
             2 * base_fee + w3.eth.max_priority_fee
         )  # what a transaction offers, see rodeo.chain.transactions
-    for name in wallets.wallet_names(site):
-        address = to_checksum_address(wallets.address(site, name))
+    for name in keystores.wallet_names(site):
+        address = to_checksum_address(keystores.address(site, name))
         deploys = name == "organization" and not deployed
         gas = _WORKING_GAS + (_DEPLOYMENT_GAS if deploys else 0)
         with translated():

@@ -21,7 +21,7 @@ from web3 import Web3
 
 from deploy import contracts, waiting
 from deploy.founding import create_contracts, token_of
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain import events as chain_events
 from rodeo.chain.abi import Review, ServiceState, Silence, TaskState
 from rodeo.chain.client import ChainClient
@@ -227,7 +227,7 @@ def _require_no_revoked_key(site: Site, happened: list[Event]) -> None:
                 replaced = {*replaced, one.old_key} - {one.key}
             case chain_events.JudgeSeated():
                 replaced.discard(one.key)
-    used = {keystore: name for keystore, (_, name) in wallets.device_names(site).items()}
+    used = {keystore: name for keystore, (_, name) in keystores.device_names(site).items()}
     if site.disputes is not None:
         used |= {name: name for one in site.disputes.instances for name in one.judges}
     for keystore, name in used.items():
@@ -262,7 +262,7 @@ def _address(site: Site, name: str) -> str | None:
     """Of a participant or device; None where its keystore cannot be read: the setup says so, and seats or
     registers nobody with it."""
     try:
-        return wallets.wallets_elsewhere(site).get(name) or wallets.address(site, name)
+        return keystores.wallets_elsewhere(site).get(name) or keystores.address(site, name)
     except WalletError:
         return None
 
@@ -382,8 +382,10 @@ def _retire(site: Site, client: ChainClient, administrator: LocalAccount, say: S
 
 def _here(site: Site, client: ChainClient) -> dict[str, str]:
     """Whose services can be retired here: address of a provider -> its name."""
-    elsewhere = wallets.wallets_elsewhere(site)
-    here = {wallets.address(site, name): name for name in wallets.wallet_names(site) if name not in elsewhere}
+    elsewhere = keystores.wallets_elsewhere(site)
+    here = {
+        keystores.address(site, name): name for name in keystores.wallet_names(site) if name not in elsewhere
+    }
     return {**here, client.organization: "organization"}
 
 

@@ -17,7 +17,7 @@ from deploy.certificates import ensure_certificates
 from deploy.contracts import WithoutGasMoney
 from deploy.gas_money import purses
 from deploy.launcher import Launcher
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import ChainUnavailable, translated
 from rodeo.config import Site
@@ -94,7 +94,7 @@ def _answers(w3: Web3) -> bool:
 
 
 def _await_gas_money(site: Site, w3: Web3, say: Say, stop: threading.Event, wait: bool) -> None:
-    deployed, senders = contracts.recorded(site, w3), wallets.sender_names(site)
+    deployed, senders = contracts.recorded(site, w3), keystores.sender_names(site)
     said: dict[str, str] = {}
     while True:
         found = list(purses(site, w3, deployed))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from decimal import Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from eth_account.signers.local import LocalAccount
 from pydantic import BaseModel, ConfigDict
 
 from rodeo import queries, signed_requests, topics
@@ -34,6 +33,9 @@ from rodeo.messages import (
     UpdateService,
 )
 from rodeo.queries import A, Offer, Query
+
+if TYPE_CHECKING:
+    from eth_account.signers.local import LocalAccount
 
 ORGANIZATION = "organization"
 """The participant that speaks for the organization: its operator's wallet."""

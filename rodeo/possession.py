@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from eth_account.messages import encode_typed_data
-from eth_account.signers.local import LocalAccount
+from rodeo import keys, typed_data
 
 _TYPES = {
     "Possession": [
@@ -13,18 +12,15 @@ _TYPES = {
     ]
 }
 """As `contracts/src/DeviceRegistry.sol` hashes it."""
-_PARITY = 1 << 255
 
 
-def sign(account: LocalAccount, owner: str, nonce: int, chain_id: int, registry: str) -> str:
-    """The signature of the device key `account`, 64 bytes as 0x hex. `nonce`: how often it was registered."""
+def sign(device: keys.Signer, owner: str, nonce: int, chain_id: int, registry: str) -> str:
+    """The signature of the key `device`, 64 bytes as 0x hex. `nonce`: how often it was registered."""
     domain = {
         "name": "RODEO DeviceRegistry",
         "version": "1",
         "chainId": chain_id,
         "verifyingContract": registry,
     }
-    said = {"device": account.address, "owner": owner, "nonce": nonce}
-    signed = account.sign_message(encode_typed_data(domain, _TYPES, said))
-    vs = signed.s | (_PARITY if signed.v == 28 else 0)
-    return "0x" + signed.r.to_bytes(32).hex() + vs.to_bytes(32).hex()
+    said = {"device": device.address, "owner": owner, "nonce": nonce}
+    return keys.sign_short(typed_data.digest_of(domain, _TYPES, "Possession", said), device)

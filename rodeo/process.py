@@ -51,7 +51,7 @@ from rodeo.sim_clock import SimClock
 from rodeo.tls import identity
 
 if TYPE_CHECKING:
-    from eth_account.signers.local import LocalAccount
+    from rodeo.keys import Key
 
 log = logging.getLogger(__name__)
 
@@ -219,17 +219,17 @@ class Process:
             if not self.clock.wait_ready(self.stop):
                 raise ClockUnavailable("stopped while waiting for /clock")
 
-    def wait_account(self, name: str) -> LocalAccount:
+    def wait_account(self, name: str) -> Key:
         """Open keystore `name`, waiting until there is one.
 
         Raises WalletError when it cannot be opened and Interrupted when stopped before.
         """
-        # Imported here: the curves behind wallets take half a second, and not every process signs.
-        from rodeo import wallets
+        # Imported here: not every process signs.
+        from rodeo import keystores
 
         while not self.stop.is_set():
             try:
-                return wallets.load(self.site, name)
+                return keystores.open_key(self.site, name)
             except KeystoreMissing as error:
                 self.not_ready(f"waiting for the keystore {error.details['path']}")
             self.stop.wait(HEARTBEAT_S)

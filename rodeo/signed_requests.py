@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from eth_account.messages import encode_typed_data
-from eth_account.signers.local import LocalAccount
 from eth_utils import to_checksum_address
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, StringConstraints
 from pydantic.alias_generators import to_camel
 
+from rodeo import keys, typed_data
 from rodeo.chain.abi import TaskRequest
 from rodeo.chain.types import bytes32_to_kind, kind_to_bytes32
 from rodeo.messages import SignedRequest, TypedSignature
@@ -158,17 +157,11 @@ def domain(name: str, chain_id: int, contract: str, version: str = "1") -> Typed
     return {"name": name, "version": version, "chainId": chain_id, "verifyingContract": contract}
 
 
-def separator(domain: Typed) -> bytes:
-    """Hash of a domain."""
-    return bytes(encode_typed_data(domain, {"Nothing": []}, {}).header)
-
-
-def sign(request: SignedRequest, account: LocalAccount) -> SignedRequest:
-    """`request` with the signatures of `account`, 65 bytes each."""
+def sign(request: SignedRequest, signer: keys.Signer) -> SignedRequest:
+    """`request` with the signatures of `signer`, 65 bytes each."""
 
     def signed(one: TypedSignature) -> TypedSignature:
-        message = encode_typed_data(full_message=one.typed_data)
-        signature = account.sign_message(message).signature.to_0x_hex()
+        signature = keys.sign(typed_data.digest(one.typed_data), signer)
         return TypedSignature(typed_data=one.typed_data, signature=signature)
 
     permit = None if request.permit is None else signed(request.permit)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from eth_account import Account
-from eth_account.messages import SignableMessage, encode_typed_data
-from eth_account.signers.local import LocalAccount
-from eth_keys.exceptions import BadSignature, ValidationError
-
+from rodeo import keys, secp256k1, typed_data
 from rodeo.chain.abi import Verdict
 from rodeo.currency import Currency, InvalidAmount
 from rodeo.messages import Vote
@@ -24,30 +20,28 @@ _TYPES = {
     ]
 }
 """As `contracts/src/OracleCommittee.sol` hashes it."""
-_PARITY = 1 << 255
+_PARITY = 0x80
+"""In the first byte of s, which of two keys signed."""
 
 
-def sign(vote: Vote, account: LocalAccount, chain_id: int, committee: str, currency: Currency) -> str:
-    """The signature of `account`, 64 bytes as 0x hex."""
-    signed = account.sign_message(_message(vote, chain_id, committee, currency))
-    vs = signed.s | (_PARITY if signed.v == 28 else 0)
-    return "0x" + signed.r.to_bytes(32).hex() + vs.to_bytes(32).hex()
+def sign(vote: Vote, signer: keys.Signer, chain_id: int, committee: str, currency: Currency) -> str:
+    """The signature of `signer`, 64 bytes as 0x hex."""
+    return keys.sign_short(_digest(vote, chain_id, committee, currency), signer)
 
 
 def signer(vote: Vote, signature: str, chain_id: int, committee: str, currency: Currency) -> str | None:
     """The address whose signature of `vote` this is; None where it is nobody's."""
-    r, vs = (int.from_bytes(bytes.fromhex(part)) for part in (signature[2:66], signature[66:]))
-    v = 28 if vs & _PARITY else 27
+    signed = bytearray.fromhex(signature.removeprefix("0x"))
+    signed.append(signed[32] >> 7)
+    signed[32] &= ~_PARITY
     try:
-        found: str = Account.recover_message(
-            _message(vote, chain_id, committee, currency), vrs=(v, r, vs & ~_PARITY)
-        )
-    except (BadSignature, ValidationError, InvalidAmount):
+        key = secp256k1.recover(_digest(vote, chain_id, committee, currency), bytes(signed))
+    except (ValueError, InvalidAmount):
         return None
-    return found
+    return keys.address_of(key)
 
 
-def _message(vote: Vote, chain_id: int, committee: str, currency: Currency) -> SignableMessage:
+def _digest(vote: Vote, chain_id: int, committee: str, currency: Currency) -> bytes:
     domain = {
         "name": "RODEO OracleCommittee",
         "version": "1",
@@ -64,4 +58,4 @@ def _message(vote: Vote, chain_id: int, committee: str, currency: Currency) -> S
         "amount": currency.to_units(vote.amount_iec),
         "reason": vote.reason,
     }
-    return encode_typed_data(domain, _TYPES, said)
+    return typed_data.digest_of(domain, _TYPES, "Vote", said)

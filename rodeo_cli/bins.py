@@ -60,7 +60,7 @@ def correct(
     each person for each.
     """
     # Signing takes its time to import; the other commands should not wait for it.
-    from rodeo import wallets
+    from rodeo import keystores
     from rodeo.evidence.attestation import attest
     from rodeo.witness.correction import Correction, Corrections
 
@@ -78,7 +78,7 @@ def correct(
         except ValidationError as error:
             wrong = {_TYPED.get(field, field): told for field, told in wrong_fields(error).items()}
             raise InvalidRequest("nobody can sign this", fields=wrong) from error
-        signed = attest(said.model_dump(), wallets.load(loaded, participant))
+        signed = attest(said.model_dump(), keystores.open_key(loaded, participant))
         key = topics.BIN_CORRECTIONS.name(org=loaded.org, bin=name)
         found = queries.fitting(Corrections, bus.query(key, signed), key)
     say(f"{name} keeps that this was {item_class}. {_score(found)}")

@@ -846,13 +846,13 @@ def sign_device(
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Sign with a device's key that it belongs to an owner, and print the signature for `register-device`."""
-    from rodeo import possession, wallets  # take their time to import
+    from rodeo import keystores, possession  # take their time to import
 
     with connected(site) as (loaded, bus):
         chain = queries.ask(bus, loaded.org, queries.CHAIN)
         people = queries.ask(bus, loaded.org, queries.PARTICIPANTS).participants
     address = next((one.address for one in people if one.name == owner), owner)
-    key = wallets.load(loaded, keystore)
+    key = keystores.open_key(loaded, keystore)
     say(possession.sign(key, address, nonce, chain.chain_id, chain.contracts.organization))
 
 

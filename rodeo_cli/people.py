@@ -193,10 +193,10 @@ def _name(site: Site, participant: str | None) -> str:
 
 def _executor(site: Site, bus: Bus, participant: str | None) -> Executor:
     # Signing and sealing take their time to import; the other commands should not wait for them.
-    from rodeo import wallets
+    from rodeo import keystores
     from rodeo.dao import Participant
     from rodeo.person.statement import Executor
 
     name = _name(site, participant)
-    account = wallets.load(site, name)
-    return Executor(site, Participant(bus, site.org, name), account, site_clock(site, bus))
+    key = keystores.open_key(site, name)
+    return Executor(site, Participant(bus, site.org, name), key, site_clock(site, bus))

@@ -59,7 +59,7 @@ def report(
     tasks, transactions, loaded = _known(site)
     tariffs, org = loaded.economy.electricity, loaded.org
     if participant or kind:
-        from rodeo.wallets import wallet_names  # takes its time to import
+        from rodeo.keystores import wallet_names  # takes its time to import
 
         seen = earnings(tasks, transactions, tariffs)
         _require("participant", participant, {*wallet_names(loaded), *(line.participant for line in seen)})

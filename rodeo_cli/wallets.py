@@ -8,7 +8,7 @@ from typing import Any
 
 from deploy import contracts
 from deploy.gas_money import purses
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain.client import connect
 from rodeo.chain.errors import ChainUnavailable
 from rodeo.config import Site
@@ -34,8 +34,10 @@ def accounts(site: Site) -> dict[str, Any]:
         ]
     except ChainUnavailable:
         problem = f"no node answers at {site.chain.url}: the wallets' gas balances are unknown"
-        found = [_account(n, wallets.address(site, n), "transactions") for n in wallets.wallet_names(site)]
-    found += [_account(n, wallets.address(site, n), "evidence") for n in wallets.device_names(site)]
+        found = [
+            _account(n, keystores.address(site, n), "transactions") for n in keystores.wallet_names(site)
+        ]
+    found += [_account(n, keystores.address(site, n), "evidence") for n in keystores.device_names(site)]
     return {"chain_url": site.chain.url, "problem": problem, "accounts": found}
 
 

@@ -6,7 +6,6 @@ from decimal import Decimal
 from secrets import token_bytes
 from typing import Any, Protocol
 
-import coincurve
 from eth_account import Account
 from eth_account.datastructures import SignedMessage
 from eth_account.messages import SignableMessage, _hash_eip191_message
@@ -14,6 +13,7 @@ from eth_account.signers.local import LocalAccount
 from eth_keys import keys
 from hexbytes import HexBytes
 
+from rodeo import secp256k1
 from rodeo.checks.case import ChainRecord
 from rodeo.evidence.seal import Binding
 from rodeo.messages import Device, Task
@@ -30,16 +30,14 @@ class Take(Protocol):
 
 
 class DeviceKey(LocalAccount):
-    """A new key that signs the same as eth-account's, at a fifth of the cost: it is parsed once. A charge has
-    a thousand seals."""
+    """A new key that signs the same as eth-account's, at a fifth of the cost: a charge has 1000."""
 
     def __init__(self) -> None:
         super().__init__(keys.PrivateKey(token_bytes(32)), Account())
-        self._signing = coincurve.PrivateKey(bytes(self.key))
 
     def sign_message(self, signable_message: SignableMessage) -> SignedMessage:
         digest = _hash_eip191_message(signable_message)
-        signature = self._signing.sign_recoverable(digest, hasher=None)
+        signature = secp256k1.sign(digest, bytes(self.key))
         r, s, v = signature[:32], signature[32:64], signature[64] + 27
         numbers = int.from_bytes(r), int.from_bytes(s), v
         return SignedMessage(HexBytes(digest), *numbers, HexBytes(signature[:64] + bytes([v])))

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eth_typing import ChecksumAddress
 from eth_utils import is_checksum_address, to_checksum_address
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
-from web3 import Web3
 
 from rodeo.chain import artifacts
 from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed, translated
 from rodeo.currency import IEC, Currency
 from rodeo.files import replace_file
 from rodeo.origin import record_path
+
+if TYPE_CHECKING:
+    from web3 import Web3
 
 
 class Deployment(BaseModel):

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eth_abi.abi import encode
 from eth_typing import ChecksumAddress, HexStr
 from eth_utils.abi import function_abi_to_4byte_selector, get_abi_input_types
 
 from rodeo.chain import artifacts
-from rodeo.chain.deployment import Deployment
 from rodeo.chain.types import raw_values
+
+if TYPE_CHECKING:
+    from rodeo.chain.deployment import Deployment
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from eth_account.signers.local import LocalAccount
 
 from rodeo.clock import TimeSource
 from rodeo.evidence.errors import (
@@ -32,6 +31,7 @@ from rodeo.evidence.errors import (
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import SEAL_PERIOD_NS, Binding, RunningHash, SealAudit, SealChain, channel_digest
 from rodeo.evidence.writer import McapWriter
+from rodeo.keys import Signer
 from rodeo.ros2.types import schema_text
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
@@ -110,7 +110,7 @@ class Recorder:
         self,
         path: Path,
         binding: Binding,
-        account: LocalAccount,
+        account: Signer,
         clock: TimeSource,
         on_seal: OnSeal | None = None,
         seal_period_ns: int | None = None,
@@ -130,7 +130,7 @@ class Recorder:
         cls,
         path: Path,
         binding: Binding,
-        account: LocalAccount,
+        account: Signer,
         clock: TimeSource,
         on_seal: OnSeal | None = None,
         seal_period_ns: int | None = None,
@@ -153,7 +153,7 @@ class Recorder:
         return recorder
 
     @classmethod
-    def finish(cls, path: Path, binding: Binding, account: LocalAccount, clock: TimeSource) -> SealedProof:
+    def finish(cls, path: Path, binding: Binding, account: Signer, clock: TimeSource) -> SealedProof:
         """Seal a suspended or cut off recording as it is. Raises like `resume`."""
         recorder, _ = cls._reopen(path, binding, account, clock, None, None)
         return recorder.close()
@@ -163,7 +163,7 @@ class Recorder:
         cls,
         path: Path,
         binding: Binding,
-        account: LocalAccount,
+        account: Signer,
         clock: TimeSource,
         on_seal: OnSeal | None,
         seal_period_ns: int | None,
@@ -181,7 +181,7 @@ class Recorder:
         write_path: Path,
         path: Path,
         binding: Binding,
-        account: LocalAccount,
+        account: Signer,
         clock: TimeSource,
         on_seal: OnSeal | None,
         seal_period_ns: int | None,
@@ -442,7 +442,7 @@ class _SealedFile:
         return schema
 
 
-def _restore(path: Path, binding: Binding, account: LocalAccount) -> list[_Entry]:
+def _restore(path: Path, binding: Binding, account: Signer) -> list[_Entry]:
     """The messages of a cut recording, up to its last valid chunk, checked against its own seals."""
     entries: list[_Entry] = []
     complete = True

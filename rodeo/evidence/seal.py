@@ -23,11 +23,10 @@ import struct
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
-from eth_account.messages import encode_typed_data
-from eth_account.signers.local import LocalAccount
 from eth_utils.address import to_checksum_address
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from rodeo import keys, typed_data
 from rodeo.evidence.attestation import Attestation, attest, recover, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BrokenSeal, UnsealedProof
 from rodeo.evidence.plain_json import read_json
@@ -130,7 +129,7 @@ def channel_digest(
 class SealChain:
     """Writes seals, each naming the one before, as the bytes of the next `rodeo/seal` message."""
 
-    def __init__(self, binding: Binding, account: LocalAccount) -> None:
+    def __init__(self, binding: Binding, account: keys.Signer) -> None:
         self._binding = binding
         self._account = account
         self._index = 0
@@ -168,8 +167,8 @@ class SealChain:
     def final(self, running: RunningHash) -> bytes:
         """The closing seal."""
         typed = final_typed_data(self._binding, running)
-        signature = self._account.sign_message(encode_typed_data(full_message=typed)).signature
-        seal = {"typed_data": typed, "signer": self._account.address, "signature": "0x" + signature.hex()}
+        signature = keys.sign(typed_data.digest(typed), self._account)
+        seal = {"typed_data": typed, "signer": self._account.address, "signature": signature}
         return json.dumps(seal).encode()
 
 
@@ -258,8 +257,7 @@ class SealAudit:
             raise UnsealedProof("there is no seal")
         try:
             if self.final:
-                signable = encode_typed_data(full_message=self._closing)
-                recover(signable, str(self._last.get("signature")), str(self.signer))
+                recover(typed_data.digest(self._closing), str(self._last.get("signature")), str(self.signer))
             else:
                 verify_attestation(Attestation.model_validate(self._last))
         except BadAttestation as error:

@@ -17,7 +17,6 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from eth_account.signers.local import LocalAccount
 
 from rodeo.clock import Clock
 from rodeo.config import Site
@@ -28,6 +27,7 @@ from rodeo.evidence.errors import EvidenceError, RecordingSealed
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
+from rodeo.keys import Signer
 from rodeo.kinds import kinds_of
 from rodeo.messages import Outcome, PostVerdict, Task
 from rodeo.ros2 import types
@@ -93,7 +93,7 @@ class Statement:
 class Executor:
     """A participant without a body. `account` opens the keystore that its address on chain belongs to."""
 
-    def __init__(self, site: Site, participant: Participant, account: LocalAccount, clock: Clock) -> None:
+    def __init__(self, site: Site, participant: Participant, account: Signer, clock: Clock) -> None:
         self._site = site
         self._dao = participant
         self._account = account

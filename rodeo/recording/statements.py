@@ -25,8 +25,8 @@ from rodeo.clock import Clock
 from rodeo.errors import BusError, MalformedJson, RemoteError, RodeoError
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
+from rodeo.keystores import SiteDevice
 from rodeo.recording.door import Refusal, Refusals
-from rodeo.wallets import SiteDevice
 from rodeo.witness.devices import Device, DeviceTable
 from rodeo.witness.statement import Scope, Statement, parse, payload_digest
 

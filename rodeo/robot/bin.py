@@ -16,11 +16,11 @@ from rodeo.clock import Clock, Patience
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError
 from rodeo.evidence.attestation import Attestation
+from rodeo.keystores import SiteDevice
 from rodeo.recording.door import Refusals, stamp_slack_s
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
-from rodeo.wallets import SiteDevice
 from rodeo.witness.statement import Claimant, Classification, Drop, Presentation, Removal, Scope
 from rodeo.witness.witness import Witness
 

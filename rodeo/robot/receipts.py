@@ -16,6 +16,7 @@ from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement
+from rodeo.keystores import SiteDevice
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.messages import Task
 from rodeo.metering import METER_CLASS, STEP_WH
@@ -23,7 +24,6 @@ from rodeo.recording.door import Refusals, stamp_slack_s
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.ros2.node import Node
 from rodeo.stamps import stamp_s
-from rodeo.wallets import SiteDevice
 from rodeo.witness import ocmf
 from rodeo.witness.devices import DeviceTable
 from rodeo.witness.statement import MeterRecord, Receipt, parse, payload_digest

@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eth_account.signers.local import LocalAccount
 from pydantic import ValidationError
 
 from rodeo import topics
@@ -23,6 +22,8 @@ from rodeo.evidence.errors import BadStatement, ContainerError, EvidenceError
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
+from rodeo.keys import Signer
+from rodeo.keystores import device_names
 from rodeo.messages import DaoEvent
 from rodeo.recording.door import LEFT_OUT, MessageDoor, Refusals, stamp_slack_s
 from rodeo.recording.pictures import PictureFetcher
@@ -32,7 +33,6 @@ from rodeo.robot.errors import EvidenceHole, NoAnswer
 from rodeo.robot.interrupts import Interrupts
 from rodeo.ros2.node import MessageInfo, Node
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
-from rodeo.wallets import device_names
 from rodeo.witness.statement import Claimant, Classification, Drop, Motion, Scope, Statement, parse
 
 log = logging.getLogger(__name__)
@@ -120,7 +120,7 @@ class RecordedRobot:
 
     site: Site
     name: str
-    device: LocalAccount
+    device: Signer
     bus: Bus
     clock: Clock
     interrupts: Interrupts

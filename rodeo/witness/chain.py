@@ -6,9 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, Literal
 
-from eth_account.signers.local import LocalAccount
-
 from rodeo.evidence.attestation import Attestation, attest
+from rodeo.keys import Signer
 from rodeo.witness import ocmf
 from rodeo.witness.days import Days
 from rodeo.witness.heads import HeadBook
@@ -29,7 +28,7 @@ class WitnessChain:
     def __init__(
         self,
         device: str,
-        account: LocalAccount,
+        account: Signer,
         scope: Scope,
         inputs: Inputs,
         journal: Journal,

@@ -15,12 +15,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Literal, NamedTuple, Self
 
-from eth_account.signers.local import LocalAccount
 from pydantic import BaseModel, Field, ValidationError
 
 from rodeo.evidence.attestation import Attestation, attest, verify_attestation
 from rodeo.evidence.errors import BadStatement
 from rodeo.files import replace_file
+from rodeo.keys import Signer
 from rodeo.witness.journal import Journal
 from rodeo.witness.statement import Address, Digest, Name, Scope, payload_digest
 
@@ -134,7 +134,7 @@ class Days:
             replace_file(self._folder / _POSTED, str(max(seq, self._posted())))
             one.path.unlink()
 
-    def signed(self, one: Unposted, device: str, scope: Scope, account: LocalAccount) -> Attestation:
+    def signed(self, one: Unposted, device: str, scope: Scope, account: Signer) -> Attestation:
         """The log of that day, the same bytes each time.
 
         Raises OSError, and BadStatement when numbers are missing.

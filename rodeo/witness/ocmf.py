@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime
+from hashlib import sha256
 from typing import Any
 
-import coincurve
-from coincurve.ecdsa import der_to_cdata, serialize_compact
-from eth_utils import keccak
-
+from rodeo import keys, secp256k1
 from rodeo.evidence.errors import BadStatement
 from rodeo.witness.statement import MeterRecord
 
@@ -81,7 +79,7 @@ def data(record: MeterRecord) -> str:
 
 def sign(text: str, key: bytes) -> str:
     """The OCMF text with this data, signed with the 32 bytes of a device's private key."""
-    signature = coincurve.PrivateKey(key).sign(text.encode())
+    signature = secp256k1.sign_der(sha256(text.encode()).digest(), key)
     signed = {"SA": ALGORITHM, "SE": "hex", "SD": signature.hex()}
     return f"OCMF|{text}|{json.dumps(signed, separators=(',', ':'))}"
 
@@ -102,7 +100,7 @@ def _is_signed(text: str, signature: str, address: str) -> bool:
         fields = json.loads(signature)
         if (fields["SA"], fields["SE"], len(fields)) != (ALGORITHM, "hex", 3):
             return False
-        compact = serialize_compact(der_to_cdata(bytes.fromhex(fields["SD"])))
+        compact = secp256k1.compact(bytes.fromhex(fields["SD"]))
     except (ValueError, KeyError, TypeError, RecursionError):
         return False  # what is no signature has no signer
     return any(_signer(text, compact + bytes([parity])) == address.lower() for parity in (0, 1))
@@ -111,7 +109,6 @@ def _is_signed(text: str, signature: str, address: str) -> bool:
 def _signer(text: str, recoverable: bytes) -> str | None:
     """The lower-case address of the key that this signature fits; None if there is none."""
     try:
-        key = coincurve.PublicKey.from_signature_and_message(recoverable, text.encode())
+        return keys.address_of(secp256k1.recover(sha256(text.encode()).digest(), recoverable)).lower()
     except ValueError:
         return None
-    return "0x" + keccak(key.format(compressed=False)[1:])[-20:].hex()

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import zenoh
-from eth_account.signers.local import LocalAccount
 from pydantic import ValidationError
 
 from rodeo import queries, topics
@@ -21,6 +20,7 @@ from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.evidence.seal import SealHead
+from rodeo.keys import Signer
 from rodeo.metrics import HEADS_REFUSED
 from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.days import Days, Unposted
@@ -57,7 +57,7 @@ class Witness:
         bus: Bus,
         org: str,
         device: str,
-        account: LocalAccount,
+        account: Signer,
         folder: Path,
         inputs: Inputs,
         listener: Listener | None = None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from eth_utils import is_address, to_checksum_address
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.types import Policy
 from rodeo.config import Site, oracle_names
@@ -20,8 +20,8 @@ class Names:
     def __init__(self, site: Site, deployment: Deployment) -> None:
         self._site = site
         self._contracts = deployment.contracts
-        keys = {name: wallets.address(site, name) for name in wallets.wallet_names(site)}
-        self._keys = {**keys, **wallets.wallets_elsewhere(site)}
+        keys = {name: keystores.address(site, name) for name in keystores.wallet_names(site)}
+        self._keys = {**keys, **keystores.wallets_elsewhere(site)}
         self._addresses = {**self._keys, ORGANIZATION: str(deployment.address("Organization"))}
         self._names = {address: name for name, address in self._addresses.items()}
         self._names_of_keys = {address: name for name, address in self._keys.items()}

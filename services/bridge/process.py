@@ -19,7 +19,7 @@ from eth_account.signers.local import LocalAccount
 from prometheus_client import Counter, Gauge, Histogram
 from sqlalchemy.exc import DBAPIError
 
-from rodeo import topics, wallets
+from rodeo import keystores, topics, wallets
 from rodeo.bus import Request
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
@@ -212,7 +212,7 @@ class Bridge:
         site = self._site
         names = Names(site, deployment)
         if not self._accounts:
-            here = set(self._threads) & set(wallets.wallet_names(site))
+            here = set(self._threads) & set(keystores.wallet_names(site))
             self._accounts = {name: wallets.load(site, name) for name in sorted(here)}
         # Named after the genesis block: a chain that was made anew starts with an empty journal.
         chain = f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"

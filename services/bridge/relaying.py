@@ -8,7 +8,7 @@ from typing import TypeVar
 from eth_utils import keccak
 from pydantic import BaseModel
 
-from rodeo import signed_requests
+from rodeo import signed_requests, typed_data
 from rodeo.bus import validate
 from rodeo.chain.abi import TaskRequest
 from rodeo.chain.client import ChainClient
@@ -128,7 +128,7 @@ class Requests:
             raise self._no_permit(owner) from error
         for version in _VERSIONS:
             known = signed_requests.domain(name, deployment.chain_id, address, version)
-            if signed_requests.separator(known) == said:
+            if typed_data.separator(known) == said:
                 return known
         raise self._no_permit(owner)
 

@@ -12,8 +12,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-from eth_account.signers.local import LocalAccount
-
 from rodeo import topics
 from rodeo.charging import ChargingParams
 from rodeo.clock import Clock
@@ -21,6 +19,7 @@ from rodeo.errors import RodeoError
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.recorder import OnSeal, Recorder, SealedProof
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding
+from rodeo.keys import Signer
 from rodeo.messages import DaoEvent
 from rodeo.meter import Meter, load_register, store_register
 from rodeo.metering import RECORD_WH, STEP_WH, Reading
@@ -71,7 +70,7 @@ class Delivery:
         order: Order,
         chain: WitnessChain,
         publish: Callable[[Attestation], None],
-        account: LocalAccount,
+        account: Signer,
         clock: Clock,
         save: Callable[[Job], None],
         on_seal: OnSeal | None = None,

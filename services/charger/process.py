@@ -30,6 +30,7 @@ from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
+from rodeo.keystores import SiteDevice
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.logs import about_task
@@ -42,7 +43,6 @@ from rodeo.ros2.node import MessageInfo, Node
 from rodeo.ros2.types import new
 from rodeo.serving import served_by
 from rodeo.tls import bus_is_closed
-from rodeo.wallets import SiteDevice
 from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.statement import Scope

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Base64Bytes, BaseModel, Field, StringConstraints, model_validator
 
-from rodeo import topics, wallets
+from rodeo import keystores, topics
 from rodeo.bus import Bus, validate
 from rodeo.clock import Clock
 from rodeo.config import Site
@@ -213,7 +213,7 @@ class Actions:
         if user.participant is None:
             raise Forbidden("your account has no participant; an administrator can set one")
         participant = Participant(self.bus, self.site.org, user.participant)
-        return Executor(self.site, participant, wallets.load(self.site, user.participant), self._clock)
+        return Executor(self.site, participant, keystores.open_key(self.site, user.participant), self._clock)
 
     def robot(self, robot: str, order: str) -> Json:
         """An operator's order to a robot's agent. Raises ConfigError for a stranger, RobotUnavailable."""

@@ -21,14 +21,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from eth_account.signers.local import LocalAccount
-
 from rodeo import queries, topics, votes
 from rodeo.bus import Bus, validate
 from rodeo.clock import Clock
 from rodeo.config import Site, votes_needed
 from rodeo.dao import Participant
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
+from rodeo.keys import Signer
 from rodeo.messages import PostVotes, SealedVote, Task, Vote
 
 log = logging.getLogger(__name__)
@@ -114,7 +113,7 @@ class Votes:
         self,
         site: Site,
         name: str,
-        account: LocalAccount,
+        account: Signer,
         bus: Bus,
         wallet: Participant,
         clock: Clock,

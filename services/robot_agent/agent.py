@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eth_account.signers.local import LocalAccount
 from pydantic import ValidationError
 
 from rodeo import queries, topics
@@ -23,6 +22,7 @@ from rodeo.evidence.errors import EvidenceError, RecordingSealed
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
 from rodeo.files import is_full
+from rodeo.keys import Signer
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.world import CONTROL_PERIOD_S
@@ -158,7 +158,7 @@ class Agent:
         self._kinds = kinds_of(site)
         self._energy = providing_energy(site)
         self._clock = process.clock
-        self._device: LocalAccount = process.wait_account(f"{robot.name}-device")
+        self._device: Signer = process.wait_account(f"{robot.name}-device")
         self._store = Store(site)
         self._node = self._make_node("robot_agent")
         self._dao = RobotParticipant(bus, site.org, robot.name)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.dao import ORGANIZATION, Participant
@@ -133,7 +133,7 @@ class MotionCapture:
             return None
         self._ask_ns = time_ns + _ASK_AGAIN_NS
         try:
-            account = wallets.load(self._site, f"{NAME}-device")
+            account = keystores.open_key(self._site, f"{NAME}-device")
         except KeystoreMissing as error:
             if not self._said:
                 log.info("cannot sign poses: %s", error)

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from web3 import HTTPProvider, Web3
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.sim_clock import SimClock
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support import command
@@ -69,7 +69,7 @@ def test_from_nothing_to_a_payment_over_a_stall(
 ) -> None:
     """The simulator is stopped for a while during the work: its clock skips the time, the others say
     meanwhile that theirs is behind, and the robot is paid."""
-    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
     path = write_site(tmp_path, "external", SITE)
     path.write_text(re.sub("chain.url = .*", f'chain.url = "{node}"', path.read_text()))
     w3 = Web3(HTTPProvider(node))

@@ -14,7 +14,7 @@ import pytest
 from eth_account import Account
 from web3 import Web3
 
-from rodeo import possession, topics, wallets
+from rodeo import keystores, possession, topics, wallets
 from rodeo.bus import Bus, DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
@@ -528,7 +528,7 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
 
     def of(owner: str, nonce: int = 0) -> dict[str, str]:
         of_chain = client.w3.eth.chain_id, client.organization
-        signature = possession.sign(key, wallets.address(dao.site, owner), nonce, *of_chain)
+        signature = possession.sign(key, keystores.address(dao.site, owner), nonce, *of_chain)
         return {"device": device, "role": "mocap", "owner": owner, "signature": signature}
 
     request = of("carla")

@@ -19,7 +19,7 @@ from deploy.chain.process import run as serve_chain
 from deploy.chain.record import give_up_chain
 from deploy.chain.server import RpcServer
 from deploy.contracts import run as deploy
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.chain.client import connect
 from rodeo.chain.errors import WrongChain
 from rodeo.errors import NoResponder, RemoteError
@@ -48,7 +48,7 @@ def test_a_wallet_that_is_stuck_holds_up_nobody_else(running: RunningSite, node:
     running.start("router", "bridge", ready=False)
     running.deploy_contracts()
     running.wait_ready("bridge")
-    robot = wallets.address(running.site, "panther1")
+    robot = keystores.address(running.site, "panther1")
 
     def lose_what_the_robot_sends(method: str, params: Sequence[Any], answer: Answer) -> Any:
         if method == SEND and Account.recover_transaction(params[0]) == robot:

@@ -18,7 +18,7 @@ from eth_account.signers.local import LocalAccount
 from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, RemoteError
 from rodeo.instance import GAVE_UP, PARENT_VARIABLE
@@ -323,7 +323,7 @@ def test_health_and_metrics_are_served_over_http(dao: Dao) -> None:
 
 
 def test_a_bridge_whose_keystore_has_an_address_and_no_key_says_which_one_and_gives_up(dao: Dao) -> None:
-    path = wallets.keystore_path(dao.site, "bob")
+    path = keystores.keystore_path(dao.site, "bob")
     whole = path.read_text()
     dao.running.kill("bridge")
     path.write_text(json.dumps({"address": json.loads(whole)["address"]}))

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rodeo import queries, topics, wallets
+from rodeo import keystores, queries, topics
 from rodeo.dao import Participant
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
@@ -81,7 +81,7 @@ class Organization:
         path = Store(self.running.site).fetch(str(task.proof_uri), str(task.proof_sha256))
         proof = open_proof(path)
         assert proof.binding == self.robot.binding(task, "dock1")
-        assert proof.signer == wallets.address(self.running.site, "dock1-device")
+        assert proof.signer == keystores.address(self.running.site, "dock1-device")
         verdict = PostVerdict(
             task_id=task.id,
             attempt=task.attempt,

@@ -28,7 +28,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from rodeo import possession, queries, wallets
+from rodeo import keystores, possession, queries, wallets
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.events import ServiceRegistered
@@ -486,7 +486,7 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
     account, dao = Account.create(), desk.dao
     key = account.address
     chain = queries.ask(dao.running.bus, dao.site.org, queries.CHAIN)
-    owner = wallets.address(dao.site, "eva")
+    owner = keystores.address(dao.site, "eva")
     agreed = possession.sign(account, owner, 0, chain.chain_id, chain.contracts.organization)
     page.get_by_role("button", name="Register a key").click()
     page.get_by_label("Address of the key").fill(key)
@@ -621,7 +621,7 @@ def test_an_administrator_makes_an_account_which_its_owner_makes_their_own(desk:
 
 def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Office) -> None:
     site = desk.running.site
-    names = [*wallets.wallet_names(site), *wallets.device_names(site)]
+    names = [*keystores.wallet_names(site), *keystores.device_names(site)]
     keys = [wallets.load(site, name).key.hex().removeprefix("0x") for name in names]
     task_id = desk.dao.post("1", allow_wait=True)
     page = desk.page("ada")

@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import expect
 from typer.testing import CliRunner
 
-from rodeo import votes, wallets
+from rodeo import keystores, votes, wallets
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from rodeo.messages import Vote
@@ -113,7 +113,7 @@ def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
 
 
 def fund(dao: Dao, name: str) -> None:
-    to = wallets.address(dao.site, name)
+    to = keystores.address(dao.site, name)
     dao.command("panther1", "transfer", to=to, amount_iec="50")
 
 
@@ -282,7 +282,9 @@ def test_a_judge_who_takes_its_stake_back_holds_up_no_other(dao: Dao, tmp_path: 
     said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "carl", "--votes", file, status=1)
     assert "stake_too_low" in said
     said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "dora", "--votes", file)
-    assert f"The vote of {wallets.address(dao.site, 'bert')} in {file} does not count: stake_too_low" in said
+    assert (
+        f"The vote of {keystores.address(dao.site, 'bert')} in {file} does not count: stake_too_low" in said
+    )
     assert "That was enough" in said
     decided(dao, task_id)
     organization(dao, "deposit-stake", "bert", str(JUDGE_STAKE))
@@ -308,7 +310,7 @@ def test_who_challenges_what_is_right_pays_the_other(dao: Dao, tmp_path: Path) -
     # An operator stands for the organization, which posted the task; its key pays.
     fund(dao, "anna")
     rodeo(dao, "challenge", str(task_id), "--reason", "I do not believe it", "--as", "anna")
-    assert dao.task(task_id)["dispute"]["challenger"] == wallets.address(dao.site, "anna")
+    assert dao.task(task_id)["dispute"]["challenger"] == keystores.address(dao.site, "anna")
     file = str(tmp_path / "votes.json")
     for name in ("bert", "carl", "dora"):
         rodeo(dao, "vote", str(task_id), "accepted", "--as", name, "--votes", file)
@@ -349,7 +351,7 @@ def test_a_party_and_a_judge_challenge_in_the_console(
     expect(
         page.get_by_text("challenged: the bin shows something else; the judges decide until")
     ).to_be_visible()
-    assert dao.task(task_id)["dispute"]["challenger"] == wallets.address(dao.site, participant)
+    assert dao.task(task_id)["dispute"]["challenger"] == keystores.address(dao.site, participant)
     expect(page.get_by_role("button", name="Challenge")).to_have_count(0)
     file = str(tmp_path / "votes.json")
     for name in ("anna", "carl", "dora"):

@@ -16,7 +16,7 @@ import pytest
 from eth_account import Account
 from typer.testing import CliRunner
 
-from rodeo import topics, wallets
+from rodeo import keystores, topics
 from rodeo.errors import RemoteError
 from rodeo.evidence.attestation import Attestation, attest, verify_attestation
 from rodeo.ros2.node import Node
@@ -113,7 +113,7 @@ ROBOT, AUDITOR = Account.create(), Account.create()
 
 
 def bin_key(site: RunningSite) -> str:
-    return wallets.address(site.site, f"{site.site.bins[0].name}-device")
+    return keystores.address(site.site, f"{site.site.bins[0].name}-device")
 
 
 class Office:
@@ -127,7 +127,7 @@ class Office:
             "TaskManager": SCOPE.task_manager,
             "Organization": SCOPE.organization,
         }
-        auditors = {"anna": AUDITOR.address, "organization": wallets.address(site.site, "organization")}
+        auditors = {"anna": AUDITOR.address, "organization": keystores.address(site.site, "organization")}
         listed = {"AUDITOR_ROLE": [{"address": one, "name": name} for name, one in auditors.items()]}
         answered = {
             "organization": answers.organization() | {"roles": listed},

@@ -12,7 +12,7 @@ from eth_account.signers.local import LocalAccount
 from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.dao import Participant
 from rodeo.errors import RemoteError
 from rodeo.messages import AllowPayments, RegisterTask
@@ -40,7 +40,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
     def make_token() -> None:
         token = PlainToken(running.site.chain.url, 6)
         for name in ("organization", "panther1"):
-            token.mint(wallets.address(running.site, name), 1000 * TOKEN)
+            token.mint(keystores.address(running.site, name), 1000 * TOKEN)
         token.mint(CAROL.address, 50 * TOKEN)
 
     try:

@@ -10,7 +10,7 @@ import pytest
 from eth_account import Account
 from typer.testing import CliRunner
 
-from rodeo import topics, votes, wallets
+from rodeo import keystores, topics, votes, wallets
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError
 from rodeo.messages import SealedVote, Task, Vote
@@ -97,7 +97,7 @@ def test_a_judges_key_changes_in_one_call(dao: Dao) -> None:
     (cleaning,) = [one for one in before["kinds"] if one["kind"] == "waste_disposal"]
     assert (cleaning["votes"], cleaning["panel"], cleaning["seats"]) == (3, 5, [0, 1, 2, 3, 4])
     assert [one["name"] for one in before["judges"]] == list(ORACLES)
-    key = wallets.address(dao.site, "panther1-device")
+    key = keystores.address(dao.site, "panther1-device")
     shown = CliRunner().invoke(
         app, ["organization", "judge-key", "dora", key], env={"RODEO_SITE": str(dao.running.path)}
     )

@@ -12,7 +12,7 @@ import pytest
 from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
-from rodeo import wallets
+from rodeo import keystores
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 
@@ -54,14 +54,14 @@ def both(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterat
 
 def give_gas_money(dao: Dao) -> None:
     w3 = Web3(HTTPProvider(dao.site.chain.url))
-    for name in wallets.wallet_names(dao.site):
-        account = wallets.address(dao.site, name)
+    for name in keystores.wallet_names(dao.site):
+        account = keystores.address(dao.site, name)
         paid = w3.eth.send_transaction({"from": w3.eth.accounts[0], "to": account, "value": Wei(10**18)})
         w3.eth.wait_for_transaction_receipt(paid)
 
 
 def sent_by_robot(dao: Dao) -> int:
-    return dao.client().w3.eth.get_transaction_count(wallets.address(dao.site, "panther1"))
+    return dao.client().w3.eth.get_transaction_count(keystores.address(dao.site, "panther1"))
 
 
 def pay(dao: Dao, amount: int, request_id: str) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def pay(dao: Dao, amount: int, request_id: str) -> dict[str, Any]:
 
 def test_the_wallet_takes_tasks_proves_them_and_is_paid_in_both(both: Both) -> None:
     first, second = both
-    assert wallets.address(first.site, "panther1") == wallets.address(second.site, "panther1")
+    assert keystores.address(first.site, "panther1") == keystores.address(second.site, "panther1")
     assert not set(first.client().deployment.contracts.values()) & set(
         second.client().deployment.contracts.values()
     )

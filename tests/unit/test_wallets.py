@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.config import Site
 from rodeo.errors import KeystoreMissing, WalletError
 from rodeo_testing.waiting import HANG_S
@@ -21,7 +21,7 @@ def site(site_path: Path) -> Site:
 
 def test_a_keystore_opens_to_the_address_it_states(site: Site) -> None:
     wallets.ensure_wallets(site)
-    assert wallets.load(site, "panther1").address == wallets.address(site, "panther1")
+    assert wallets.load(site, "panther1").address == keystores.address(site, "panther1")
 
 
 def test_a_robot_uses_the_wallet_that_the_site_names(site: Site) -> None:
@@ -29,15 +29,15 @@ def test_a_robot_uses_the_wallet_that_the_site_names(site: Site) -> None:
     site = site.model_copy(update={"robots": [robot]})
     wallets.ensure_wallets(site)
     assert (site.data_dir / "keys" / "purse.json").exists()
-    assert wallets.keystore_path(site, robot.name).name == "purse.json"
-    assert wallets.keystore_path(site, f"{robot.name}-device").name == f"{robot.name}-device.json"
+    assert keystores.keystore_path(site, robot.name).name == "purse.json"
+    assert keystores.keystore_path(site, f"{robot.name}-device").name == f"{robot.name}-device.json"
 
 
 def test_making_wallets_twice_keeps_the_first(site: Site) -> None:
     wallets.ensure_wallets(site)
-    before = wallets.address(site, "oracle")
+    before = keystores.address(site, "oracle")
     wallets.ensure_wallets(site)
-    assert wallets.address(site, "oracle") == before
+    assert keystores.address(site, "oracle") == before
 
 
 def test_only_the_owner_can_read_keys_and_passphrase(site: Site) -> None:
@@ -50,7 +50,7 @@ def test_a_wrong_passphrase_is_an_error_that_names_the_keystore(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wallets.ensure_wallets(site)
-    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "wrong")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "wrong")
     with pytest.raises(WalletError) as caught:
         wallets.load(site, "oracle")
     assert caught.value.details["name"] == "oracle"
@@ -63,8 +63,8 @@ def test_a_key_in_the_environment_stands_in_for_its_keystore(
     key = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
     monkeypatch.setenv("RODEO_KEY_PANTHER1_DEVICE", key)
     wallets.ensure_wallets(site)
-    assert not wallets.keystore_path(site, "panther1-device").exists()
-    assert wallets.address(site, "panther1-device") == "0xf39Fd6e51aad88F6F4ce6aB8827279cffFb92266"
+    assert not keystores.keystore_path(site, "panther1-device").exists()
+    assert keystores.address(site, "panther1-device") == "0xf39Fd6e51aad88F6F4ce6aB8827279cffFb92266"
     assert wallets.load(site, "panther1-device").key.to_0x_hex() == key
 
 
@@ -89,8 +89,8 @@ def test_a_missing_keystore_is_told_apart_from_one_that_does_not_open(site: Site
     with pytest.raises(KeystoreMissing) as caught:
         wallets.load(site, "oracle")
     assert caught.value.details["name"] == "oracle"
-    wallets.keystore_path(site, "oracle").parent.mkdir(parents=True)
-    wallets.keystore_path(site, "oracle").write_text("{")
+    keystores.keystore_path(site, "oracle").parent.mkdir(parents=True)
+    keystores.keystore_path(site, "oracle").write_text("{")
     with pytest.raises(WalletError) as caught_other:
         wallets.load(site, "oracle")
     assert not isinstance(caught_other.value, KeystoreMissing)
@@ -99,7 +99,7 @@ def test_a_missing_keystore_is_told_apart_from_one_that_does_not_open(site: Site
 @pytest.mark.parametrize("text", ["[]", "{}", '{"crypto": 1, "version": 3}'])
 def test_what_is_no_keystore_is_called_so(site: Site, text: str) -> None:
     wallets.ensure_wallets(site)
-    wallets.keystore_path(site, "oracle").write_text(text)
+    keystores.keystore_path(site, "oracle").write_text(text)
     with pytest.raises(WalletError, match="not a keystore"):
         wallets.load(site, "oracle")
 
@@ -123,7 +123,7 @@ def test_a_terminal_is_asked_for_the_passphrase_once(site: Site, site_path: Path
         stderr=theirs,
         text=True,
         start_new_session=True,
-        env={name: value for name, value in os.environ.items() if name != wallets.PASSPHRASE_VARIABLE},
+        env={name: value for name, value in os.environ.items() if name != keystores.PASSPHRASE_VARIABLE},
     ) as asking:
         os.close(theirs)  # so that reading ends when the process does
         shown = b""

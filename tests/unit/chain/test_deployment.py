@@ -13,7 +13,7 @@ from eth_utils import to_bytes
 
 from deploy import contracts
 from deploy.contracts import WithoutGasMoney
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain import artifacts
 from rodeo.chain.abi import Instance, Review, Terms
 from rodeo.chain.client import connect
@@ -50,9 +50,9 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
     assert client.has_role(Role.ORACLE, organization.oracle.address)
     assert not client.has_role(Role.ORACLE, organization.operator.address)
     assert all(client.is_kind_allowed(kind) for kind in kinds_of(site))
-    robot = client.device(wallets.address(site, "panther1-device"))
+    robot = client.device(keystores.address(site, "panther1-device"))
     assert (robot.role, robot.owner) == ("robot", organization.robot.address)
-    meter = client.device(wallets.address(site, "dock1-device"))
+    meter = client.device(keystores.address(site, "dock1-device"))
     assert (meter.role, meter.owner) == ("meter", client.organization)
     assert meter.registrar == organization.operator.address and meter.revoked_at == 0
 
@@ -168,7 +168,7 @@ def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest
         quorum = client.quorum(kind)
         assert (quorum.votes, quorum.panel, quorum.judges) == (2, 3, 0b111) and not caplog.records
         organization.send(organization.operator, client.calls.set_quorum(kind, 2, 2, 0, 0b011))
-        changed, bert = client.quorum(kind), wallets.address(site, "bert-device")
+        changed, bert = client.quorum(kind), keystores.address(site, "bert-device")
         organization.send(organization.operator, client.calls.change_key(bert, "0x" + "be" * 20))
         block = client.w3.eth.block_number
         organization.deploy()
@@ -410,7 +410,7 @@ def test_every_contract_fits_the_limit_of_eip_170() -> None:
 def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
     with running_chain("eth-tester", tmp_path) as local:
         site = local.model_copy(update={"chain": local.chain.model_copy(update={"backend": "external"})})
         wallets.make_missing(site, scrypt_n=2)
@@ -420,7 +420,7 @@ def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
             path.write_text(json.dumps(keystore))
         with pytest.raises(WithoutGasMoney) as caught:
             contracts.run(site, threading.Event())
-        accounts = {name: wallets.address(site, name) for name in wallets.wallet_names(site)}
+        accounts = {name: keystores.address(site, name) for name in keystores.wallet_names(site)}
         assert caught.value.details == accounts
         w3 = connect(site.chain.url)
         for account in accounts.values():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from deploy.contracts import _told
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.config import Site
 from tests.support.site import write_site
 
@@ -18,8 +18,8 @@ def test_a_keystore_that_cannot_be_read_is_passed_over(
 ) -> None:
     site = Site.load(write_site(tmp_path))
     wallets.ensure_wallets(site)
-    assert _told(site, "panther1") == wallets.address(site, "panther1")
-    path = wallets.keystore_path(site, "panther1")
+    assert _told(site, "panther1") == keystores.address(site, "panther1")
+    path = keystores.keystore_path(site, "panther1")
     path.write_text(path.read_text()[:100])
     with caplog.at_level(logging.ERROR):
         assert _told(site, "panther1") is None

@@ -13,7 +13,7 @@ from web3 import Web3
 from web3.types import TxReceipt
 
 from deploy import contracts, founding
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain import artifacts, registry, transactions
 from rodeo.chain.client import ChainClient, connect
 from rodeo.chain.deployment import Deployment
@@ -33,7 +33,7 @@ def told(site: Site) -> list[str]:
 
 
 def sent(site: Site, w3: Web3, name: str = "organization") -> int:
-    return int(w3.eth.get_transaction_count(Web3.to_checksum_address(wallets.address(site, name))))
+    return int(w3.eth.get_transaction_count(Web3.to_checksum_address(keystores.address(site, name))))
 
 
 def record(site: Site) -> Deployment:
@@ -85,7 +85,7 @@ def test_an_organization_takes_four_transactions_of_its_founder_and_the_next_one
     assert not {*deployed[0].contracts.values()} & {*deployed[1].contracts.values()}
     listed = Registry(w3, registry.known_address()).organizations()
     assert [(one.name, one.founder, one.address, one.founded_in) for one in listed] == [
-        (one.org, wallets.address(one, "organization"), made.address("Organization"), made.block)
+        (one.org, keystores.address(one, "organization"), made.address("Organization"), made.block)
         for one, made in zip((site, second), deployed, strict=True)
     ]
 
@@ -119,7 +119,7 @@ def test_with_votes_and_disputes_no_transaction_has_more_gas_than_one_may_have(
     )
     wallets.ensure_wallets(full)
     w3 = connect(full.chain.url)
-    contracts._fund(w3, [wallets.address(full, name) for name in wallets.wallet_names(full)])
+    contracts._fund(w3, [keystores.address(full, name) for name in keystores.wallet_names(full)])
     founding.create_contracts(full, w3, wallets.load(full, "organization"), lambda _text: None)
     assert len(gas) == 4 and max(gas) * transactions.GAS_MARGIN < 2**24
 
@@ -260,14 +260,14 @@ def test_addresses_are_the_same_on_every_chain(site: Site, tmp_path: Path) -> No
 def test_without_the_proxy_a_registry_is_put_on_the_chain_and_others_name_it(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
     w3, first = connect(site.chain.url), as_elsewhere(site)
     second = as_elsewhere(another(site, tmp_path / "second"))
     wallets.make_missing(first, scrypt_n=2)
     wallets.make_missing(second, scrypt_n=2)
     for one in (first, second):
-        for name in wallets.wallet_names(one):
-            account = Web3.to_checksum_address(wallets.address(one, name))
+        for name in keystores.wallet_names(one):
+            account = Web3.to_checksum_address(keystores.address(one, name))
             w3.eth.send_transaction({"from": w3.eth.accounts[0], "to": account, "value": 10**19})
     send = transactions.send
 
@@ -319,7 +319,7 @@ def test_a_registry_of_other_code_is_not_taken_for_this_one(site: Site) -> None:
     """It would create other contracts under our names."""
     wallets.ensure_wallets(site)
     w3 = connect(site.chain.url)
-    contracts._fund(w3, [wallets.address(site, "organization")])
+    contracts._fund(w3, [keystores.address(site, "organization")])
     founder = wallets.load(site, "organization")
     forged = bytearray(registry.creation_code())
     forged[-1] ^= 1  # the last hash

@@ -30,7 +30,7 @@ from deploy.migration import (
 )
 from deploy.waiting import DelayRuns
 from deploy.waiting import proposed as waiting_for
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain import transactions
 from rodeo.chain.abi import KindRules, Review, Revocation, ServiceState, Silence, TaskState, Terms, Verdict
 from rodeo.chain.client import ChainClient, connect
@@ -252,7 +252,7 @@ def judged(tmp_path: Path) -> Iterator[Lab]:
 def test_an_organization_does_not_move_with_a_key_that_its_judge_has_no_more(judged: Lab) -> None:
     """Somebody else may have it."""
     old = judged.client
-    key, other = wallets.address(judged.site, "bert-device"), Account.create().address
+    key, other = keystores.address(judged.site, "bert-device"), Account.create().address
     judged.send(judged.operator, old.calls.change_key(key, other))
     with pytest.raises(KeyRevoked, match="the key of bert was revoked"):
         judged.migrate()
@@ -265,7 +265,7 @@ def test_an_organization_does_not_move_with_a_key_that_its_judge_has_no_more(jud
 def test_a_judge_that_takes_a_revoked_devices_key_makes_it_no_good_one(judged: Lab) -> None:
     """Any judge may change to any key, also one who is about to leave."""
     old = judged.client
-    bert, device = (wallets.address(judged.site, f"{name}-device") for name in ("bert", "itrash"))
+    bert, device = (keystores.address(judged.site, f"{name}-device") for name in ("bert", "itrash"))
     judged.send(judged.operator, old.organization_calls.revoke_device(device, Revocation.COMPROMISED))
     judged.send(judged.operator, old.calls.change_key(bert, device))
     others = [one for one in judged.site.oracles if one.name != "bert"]
@@ -344,7 +344,7 @@ def test_what_people_judge_is_accepted_and_judged_by_people_in_the_new_organizat
 def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> None:
     """The new one knows of no revocation, and would trust it again."""
     lab.judge()
-    device = wallets.address(lab.site, "itrash-device")
+    device = keystores.address(lab.site, "itrash-device")
     lab.send(lab.operator, lab.client.organization_calls.revoke_device(device, Revocation.COMPROMISED))
     before = lab.record()
     with pytest.raises(KeyRevoked, match="the key of itrash was revoked"):
@@ -355,7 +355,7 @@ def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> N
     # A keystore that cannot be read keeps nobody else waiting: its key is not registered.
     (lab.site.data_dir / "keys" / "mocap-device.json").write_text("{")
     lab.migrate()
-    assert lab.new().device(wallets.address(lab.site, "itrash-device")).revoked_at == 0
+    assert lab.new().device(keystores.address(lab.site, "itrash-device")).revoked_at == 0
 
 
 def test_what_the_token_once_refused_to_the_treasury_moves_with_it(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from deploy import contracts
 from deploy import prepare as module
 from deploy.contracts import OtherRelease, WithoutGasMoney
 from deploy.prepare import prepare
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain.client import connect
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ChainUnavailable
@@ -37,13 +37,13 @@ NEEDED = re.compile(r"^gas money: (0x[0-9a-fA-F]{40}) (\S+): holds 0; send at le
 @pytest.fixture
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """File of a site on somebody's node, which runs."""
-    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
     node, own = tmp_path / "node", tmp_path / "own"
     node.mkdir()
     own.mkdir()
     with running_chain("eth-tester", node) as theirs:
         for number, name in enumerate(("ORGANIZATION", "PANTHER1", "ORACLE"), 1):
-            monkeypatch.setenv(wallets.KEY_VARIABLE + name, f"0x{number:064x}")
+            monkeypatch.setenv(keystores.KEY_VARIABLE + name, f"0x{number:064x}")
         path = write_site(own, "external", ELSEWHERE)
         path.write_text(re.sub("chain.url = .*", f'chain.url = "{theirs.chain.url}"', path.read_text()))
         yield path
@@ -67,7 +67,7 @@ def test_a_site_on_a_chain_elsewhere_is_prepared_with_the_amounts_that_it_names(
     needed = {found[2]: (found[1], found[3]) for line in said if (found := NEEDED.match(line))}
     site = Site.load(elsewhere)
     assert {name: address for name, (address, _) in needed.items()} == {
-        name: wallets.address(site, name) for name in wallets.wallet_names(site)
+        name: keystores.address(site, name) for name in keystores.wallet_names(site)
     }
     assert all(name in empty.value.message for name in needed)
     w3 = connect(site.chain.url)
@@ -98,7 +98,7 @@ def test_a_participant_for_whom_others_send_needs_no_gas_money(elsewhere: Path) 
     site = Site.load(elsewhere)
     w3 = connect(site.chain.url)
     for name in ("organization", "panther1", "oracle"):
-        pay(w3, wallets.address(site, name), "1")
+        pay(w3, keystores.address(site, name), "1")
     said.clear()
     prepare(elsewhere, said.append, threading.Event())
     Deployment.load(site.data_dir, CHAIN_ID).verify(w3)
@@ -112,8 +112,8 @@ def test_an_organization_of_another_release_is_not_replaced_by_another_one(
     site = Site.load(elsewhere)
     wallets.make_missing(site)
     w3 = connect(site.chain.url)
-    for name in wallets.wallet_names(site):
-        pay(w3, wallets.address(site, name), "1")
+    for name in keystores.wallet_names(site):
+        pay(w3, keystores.address(site, name), "1")
     prepare(elsewhere, lambda _: None, threading.Event())
     before, block = Deployment.load(site.data_dir, CHAIN_ID), w3.eth.block_number
     swapped = before.contracts | {"LowestPrice": before.contracts["SecondPrice"]}
@@ -161,7 +161,7 @@ def test_without_a_node_it_is_said_at_once_what_is_waited_for_and_then_what_to_d
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(contracts._NODE_S, "external", 1.0)
-    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
     path = write_site(tmp_path, "external", ELSEWHERE)
     url = Site.load(path).chain.url
     said: list[str] = []
@@ -175,7 +175,7 @@ def test_without_a_node_it_is_said_at_once_what_is_waited_for_and_then_what_to_d
 
 def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
     path = write_site(tmp_path, "external", ELSEWHERE)
-    environment = {"COLUMNS": "80", "PATH": "", wallets.PASSPHRASE_VARIABLE: "secret"}
+    environment = {"COLUMNS": "80", "PATH": "", keystores.PASSPHRASE_VARIABLE: "secret"}
     done = subprocess.run(
         [sys.executable, "-m", "rodeo_cli", "site", "wallets", "--site", str(path)],
         capture_output=True,
@@ -184,26 +184,26 @@ def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
         timeout=HANG_S,
     )
     site = Site.load(path)
-    for name in [*wallets.wallet_names(site), *wallets.device_names(site)]:
-        assert f"{wallets.address(site, name)}  {name} " in done.stdout, done.stderr
+    for name in [*keystores.wallet_names(site), *keystores.device_names(site)]:
+        assert f"{keystores.address(site, name)}  {name} " in done.stdout, done.stderr
     assert f"no node answers at {site.chain.url}" in done.stdout
 
 
 def test_accounts_are_json_with_what_they_hold_and_lack_for_gas(elsewhere: Path) -> None:
     site = Site.load(elsewhere)
     wallets.make_missing(site)
-    pay(connect(site.chain.url), wallets.address(site, "oracle"), "2.5")
+    pay(connect(site.chain.url), keystores.address(site, "oracle"), "2.5")
     done = CliRunner().invoke(app, ["site", "wallets", "--site", str(elsewhere), "--json"])
     document = json.loads(done.stdout)
     accounts = {one.pop("name"): one for one in document.pop("accounts")}
     assert document == {"chain_url": site.chain.url, "problem": ""}
-    assert list(accounts) == [*wallets.wallet_names(site), *wallets.device_names(site)]
-    assert all(one["address"] == wallets.address(site, name) for name, one in accounts.items())
+    assert list(accounts) == [*keystores.wallet_names(site), *keystores.device_names(site)]
+    assert all(one["address"] == keystores.address(site, name) for name, one in accounts.items())
     assert (
         accounts["oracle"].items()
         >= {"signs": "transactions", "holds_eth": "2.5", "missing_eth": "0"}.items()
     )
     assert accounts["organization"]["holds_eth"] == "0"
     assert Decimal(accounts["organization"]["missing_eth"]) > 0
-    device = accounts[next(iter(wallets.device_names(site)))]
+    device = accounts[next(iter(keystores.device_names(site)))]
     assert device.items() >= {"signs": "evidence", "holds_eth": None, "missing_eth": None}.items()

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from coincurve import PrivateKey
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from pyocmf import OCMF
 
+from rodeo import secp256k1
 from rodeo.evidence.errors import BadStatement
 from rodeo.witness import ocmf
 from rodeo.witness.statement import Head, MeterRecord
@@ -20,7 +20,7 @@ from tests.unit.services.charger.test_delivery import Bench
 
 def public_key(key: bytes) -> str:
     """Of a private key, as hex of the usual DER, which is how a meter's buyer gets it."""
-    point = PrivateKey(key).public_key.format(compressed=False)
+    point = b"\x04" + secp256k1.public_key(bytes(key))
     curve = ec.EllipticCurvePublicKey.from_encoded_point(ec.SECP256K1(), point)
     return curve.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo).hex()
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rodeo import wallets
+from rodeo import keystores
 from rodeo.bus import Request
 from rodeo.chain.errors import ContractReverted, decode_revert
 from rodeo.chain.governance import BUDGET_CREDITS, shares
@@ -177,8 +177,8 @@ def test_only_members_from_before_have_credits_once_for_each_identity(members: M
     site = members.organization.site
     for keystore in ("panther1-device", "organization"):
         with pytest.raises(ContractReverted) as second:
-            members.client.simulate(votes, wallets.address(site, keystore))
-        assert second.value.details == {"account": wallets.address(site, keystore)}
+            members.client.simulate(votes, keystores.address(site, keystore))
+        assert second.value.details == {"account": keystores.address(site, keystore)}
         assert second.value.name == "NotAMember"
     members.cast("panther1", number, **{REPAIRS: 10})
     # Whoever is admitted meanwhile votes only in what is opened later.

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from eth_account.signers.local import LocalAccount
 
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.config import Site
 from services.bridge.continuity import Continuity, give_up_journal, open_journal
 from services.bridge.errors import JournalDamaged, JournalIncomplete
@@ -169,7 +169,7 @@ def test_what_a_shared_wallet_sends_for_others_while_no_bridge_runs_is_not_misse
 def test_a_lost_journal_is_noticed_by_the_wallets_that_are_not_shared(
     bridge: Bridge, chain: DeployedChain
 ) -> None:
-    deployer = wallets.address(chain.site, "organization")
+    deployer = keystores.address(chain.site, "organization")
     bridge.addresses["organization"], bridge.sent[deployer] = deployer, 0
     bridge.shared = ["organization"]
     journal = bridge.open()

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo import signed_requests
+from rodeo import signed_requests, typed_data
 from rodeo.chain.encoding import Call
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
@@ -100,7 +100,7 @@ def test_what_no_contract_takes_is_an_invalid_request(wallet: Wallet, field: str
 
 def token(name: str, version: str) -> Any:
     """A client of an organization that pays with such a token."""
-    separator = signed_requests.separator(signed_requests.domain(name, 1, CONTRACT, version))
+    separator = typed_data.separator(signed_requests.domain(name, 1, CONTRACT, version))
     return SimpleNamespace(
         deployment=SimpleNamespace(chain_id=1, address=lambda _name: CONTRACT),
         task_manager=CONTRACT,

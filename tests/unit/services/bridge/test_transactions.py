@@ -16,7 +16,7 @@ import pytest
 import sqlalchemy
 
 from deploy.chain.errors import InternalError, TransactionRejected
-from rodeo import wallets
+from rodeo import keystores, wallets
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
 from rodeo.config import WalletLimits
 from rodeo.currency import IEC
@@ -53,7 +53,7 @@ class Robot:
         self.chain = chain
         self.account = wallets.load(chain.site, "panther1")
         self.client = chain.client()
-        self.oracle = wallets.address(chain.site, "oracle")
+        self.oracle = keystores.address(chain.site, "oracle")
         self.folder = folder
         self.url = chain.site.chain.url
         self.limits = Limits(WalletLimits(), IEC)
