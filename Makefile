@@ -1,6 +1,5 @@
 # Every target sets up what it needs and may be repeated; the second run is fast.
 .DEFAULT_GOAL := help
-PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # The solver's packages want older versions of some that the project needs.
@@ -13,105 +12,96 @@ PYX := $(wildcard rodeo/lab/*.pyx services/robot_sim/*.pyx)
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup postgresql demo test test-contracts test-python test-long test-contracts-long test-python-long symbolic experiment bench lint docs contracts clean
+.PHONY: help setup system node-packages demo test test-contracts test-python test-long symbolic check experiment bench lint docs contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
 
 # -- set-up ------------------------------------------------------------------------------------------
 
-$(VENV)/stamp: pyproject.toml constraints.txt $(PYX)
-	@echo "Installing the Python packages into $(VENV) ..."
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
-	@touch $@
+# tools/setup.sh chooses the Python, or names all that is missing in one message; tools/install.py installs.
+SETUP = GOAL='$(firstword $(MAKECMDGOALS))' sh tools/setup.sh
+SITE := $(VENV)/installed-site
+DEV := $(VENV)/installed-dev
+
+$(VENV)/installed-%: pyproject.toml constraints.txt
+	@$(SETUP) install $*
 
 $(SOLVER)/stamp: contracts/symbolic/requirements.txt
-	@echo "Installing the solver into $(SOLVER) ..."
-	@test -x $(SOLVER)/bin/python || $(PYTHON) -m venv $(SOLVER)
-	@$(SOLVER)/bin/pip install --quiet --disable-pip-version-check --requirement $<
+	@$(SETUP) venv $(SOLVER) $<
 	@touch $@
 
 $(SPHINX)/stamp: docs/requirements.txt
-	@echo "Installing Sphinx into $(SPHINX) ..."
-	@test -x $(SPHINX)/bin/python || $(PYTHON) -m venv $(SPHINX)
-	@$(SPHINX)/bin/pip install --quiet --disable-pip-version-check --requirement $<
+	@$(SETUP) venv $(SPHINX) $<
 	@touch $@
 
 node_modules/.stamp: package.json package-lock.json
-	@echo "Installing Foundry and OpenZeppelin from npm ..."
-	@command -v npm >/dev/null || { echo "Node.js 20 or newer with npm is needed for the contract tests" >&2; exit 1; }
+	@$(SETUP) node
+	@echo "npm install: Foundry and OpenZeppelin, 200 MB on disk" >&2
 	@# Not npm ci: it wants the lock to name the binaries of every platform, which not every registry has.
 	@npm install --no-save --no-audit --no-fund --loglevel=error
 	@touch $@
 
-postgresql:
-	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 \
-		|| apt-get install --quiet --yes postgresql >/dev/null 2>&1 \
-		|| echo "PostgreSQL is not installed and cannot be installed here: its tests are skipped" >&2
+# The contracts' tools where there is Node. Tests and lint say what they skip without it.
+node-packages:
+	@if $(SETUP) node 2>/dev/null; then $(MAKE) --no-print-directory node_modules/.stamp; fi
 
-setup: $(VENV)/stamp  ## install what running needs; Foundry's anvil, too, where there is Node
-	@if command -v npm >/dev/null; then $(MAKE) --no-print-directory node_modules/.stamp \
-		|| echo "anvil could not be installed: \`chain.backend = \"anvil\"\` needs it, nothing else" >&2; \
-	else echo "anvil is not installed, as there is no Node.js: \`chain.backend = \"anvil\"\` needs it, nothing else"; fi
+setup: $(SITE) node-packages  ## install what a site needs, and Foundry's anvil where there is Node
+
+system:  ## install with apt-get what tests and pictures need: PostgreSQL, Chromium, Node, libEGL
+	@$(SETUP) system
 
 # -- what people run ---------------------------------------------------------------------------------
 
-demo: $(VENV)/stamp  ## one cleaning task and one charging session, end to end
+demo: $(SITE)  ## one cleaning task and one charging session, end to end
 	@$(BIN)/rodeo demo
 
-PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --forks --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
-	--durations 25 --durations-min 5
+# Python's and the contracts' tests side by side, and one line at the end.
+TESTS = $(BIN)/python -m tests --chain $(CHAIN) --jobs $(JOBS)
 
-# The contracts beside the rest: their compiler keeps one core busy for minutes, while tests of sites wait for processes
-# and for time that passes.
-BESIDE = $(MAKE) --no-print-directory --jobs=2 --keep-going
-# Whole lives of tasks, in any order, take minutes.
-LONG_CONTRACTS = EscrowInvariants
-FORGE = mkdir -p out; npm run --silent contracts:test -- $(1) >out/$@.log 2>&1; status=$$?; cat out/$@.log; exit $$status
+test: $(DEV) node-packages  ## everything that checks the project, but for what takes minutes
+	@$(TESTS)
 
-test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes
-	@$(BESIDE) test-contracts test-python
+test-contracts: $(DEV) node_modules/.stamp
+	@$(TESTS) --only contracts
 
-test-contracts: node_modules/.stamp
-	@$(call FORGE,--no-match-contract $(LONG_CONTRACTS))
+test-python: $(DEV)
+	@$(TESTS) --only python
 
-test-python: $(VENV)/stamp
-	@$(PYTEST) -m "not long"
+test-long: $(DEV) node-packages $(SOLVER)/stamp  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
+	@$(TESTS) --long
 
-test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
-	@$(BESIDE) test-contracts-long test-python-long
+check: $(DEV)  ## a contributor's loop, about a minute: linters, types, imports, and the unit tests that are fast
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-logo --no-cache
+	@$(BIN)/python -m tests --fast --jobs $(JOBS)
 
 symbolic: $(SOLVER)/stamp node_modules/.stamp  ## what a task pays, by a solver: for all amounts, bonds and penalties
 	@node contracts/symbolic.mjs
 
-test-contracts-long: export FOUNDRY_INVARIANT_RUNS = 256
-test-contracts-long: node_modules/.stamp symbolic
-	@$(call FORGE,--match-contract $(LONG_CONTRACTS))
-
-test-python-long: $(VENV)/stamp
-	@$(PYTEST) -m long
-
-experiment: $(VENV)/stamp  ## the published experiment twice, about half an hour; out/experiment/paper/report.html
+experiment: $(VENV)/installed-experiment  ## the published experiment twice, about half an hour; out/experiment/paper/report.html
 	@$(BIN)/rodeo experiment paper
 
 # Of all areas only the planted bugs need the solver.
-bench: $(VENV)/stamp $(if $(filter mutants,$(or $(ONLY),mutants)),$(SOLVER)/stamp) node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
+bench: $(DEV) $(if $(filter mutants,$(or $(ONLY),mutants)),$(SOLVER)/stamp) node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)
 
-lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, imports, built contracts equal to their sources
+lint: $(DEV) node-packages  ## linters, type checker, imports, built contracts equal to their sources
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo --no-cache
 	@$(BIN)/python -m tests.docs.links
-	@npm run --silent contracts:check
+	@if [ -e node_modules/.stamp ]; then npm run --silent contracts:check; \
+	else echo "skipped: whether built contracts equal their sources; Node is missing: make system"; fi
 
 docs: $(SPHINX)/stamp  ## the documentation as a web site; out/docs/index.html
 	@$(SPHINX)/bin/sphinx-build -W --keep-going --quiet docs out/docs
 	@echo "The documentation is in out/docs/index.html"
 
-contracts: $(VENV)/stamp node_modules/.stamp  ## build the contracts' ABI and bytecode, and their mirror in Python
+contracts: $(DEV) node_modules/.stamp  ## build the contracts' ABI and bytecode, and their mirror in Python
 	@npm run --silent contracts:build
 	@$(BIN)/python -m rodeo.chain.generate
 

@@ -1,0 +1,121 @@
+"""`make test`: the tests in Python and those of the contracts, side by side, and one line at the end."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import IO
+
+from tests.support.tally import Tally
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "out"
+LONG_MINUTES = 20
+"""What `make test-long` takes on two cores."""
+LONG_CONTRACTS = "EscrowInvariants"
+"""Whole lives of tasks, in any order, take minutes."""
+SLOW_UNITS: tuple[str, ...] = ()
+"""What `make check` leaves to `make test`."""
+NO_NODE = "contracts: Node is missing, `make system`"
+_FORGE = re.compile(r"(\d+) tests? passed, (\d+) failed, (\d+) skipped")
+
+
+class Contracts:
+    """Foundry's tests, in the background: their compiler keeps one core busy for minutes, while tests of sites wait
+    for processes. They are skipped by name where there is no Node."""
+
+    def __init__(self, long: bool) -> None:
+        self.log = OUT / ("test-contracts-long.log" if long else "test-contracts.log")
+        self.tally = Tally()
+        self._began = time.monotonic()
+        if subprocess.run(["sh", "tools/setup.sh", "node"], capture_output=True, check=False).returncode:
+            self.tally.skipped[NO_NODE] = 1
+            self._running = None
+            return
+        chosen = "--match-contract" if long else "--no-match-contract"
+        commands = [["npm", "run", "--silent", "contracts:test", "--", chosen, LONG_CONTRACTS]]
+        if long:
+            commands.insert(0, ["make", "--no-print-directory", "symbolic"])
+        say(f"contracts: testing beside, {self.log.relative_to(ROOT)}")
+        self._running = threading.Thread(target=self._run, args=(commands, long))
+        self._running.start()
+
+    def _run(self, commands: list[list[str]], long: bool) -> None:
+        env = {**os.environ, "FOUNDRY_INVARIANT_RUNS": "256"} if long else None
+        with self.log.open("w") as log:
+            ended = [
+                subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, env=env, check=False).returncode
+                for command in commands
+            ]
+        said = self.log.read_text(errors="replace")
+        counts = [tuple(map(int, found)) for found in _FORGE.findall(said)]
+        self.tally.passed = sum(passed for passed, _, _ in counts)
+        self.tally.failed = sum(failed for _, failed, _ in counts)
+        if skipped := sum(skipped for _, _, skipped in counts):
+            self.tally.skipped["contracts: skipped by their own"] = skipped
+        if any(ended) and not self.tally.failed:
+            self.tally.failed = 1  # it did not compile, or the solver found something
+        if self.tally.failed:
+            say(said)
+        say(f"contracts: {self.tally}, {time.monotonic() - self._began:.0f} s")
+
+    def wait(self) -> Tally:
+        if self._running is not None and self._running.is_alive():
+            say("the tests in Python have ended; waiting for the contracts")
+            self._running.join()
+        return self.tally
+
+
+def python(chosen: list[str], jobs: int, chain: str) -> tuple[Tally, int]:
+    """pytest's tests. pytest prints its own progress."""
+    counted = OUT / "tally.json"
+    counted.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "pytest", "-p", "tests.support.tally", "--tally", str(counted)]
+    command += ["--chain", chain, "--forks", "--numprocesses", str(jobs), "--dist", "loadfile"]
+    command += ["--no-loadscope-reorder", "--durations", "25", "--durations-min", "5", *chosen]
+    status = subprocess.run(command, check=False).returncode
+    tally = Tally.read(counted) if counted.exists() else Tally()
+    if status and not tally.failed:
+        tally.failed = 1
+        say(f"pytest ended with status {status}")
+    return tally, status
+
+
+def say(line: str, to: IO[str] = sys.stdout) -> None:
+    print(line, file=to, flush=True)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests", description=__doc__)
+    parser.add_argument("--long", action="store_true", help="the tests that take minutes, instead of the others")
+    parser.add_argument("--fast", action="store_true", help="the fast unit tests only")
+    parser.add_argument("--only", choices=("python", "contracts"), help="one part")
+    parser.add_argument("--jobs", type=int, default=2, help="test files that run at the same time")
+    parser.add_argument("--chain", default="eth-tester", help="which local chain sites of tests run on")
+    asked = parser.parse_args()
+    os.chdir(ROOT)
+    OUT.mkdir(exist_ok=True)
+    contracts = None if asked.fast or asked.only == "python" else Contracts(asked.long)
+    tally = Tally()
+    if asked.only != "contracts":
+        chosen = ["-m", "long" if asked.long else "not long"]
+        if asked.fast:
+            chosen += ["tests/unit", *(f"--ignore={path}" for path in SLOW_UNITS)]
+        tally, _ = python(chosen, asked.jobs, asked.chain)
+    if contracts is not None:
+        tally += contracts.wait()
+    more = ""
+    if not (asked.long or asked.fast or asked.only) and tally.deselected:
+        more = f"; `make test-long` adds {tally.deselected} tests, about {LONG_MINUTES} minutes"
+    say(f"{tally}{more}")
+    return 1 if tally.failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Counts tests for the last line of `make test`. `python -m tests` loads this plugin; with pytest-xdist it counts in
+the process that people see."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import pytest
+
+_KEY = "deselected"
+
+
+@dataclass
+class Tally:
+    passed: int = 0
+    failed: int = 0
+    skipped: dict[str, int] = field(default_factory=dict)
+    """Reason -> number of tests."""
+    deselected: int = 0
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(
+            self.passed + other.passed,
+            self.failed + other.failed,
+            dict(Counter(self.skipped) + Counter(other.skipped)),
+            self.deselected + other.deselected,
+        )
+
+    def __str__(self) -> str:
+        skipped = sum(self.skipped.values())
+        why = "; ".join(f"{count}: {reason}" for reason, count in sorted(self.skipped.items()))
+        return f"{self.passed} passed, {self.failed} failed, {skipped} skipped" + (f" ({why})" if why else "")
+
+    @classmethod
+    def read(cls, path: Path) -> Tally:
+        return cls(**json.loads(path.read_text()))
+
+
+class _Counting:
+    def __init__(self, config: pytest.Config, path: Path) -> None:
+        self._config = config
+        self._path = path
+        self._tally = Tally()
+        self._failed: set[str] = set()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        tally = self._tally
+        if report.failed:
+            self._failed.add(report.nodeid)
+        elif report.skipped and not hasattr(report, "wasxfail"):
+            why = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+            reason = why.removeprefix("Skipped: ")
+            tally.skipped[reason] = tally.skipped.get(reason, 0) + 1
+        elif report.when == "call":
+            tally.passed += 1
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        if report.failed:
+            self._failed.add(report.nodeid)
+        elif report.skipped and isinstance(report.longrepr, tuple):
+            reason = report.longrepr[2].removeprefix("Skipped: ")
+            self._tally.skipped[reason] = self._tally.skipped.get(reason, 0) + 1
+
+    def pytest_deselected(self, items: list[pytest.Item]) -> None:
+        self._tally.deselected += len(items)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: object) -> None:
+        """Workers of pytest-xdist select for themselves, each the same."""
+        self._tally.deselected = getattr(node, "workeroutput", {}).get(_KEY, self._tally.deselected)
+
+    def pytest_sessionfinish(self) -> None:
+        worker: dict[str, int] | None = getattr(self._config, "workeroutput", None)
+        if worker is not None:
+            worker[_KEY] = self._tally.deselected
+            return
+        self._tally.failed = len(self._failed)
+        self._path.write_text(json.dumps(asdict(self._tally)))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--tally", type=Path, help="write what was counted to this file")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    path = config.getoption("--tally")
+    if path is not None:
+        config.pluginmanager.register(_Counting(config, path))
