@@ -46,7 +46,7 @@ node_modules/.stamp: package.json package-lock.json
 node-packages:
 	@if $(SETUP) node 2>/dev/null; then $(MAKE) --no-print-directory node_modules/.stamp; fi
 
-setup: $(SITE) node-packages  ## install what a site needs, and Foundry's anvil where there is Node
+setup: $(DEV) node-packages  ## install all that developing needs; Foundry's tools where there is Node
 
 system:  ## install with apt-get what tests and pictures need: PostgreSQL, Chromium, Node, libEGL
 	@$(SETUP) system

@@ -10,7 +10,6 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import IO
 
 from tests.support.tally import Tally
 
@@ -27,8 +26,8 @@ _FORGE = re.compile(r"(\d+) tests? passed, (\d+) failed, (\d+) skipped")
 
 
 class Contracts:
-    """Foundry's tests, in the background: their compiler keeps one core busy for minutes, while tests of sites wait
-    for processes. They are skipped by name where there is no Node."""
+    """Foundry's tests, in the background: their compiler keeps one core busy, while tests of sites wait for
+    processes. They are skipped by name where there is no Node."""
 
     def __init__(self, long: bool) -> None:
         self.log = OUT / ("test-contracts-long.log" if long else "test-contracts.log")
@@ -87,13 +86,15 @@ def python(chosen: list[str], jobs: int, chain: str) -> tuple[Tally, int]:
     return tally, status
 
 
-def say(line: str, to: IO[str] = sys.stdout) -> None:
-    print(line, file=to, flush=True)
+def say(line: str) -> None:
+    print(line, flush=True)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests", description=__doc__)
-    parser.add_argument("--long", action="store_true", help="the tests that take minutes, instead of the others")
+    parser.add_argument(
+        "--long", action="store_true", help="the tests that take minutes, instead of the others"
+    )
     parser.add_argument("--fast", action="store_true", help="the fast unit tests only")
     parser.add_argument("--only", choices=("python", "contracts"), help="one part")
     parser.add_argument("--jobs", type=int, default=2, help="test files that run at the same time")

@@ -164,7 +164,7 @@ def _find_anvil() -> Sequence[str]:
     program = next(map(str, Path(__file__).parents[2].glob(_PREBUILT)), None) or shutil.which("anvil")
     if program is None:
         raise AnvilFailed(
-            "anvil is not installed: with Node.js 20 or newer `make setup` installs it; or put Foundry's "
+            "anvil is not installed: with Node 18 or newer `make setup` installs it; or put Foundry's "
             "anvil on the PATH"
         )
     return [program]

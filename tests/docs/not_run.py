@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 _SUITE = "runs the suite itself, or a part of it"
+_INSTALLS = "installs packages"
 _MINUTES = "takes more than a minute"
 _ROS = "needs a robot that runs ROS 2"
 _SHELL = "sets the reader's shell up"
@@ -25,7 +26,9 @@ NOT_RUN: dict[str, str] = {
     "out/demo/data/robot_agent/tasks/1-1/recording.mcap --out docs/images/cleaning.webp": (
         f"{_MINUTES}: tests/unit/cli/test_film.py makes a small one"
     ),
-    "make setup": "installs packages",
+    "make setup": _INSTALLS,
+    "make system": _INSTALLS,
+    "apt-get install git make python3 python3-venv": _INSTALLS,
     "make lint": _SUITE,
     "make test": _SUITE,
     "make test-long": _SUITE,

@@ -154,7 +154,9 @@ def check_make(words: list[str]) -> None:
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     for word in words:
         name, _, value = word.strip("[]").partition("=")
-        if value:
+        if name == "PYTHON":
+            assert "${PYTHON:-}" in (ROOT / "tools" / "setup.sh").read_text()
+        elif value:
             assert f"$({name})" in (ROOT / "Makefile").read_text(), word
             assert value in ("area",) or any((ROOT / "bench").glob(f"{value}*")), word
         else:

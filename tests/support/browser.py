@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, sync_playwright
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
-_MISSING = "the tests of the console need Chromium: apt-get install chromium"
 
 
 def chromium_path() -> str:
-    """Where Chromium is; installed with apt-get where it is missing and that is allowed."""
+    """Where Chromium is; skips the test where it is missing."""
     found = next(filter(None, map(shutil.which, _NAMES)), None)
-    if found is None and os.geteuid() == 0 and shutil.which("apt-get"):
-        installed = subprocess.run(
-            ["apt-get", "install", "--yes", "--quiet", "chromium"],
-            env={**os.environ, "DEBIAN_FRONTEND": "noninteractive"},
-            capture_output=True,
-            text=True,
-        )
-        found = shutil.which("chromium")
-        assert found, f"{_MISSING}\n{installed.stderr[-2000:]}"
-    assert found, _MISSING
+    if found is None:
+        pytest.skip("Chromium is missing: make system")
     return found
 
 

@@ -20,7 +20,7 @@ def program(name: str) -> str:
     """Path of `cast`, `anvil` or `forge`; skips the test where neither npm nor PATH has it."""
     found = next(map(str, _NODE_MODULES.glob(f"{name}-*/bin/{name}")), None) or shutil.which(name)
     if found is None:
-        pytest.skip(f"{name} is not installed: npm install")
+        pytest.skip(f"{name} is missing: make system setup")
     return found
 
 

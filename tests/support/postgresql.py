@@ -24,7 +24,7 @@ def postgresql() -> Iterator[str]:
     """The cluster's SQLAlchemy URL. Skips the test, and says why, where PostgreSQL is not installed."""
     binaries = _binaries()
     if binaries is None:
-        pytest.skip("PostgreSQL is not installed: apt-get install postgresql (make test tries to)")
+        pytest.skip("PostgreSQL is missing: make system")
     folder = Path(tempfile.mkdtemp(prefix="rodeo-pg-"))
     as_owner: list[str] = []
     if os.getuid() == 0:

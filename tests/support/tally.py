@@ -1,5 +1,5 @@
-"""Counts tests for the last line of `make test`. `python -m tests` loads this plugin; with pytest-xdist it counts in
-the process that people see."""
+"""Counts tests for the last line of `make test`: a plugin that `python -m tests` loads. With pytest-xdist the
+process that people see counts."""
 
 from __future__ import annotations
 
