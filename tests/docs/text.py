@@ -17,7 +17,20 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 LAST = DOCS / "tutorials" / "bin.md"
 """Replaces the bin's key, so its commands come after those of all other pages."""
-PROGRAMS = ("apt-get", "git", "rodeo", "make", "python", "pip", "npm", "ros2", "source", "export", "cast", "curl")
+PROGRAMS = (
+    "apt-get",
+    "git",
+    "rodeo",
+    "make",
+    "python",
+    "pip",
+    "npm",
+    "ros2",
+    "source",
+    "export",
+    "cast",
+    "curl",
+)
 """First words of a block that is typed into a shell."""
 
 
