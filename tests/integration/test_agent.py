@@ -1,4 +1,4 @@
-"""The robot's mind on a whole site of real processes: it works, is interrupted, fails honestly, explores."""
+"""A whole site, all its processes: the robot works, is interrupted, fails honestly, explores and charges."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from rodeo.dao import Participant
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
 from rodeo.lab.world import begin, build_world
-from rodeo.messages import DaoEvent, Status
+from rodeo.messages import DaoEvent, Status, Task
+from rodeo.processes import processes_of
 from rodeo.robot.decisions import Explained
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
@@ -41,6 +42,7 @@ agent.explore_when_idle = true
 [[robots]]
 name = "panther1"
 pose = {{ x_m = 1.4, y_m = 1.3, yaw_rad = 0.0 }}
+battery = {{ soc = 0.8 }}
 
 [robots.pricing.kinds.waste_disposal]
 method = "cost_plus"
@@ -118,6 +120,10 @@ class Organization:
     def task(self, task_id: int) -> dict[str, Any]:
         return self.running.bus.query(f"rodeo/{self.running.site.org}/state/task/{task_id}")
 
+    def balances_iec(self) -> dict[str, Decimal]:
+        wallets = self.running.bus.query(f"rodeo/{self.running.site.org}/state/wallets")["wallets"]
+        return {wallet["name"]: Decimal(wallet["balance_iec"]) for wallet in wallets}
+
     def close(self) -> None:
         self._dao_events.close()
 
@@ -125,9 +131,7 @@ class Organization:
 @pytest.fixture(scope="module")
 def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("agent"), chain_backend, SITE))
-    running.start("router", "chain")
-    running.deploy_contracts()
-    running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+    running.start_founded(*(process.name for process in processes_of(running.site)))
     organization = Organization(running)
     yield organization
     organization.close()
@@ -262,3 +266,33 @@ def test_what_cannot_be_done_costs_the_robot_nothing_and_it_goes_on(organization
     explained = Explained.model_validate(running.bus.query(key, parameters=asked))
     assert "work" in [one.intent for one in explained.decisions]
     assert {one.task_id for one in explained.decisions} == {following}
+
+
+def test_a_whole_site_settles_a_cleaning_and_a_charge_and_each_is_paid_by_the_one_it_served(
+    organization: Organization,
+) -> None:
+    running = organization.running
+    robot = Participant(running.bus, running.site.org, "panther1")
+
+    def settled(kind: str) -> list[Task]:
+        return [task for task in robot.tasks(state="settled") if task.kind == kind]
+
+    assert settled("waste_disposal") and not settled("battery_charging")
+    before_iec = organization.balances_iec()
+    charge_id = max(task.id for task in robot.tasks()) + 1
+    running.bus.query(topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="charge"))
+    organization.wait_for_event("TaskSettled", charge_id)
+    (charge,) = settled("battery_charging")
+    assert (charge.id, charge.verdict, charge.creator_name, charge.executor_name) == (
+        *(charge_id, "accepted", "panther1", "organization"),
+    ), charge.reason
+    assert charge.paid_iec is not None and charge.paid_iec > 0
+    changed_iec = {name: iec - before_iec[name] for name, iec in organization.balances_iec().items()}
+    assert changed_iec == {
+        **dict.fromkeys(before_iec, 0),
+        "panther1": -charge.paid_iec,
+        "organization": charge.paid_iec,
+    }
+    for name in running.children:
+        status = running.status(name)
+        assert status.ready, status

@@ -133,9 +133,7 @@ def organization(
         running.start("router")
         hardware.append(Hardware(running))
         hardware[0].fast = False
-        running.start("chain")
-        running.deploy_contracts()
-        running.start("bridge")
+        running.start_founded("bridge")
         yield Organization(running), hardware
     finally:
         for one in hardware:

@@ -29,8 +29,7 @@ PHOTO = RENDERINGS / "paper_1.jpg"
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Desk]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("console"), chain_backend, SITE))
-    running.start("router", "chain", "console", ready=False)
-    running.deploy_contracts()
+    running.start_founded("console", ready=False)
     running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
     running.wait_ready("console")
     with chromium() as browser:

@@ -45,8 +45,7 @@ def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
     bin_path.write_text(program())
     logs = running.site.data_dir / "logs"
     try:
-        running.start("router", "chain")
-        running.deploy_contracts()
+        running.start_founded()
         running.start("robot_sim", "bridge", "oracle")
         with (logs / "itrash.log").open("ab") as output:
             running.children["itrash"] = subprocess.Popen(

@@ -119,8 +119,7 @@ class ForeignRobot:
 def running_site(folder: Path, chain_backend: str, site: str, *minds: str) -> Iterator[RunningSite]:
     (folder / "arthur.urdf").write_text(to_urdf(robot_model(), "arthur"))
     running = RunningSite(write_site(folder, chain_backend, site))
-    running.start("router", "chain")
-    running.deploy_contracts()
+    running.start_founded()
     running.start("robot_sim")
     foreign = ForeignRobot(running)
     try:

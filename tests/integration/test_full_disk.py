@@ -49,8 +49,7 @@ def fill(path: Path) -> None:
 def test_a_full_disk_pauses_every_process_and_ends_none(small_disk: Path, chain_backend: str) -> None:
     running = RunningSite(write_site(small_disk, chain_backend, SITE))
     try:
-        running.start("router", "chain")
-        running.deploy_contracts()
+        running.start_founded()
         running.start(*WRITERS)
         organization = Organization(running)
         pids = {name: child.pid for name, child in running.children.items()}

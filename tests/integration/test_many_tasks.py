@@ -20,18 +20,12 @@ clock.idle_speed = 400
 @pytest.fixture(scope="module")
 def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("many"), chain_backend, SITE))
-    running.start("router", "chain")
-    running.deploy_contracts()
+    running.start_founded()
     running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
     organization = Organization(running)
     yield organization
     organization.close()
     running.stop()
-
-
-def robot_iec(organization: Organization) -> float:
-    state = organization.running.bus.query(f"rodeo/{organization.running.site.org}/state/wallets")
-    return next(float(w["balance_iec"]) for w in state["wallets"] if w["name"] == "panther1")
 
 
 def ended(organization: Organization, name: str, task_id: int) -> dict[str, Any]:
@@ -40,12 +34,12 @@ def ended(organization: Organization, name: str, task_id: int) -> dict[str, Any]
 
 
 def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organization) -> None:
-    before_iec = robot_iec(organization)
+    before_iec = organization.balances_iec()["panther1"]
     task_ids = [organization.post(f"item{n}") for n in (1, 2, 3)]
     for task_id in task_ids:
         task = ended(organization, "TaskSettled", task_id)
         assert (task["state"], task["attempt"], task["verdict"]) == ("settled", 1, "accepted"), task
-    assert robot_iec(organization) - before_iec == 300
+    assert organization.balances_iec()["panther1"] - before_iec == 300
 
     # What is in the bin cannot be brought there again: motion capture shows that it is not where the task
     # says, and the robot is paid a tenth for its trouble. What the site does not have is given back at once.
@@ -66,5 +60,5 @@ def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organi
     assert (task["state"], task["attempt"], task["verdict"]) == ("failed", task["max_attempts"], "abandoned")
     refund = organization.wait_for_event("TaskFailed", unknown).args["refund_iec"]
     assert float(refund) == 100
-    assert robot_iec(organization) - before_iec == 310
+    assert organization.balances_iec()["panther1"] - before_iec == 310
     assert any("item1 was not found near" in text for text in organization.activities)

@@ -76,8 +76,7 @@ def test_robots_work_in_the_new_organization_whose_first_task_has_the_number_of_
     running = RunningSite(write_site(tmp_path, extra=SITE))
     organization = None
     try:
-        running.start("router", "chain")
-        running.deploy_contracts()
+        running.start_founded()
         running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
         organization = Organization(running)
         assert organization.post("item1") == 1

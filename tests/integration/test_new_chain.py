@@ -18,8 +18,7 @@ def test_task_1_of_a_new_chain_is_done_and_paid_and_the_charger_offers_again(tmp
     running = RunningSite(write_site(tmp_path, extra=SITE))
     organization = None
     try:
-        running.start("router", "chain")
-        running.deploy_contracts()
+        running.start_founded()
         running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
         organization = Organization(running)
         assert organization.post("item1") == 1

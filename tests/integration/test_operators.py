@@ -50,8 +50,7 @@ PNG = cv2.imencode(".png", np.full((48, 64, 3), 120, np.uint8))[1].tobytes()
 @pytest.fixture(scope="module")
 def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("operators"), chain_backend, SITE))
-    running.start("router", "chain")
-    running.deploy_contracts()
+    running.start_founded()
     running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
     organization = Organization(running)
     yield organization

@@ -25,9 +25,7 @@ participants = [{ name = "alice" }, { name = "bob" }]
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("people"), chain_backend, SITE))
-    running.start("router", "chain", "bridge", "oracle", ready=False)
-    running.deploy_contracts()
-    running.wait_ready("chain", "bridge", "oracle")
+    running.start_founded("bridge", "oracle")
     yield Dao(running)
     running.stop()
 

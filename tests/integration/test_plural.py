@@ -51,8 +51,7 @@ def assert_paid_by_the_rates(charge: dict[str, Any]) -> None:
 @pytest.fixture
 def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("plural"), chain_backend, SITE))
-    running.start("router", "chain")
-    running.deploy_contracts()
+    running.start_founded()
     names = [process.name for process in processes_of(running.site)]
     running.start(*(name for name in names if name not in ("router", "chain", "console")))
     organization = Organization(running, wait_s=300.0)

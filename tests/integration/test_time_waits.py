@@ -92,8 +92,7 @@ def balances_iec(running: RunningSite, block: int) -> dict[str, int]:
 def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]:
     """What one cleaning came to."""
     running = RunningSite(write_site(folder, chain_backend, FULL_SPEED + SITE))
-    running.start("router", "chain")
-    running.deploy_contracts()
+    running.start_founded()
     running.start("bridge", "oracle", "itrash", "charger", "robot_sim")
     organization = Organization(running)
     try:
@@ -133,8 +132,7 @@ def checked(folder: Path, chain_backend: str, clock: str) -> list[tuple[str, boo
     """The checks of one cleaning's recording, in their order, and whether it passed them."""
     folder.mkdir()
     running = RunningSite(write_site(folder, chain_backend, clock + SITE))
-    running.start("router", "chain")
-    running.deploy_contracts()
+    running.start_founded()
     running.start("bridge", "oracle", "itrash", "robot_sim")
     organization = Organization(running, wait_s=HANG_S)
     try:

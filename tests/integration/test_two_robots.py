@@ -31,8 +31,7 @@ pose = { x_m = 3.6, y_m = 4.1 }
 @pytest.fixture
 def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("two"), chain_backend, SITE))
-    running.start("router", "chain")
-    running.deploy_contracts()
+    running.start_founded()
     agents = [f"robot_agent.{name}" for name in ROBOTS]
     running.start("bridge", "oracle", "itrash", "robot_sim")
     # The last one first: it waits for the others, however long they take.

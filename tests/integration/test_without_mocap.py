@@ -47,8 +47,7 @@ def test_the_robots_own_sight_is_proof_enough_and_the_report_says_that_it_is_wea
 
     dao: DaoEvents | None = None
     try:
-        running.start("router", "chain")
-        running.deploy_contracts()
+        running.start_founded()
         running.start("bridge", "oracle", "itrash", "robot_sim", "robot_agent")
         site = running.site
         dao = DaoEvents(running.bus, site.org, on_event)

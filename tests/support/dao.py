@@ -31,13 +31,16 @@ class Dao:
         self._changed = threading.Condition()
         self._source: DaoEvents | None = None
 
-    def start(self, before_contracts: Callable[[], object] = lambda: None) -> None:
+    def start(self, before_contracts: Callable[[], object] | None = None) -> None:
         """Router, chain, contracts, bridge. `before_contracts` runs when the chain is there."""
-        self.running.start("router", "chain", "bridge", ready=False)
-        self.running.wait_ready("chain")
-        before_contracts()
-        self.running.deploy_contracts()
-        self.running.wait_ready("chain", "bridge")
+        if before_contracts is None:
+            self.running.start_founded("bridge")
+        else:
+            self.running.start("router", "chain", "bridge", ready=False)
+            self.running.wait_ready("chain")
+            before_contracts()
+            self.running.deploy_contracts()
+            self.running.wait_ready("bridge")
         self._source = DaoEvents(self.running.bus, self.site.org, self._on_event)
 
     def stop(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
@@ -30,6 +30,7 @@ from rodeo.chain.types import Event
 from rodeo.config import Site
 from rodeo.currency import IEC
 from tests.support.site import write_site
+from tests.support.snapshot import found, give_wallets
 
 CHAIN_ID = 31_337
 GENESIS_S = 1_700_000_000
@@ -102,8 +103,25 @@ def running_chain(backend: str, folder: Path, now_s: Callable[[], int] = lambda:
         if backend == "anvil":
             stack.enter_context(Anvil(site.chain.url, folder, CHAIN_ID, GENESIS_S, now_s))
         else:
-            store = Store(folder / "chain.sqlite")
-            stack.callback(store.close)
-            local_chain = LocalChain(store, CHAIN_ID, GENESIS_S, now_s)
-            stack.enter_context(RpcServer(site.chain.url, Methods(local_chain)))
+            stack.enter_context(_embedded(site, folder, now_s))
         yield site
+
+
+@contextmanager
+def founded(
+    folder: Path, now_s: Callable[[], int] = lambda: GENESIS_S, **changed: object
+) -> Iterator[Organization]:
+    """An organization on an embedded chain from the beginning; `changed` are settings of its site."""
+    site = Site.load(write_site(folder)).model_copy(update=changed)
+    give_wallets(site)
+    found(site, folder / "chain.sqlite")
+    with _embedded(site, folder, now_s):
+        yield Organization(site)
+
+
+@contextmanager
+def _embedded(site: Site, folder: Path, now_s: Callable[[], int]) -> Iterator[None]:
+    with closing(Store(folder / "chain.sqlite")) as store:
+        chain = LocalChain(store, CHAIN_ID, GENESIS_S, now_s)
+        with RpcServer(site.chain.url, Methods(chain)):
+            yield

@@ -25,10 +25,10 @@ from rodeo.instance import PARENT_VARIABLE
 from rodeo.messages import Status
 from rodeo.processes import processes_of
 from rodeo.tls import OPERATOR, identity
-from rodeo.wallets import ensure_wallets
 from rodeo_testing import BINS
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.nursery import Fork, Nursery
+from tests.support.snapshot import found, give_wallets, has_snapshot
 
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
 
@@ -84,7 +84,7 @@ class RunningSite:
         self.children: dict[str, subprocess.Popen[bytes] | Fork] = {}
         self._bus: Bus | None = None
         if wallets:
-            ensure_wallets(self.site)
+            give_wallets(self.site)
 
     @property
     def bus(self) -> Bus:
@@ -99,6 +99,17 @@ class RunningSite:
         known = {process.name: process for process in processes_of(self.site)}
         for name in names:
             self.children[name] = self._spawn(name, known[name].module, known[name].arguments)
+        if ready:
+            self.wait_ready(*names)
+
+    def start_founded(self, *others: str, ready: bool = True) -> None:
+        """Start the router, the chain with the organization on it, and `others`."""
+        names = [name for name in ("router", "chain", *others) if name not in self.children]
+        if is_found := has_snapshot(self.site):
+            found(self.site)
+        self.start(*names, ready=False)
+        if not is_found:
+            self.deploy_contracts()
         if ready:
             self.wait_ready(*names)
 

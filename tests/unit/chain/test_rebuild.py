@@ -23,7 +23,7 @@ from rodeo.chain.types import Policy, Role
 from rodeo.currency import IEC
 from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
-from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
+from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, founded
 
 STEPS = 90
 DEVICE_KEY = Account.from_key("0x" + "11" * 32)
@@ -260,9 +260,7 @@ class Life:
 def life(tmp_path: Path) -> Iterator[Life]:
     # Not on anvil as well: it follows the clock block by block, and refuses what the new time would allow.
     clock = Clock()
-    with running_chain("eth-tester", tmp_path, clock) as site:
-        organization = Organization(site)
-        organization.deploy()
+    with founded(tmp_path, clock) as organization:
         yield Life(organization, clock, Random(8))
 
 

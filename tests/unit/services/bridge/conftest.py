@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 
 import pytest
 
-from deploy import contracts
 from deploy.chain.server import RpcServer
-from rodeo import wallets
 from rodeo.chain.deployment import Deployment
 from rodeo.config import Site
 from tests.support.chain import CHAIN_ID, EmbeddedChain, FaultyNode
 from tests.support.deployed import DeployedChain
 from tests.support.site import write_site
+from tests.support.snapshot import found, give_wallets
 
 
 @pytest.fixture(scope="session")
 def deployed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeployedChain]:
     folder = tmp_path_factory.mktemp("bridge")
     site = Site.load(write_site(folder))
+    give_wallets(site)
+    found(site, folder / "chain.sqlite")
     node = FaultyNode(EmbeddedChain(folder / "chain.sqlite"))
-    wallets.ensure_wallets(site)
     with RpcServer(site.chain.url, node):
-        contracts.run(site, threading.Event())
         yield DeployedChain(site, node, Deployment.load(site.data_dir, CHAIN_ID))
 
 

@@ -31,7 +31,7 @@ from services.bridge.errors import (
     UnknownBudgetVote,
 )
 from tests.support.office import Office
-from tests.support.organization import GENESIS_S, Organization, running_chain
+from tests.support.organization import GENESIS_S, founded
 
 DELAY_S, PERIOD_S, DURATION_S = 60, 3600, 7200
 MEMBERS = ("alice", "bob", "panther1")
@@ -83,18 +83,20 @@ class Members(Office):
 @pytest.fixture(scope="module")
 def members(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Members]:
     held, folder = list[Members](), tmp_path_factory.mktemp("members")
-    with running_chain("eth-tester", folder, lambda: held[0].now_s if held else GENESIS_S) as lab:
-        governance = GovernanceConfig(
-            kind="vote",
-            delay_s=DELAY_S,
-            voting_period_s=PERIOD_S,
-            members=list(MEMBERS),
-            budgets={"treasurer": BudgetConfig(iec=Decimal(1600))},
-        )
-        people = [ParticipantConfig(name=name) for name in ("alice", "bob", "carla")]
-        site = lab.model_copy(update={"governance": governance, "participants": people})
-        organization = Organization(site)
-        organization.deploy()
+    governance = GovernanceConfig(
+        kind="vote",
+        delay_s=DELAY_S,
+        voting_period_s=PERIOD_S,
+        members=list(MEMBERS),
+        budgets={"treasurer": BudgetConfig(iec=Decimal(1600))},
+    )
+    people = [ParticipantConfig(name=name) for name in ("alice", "bob", "carla")]
+    with founded(
+        folder,
+        lambda: held[0].now_s if held else GENESIS_S,
+        governance=governance,
+        participants=people,
+    ) as organization:
         held.append(Members(organization, folder))
         held[0].read()
         held[0].now_s += 10
@@ -282,10 +284,7 @@ def test_what_was_proposed_before_needs_other_words(members: Members) -> None:
 
 
 def test_where_members_do_not_decide_there_are_no_budget_votes(tmp_path: Path) -> None:
-    with running_chain("eth-tester", tmp_path) as lab:
-        governance = GovernanceConfig(delay_s=DELAY_S)
-        organization = Organization(lab.model_copy(update={"governance": governance}))
-        organization.deploy()
+    with founded(tmp_path, governance=GovernanceConfig(delay_s=DELAY_S)) as organization:
         office = Members(organization, tmp_path)
         office.read()
         assert office.budget_votes() == []

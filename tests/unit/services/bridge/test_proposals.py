@@ -31,7 +31,7 @@ from services.bridge.errors import (
     UnknownProposal,
 )
 from tests.support.office import Office
-from tests.support.organization import GENESIS_S, Organization, running_chain
+from tests.support.organization import GENESIS_S, Organization, founded, running_chain
 
 DELAY_S = 3600
 TERMS = {"bond_iec": "3", "penalty_iec": "1", "max_failures": 2}
@@ -41,15 +41,12 @@ VOTING = dict.fromkeys(("OrganizationTimelock", "OrganizationGovernor", "MemberV
 @pytest.fixture(scope="module")
 def office(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Office]:
     held, folder = list[Office](), tmp_path_factory.mktemp("office")
-    with running_chain("eth-tester", folder, lambda: held[0].now_s if held else GENESIS_S) as lab:
-        site = lab.model_copy(
-            update={
-                "governance": GovernanceConfig(delay_s=DELAY_S),
-                "participants": [ParticipantConfig(name="alice")],
-            }
-        )
-        organization = Organization(site)
-        organization.deploy()
+    with founded(
+        folder,
+        lambda: held[0].now_s if held else GENESIS_S,
+        governance=GovernanceConfig(delay_s=DELAY_S),
+        participants=[ParticipantConfig(name="alice")],
+    ) as organization:
         held.append(Office(organization, folder))
         held[0].read()
         assert held[0].proposals() == []  # what the founder was told at once is none
@@ -251,9 +248,7 @@ def test_what_a_founder_leaves_to_be_done_later_is_listed(
 
 def test_where_nothing_is_proposed_or_members_decide_the_bridge_says_so(tmp_path: Path) -> None:
     proposal = {"command": "set_terms", "request": TERMS, "description": "why"}
-    with running_chain("eth-tester", tmp_path) as lab:
-        organization = Organization(lab)
-        organization.deploy()
+    with founded(tmp_path) as organization:
         office = Office(organization, tmp_path)
         for name, fields in (
             ("propose", proposal),

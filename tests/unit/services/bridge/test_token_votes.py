@@ -24,7 +24,7 @@ from services.bridge.commands import Wallet
 from services.bridge.errors import InsufficientFunds
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.bridge.names import Names
-from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
+from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, founded
 
 PERIOD_S, DELAY_S = 3600, 60
 
@@ -69,12 +69,10 @@ def tally(organization: Organization, folder: Path) -> dict[str, int]:
 
 def test_who_wrapped_tokens_decides_and_who_only_has_them_does_not(tmp_path: Path) -> None:
     now_s = GENESIS_S
-    with running_chain("eth-tester", tmp_path, lambda: now_s) as lab:
-        governance = GovernanceConfig(
-            kind="vote", votes="tokens", proposal_iec=Decimal(1000), delay_s=DELAY_S, voting_period_s=PERIOD_S
-        )
-        organization = Organization(lab.model_copy(update={"governance": governance}))
-        organization.deploy()
+    governance = GovernanceConfig(
+        kind="vote", votes="tokens", proposal_iec=Decimal(1000), delay_s=DELAY_S, voting_period_s=PERIOD_S
+    )
+    with founded(tmp_path, lambda: now_s, governance=governance) as organization:
         client, robot, founder = organization.client, organization.robot, organization.operator
         assert client.deployment.votes_by == "tokens"
         assert client.administrator() == client.deployment.address("OrganizationTimelock")
