@@ -12,9 +12,11 @@ ten times as long to import.
 from __future__ import annotations
 
 import faulthandler
+import fcntl
 import gc
 import importlib
 import json
+import multiprocessing.util
 import os
 import runpy
 import select
@@ -47,12 +49,21 @@ _IMPORTED = {
 }
 """Module that is run -> what is imported before the fork; one that is not here imports everything itself."""
 
-_IMPORTED_LATER = {"rodeo_cli": ("rodeo.dao", "rodeo.checks.verify", "rodeo_kinds.waste_disposal.checks")}
-"""What it imports only once it is needed, which is imported before the fork, too."""
+_CHECKS = ("rodeo.checks.verify", "rodeo_kinds.waste_disposal.checks")
+_IMPORTED_LATER = {
+    "rodeo_cli": ("rodeo.dao", *_CHECKS),
+    "services.oracle": (*_CHECKS, "rodeo_kinds.battery_charging.checks", "services.oracle.preload"),
+}
+"""What it imports only once it is needed, which is imported before the fork, too. The oracle's verifications
+need it: they are forks of a fork server, which is made from the same process (`_fork_server_too`). That one
+loads the network itself: loading starts a thread, and forks without it abort when they end."""
 
 _MESSAGE_BYTES = 1 << 17
 """Room for the arguments and the environment of a process (Linux gives one string of them as much)."""
 
+
+_HIGH = 100
+"""Descriptors from here on are nobody's yet in a process that has just been forked."""
 
 _NUMBER = struct.Struct("=i")
 """As a process's id and its exit status are told."""
@@ -240,6 +251,8 @@ def _become(asked: dict[str, Any], env: dict[str, str], parent: int, output: int
     if PARENT_VARIABLE in os.environ:
         os.environ[PARENT_VARIABLE] = str(parent)
     module = asked["module"]
+    if module == "services.oracle":
+        _fork_server_too()
     # Run, it is `__main__`, and not imported as well.
     if module in _IMPORTED.values():
         sys.modules.pop(module, None)
@@ -248,6 +261,41 @@ def _become(asked: dict[str, Any], env: dict[str, str], parent: int, output: int
         del sys.modules[name]
     sys.argv = [module, *asked["arguments"]]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+def _fork_server_too() -> None:
+    """Have the fork server of multiprocessing be a fork of this process as it is now, with one thread and
+    everything imported. It waits until it is asked for."""
+    control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    pid = os.fork()
+    if pid == 0:
+        control.close()
+        message, descriptors, _, _ = socket.recv_fds(theirs, _MESSAGE_BYTES, 8)
+        theirs.close()
+        if message:
+            program, numbers = json.loads(message)
+            # First out of the way of each other.
+            moved = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, _HIGH) for descriptor in descriptors]
+            for descriptor, number in zip(moved, numbers, strict=True):
+                os.dup2(descriptor, number)
+            try:
+                exec(program, {})
+            finally:
+                os._exit(0)
+        os._exit(0)
+    theirs.close()
+    spawn = multiprocessing.util.spawnv_passfds
+
+    def fork_or_spawn(path: str, arguments: Sequence[str], given: Sequence[int]) -> int:
+        program = arguments[-1]
+        if "multiprocessing.forkserver" not in str(program):
+            return spawn(path, arguments, given)
+        multiprocessing.util.spawnv_passfds = spawn
+        socket.send_fds(control, [json.dumps([program, list(given)]).encode()], given)
+        control.close()
+        return pid
+
+    multiprocessing.util.spawnv_passfds = fork_or_spawn
 
 
 if __name__ == "__main__":

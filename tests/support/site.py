@@ -104,7 +104,7 @@ class RunningSite:
 
     def start_founded(self, *others: str, ready: bool = True) -> None:
         """Start the router, the chain with the organization on it, and `others`."""
-        names = [name for name in ("router", "chain", *others) if name not in self.children]
+        names = [name for name in dict.fromkeys(("router", "chain", *others)) if name not in self.children]
         if is_found := has_snapshot(self.site):
             found(self.site)
         self.start(*names, ready=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
+from eth_utils import keccak
 from web3.types import RPCEndpoint
 
 from deploy import contracts, migration
@@ -39,11 +39,21 @@ from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, NotDeployed
 from rodeo.chain.registry import PROXY
 from rodeo.chain.types import Policy, Role
-from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, JudgeConfig, Site, TokenConfig
+from rodeo.config import BRIDGE, BudgetConfig, GovernanceConfig, JudgeConfig, Site, TermsConfig, TokenConfig
 from rodeo.currency import IEC
 from rodeo.instance import lock_instance
 from rodeo.kinds import kinds_of
-from tests.support.organization import CHAIN_ID, GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
+from tests.support.organization import (
+    CHAIN_ID,
+    GENESIS_S,
+    KIND,
+    PROOF,
+    REPORT,
+    Organization,
+    founded,
+    resumed,
+    running_chain,
+)
 
 BANNED = "0x" + "Ba" * 20
 
@@ -51,14 +61,14 @@ BANNED = "0x" + "Ba" * 20
 class Lab(Organization):
     """A laboratory that has worked: it has members, a robot at work, and rules that were changed on chain."""
 
+    stranger: LocalAccount = Account.from_key(keccak(text="a stranger"))
+
     def __init__(self, site: Site) -> None:
         super().__init__(site)
         self.said: list[str] = []
 
     def worked(self) -> None:
-        self.deploy()
         calls = self.client.organization_calls
-        self.stranger: LocalAccount = Account.create()
         self.client.w3.eth.send_transaction(
             {
                 "from": self.client.w3.eth.accounts[0],
@@ -97,9 +107,7 @@ class Lab(Organization):
 
     def opened(self) -> None:
         """Its administrator waits. The robot works on task 1, and service 2 is a stranger's."""
-        self.deploy()
         bond = IEC.to_units(Decimal(20))
-        self.stranger = Account.create()
         self.client.w3.eth.send_transaction(
             {
                 "from": self.client.w3.eth.accounts[0],
@@ -124,12 +132,18 @@ class Lab(Organization):
         return ChainClient(self.site.chain.url, self.record())
 
 
+@pytest.fixture(scope="module")
+def worked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("worked")
+    with founded(folder) as organization:
+        Lab(organization.site).worked()
+    return folder
+
+
 @pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
-    with running_chain("eth-tester", tmp_path) as site:
-        lab = Lab(site)
-        lab.worked()
-        yield lab
+def lab(worked: Path, tmp_path: Path) -> Iterator[Lab]:
+    with resumed(worked, tmp_path) as site:
+        yield Lab(site)
 
 
 def test_while_a_task_runs_on_nothing_moves_and_no_other_is_posted(lab: Lab) -> None:
@@ -242,11 +256,9 @@ def test_many_members_move_in_as_many_transactions_as_they_take(
 @pytest.fixture
 def judged(tmp_path: Path) -> Iterator[Lab]:
     """Three oracles judge, of which two have to agree."""
-    with running_chain("eth-tester", tmp_path) as site:
-        oracles = [JudgeConfig(name=name) for name in ("anna", "bert", "carl")]
-        lab = Lab(site.model_copy(update={"oracles": oracles}))
-        lab.deploy()
-        yield lab
+    oracles = [JudgeConfig(name=name) for name in ("anna", "bert", "carl")]
+    with founded(tmp_path, oracles=oracles) as organization:
+        yield Lab(organization.site)
 
 
 def test_an_organization_does_not_move_with_a_key_that_its_judge_has_no_more(judged: Lab) -> None:
@@ -585,6 +597,10 @@ def test_the_new_organization_may_have_a_delay(lab: Lab) -> None:
 
 DELAY_S = 1800
 """Less than the task's window."""
+NO_TERMS = TermsConfig(bond_iec=Decimal(0), penalty_iec=Decimal(0), max_failures=0)
+PATIENCE = GovernanceConfig(
+    delay_s=DELAY_S, budgets={"treasurer": BudgetConfig(iec=Decimal(200))}, terms=NO_TERMS
+)
 
 
 class Patient(NamedTuple):
@@ -604,15 +620,19 @@ class Patient(NamedTuple):
         return str(caught.value.details["proposed"])
 
 
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("opened")
+    with founded(folder, governance=PATIENCE) as organization:
+        Lab(organization.site).opened()
+    return folder
+
+
 @pytest.fixture
-def patient(tmp_path: Path) -> Iterator[Patient]:
+def patient(opened: Path, tmp_path: Path) -> Iterator[Patient]:
     clock = [GENESIS_S]
-    with running_chain("eth-tester", tmp_path, lambda: clock[0]) as site:
-        budgets = {"treasurer": BudgetConfig(iec=Decimal(200))}
-        governance = site.governance.model_copy(update={"delay_s": DELAY_S, "budgets": budgets})
-        lab = Lab(site.model_copy(update={"governance": governance}))
-        lab.opened()
-        yield Patient(lab, clock)
+    with resumed(opened, tmp_path, lambda: clock[0], governance=PATIENCE) as site:
+        yield Patient(Lab(site), clock)
 
 
 def test_an_administrator_who_waits_moves_the_organization_by_what_it_proposes(patient: Patient) -> None:
@@ -720,10 +740,9 @@ def test_only_who_proposes_moves_an_organization_whose_administrator_waits(
 
 @pytest.mark.long
 def test_where_members_decide_nobody_moves_the_organization(tmp_path: Path) -> None:
-    with running_chain("eth-tester", tmp_path) as local:
-        governance = GovernanceConfig(kind="vote", delay_s=60, members=["panther1"])
-        site = local.model_copy(update={"governance": governance})
-        contracts.run(site, threading.Event())
+    governance = GovernanceConfig(kind="vote", delay_s=60, members=["panther1"])
+    with founded(tmp_path, governance=governance) as organization:
+        site = organization.site
         with pytest.raises(MembersDecide):
             migrate(site, connect(site.chain.url), lambda _text: None)
         assert all(Organization(site).client.is_kind_allowed(kind) for kind in kinds_of(site))
