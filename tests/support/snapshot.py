@@ -69,7 +69,7 @@ def found(site: Site, chain: Path | None = None) -> None:
     version.touch()
     for old in sorted(_FOLDER.iterdir(), key=lambda one: one.stat().st_mtime)[:-_VERSIONS_KEPT]:
         shutil.rmtree(old, ignore_errors=True)
-    folder = version / _key(site)
+    folder = version / key(site)
     with open(f"{folder}.lock", "w") as lock:
         # Another worker of the tests may want the same one at the same time.
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -102,7 +102,7 @@ def _code() -> str:
     return _hash(*(file.read_bytes() for file in sorted([*files, _ROOT / "constraints.txt", Path(__file__)])))
 
 
-def _key(site: Site) -> str:
+def key(site: Site) -> str:
     """Hash of what else a snapshot depends on; not of where the site's folder and ports are."""
     settings = site.model_dump_json(exclude={"chain": {"url"}, "console": True})
     rules = {name: rules_hash(kind) for name, kind in kinds_of(site).items()}
