@@ -24,9 +24,9 @@ from deploy.chain.local_chain import LocalChain
 from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
-from rodeo import wallets
 from rodeo.checks.rules import rules_hash
 from rodeo.config import Site
+from rodeo.keystores import address, device_names, keystore_path, wallet_names
 from rodeo.kinds import kinds_of
 
 _ROOT = Path(__file__).parents[2]
@@ -48,8 +48,8 @@ def give_wallets(site: Site) -> None:
     if not passphrase.exists():
         passphrase.write_text("known to everybody")
         passphrase.chmod(0o600)
-    for name in [*wallets.wallet_names(site), *wallets.device_names(site)]:
-        path = wallets.keystore_path(site, name)
+    for name in [*wallet_names(site), *device_names(site)]:
+        path = keystore_path(site, name)
         if not path.exists():
             key = keccak(text=f"{site.org}/{path.stem}")
             keystore = Account.encrypt(key, passphrase.read_text(), kdf="scrypt", iterations=_SCRYPT_N)
@@ -106,10 +106,7 @@ def key(site: Site) -> str:
     """Hash of what else a snapshot depends on; not of where the site's folder and ports are."""
     settings = site.model_dump_json(exclude={"chain": {"url"}, "console": True})
     rules = {name: rules_hash(kind) for name, kind in kinds_of(site).items()}
-    keys = {
-        name: wallets.address(site, name)
-        for name in [*wallets.wallet_names(site), *wallets.device_names(site)]
-    }
+    keys = {name: address(site, name) for name in [*wallet_names(site), *device_names(site)]}
     return _hash(settings.replace(str(site.data_dir), "").encode(), json.dumps([rules, keys]).encode())
 
 

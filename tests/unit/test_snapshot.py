@@ -9,6 +9,7 @@ import pytest
 from rodeo import wallets
 from rodeo.chain.deployment import Deployment
 from rodeo.config import Site
+from rodeo.keystores import address
 from tests.support import snapshot
 from tests.support.organization import CHAIN_ID, Organization, founded
 from tests.support.site import write_site
@@ -39,8 +40,8 @@ def test_sites_that_differ_in_folder_and_ports_alone_have_one_snapshot(tmp_path:
 
 def test_keys_are_the_organizations_own(tmp_path: Path) -> None:
     one, other = site_in(tmp_path / "one"), site_in(tmp_path / "other", 'org = "annex"\n')
-    assert wallets.load(one, "panther1").address == wallets.address(one, "panther1")
-    assert wallets.address(one, "panther1") != wallets.address(other, "panther1")
+    assert wallets.load(one, "panther1").address == address(one, "panther1")
+    assert address(one, "panther1") != address(other, "panther1")
     assert snapshot.key(one) != snapshot.key(other)
 
 
