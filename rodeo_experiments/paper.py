@@ -93,8 +93,7 @@ def fitted(figures: Figures, calibrated: Figures, from_w: float, to_w: float) ->
         "so that a cleaning takes about as long. These two figures therefore prove nothing. Nothing else was "
         "fitted: seed, arrivals, room, working hours, battery, dock, prices and thresholds are those of this "
         f"run. The calibrated run paid {len(charges)} charges (paper: {CHARGES}) and {len(cleanings)} "
-        f"cleanings ({CLEANINGS}). A cleaning took {_number(cleaning)} min ({CLEANING_MIN}): with slower "
-        "limits more items slip out of the simulated grip. A charge took "
+        f"cleanings ({CLEANINGS}). A cleaning took {_number(cleaning)} min ({CLEANING_MIN}). A charge took "
         f"{_number(charging)} min ({statistics.median(CHARGING_MIN)}; this run {_number(ours)}): the base "
         "load draws from the dock while the battery charges."
     )

@@ -72,7 +72,8 @@ def test_more_robots_than_the_room_holds_are_refused_with_what_to_do(
 def test_the_papers_pace_is_slower(tmp_path: Path) -> None:
     usual, slow = Site.load(PAPER), Site.load(write_site(PAPER, tmp_path / "run", Variation(slow=True)))
     assert slow.robots[0].limits.cruise_m_s < usual.robots[0].limits.cruise_m_s
-    assert slow.robots[0].limits.joint_rad_s < usual.robots[0].limits.joint_rad_s
+    # An arm that passes the bin's camera slowly is taken for another item.
+    assert slow.robots[0].limits.joint_rad_s == usual.robots[0].limits.joint_rad_s
 
 
 def test_the_calibrated_run_differs_by_base_load_and_pace_alone(tmp_path: Path) -> None:
