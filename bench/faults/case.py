@@ -40,8 +40,6 @@ class Case:
     """Others than the robot offer to work, too, so that there is work beside a task that hangs."""
     waits: bool = False
     """It spends its time waiting: it runs beside the others."""
-    limit_s: float = 300.0
-    """Wall time for all of it."""
 
 
 CASES: dict[str, Case] = {}

@@ -34,7 +34,7 @@ def disk_full_everything(lab: Lab) -> Iterator[None]:
     assert lab.disk is not None
     lab.disk.fill()
     # Whoever cannot write says that it is not ready, and does not loop.
-    lab.wait(lambda: not lab.ready("bridge"), "the bridge says ready on a full disk", 30.0)
+    lab.wait(lambda: not lab.ready("bridge"), "the bridge says ready on a full disk")
     before = [lab.pid(name) for name in lab.case.processes]
     yield
     need([lab.pid(name) for name in lab.case.processes] == before, "a process ended and was started again")

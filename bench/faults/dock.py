@@ -37,16 +37,14 @@ class Charge:
         lab.assigned("charge")
         self.buyer.begin(Participant(lab.bus, lab.site.org, "panther1").task(lab.asked["charge"]))
         self.hardware.docked = True
-        lab.wait(lambda: self.hardware.energy_wh > HALF_WH, "nothing is delivered", 120.0)
+        lab.wait(lambda: self.hardware.energy_wh > HALF_WH, "nothing is delivered")
 
     def finish(self) -> None:
         """Until the proof is there; judge it as an oracle would."""
         self.hardware.fast = True
         lab = self.lab
         task_id = lab.asked["charge"]
-        lab.wait(
-            lambda: lab.state(f"task/{task_id}")["state"] == "submitted", "no proof of the charge came", 120.0
-        )
+        lab.wait(lambda: lab.state(f"task/{task_id}")["state"] == "submitted", "no proof of the charge came")
         lab.judge("charge")
         task = lab.wait_ended("charge")
         need(task["state"] == "settled", f"the charge is {task['state']}: {task['reason']}")
@@ -191,5 +189,4 @@ def new_chain_under_the_charger(lab: Lab) -> Iterator[None]:
     lab.wait(
         lambda: any(one["kind"] == "battery_charging" for one in lab.state("services")["services"]),
         "the charger does not offer its service on the new chain",
-        60.0,
     )

@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from bench.faults.case import BASE, Case, Script, add, case
 from bench.faults.lab import Lab, need
 from rodeo_testing import BINS
+from rodeo_testing.waiting import HANG_S
 
 REFUSED = r"already served by|served_elsewhere"
 
@@ -22,11 +23,11 @@ def second_bridge(lab: Lab) -> Iterator[None]:
     labels = [f"post {number}" for number in range(20)]
     posted: list[Future[int]] = [lab.post_beside(label) for label in labels]
     for one in posted:
-        one.result(timeout=120.0)
+        one.result(timeout=HANG_S)
     yield
     lab.down("bridge", site=elsewhere)
     need(len({one.result() for one in posted}) == len(labels), "two requests got one task")
-    lab.wait(lambda: lab.ready("bridge"), "the first bridge is not ready", 60.0)
+    lab.wait(lambda: lab.ready("bridge"), "the first bridge is not ready")
     for label in labels:
         lab.cancel_if_open(label)
     yield
@@ -70,7 +71,7 @@ for _name, _processes in (
 
 def _same_folder(name: str) -> Script:
     def script(lab: Lab) -> Iterator[None]:
-        status, output = lab.program(f"services.{name}", "--site", str(lab.path), timeout_s=90.0)
+        status, output = lab.program(f"services.{name}", "--site", str(lab.path))
         need(status != 0, f"a second {name} ran beside the first")
         lab.say(output)
         yield

@@ -49,7 +49,7 @@ class Executor:
             block = self.lab.client().w3.eth.get_block("pending")
             return int(block.get("timestamp", 0)) >= int(time_s)
 
-        self.lab.wait(stamped, "the chain did not follow the clock", 60.0)
+        self.lab.wait(stamped, "the chain did not follow the clock")
 
     def record(self, label: str) -> Path:
         """Do the work of a new task, and seal the recording."""
@@ -145,7 +145,7 @@ def store_that_the_oracle_may_not_read(lab: Lab) -> Iterator[None]:
     wrong = lab.variant("wrong", f"store.url = {json.dumps((lab.folder / 'other').as_uri())}\n", data=False)
     lab.down("oracle")
     lab.up("oracle", site=wrong)
-    lab.wait(lambda: lab.ready("oracle"), "the oracle does not start", 90.0)
+    lab.wait(lambda: lab.ready("oracle"), "the oracle does not start")
     lab.submit("meanwhile", sha256, uri)
     yield
     lab.down("oracle")
@@ -209,7 +209,7 @@ def proof_lost_after_the_verdict(lab: Lab) -> Iterator[None]:
     yield
     executor.serve_copies()
     yield
-    lab.wait(stored.exists, "the proof was not put again from its executor's copy", 60.0)
+    lab.wait(stored.exists, "the proof was not put again from its executor's copy")
 
 
 @case("the report of a verdict is lost from the store", processes=JUDGED, asks=False, workers=False)

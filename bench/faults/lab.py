@@ -44,6 +44,7 @@ from rodeo.messages import Status
 from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
 from rodeo_cli.site import read_rows
+from rodeo_testing.waiting import HANG_S
 from tests.support.index import index_differences
 from tests.support.site import write_site
 
@@ -56,11 +57,6 @@ PAUSE_S = 0.1
 ASK_S = 3.0
 """Wall time for one answer; whoever gets none asks again with the same request_id."""
 _LOOK_S = 2.0
-REASON_S = 40.0
-"""Wall time in which the reason must be said, on a machine that is busy."""
-RECOVERED_S = 90.0
-"""Wall time after which a site does not come back any more."""
-START_S = 180.0
 DISK_BYTES = 24 << 20
 REWARD_IEC = Decimal(10)
 WORKERS = ("worker1", "worker2")
@@ -192,7 +188,7 @@ class Lab:
                 done.set_exception(error)
 
         self._orders.put(order)
-        return done.result(timeout=START_S)
+        return done.result(timeout=HANG_S)
 
     def close(self) -> None:
         self._opened.close()
@@ -260,12 +256,12 @@ class Lab:
         """How often the process was started since the mark."""
         return self._started[name]
 
-    def rodeo(self, *arguments: str, timeout_s: float = 60.0, env: dict[str, str] | None = None) -> str:
+    def rodeo(self, *arguments: str, timeout_s: float = HANG_S, env: dict[str, str] | None = None) -> str:
         """What `rodeo ARGUMENTS` prints, whatever its exit status."""
         return self.program("rodeo_cli", *arguments, timeout_s=timeout_s, env=env)[1]
 
     def program(
-        self, module: str, *arguments: str, timeout_s: float = 60.0, env: dict[str, str] | None = None
+        self, module: str, *arguments: str, timeout_s: float = HANG_S, env: dict[str, str] | None = None
     ) -> tuple[int, str]:
         """Exit status and output of `python -m MODULE ARGUMENTS`; 124 where it took longer than it may."""
         try:
@@ -290,12 +286,12 @@ class Lab:
         self.up("chain")
         self.deploy()
         self.asked.clear()
-        self.wait(lambda: self.ready("bridge"), "the bridge does not follow the new chain", START_S)
+        self.wait(lambda: self.ready("bridge"), "the bridge does not follow the new chain")
         if "robot_agent" not in self.case.processes:
             self.offer("panther1", *WORKERS)
 
     def deploy(self) -> None:
-        status, output = self.program("deploy.contracts", "--site", str(self.path), timeout_s=START_S)
+        status, output = self.program("deploy.contracts", "--site", str(self.path), timeout_s=HANG_S)
         need(status == 0, f"the contracts were not deployed: {output[-400:]}")
 
     def variant(self, name: str, extra: str, wallets: bool = True, data: bool = True) -> Path:
@@ -354,17 +350,16 @@ class Lab:
         path = self.data / "logs" / f"{name}.log"
         return path.read_text(errors="replace") if path.exists() else ""
 
-    def wait_for_log(self, folder: str, name: str, pattern: str, within_s: float = START_S) -> None:
+    def wait_for_log(self, folder: str, name: str, pattern: str) -> None:
         """Until the process with the data directory `folder` has logged this."""
         path = self.folder / folder / "logs" / f"{name}.log"
         wanted = re.compile(pattern, re.IGNORECASE | re.MULTILINE)
         self.wait(
             lambda: path.exists() and wanted.search(path.read_text(errors="replace")),
             f"the {name} of {folder} did not say /{pattern}/",
-            within_s,
         )
 
-    def wait_said(self, pattern: str, within_s: float = REASON_S) -> None:
+    def wait_said(self, pattern: str) -> None:
         wanted = re.compile(pattern, re.IGNORECASE)
         look_s = time.monotonic() + _LOOK_S
 
@@ -377,7 +372,7 @@ class Lab:
                 look_s = time.monotonic() + _LOOK_S
             return False
 
-        self.wait(heard, f"nobody said /{pattern}/", within_s)
+        self.wait(heard, f"nobody said /{pattern}/")
 
     def look(self) -> None:
         """What `rodeo status` shows of processes that are not ready."""
@@ -391,7 +386,7 @@ class Lab:
     def bus(self) -> Bus:
         if self._bus is None:
             shown = identity(self.site, OPERATOR)
-            self._bus = Bus.open(self.site.bus.router, timeout_s=START_S, identity=shown)
+            self._bus = Bus.open(self.site.bus.router, timeout_s=HANG_S, identity=shown)
             self._bus.subscribe_json(topics.STATUS.pattern(org=self.site.org), self._on_status)
         return self._bus
 
@@ -429,7 +424,7 @@ class Lab:
             if not self.ready(name)
         )
 
-    def wait(self, holds: Callable[[], object], why: str, within_s: float) -> None:
+    def wait(self, holds: Callable[[], object], why: str, within_s: float = HANG_S) -> None:
         deadline_s = time.monotonic() + within_s
         while not holds():
             if self.closing.wait(PAUSE_S) or time.monotonic() > deadline_s:
@@ -441,26 +436,19 @@ class Lab:
     def state(self, what: str, **parameters: Any) -> dict[str, Any]:
         return self.patiently(topics.STATE.name(org=self.site.org, what=what), None, parameters)
 
-    def command(
-        self, participant: str, name: str, within_s: float = RECOVERED_S, **fields: Any
-    ) -> dict[str, Any]:
+    def command(self, participant: str, name: str, **fields: Any) -> dict[str, Any]:
         """The reply, however often it has to be asked for: the fields hold a request_id."""
         assert "request_id" in fields
         return self.patiently(
             topics.COMMAND.name(org=self.site.org, participant=participant, command=name),
             fields,
-            within_s=within_s,
         )
 
     def patiently(
-        self,
-        key: str,
-        payload: dict[str, Any] | None,
-        parameters: dict[str, Any] | None = None,
-        within_s: float = RECOVERED_S,
+        self, key: str, payload: dict[str, Any] | None, parameters: dict[str, Any] | None = None
     ) -> dict[str, Any]:
-        """Raises NotSurvived when nobody answers in time, and RemoteError for an answer that is final."""
-        deadline_s = time.monotonic() + within_s
+        """Raises NotSurvived when nobody answers, and RemoteError for an answer that is final."""
+        deadline_s = time.monotonic() + HANG_S
         last: Exception | None = None
         while time.monotonic() < deadline_s and not self.closing.is_set():
             try:
@@ -472,7 +460,7 @@ class Lab:
                     raise
                 last = error
             self.pause(PAUSE_S)
-        raise NotSurvived(f"no answer on {key} within {within_s:.0f} s: {last}")
+        raise NotSurvived(f"no answer on {key} within {HANG_S:.0f} s: {last}")
 
     # -- work ----------------------------------------------------------------------------------------------
 
@@ -487,7 +475,7 @@ class Lab:
                 request_id=f"service of {name}",
             )
 
-    def post(self, label: str, within_s: float = RECOVERED_S, **fields: Any) -> int:
+    def post(self, label: str, **fields: Any) -> int:
         """A cleaning task of the organization, which is described by its label."""
         request = {
             "kind": "waste_disposal",
@@ -499,7 +487,7 @@ class Lab:
             **fields,
         }
         self.asked.setdefault(label, 0)
-        answer = self.command("organization", "register_task", within_s=within_s, **request)
+        answer = self.command("organization", "register_task", **request)
         task_id = int(answer["task_id"])
         self.asked[label] = task_id
         return task_id
@@ -548,7 +536,7 @@ class Lab:
                     raise
                 return False
 
-        self.wait(is_its_number, f"{label} is not there again", RECOVERED_S)
+        self.wait(is_its_number, f"{label} is not there again")
         # What is sent again has a moment to get there.
         with suppress(NotSurvived):
             self.wait_ended(label, 5.0)
@@ -566,7 +554,6 @@ class Lab:
         self.wait(
             lambda: self.state(f"task/{task_id}")["state"] not in ("open", "assigned"),
             f"no proof of {label} is in the index",
-            RECOVERED_S,
         )
         task = self.state(f"task/{task_id}")
         self.command(
@@ -626,7 +613,6 @@ class Lab:
         self.wait(
             lambda: self.state(f"task/{task_id}")["state"] != "open",
             f"task {task_id} ({label}) was not assigned",
-            RECOVERED_S,
         )
         return self.state(f"task/{task_id}")
 
@@ -638,7 +624,7 @@ class Lab:
         uri, sha256 = Store(self.site).put_bytes(data, suffix)
         return sha256, uri
 
-    def wait_ended(self, label: str, within_s: float = RECOVERED_S) -> dict[str, Any]:
+    def wait_ended(self, label: str, within_s: float = HANG_S) -> dict[str, Any]:
         """The task once it is settled, failed or cancelled."""
         task_id = self.asked[label]
         ended = ("settled", "failed", "cancelled")
@@ -692,7 +678,7 @@ class Lab:
             return not differing
 
         try:
-            self.wait(agrees, "the index and the contracts do not agree", 10.0)
+            self.wait(agrees, "the index and the contracts do not agree")
         except NotSurvived as error:
             raise NotSurvived(f"{error}: {'; '.join(differing[:3])}") from None
 
@@ -717,10 +703,10 @@ class Lab:
         ended_s = time.monotonic()
         # What ended is wanted back by then; more waiting only tells how late it is.
         self.work("afterwards")
-        self.wait(self.all_ready, "not ready again", RECOVERED_S)
+        self.wait(self.all_ready, "not ready again")
         recovery_s = time.monotonic() - ended_s
         if asker is not None:
-            asker.result(timeout=RECOVERED_S)
+            asker.result(timeout=HANG_S)
             self.end("meanwhile")
         next(script, None)
         self.count_money()
@@ -738,7 +724,7 @@ class Lab:
         if not Deployment.path(self.data, CHAIN_ID).exists():
             self.deploy()
         self.up(*(name for name in self.case.processes if name not in BASE))
-        self.wait(self.all_ready, "the site did not start", START_S)
+        self.wait(self.all_ready, "the site did not start")
         if "robot_agent" not in self.case.processes:
             self.offer("panther1", *(WORKERS if self.case.workers else ()))
         self.work("before")
@@ -750,7 +736,7 @@ class Lab:
 
         def ask() -> None:
             try:
-                done.set_result(self.post(label, within_s=self.case.limit_s))
+                done.set_result(self.post(label))
             except BaseException as error:  # noqa: BLE001 - raised where the result is asked for
                 done.set_exception(error)
 

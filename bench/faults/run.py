@@ -42,6 +42,8 @@ AT_ONCE = 2
 """Cases that keep the machine busy, at the same time."""
 WAITING_AT_ONCE = 3
 """Cases that only wait, beside them."""
+CASE_S = 3600.0
+"""Wall time after which a case hangs."""
 _FORK = multiprocessing.get_context("fork")
 
 
@@ -84,7 +86,7 @@ def run_cases(cases: Sequence[Case], at_once: int = AT_ONCE) -> list[Result]:
     with tempfile.TemporaryDirectory(prefix="rodeo-faults-") as name:
         folder = Path(name)
         template = folder / "template"
-        _in_a_process(lambda: _prepare(template), 120.0)
+        _in_a_process(lambda: _prepare(template))
         lanes = [
             (deque(one for one in cases if not one.waits), at_once),
             (deque(one for one in cases if one.waits), WAITING_AT_ONCE),
@@ -104,7 +106,7 @@ def run_cases(cases: Sequence[Case], at_once: int = AT_ONCE) -> list[Result]:
                         running[one.name] = process, one, time.monotonic()
                 for process, one, started_s in list(running.values()):
                     took_s = time.monotonic() - started_s
-                    if process.is_alive() and took_s <= one.limit_s:
+                    if process.is_alive() and took_s <= CASE_S:
                         continue
                     results.append(_ended(process, one, folder, took_s))
                     del running[one.name]
@@ -129,11 +131,11 @@ def _prepare(template: Path) -> None:
     shutil.rmtree(template / "data" / "logs")
 
 
-def _in_a_process(body: Callable[[], None], limit_s: float) -> None:
+def _in_a_process(body: Callable[[], None]) -> None:
     """No bus may be opened in the process that the cases are forked from."""
     process = _FORK.Process(target=body)
     process.start()
-    process.join(limit_s)
+    process.join(CASE_S)
     if process.exitcode != 0:
         _kill(process)
         raise NotSurvived("no site could be prepared")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sqlite3
-import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import closing
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,7 +21,6 @@ from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, Tr
 from rodeo.config import WalletLimits
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError
-from rodeo_testing.waiting import HANG_S
 from services.bridge import orders, outcomes, signer
 from services.bridge.chain import Chain
 from services.bridge.errors import (
@@ -50,6 +49,8 @@ class Robot:
     """panther1's wallet, as one process of the bridge after the other has it, stepped by the test."""
 
     def __init__(self, chain: DeployedChain, folder: Path) -> None:
+        self.wall_s = 1_000.0
+        """The clock by which the bridge sends again and gives up (monotonic)."""
         self.chain = chain
         self.account = wallets.load(chain.site, "panther1")
         self.client = chain.client()
@@ -95,13 +96,12 @@ class Robot:
         return future.result()
 
     def until(self, condition: Any) -> None:
-        """Step until it holds."""
-        pause = threading.Event()
-        for _ in range(int(HANG_S / 0.01)):
+        """Step until it holds; each step takes 10 ms on the bridge's clock."""
+        for _ in range(10_000):
             if condition():
                 return
             self.step()
-            pause.wait(0.01)
+            self.wall_s += 0.01
         raise AssertionError("it did not come to that")
 
     def step(self) -> None:
@@ -122,6 +122,8 @@ def robot(chain: DeployedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(outcomes, "REBROADCAST_S", 0.05)
     monkeypatch.setattr(outcomes, "FIRST_LOOK_S", 0.01)
     made = Robot(chain, tmp_path)
+    for module in (orders, outcomes, signer):
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: made.wall_s))
     yield made
     made.transactions.close()
 
@@ -664,15 +666,11 @@ def test_what_was_sent_on_a_chain_is_not_sent_on_the_one_that_takes_its_place(ro
     robot.transactions.step()
     robot.chain.node.fault = begun_anew
     sent = robot.chain.node.calls.count(SEND)
-    pause = threading.Event()
-    refused = 0
-    while refused < 3:
-        pause.wait(outcomes.REBROADCAST_S)
-        try:
+    for _ in range(3):
+        robot.wall_s += 2 * outcomes.REBROADCAST_S
+        with pytest.raises(ChainUnavailable) as refused:
             robot.transactions.step()
-        except ChainUnavailable as error:
-            assert error.details["expected"] == robot.chain.deployment.genesis_hash
-            refused += 1
+        assert refused.value.details["expected"] == robot.chain.deployment.genesis_hash
     assert robot.chain.node.calls.count(SEND) == sent and robot.paid() == before
     robot.chain.node.fault = None
     robot.until(lambda: robot.waiting() == 0)
