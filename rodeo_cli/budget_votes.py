@@ -17,11 +17,12 @@ from rodeo_cli.common import (
     print_listing,
     reports_errors,
     say,
+    send_command,
 )
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
 from rodeo_cli.proposals import propose, send
-from rodeo_cli.tasks import ParticipantOption, send_command
+from rodeo_cli.tasks import ParticipantOption
 from services.console.formatting import party, split_in_words
 
 NumberArgument = Annotated[int, typer.Argument(min=0, help="Its number: `rodeo organization budget-votes`.")]

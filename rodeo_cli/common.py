@@ -7,7 +7,9 @@ import logging
 import re
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
@@ -23,8 +25,9 @@ from rodeo import queries, topics
 from rodeo.bus import Bus
 from rodeo.clock import Clock, WallClock
 from rodeo.config import Site
-from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, RemoteError, RodeoError
+from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, QueryTimeout, RemoteError, RodeoError
 from rodeo.files import replace_file
+from rodeo.instance import HEARTBEAT_S
 from rodeo.messages import Status
 from rodeo.origin import check_bus
 from rodeo.tls import OPERATOR, identity
@@ -66,12 +69,16 @@ SiteOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 
 _CONNECT_S = _CLOCK_S = 3.0
+_SILENT_S = 30.0
+"""Wall time without a heartbeat of the bridge after which a command is given up."""
+_LONGEST_S = 3600.0
 _ADDRESS = re.compile(r"^0x[0-9a-fA-F]{40}$")
 
 _HINTS = {
     "wrong_bus": "start the site with `rodeo up`, or choose another with --site FILE or RODEO_SITE",
     "bus_unavailable": "start the site with `rodeo up`, or choose another with --site FILE or RODEO_SITE",
     "no_responder": "`rodeo status` shows whether the bridge runs",
+    "query_timeout": "`rodeo status` shows whether the bridge runs",
     "bridge_not_ready": "`rodeo status` shows what the bridge waits for",
     "config_error": "set the site file with --site FILE or RODEO_SITE",
     "already_running": "`rodeo status` shows it, `rodeo down` stops it",
@@ -111,6 +118,37 @@ def connected(site_path: Path) -> Iterator[tuple[Site, Bus]]:
         except RemoteError as error:
             error.details = _named(bus, site.org, error.details)
             raise
+
+
+def send_command(site: Site, bus: Bus, participant: str, name: str, /, **request: Any) -> dict[str, Any]:
+    """The bridge's reply to a command. It may take its time as long as its heartbeat is heard.
+
+    Raises what `Bus.query` does; QueryTimeout once the bridge has been silent for `_SILENT_S`.
+    """
+    key = topics.COMMAND.name(org=site.org, participant=participant, command=name)
+    reply: Future[dict[str, Any]] = Future()
+    heard_s = time.monotonic()
+
+    def on_heartbeat(_key: str, _status: bytes) -> None:
+        nonlocal heard_s
+        heard_s = time.monotonic()
+
+    def ask() -> None:
+        try:
+            reply.set_result(bus.query(key, request, timeout_s=_LONGEST_S))
+        except Exception as error:  # noqa: BLE001 - raised below, where the reply is waited for
+            reply.set_exception(error)
+
+    heartbeats = bus.subscribe_bytes(topics.STATUS.name(org=site.org, process="bridge"), on_heartbeat)
+    threading.Thread(target=ask, name="command", daemon=True).start()
+    try:
+        while not wait([reply], HEARTBEAT_S).done:
+            if (silent_s := time.monotonic() - heard_s) > _SILENT_S:
+                silent = "the bridge is silent; it may still carry out the command"
+                raise QueryTimeout(silent, key=key, silent_s=round(silent_s))
+    finally:
+        heartbeats.undeclare()
+    return reply.result()
 
 
 def _named(bus: Bus, org: str, details: dict[str, Any]) -> dict[str, Any]:

@@ -23,10 +23,11 @@ from rodeo_cli.common import (
     print_facts,
     reports_errors,
     say,
+    send_command,
     write_file,
 )
 from rodeo_cli.formatting import iec
-from rodeo_cli.tasks import ParticipantOption, send_command
+from rodeo_cli.tasks import ParticipantOption
 
 disputes = typer.Typer(
     help="Challenge a verdict before it settles, and decide about a challenge.", no_args_is_help=True

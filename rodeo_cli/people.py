@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest
@@ -21,6 +20,7 @@ from rodeo_cli.common import (
     print_json,
     reports_errors,
     say,
+    send_command,
     site_clock,
     time_left,
 )
@@ -52,11 +52,7 @@ def offer(
     with connected(site) as (loaded, bus):
         name = _name(loaded, participant)
         request = {"kind": kind, "price_iec": price, "description": description}
-        reply = bus.query(
-            topics.COMMAND.name(org=loaded.org, participant=name, command="register_service"),
-            request,
-            timeout_s=30,
-        )
+        reply = send_command(loaded, bus, name, "register_service", **request)
     say(f"{name} offers {kind} for {iec(price)}: service {reply['service_id']}.")
     if (warning := pace.warning(loaded)) and kinds_of(loaded).by_people(kind):
         say(warning)

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rodeo import queries, topics
+from rodeo import queries
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.durations import span
@@ -23,6 +23,7 @@ from rodeo_cli.common import (
     print_listing,
     reports_errors,
     say,
+    send_command,
 )
 from rodeo_cli.formatting import moment
 from rodeo_cli.layout import Row
@@ -50,8 +51,7 @@ def send(site: Path, participant: str, command: str, done: str, **fields: Any) -
         request = {"command": command, "request": request, "description": why}
         command = "propose"
     with connected(site) as (loaded, bus):
-        key = topics.COMMAND.name(org=loaded.org, participant=participant, command=command)
-        reply = bus.query(key, request, timeout_s=30)
+        reply = send_command(loaded, bus, participant, command, **request)
         if why is not None:
             state = queries.ask(bus, loaded.org, queries.ORGANIZATION)
             next_ = (

@@ -13,7 +13,7 @@ import typer
 from rich.markup import escape
 from rich.text import Text
 
-from rodeo import queries, topics
+from rodeo import queries
 from rodeo.bus import Bus, DaoEvents, decode_json, validate
 from rodeo.config import Site
 from rodeo.durations import span
@@ -34,6 +34,7 @@ from rodeo_cli.common import (
     print_listing,
     reports_errors,
     say,
+    send_command,
     site_clock,
     time_left,
     write_file,
@@ -437,11 +438,6 @@ def _signed(file: Path) -> dict[str, Any]:
     return validate(SignedRequest, decode_json(file.read_bytes())).model_dump(mode="json")
 
 
-def send_command(site: Site, bus: Bus, participant: str, name: str, /, **request: Any) -> dict[str, Any]:
-    key = topics.COMMAND.name(org=site.org, participant=participant, command=name)
-    return bus.query(key, request, timeout_s=30)
-
-
 @services.command("list")
 @reports_errors
 def list_services(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
@@ -533,13 +529,7 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
                 provider=provider or service.provider,
             )
         request = {"service_id": service_id, **change}
-        bus.query(
-            topics.COMMAND.name(
-                org=loaded.org, participant=participant or provider or "", command="update_service"
-            ),
-            request,
-            timeout_s=30,
-        )
+        send_command(loaded, bus, participant or provider or "", "update_service", **request)
     if provider in [robot.name for robot in loaded.robots] and change.get("state") != "retired":
         say(
             f"{provider} manages its own service and will soon overwrite this change. To stop it from taking "

@@ -24,6 +24,10 @@ Call = tuple[str, list[Any]]
 MAX_BATCH = 100
 """Requests in one batch; nodes limit it, geth to 1000."""
 
+_EACH_S = 1.0
+"""Wall time that a node may take for each further request of a batch. It answers a batch as a whole: a
+slow node that carries out many transactions does not hang."""
+
 _REVERTED = 3
 """JSON-RPC error code of a revert, as geth set it."""
 
@@ -36,7 +40,8 @@ class Node:
         self._url = url
         self._currency = currency
         # Asking again is the caller's affair: it alone knows whether the answer still matters.
-        self._pool = urllib3.PoolManager(maxsize=8, retries=False, timeout=timeout_s)
+        self._pool = urllib3.PoolManager(maxsize=8, retries=False)
+        self._timeout_s = timeout_s
         self._ids = count(1)
         self._lock = threading.Lock()
 
@@ -64,7 +69,11 @@ class Node:
         body = json.dumps(requests if len(requests) > 1 else requests[0])
         try:
             response = self._pool.request(
-                "POST", self._url, body=body, headers={"content-type": "application/json"}
+                "POST",
+                self._url,
+                body=body,
+                headers={"content-type": "application/json"},
+                timeout=self._timeout_s + _EACH_S * (len(calls) - 1),
             )
             answer = json.loads(response.data)
         except (HTTPError, OSError, ValueError) as error:

@@ -22,7 +22,8 @@ from services.bridge.fees import Limits
 from services.bridge.journal import Entry, nonce_of
 
 OUTCOME_S = 25.0
-"""Wall time after which the caller is told that the outcome is not known yet."""
+"""Wall time without progress after which the caller is told that the outcome is not known yet. Progress is
+that the transaction is sent, and before that, that another of its wallet is."""
 
 MAX_IN_FLIGHT = 64
 """Transactions of one wallet that wait to be mined; geth keeps as many of one account in its queue."""
@@ -69,12 +70,13 @@ class Job:
 
     order: Order
     waiters: list[tuple[Future[Reply], float]] = field(default_factory=list)
-    """Who waits, and until when."""
+    """Who waits, and since when."""
     entry: Entry | None = None
     attempts: int = 1
     """Times that it was made because the node refused its fee."""
     nonces: int = 1
     """Times that it was made because another transaction used its nonce."""
+    first_sent_s: float = 0.0
     sent_s: float = 0.0
     """When it was sent for the first time with this fee."""
     last_sent_s: float = 0.0
@@ -111,6 +113,8 @@ class WalletQueue:
     queue: deque[Job] = field(default_factory=deque)
     in_flight: dict[int, Job] = field(default_factory=dict)
     """By the id in the journal."""
+    sent_s: float = 0.0
+    """When it last sent a transaction for the first time."""
 
     @property
     def after(self) -> int:
@@ -275,8 +279,10 @@ class Orders:
         late: list[tuple[Future[Reply], Job]] = []
         for job in self.jobs():
             with self.lock:
-                late += [(future, job) for future, deadline_s in job.waiters if now_s > deadline_s]
-                job.waiters = [waiter for waiter in job.waiters if now_s <= waiter[1]]
+                moved_s = job.first_sent_s or self.wallet_of(job).sent_s
+                waiting = [now_s - max(asked_s, moved_s) <= OUTCOME_S for _, asked_s in job.waiters]
+                late += [(one[0], job) for one, waits in zip(job.waiters, waiting, strict=True) if not waits]
+                job.waiters = [one for one, waits in zip(job.waiters, waiting, strict=True) if waits]
         for future, job in late:
             future.set_exception(
                 TransactionTimeout(
@@ -317,6 +323,6 @@ class Orders:
             else:
                 future.set_exception(RemoteError(outcome["code"], outcome["message"], outcome["details"]))
         else:
-            job.waiters.append((future, time.monotonic() + OUTCOME_S))
+            job.waiters.append((future, time.monotonic()))
         self.changed.set()
         return future

@@ -153,6 +153,8 @@ class Outcomes:
         now_s = time.monotonic()
         for job in jobs:
             job.sent_s = job.sent_s or now_s
+            if not job.first_sent_s:
+                job.first_sent_s = self._orders.wallet_of(job).sent_s = now_s
             job.last_sent_s = now_s
             job.due_s = now_s + FIRST_LOOK_S
         answers = self._node.batch(

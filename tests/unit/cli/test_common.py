@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.errors import InvalidRequest
-from rodeo_cli import app
-from rodeo_cli.common import write_file
+from rodeo.config import Site
+from rodeo.errors import InvalidRequest, QueryTimeout
+from rodeo_cli import app, common
+from rodeo_cli.common import send_command, write_file
+from rodeo_testing.waiting import HANG_S, wait_until
+from tests.support.site import LAB
 
 
 def test_a_file_that_cannot_be_written_is_named_with_the_reason(tmp_path: Path) -> None:
@@ -29,3 +37,54 @@ def test_what_is_no_signed_task_cannot_be_revoked(tmp_path: Path, typed: dict[st
     file.write_text(json.dumps({"request": {"typed_data": typed}}))
     done = CliRunner().invoke(app, ["task", "revoke", str(file), "--as", "alice"])
     assert done.exit_code == 1 and done.output.startswith("invalid_request: "), done.output
+
+
+class SlowBridge:
+    """A bus on which the bridge answers late; its heartbeat is heard when the test says so."""
+
+    def __init__(self) -> None:
+        self.answers, self.asked = Event(), Event()
+        self.heartbeat: Callable[[str, bytes], None]
+
+    def query(self, _key: str, _request: Any, timeout_s: float) -> dict[str, Any]:
+        self.asked.set()
+        assert self.answers.wait(min(timeout_s, HANG_S))
+        return {"task_id": 1}
+
+    def subscribe_bytes(self, _key: str, callback: Callable[[str, bytes], None]) -> SlowBridge:
+        self.heartbeat = callback
+        return self
+
+    def undeclare(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("beats", [True, False])
+def test_a_command_is_waited_for_as_long_as_the_bridges_heartbeat_is_heard(
+    beats: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bridge, wall_s, looks = SlowBridge(), 0.0, 0
+
+    def monotonic() -> float:
+        nonlocal looks
+        looks += 1
+        return wall_s
+
+    monkeypatch.setattr(common, "HEARTBEAT_S", 0.01)
+    monkeypatch.setattr(common, "time", SimpleNamespace(monotonic=monotonic))
+    with ThreadPoolExecutor(1) as caller:
+        sent = caller.submit(send_command, Site.load(LAB), bridge, "organization", "register_task")  # type: ignore[arg-type]
+        assert bridge.asked.wait(HANG_S)
+        if beats:
+            for wall_s in range(0, 300, 20):  # noqa: B007
+                bridge.heartbeat("", b"")
+                seen = looks
+                wait_until(lambda seen=seen: looks > seen)
+            bridge.answers.set()
+            assert sent.result(HANG_S) == {"task_id": 1}
+        else:
+            wall_s = 31.0
+            with pytest.raises(QueryTimeout) as silent:
+                sent.result(HANG_S)
+            assert silent.value.details["silent_s"] == 31
+        bridge.answers.set()

@@ -146,7 +146,10 @@ def answered(monkeypatch: pytest.MonkeyPatch, piped: None) -> dict[str, dict[str
 
     @contextmanager
     def connected(_site: Path) -> Iterator[tuple[Site, Any]]:
-        yield Site.load(LAB), SimpleNamespace(query=query)
+        yield (
+            Site.load(LAB),
+            SimpleNamespace(query=query, subscribe_bytes=lambda *_: SimpleNamespace(undeclare=lambda: None)),
+        )
 
     for module in (tasks, organization, proposals, budget_votes, robot):
         monkeypatch.setattr(module, "connected", connected)
@@ -328,7 +331,10 @@ def test_a_share_that_cannot_be_paid_keeps_no_other_waiting(
 
     @contextmanager
     def connected(_site: Path) -> Iterator[tuple[Site, Any]]:
-        yield Site.load(LAB), SimpleNamespace(query=query)
+        yield (
+            Site.load(LAB),
+            SimpleNamespace(query=query, subscribe_bytes=lambda *_: SimpleNamespace(undeclare=lambda: None)),
+        )
 
     monkeypatch.setattr(budget_votes, "connected", connected)
     done = CliRunner().invoke(app, ["organization", "pay-budget", "0", "--as", "bob"])

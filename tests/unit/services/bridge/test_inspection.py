@@ -6,7 +6,6 @@ import sqlite3
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 
 import pytest
 
@@ -76,8 +75,10 @@ def test_what_is_changed_while_the_bridge_runs_is_found_by_itself(
 ) -> None:
     monkeypatch.setattr(inspection, "PERIOD_S", 0.02)
     inspector = Inspector(index, Node(chain.site.chain.url), chain.deployment)
+    compare, compared = inspector.compare, list[object]()
+    monkeypatch.setattr(inspector, "compare", lambda *most: compared.append(compare(*most)) or compared[-1])
     inspector.start()
-    Event().wait(0.2)
+    wait_until(lambda: len(compared) >= 3)
     assert inspector.found is None
     connection = sqlite3.connect(tmp_path / "index.sqlite")
     with connection:

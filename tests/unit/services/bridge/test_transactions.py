@@ -21,6 +21,7 @@ from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, Tr
 from rodeo.config import WalletLimits
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError
+from rodeo_testing.waiting import HANG_S
 from services.bridge import orders, outcomes, signer
 from services.bridge.chain import Chain
 from services.bridge.errors import (
@@ -63,7 +64,7 @@ class Robot:
     def restart(self, **options: Any) -> None:
         """A new process finds index and journal as the last one left them."""
         deployment = self.chain.deployment
-        self.node = Node(self.url)
+        self.node = Node(self.url, timeout_s=HANG_S)
         self.journal = Journal(self.folder / "journal.sqlite")
         self.index = Index(
             sqlite_url(self.folder / "index.sqlite"),
@@ -710,3 +711,21 @@ def test_what_was_signed_elsewhere_for_a_nonce_that_is_gone_is_told_to_be_droppe
     robot.pay(6)  # takes the nonce
     with pytest.raises(TransactionDropped):
         robot.outcome(robot.transactions.orders.broadcast(order, raw))
+
+
+def test_who_waits_is_not_given_up_while_its_wallet_gets_on(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(orders, "MAX_IN_FLIGHT", 1)
+    first, second = (robot.transactions.orders.submit(robot.order(amount)) for amount in (1, 2))
+    robot.transactions.step()
+    robot.wall_s += 0.9 * orders.OUTCOME_S
+    robot.outcome(first)
+    robot.chain.node.fault = lose
+    robot.transactions.step()
+    robot.wall_s += 0.9 * orders.OUTCOME_S
+    robot.transactions.step()
+    assert not second.done(), "it was sent a while ago only"
+    robot.wall_s += 0.2 * orders.OUTCOME_S
+    robot.transactions.step()
+    assert isinstance(second.exception(), TransactionTimeout)

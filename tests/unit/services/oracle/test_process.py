@@ -243,12 +243,8 @@ def test_a_submission_that_was_undone_while_the_index_is_behind_is_waited_for_no
         "attempt": bridge.current.attempt,
     }
     judge._on_event(event(bridge.current, 1000, "EventUndone", **undone))
-    done = threading.Event()
-    for _ in range(int(HANG_S / 0.02)):
-        if not judge._in_work:
-            break
-        done.wait(0.02)
-    assert not judge._in_work and not bridge.verdicts
+    wait_until(lambda: not judge._in_work)
+    assert not bridge.verdicts
 
 
 def test_a_submission_whose_verdict_failed_for_an_unknown_reason_is_looked_at_again(

@@ -11,7 +11,7 @@ import pytest
 from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.messages import DaoEvent, Task
-from rodeo_testing.waiting import HANG_S
+from rodeo_testing.waiting import HANG_S, wait_until
 from services.oracle import rules
 from services.oracle.rules import Judging
 from tests.support.tasks import task
@@ -150,9 +150,5 @@ def test_what_another_oracle_has_judged_is_forgotten(oracle: Oracle) -> None:
     assert oracle.judging.leave(submitted()) is None
     oracle.waits = False
     oracle.clock.notify()
-    deadline = threading.Event()
-    for _ in range(int(HANG_S / 0.01)):
-        if not oracle.judging.keys():
-            break
-        deadline.wait(0.01)
-    assert oracle.judging.keys() == set() and oracle.found == []
+    wait_until(lambda: not oracle.judging.keys())
+    assert oracle.found == []

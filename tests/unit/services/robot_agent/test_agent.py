@@ -277,9 +277,16 @@ def test_who_is_paid_is_said_once_and_before_the_first_offer(caplog: pytest.LogC
 
 def test_who_sleeps_hears_at_once_that_the_process_is_asked_to_end() -> None:
     agent: Any = Agent.__new__(Agent)
-    agent._stop, agent._wake = threading.Event(), threading.Event()
+    begun = threading.Event()
+
+    class Stop(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            begun.set()
+            return super().wait(timeout)
+
+    agent._stop, agent._wake = Stop(), threading.Event()
     threading.Thread(target=agent._wake_to_stop, daemon=True).start()
-    assert not agent._wake.wait(0.05)
+    assert begun.wait(HANG_S) and not agent._wake.is_set()
     agent._stop.set()
     assert agent._wake.wait(HANG_S)
 
