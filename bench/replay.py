@@ -36,7 +36,8 @@ from rodeo.evidence.recorder import Recorder
 from rodeo.lab.world import CONTROL_PERIOD_S
 from rodeo.messages import DaoEvent
 from rodeo.ros2 import types, wire
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.base import MessageInfo
+from rodeo.ros2.node import Node
 from rodeo.ros2.service import Client
 from rodeo.sim_clock import SimClock
 from rodeo_testing.assignments import BINDING

@@ -52,7 +52,8 @@ from rodeo.lab.world import (
     build_world,
 )
 from rodeo.ros2 import types
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.base import MessageInfo
+from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"

@@ -6,7 +6,8 @@
     governance.py   decisions after a delay, with votes or without: proposals, and what their calls would do
     registry.py     where organizations are founded, at addresses known beforehand, and listed
     logs.py         events as the chain logs them
-    abi.py          the contracts' enums, structs and calls, generated
+    abi.py          the contracts' enums and structs, generated
+    contract_calls.py  their calls, generated
     events.py       one record type per contract event, generated
     types.py        how their values look in Python: amounts, kinds as text, roles
     errors.py       ChainError and what is below it; revert data becomes ContractReverted

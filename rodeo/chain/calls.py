@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Protocol
 
-from rodeo.chain import abi
+from rodeo.chain import contract_calls
 from rodeo.chain.abi import ServiceState, TaskRequest
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
@@ -28,11 +28,11 @@ class ParticipantCalls(Protocol):
 
 
 class Calls(
-    abi.TaskManagerCalls,
-    abi.ServiceManagerCalls,
-    abi.SignedRequestsCalls,
-    abi.IECoinCalls,
-    abi.OracleCommitteeCalls,
+    contract_calls.TaskManagerCalls,
+    contract_calls.ServiceManagerCalls,
+    contract_calls.SignedRequestsCalls,
+    contract_calls.IECoinCalls,
+    contract_calls.OracleCommitteeCalls,
 ):
     """Calls of a participant in its own name, of an oracle, those that anyone may make, and those of the
     administrator to the committee of oracles.
@@ -42,7 +42,7 @@ class Calls(
     """
 
 
-class CommitteeCalls(abi.OracleCommitteeCalls):
+class CommitteeCalls(contract_calls.OracleCommitteeCalls):
     """Calls of the administrator to one of `artifacts.COMMITTEES`."""
 
     def __init__(self, deployment: Deployment, committee: str) -> None:
@@ -53,7 +53,7 @@ class CommitteeCalls(abi.OracleCommitteeCalls):
         return replace(super()._call(contract, function, *args), to=self._deployment.address(self._committee))
 
 
-class OrganizationCalls(abi.OrganizationCalls):
+class OrganizationCalls(contract_calls.OrganizationCalls):
     """Calls to the Organization: in its name (operator), on its treasury (treasurer), on its rules
     (administrator). The sender of `deposit` must have approved it."""
 

@@ -16,7 +16,6 @@ from rodeo.chain import artifacts, events, transactions
 from rodeo.chain.abi import (
     Budget,
     Device,
-    DisputesCalls,
     Instance,
     Judge,
     KindRules,
@@ -26,6 +25,7 @@ from rodeo.chain.abi import (
     Terms,
 )
 from rodeo.chain.calls import Calls, CommitteeCalls, OrganizationCalls
+from rodeo.chain.contract_calls import DisputesCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated

@@ -1,4 +1,4 @@
-"""How a call to a contract is encoded: the base of the generated calls in abi.py."""
+"""How a call to a contract is encoded: the base of the generated calls in contract_calls.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes abi.py and events.py: what the contracts' built ABI says, as Python that mypy knows.
+"""Writes abi.py, contract_calls.py and events.py: the contracts' built ABI as Python that mypy knows.
 
     python -m rodeo.chain.generate
 
@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -91,19 +92,30 @@ def generated() -> dict[str, str]:
     for contract, entry in functions:
         if entry["stateMutability"] in ("nonpayable", "payable"):
             calls.setdefault(contract, []).append(_method(contract, entry))
+    in_calls = [
+        name
+        for name in sorted({*enums, *structs})
+        if any(re.search(rf"\b{name}\b", line) for lines in calls.values() for line in lines)
+    ]
     in_events = [_type(p) for entry in events for p in entry["inputs"]]
     event_types = sorted(
         {one.removeprefix("list[").removesuffix("]") for one in in_events} & {*enums, *structs}
     )
     return {
         "abi.py": _formatted(
-            f'"""The contracts\' enums, structs and calls.\n\n{_NOTE}"""\n',
+            f'"""The contracts\' enums and structs.\n\n{_NOTE}"""\n',
             "from __future__ import annotations\n",
             "from dataclasses import dataclass\n",
-            "from rodeo.chain.encoding import Call, ContractCalls",
-            "from rodeo.chain.types import ContractEnum, Role, Struct, TimelockRole\n",
+            "from rodeo.chain.types import ContractEnum, Struct\n",
             *(_enum(name, members) for name, members in sorted(enums.items())),
             *(_record(name, "Struct", parameters) for name, parameters in sorted(structs.items())),
+        ),
+        "contract_calls.py": _formatted(
+            f'"""The contracts\' calls.\n\n{_NOTE}"""\n',
+            "from __future__ import annotations\n",
+            f"from rodeo.chain.abi import {', '.join(in_calls)}",
+            "from rodeo.chain.encoding import Call, ContractCalls",
+            "from rodeo.chain.types import Role, TimelockRole\n",
             *(f"class {name}Calls(ContractCalls):\n" + "\n".join(calls[name]) for name in sorted(calls)),
         ),
         "events.py": _formatted(

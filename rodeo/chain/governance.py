@@ -10,7 +10,7 @@ from eth_abi import decode, encode
 from eth_abi.exceptions import DecodingError
 from eth_utils import keccak, to_bytes, to_checksum_address
 
-from rodeo.chain import abi
+from rodeo.chain import abi, contract_calls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call, functions
 from rodeo.chain.types import TimelockRole, to_json, values
@@ -81,12 +81,12 @@ class GovernanceCalls:
 
     def __init__(self, deployment: Deployment) -> None:
         self._by_vote = deployment.decides_by_vote
-        self._timelock = abi.OrganizationTimelockCalls(deployment)
-        self._governor = abi.OrganizationGovernorCalls(deployment)
-        self.votes = abi.MemberVotesCalls(deployment)
-        self.tokens = abi.WrappedVotesCalls(deployment)
+        self._timelock = contract_calls.OrganizationTimelockCalls(deployment)
+        self._governor = contract_calls.OrganizationGovernorCalls(deployment)
+        self.votes = contract_calls.MemberVotesCalls(deployment)
+        self.tokens = contract_calls.WrappedVotesCalls(deployment)
         """Where tokens vote, in place of `votes`."""
-        self.budgets = abi.BudgetVotesCalls(deployment)
+        self.budgets = contract_calls.BudgetVotesCalls(deployment)
         """Where members vote: how they split money."""
 
     def propose(self, calls: Sequence[Call], description: str) -> Call:

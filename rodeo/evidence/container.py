@@ -30,8 +30,8 @@ from mcap.writer import MCAP0_MAGIC
 
 from rodeo.evidence.errors import CorruptProof, ProofTooLarge, TruncatedProof
 from rodeo.evidence.summary import ChunkFacts, MessageTimes, SummaryOf
+from rodeo.ros2.definitions import schema_text
 from rodeo.ros2.errors import UnknownType
-from rodeo.ros2.types import schema_text
 
 Record = TypeVar("Record", bound=McapRecord)
 

@@ -15,10 +15,10 @@ from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import file_digest
+from itertools import islice
+from operator import sub
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from rodeo.clock import TimeSource
 from rodeo.evidence.errors import (
@@ -32,7 +32,7 @@ from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import SEAL_PERIOD_NS, Binding, RunningHash, SealAudit, SealChain, channel_digest
 from rodeo.evidence.writer import McapWriter
 from rodeo.keys import Signer
-from rodeo.ros2.types import schema_text
+from rodeo.ros2.definitions import schema_text
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
 CLOSED = "recording_closed"
@@ -92,8 +92,8 @@ class Tally:
         """The same of all of them (uint32) at once."""
         tally = cls()
         tally.seen = len(sequences)
-        steps = np.diff(np.frombuffer(sequences, np.uint32).astype(np.int64))
-        tally.published = int(np.maximum(steps, 1).sum()) + bool(tally.seen)
+        steps = map(sub, islice(sequences, 1, None), sequences)
+        tally.published = sum(step if step > 0 else 1 for step in steps) + bool(tally.seen)
         return tally
 
     def counts(self) -> dict[str, int]:

@@ -18,11 +18,11 @@ from rodeo.budget import Bucket
 from rodeo.config import FASTEST_CLOCK
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import LayoutChanged
-from rodeo.evidence.series import Layout
+from rodeo.evidence.layout import Layout
 from rodeo.metrics import RECORDER_REFUSED
-from rodeo.ros2 import types
+from rodeo.ros2 import plain
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.ros2.node import MessageInfo
 from rodeo.stamps import SECOND_NS
 from rodeo.topics import Topic
 
@@ -139,7 +139,7 @@ class MessageDoor:
     def refusal(self, info: MessageInfo, now_ns: int) -> Refusal | None:
         """Why this message must not be written at `now_ns` of site time; None when it may."""
         try:
-            stamp_ns = types.stamp_ns(info.cdr)
+            stamp_ns = plain.stamp_ns(info.cdr)
         except MalformedMessage:
             return Refusal.MALFORMED
         if int.from_bytes(info.cdr[8:12], "little") >= SECOND_NS:

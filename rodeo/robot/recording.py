@@ -31,7 +31,8 @@ from rodeo.recording.seals import SealPublisher
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.robot.errors import EvidenceHole, NoAnswer
 from rodeo.robot.interrupts import Interrupts
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.base import MessageInfo
+from rodeo.ros2.node import Node
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
 from rodeo.witness.statement import Claimant, Classification, Drop, Motion, Scope, Statement, parse
 

@@ -23,8 +23,9 @@ from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
-from rodeo.ros2 import types
+from rodeo.ros2 import plain, types
 from rodeo.ros2.action import ActionClient, ClientGoal
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import (
     ActionServerLost,
     ActionServerUnavailable,
@@ -35,7 +36,7 @@ from rodeo.ros2.errors import (
     Ros2Error,
     ServiceTimeout,
 )
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.node import Node
 
 log = logging.getLogger(__name__)
 
@@ -135,7 +136,7 @@ class Latest:
     def _stamp_s(newest: _Arrival) -> float:
         """Its own time; that of its arrival where it is malformed, which is told of when it is decoded."""
         with suppress(MalformedMessage):
-            return float(types.stamp_ns(newest.cdr) * 1e-9)
+            return float(plain.stamp_ns(newest.cdr) * 1e-9)
         return newest.site_s
 
     def next(self) -> Any:

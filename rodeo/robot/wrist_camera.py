@@ -18,8 +18,9 @@ from rodeo.robot.errors import NoAnswer
 from rodeo.robot.perception import Array, View
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import types
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.node import Node
 from rodeo.topics import Topic
 
 log = logging.getLogger(__name__)

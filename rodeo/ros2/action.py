@@ -21,6 +21,7 @@ from rodeo import stamps
 from rodeo.clock import Clock, WallClock
 from rodeo.errors import RodeoError
 from rodeo.ros2 import types, wire
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import (
     ActionServerLost,
     ActionServerUnavailable,
@@ -33,7 +34,7 @@ from rodeo.ros2.errors import (
     ServiceTimeout,
     ServiceUnavailable,
 )
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.node import Node
 from rodeo.ros2.service import Client, DeferredService, PendingRequest
 
 log = logging.getLogger(__name__)

@@ -16,7 +16,8 @@ import zenoh
 
 from rodeo.errors import RodeoError
 from rodeo.receiving import direct
-from rodeo.ros2 import types, wire
+from rodeo.ros2 import wire
+from rodeo.ros2.definitions import definition
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
 
 log = logging.getLogger(__name__)
@@ -25,8 +26,21 @@ _TIMEOUT_MARGIN_S = 0.05
 """Zenoh ends a query that timed out a little before or after the time; closer than this counts."""
 
 
+class Codec(Protocol):
+    """Makes and reads messages: `rodeo.ros2.types`, or `rodeo.ros2.plain` without numpy."""
+
+    def prepare(self, typename: str) -> None: ...
+
+    def serialize(self, message: Any) -> bytes: ...
+
+    def deserialize(self, cdr: bytes, typename: str) -> Any: ...
+
+
 class EndpointNode(Protocol):
-    """What a service needs of the node that it belongs to (`rodeo.ros2.node.Node`)."""
+    """What a service needs of the node that it belongs to (`rodeo.ros2.base.BaseNode`)."""
+
+    @property
+    def codec(self) -> Codec: ...
 
     @property
     def session(self) -> zenoh.Session: ...
@@ -42,8 +56,11 @@ class EndpointNode(Protocol):
 class PendingRequest:
     """A request that may be answered later and from any thread, exactly once."""
 
-    def __init__(self, query: zenoh.Query, key: str, request: Any, attachment: wire.Attachment) -> None:
+    def __init__(
+        self, query: zenoh.Query, key: str, request: Any, attachment: wire.Attachment, codec: Codec
+    ) -> None:
         self.request = request
+        self._codec = codec
         self._query = query
         self._key = key
         self._attachment = attachment
@@ -56,7 +73,7 @@ class PendingRequest:
     def respond(self, response: Any) -> None:
         attachment = wire.Attachment(self._attachment.sequence, time.time_ns(), self._attachment.gid)
         with self._query as query:
-            query.reply(self._key, types.serialize(response), attachment=attachment.encode())
+            query.reply(self._key, self._codec.serialize(response), attachment=attachment.encode())
 
     def fail(self, error: RodeoError) -> None:
         """ROS 2 has no error reply: its clients see no response, ours see the error."""
@@ -79,7 +96,8 @@ class DeferredService:
         self._request_type = f"{typename}_Request"
         self._on_request = on_request
         self._key = wire.data_key(node.domain_id, name, typename)
-        types.msg(self._request_type)
+        definition(self._request_type)  # raises UnknownType
+        self._codec = node.codec
         self._queryable = node.session.declare_queryable(self._key, self._on_query, complete=True)
         # The token comes last: whoever sees it may call at once.
         self._token, _ = node.declare_endpoint("SS", name, typename, wire.DEFAULT)
@@ -88,12 +106,12 @@ class DeferredService:
         try:
             attachment = wire.Attachment.decode(query.attachment.to_bytes() if query.attachment else b"")
             cdr = query.payload.to_bytes() if query.payload else b""
-            request = types.deserialize(cdr, self._request_type)
+            request = self._codec.deserialize(cdr, self._request_type)
         except MalformedMessage as error:
             log.warning("refused a request to %s: %s", self._name, error)
             _reply_error(query, error)
             return
-        self._on_request(PendingRequest(query, self._key, request, attachment))
+        self._on_request(PendingRequest(query, self._key, request, attachment, self._codec))
 
     def close(self) -> None:
         self._token.undeclare()
@@ -133,8 +151,9 @@ class Client:
         self._session = node.session
         self._name = name
         self._response_type = f"{typename}_Response"
-        types.prepare(f"{typename}_Request")
-        types.prepare(self._response_type)
+        self._codec = node.codec
+        self._codec.prepare(f"{typename}_Request")
+        self._codec.prepare(self._response_type)
         self._key = wire.data_key(node.domain_id, name, typename)
         self._token, self._gid = node.declare_endpoint("SC", name, typename, wire.DEFAULT)
         self._sequence = itertools.count(1)
@@ -177,13 +196,13 @@ class Client:
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,
-            payload=types.serialize(request),
+            payload=self._codec.serialize(request),
             attachment=attachment.encode(),
         )
         failure: bytes | None = None
         while (reply := replies.get()) is not None:
             if reply.ok is not None:
-                return types.deserialize(reply.ok.payload.to_bytes(), self._response_type)
+                return self._codec.deserialize(reply.ok.payload.to_bytes(), self._response_type)
             failure = reply.err.payload.to_bytes() if reply.err is not None else b""
         if time.monotonic() - started_s >= timeout_s - _TIMEOUT_MARGIN_S:
             raise ServiceTimeout(f"no response from {self._name}", service=self._name, timeout_s=timeout_s)

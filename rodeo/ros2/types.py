@@ -1,4 +1,4 @@
-"""Message classes, CDR, RIHS01 type hashes and MCAP schema texts of every ROS 2 interface in use.
+"""Message classes and CDR of every ROS 2 interface in use, with numpy. `plain.py` does without.
 
 The base is the rosbags type store for ROS 2 Jazzy; `interfaces.py` adds what it lacks. Messages are the
 rosbags dataclasses: sequences of numbers are numpy arrays, nested messages are dataclasses.
@@ -10,7 +10,6 @@ rosbags dataclasses: sequences of numbers are numpy arrays, nested messages are 
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -32,14 +31,7 @@ from rosbags.typesys.store import Typestore
 
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.interfaces import ACTIONS, MESSAGES, SERVICES
-from rodeo.stamps import SECOND_NS, sec_nanosec
-
-_ENCAPSULATION_BYTES = 4
-_STAMP = struct.Struct("<iI")
-"""builtin_interfaces/Time."""
-_SEPARATOR = "=" * 80
-_DUMMY_FIELD = "structure_needs_at_least_one_member"
-"""rosidl gives empty structures this uint8; it is on the wire but in no definition text."""
+from rodeo.stamps import sec_nanosec
 
 
 def _parse(typename: str, text: str) -> dict[str, Any]:
@@ -232,14 +224,6 @@ def deserialize(cdr: bytes, typename: str) -> Any:
         raise MalformedMessage(f"not a {typename}: {error}", type=typename, length_bytes=len(cdr)) from error
 
 
-def stamp_ns(cdr: bytes) -> int:
-    """The stamp of a message that begins with a std_msgs/Header. Raises MalformedMessage."""
-    if len(cdr) < _STAMP.size + _ENCAPSULATION_BYTES:
-        raise MalformedMessage("too short for a header", length_bytes=len(cdr))
-    sec, nanosec = _STAMP.unpack_from(cdr, _ENCAPSULATION_BYTES)
-    return int(sec) * SECOND_NS + int(nanosec)
-
-
 def time_message(time_ns: int) -> Any:
     """builtin_interfaces/msg/Time."""
     sec, nanosec = sec_nanosec(time_ns)
@@ -250,58 +234,3 @@ def duration_message(duration_ns: int) -> Any:
     """builtin_interfaces/msg/Duration."""
     sec, nanosec = sec_nanosec(duration_ns)
     return new("builtin_interfaces/msg/Duration", sec=sec, nanosec=nanosec)
-
-
-@cache
-def type_hash(typename: str) -> str:
-    """RIHS01 hash (REP-2016) of a message, service or derived action structure. Raises UnknownType."""
-    return STORE.hash_rihs01(_known(typename))
-
-
-def dds_type(typename: str) -> str:
-    """`std_msgs/msg/String` -> `std_msgs::msg::dds_::String_`, the type name in keys."""
-    package, kind, name = typename.split("/")
-    return f"{package}::{kind}::dds_::{name}_"
-
-
-@cache
-def schema_text(typename: str) -> str:
-    """Concatenated definitions in MCAP's `ros2msg` encoding. Raises UnknownType."""
-    definitions: dict[str, str] = {}
-
-    def collect(name: str) -> None:
-        if name in definitions:
-            return
-        definitions[name] = ""
-        constants, fields = STORE.fielddefs[_known(name)]
-        lines = [f"{kind} {constant}={value}" for constant, kind, value in constants]
-        for field, descriptor in fields:
-            if field != _DUMMY_FIELD:
-                text, nested = _field_type(descriptor)
-                lines.append(f"{text} {field}")
-                if nested:
-                    collect(nested)
-        definitions[name] = "\n".join(lines) + "\n"
-
-    collect(typename)
-    head = definitions.pop(typename)
-    nested = "".join(f"{_SEPARATOR}\nMSG: {_short(name)}\n{text}" for name, text in definitions.items())
-    return head + nested
-
-
-def _short(typename: str) -> str:
-    return typename.replace("/msg/", "/")
-
-
-def _field_type(descriptor: Any) -> tuple[str, str | None]:
-    """Text of a field's type and, for nested messages, the full name of the message."""
-    kind, detail = descriptor
-    if kind == Nodetype.NAME:
-        return _short(detail), detail
-    if kind == Nodetype.BASE:
-        name, limit = detail
-        return (f"{name}<={limit}" if limit else name), None
-    element, count = detail
-    text, nested = _field_type(element)
-    bound = str(count) if kind == Nodetype.ARRAY else f"<={count}" if count else ""
-    return f"{text}[{bound}]", nested

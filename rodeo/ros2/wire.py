@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from rodeo.ros2 import types
+from rodeo.ros2 import definitions
 from rodeo.ros2.errors import MalformedMessage
 
 EntityKind = Literal["MP", "MS", "SS", "SC"]
@@ -66,7 +66,7 @@ def attachment(sequence: int, source_time_ns: int, gid: bytes) -> bytes:
 
 def data_key(domain_id: int, name: str, typename: str) -> str:
     """Key of a topic or service; `name` is fully qualified, its leading slash optional."""
-    return f"{domain_id}/{name.strip('/')}/{types.dds_type(typename)}/{types.type_hash(typename)}"
+    return f"{domain_id}/{name.strip('/')}/{definitions.dds_type(typename)}/{definitions.type_hash(typename)}"
 
 
 def _mangle(name: str) -> str:
@@ -89,8 +89,8 @@ class NodeEntity:
     def endpoint_token(self, entity_id: int, kind: EntityKind, name: str, typename: str, qos: QoS) -> str:
         """Of one of its publishers, subscribers, services or clients."""
         return (
-            f"{self._token(entity_id, kind)}/{_mangle('/' + name.strip('/'))}/{types.dds_type(typename)}/"
-            f"{types.type_hash(typename)}/{qos.encode()}"
+            f"{self._token(entity_id, kind)}/{_mangle('/' + name.strip('/'))}/"
+            f"{definitions.dds_type(typename)}/{definitions.type_hash(typename)}/{qos.encode()}"
         )
 
     def _token(self, entity_id: int, kind: str) -> str:
@@ -101,8 +101,8 @@ class NodeEntity:
 def servers_expression(domain_id: int, name: str, typename: str) -> str:
     """Key expression that matches the liveliness tokens of every server of a service."""
     return (
-        f"@ros2_lv/{domain_id}/*/*/*/SS/*/*/*/"
-        f"{_mangle('/' + name.strip('/'))}/{types.dds_type(typename)}/{types.type_hash(typename)}/*"
+        f"@ros2_lv/{domain_id}/*/*/*/SS/*/*/*/{_mangle('/' + name.strip('/'))}/"
+        f"{definitions.dds_type(typename)}/{definitions.type_hash(typename)}/*"
     )
 
 

@@ -13,13 +13,14 @@ from rodeo.charging import ChargingParams, dock_of
 from rodeo.checks.case import Case, CaseError, ordered
 from rodeo.checks.keys import counts_until_s
 from rodeo.checks.payment import Step
+from rodeo.checks.readings import Readings, unpack
 from rodeo.checks.results import once_per_case
 from rodeo.checks.statements import Said, Testimony, joined
 from rodeo.checks.testimony import by_signer, keys_of
 from rodeo.errors import ConfigError
 from rodeo.evidence.seal import Binding
 from rodeo.messages import Device
-from rodeo.metering import REGISTER_DIGITS, Reading, Readings, unpack
+from rodeo.metering import REGISTER_DIGITS, Reading
 from rodeo.topics import DOCK_OUTPUT
 from rodeo.witness.statement import MeterRecord, Receipt, Scope
 

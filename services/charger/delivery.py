@@ -25,7 +25,7 @@ from rodeo.meter import Meter, load_register, store_register
 from rodeo.metering import RECORD_WH, STEP_WH, Reading
 from rodeo.recording.door import MessageDoor, Refusals
 from rodeo.recording.statements import Heard
-from rodeo.ros2.node import MessageInfo
+from rodeo.ros2.base import MessageInfo
 from rodeo.stamps import stamp_s
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.chain import WitnessChain

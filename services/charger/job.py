@@ -23,7 +23,7 @@ from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.messages import Task
 from rodeo.metering import Reading
-from rodeo.ros2.types import deserialize
+from rodeo.ros2.plain import deserialize
 from rodeo.stamps import stamp_s
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 from services.charger.session import SessionState

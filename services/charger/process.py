@@ -39,8 +39,8 @@ from rodeo.process import Process
 from rodeo.recording.door import stamp_slack_s
 from rodeo.recording.seals import SealPublisher
 from rodeo.recording.statements import StatementDoor, StatementListener
-from rodeo.ros2.node import MessageInfo, Node
-from rodeo.ros2.types import new
+from rodeo.ros2.base import MessageInfo
+from rodeo.ros2.plain import PlainNode, new
 from rodeo.serving import served_by
 from rodeo.tls import bus_is_closed
 from rodeo.witness.chain import Inputs, WitnessChain
@@ -100,7 +100,9 @@ class Charger:
         self._events_lock = threading.Lock()
         self._heard_s = -math.inf
         """Wall (monotonic) time of the dock's last reading."""
-        self._node = Node(process.bus.session, f"{dock.name}_meter", "", site.bus.domain_id, process.clock)
+        self._node = PlainNode(
+            process.bus.session, f"{dock.name}_meter", "", site.bus.domain_id, process.clock
+        )
         enable = topics.DOCK_ENABLE
         self._enable = self._node.client(enable.name(dock=dock.name), enable.type)
         output = topics.DOCK_OUTPUT

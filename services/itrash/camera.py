@@ -20,8 +20,9 @@ from rodeo import topics
 from rodeo.clock import Clock
 from rodeo.errors import RodeoError
 from rodeo.lab.config import CameraConfig
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import ServiceUnavailable
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.stamps import stamp_s
 from rodeo.vision.images import IMAGE_LIMITS

@@ -23,7 +23,8 @@ from rodeo.errors import RodeoError
 from rodeo.http import HttpServer
 from rodeo.lab.config import BinConfig
 from rodeo.process import Process
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.base import MessageInfo
+from rodeo.ros2.node import Node
 from rodeo.serving import served_by
 from rodeo.stamps import stamp_s
 from rodeo.tls import bus_is_closed

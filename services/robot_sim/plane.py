@@ -13,7 +13,8 @@ from rodeo.lab.body import Twist2, joint_names
 from rodeo.lab.config import BinConfig
 from rodeo.lab.world import CAMERA_SITE
 from rodeo.ros2 import types
-from rodeo.ros2.node import MessageInfo, Node, Publisher
+from rodeo.ros2.base import MessageInfo, Publisher
+from rodeo.ros2.node import Node
 from rodeo.ros2.wire import DEFAULT, LATCHED
 from rodeo.stamps import stamp_ns
 from services.robot_sim import messages

@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 
 from rodeo import keystores, queries, topics
+from rodeo.checks.readings import unpack
 from rodeo.dao import Participant
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
 from rodeo.messages import PostVerdict, RegisterTask, Task
-from rodeo.metering import STEP_WH, unpack
+from rodeo.metering import STEP_WH
 from rodeo.witness.statement import MeterRecord, Receipt, parse
 from rodeo_testing.dock import TARGET_SOC, Buyer, Hardware
 from rodeo_testing.waiting import HANG_S, wait_until

@@ -20,8 +20,9 @@ from rodeo.lab.layout import BinLayout, dock_parking, on_contacts
 from rodeo.lab.world import arm_model
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionClient
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import ActionServerLost, GoalAborted, GoalRejected
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
 from rodeo.sim_clock import SimClock
 from rodeo_testing.waiting import HANG_S, wait_until

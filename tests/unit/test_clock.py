@@ -12,7 +12,8 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import zenoh_config
-from rodeo.ros2.node import Node, Publisher
+from rodeo.ros2.base import Publisher
+from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.sim_clock import SimClock
 from rodeo_testing.waiting import wait_until

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from rodeo import payloads, queries, topics
 from rodeo.messages import COMMANDS
 from rodeo.payloads import keys_page
+from rodeo.ros2 import definitions
 from rodeo.topics import TOPICS, Form, Plane, robot_interface
 
 
@@ -27,11 +28,10 @@ def test_what_is_recorded_is_a_robot_plane_topic() -> None:
 
 
 def test_every_robot_plane_type_is_a_ros_type_with_a_hash() -> None:
-    from rodeo.ros2 import types
 
     for topic in TOPICS:
         if topic.plane is Plane.ROBOT and topic.form is Form.TOPIC:
-            assert types.type_hash(topic.type).startswith("RIHS01_")
+            assert definitions.type_hash(topic.type).startswith("RIHS01_")
 
 
 def test_a_name_fills_its_template() -> None:

@@ -11,7 +11,6 @@ import pytest
 from rodeo import chain
 from rodeo.chain import artifacts
 from rodeo.chain.abi import (
-    DisputesCalls,
     Instance,
     Review,
     Revocation,
@@ -24,6 +23,7 @@ from rodeo.chain.abi import (
     Vote,
 )
 from rodeo.chain.calls import Calls, OrganizationCalls
+from rodeo.chain.contract_calls import DisputesCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
 from rodeo.chain.types import Event, Policy, Role
@@ -76,7 +76,7 @@ def _entries(kind: str) -> list[tuple[str, dict[str, Any]]]:
     ]
 
 
-@pytest.mark.parametrize("name", ["abi.py", "events.py"])
+@pytest.mark.parametrize("name", ["abi.py", "contract_calls.py", "events.py"])
 def test_the_generated_files_are_what_the_artifacts_say(name: str) -> None:
     assert Path(chain.__file__).with_name(name).read_text() == generated()[name], "run `make contracts`"
 

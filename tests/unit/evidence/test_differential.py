@@ -37,7 +37,8 @@ from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.summary import ChunkFacts, MessageTimes, SummaryOf
-from rodeo.ros2.types import STORE, schema_text
+from rodeo.ros2.definitions import schema_text
+from rodeo.ros2.types import STORE
 from tests.unit.evidence.conftest import HandClock, drive
 
 MUTATIONS_OF_EACH_FORM = 170

@@ -11,7 +11,7 @@ import pytest
 from rodeo import topics
 from rodeo.recording.door import MessageDoor, Refusal, Refusals
 from rodeo.ros2 import types
-from rodeo.ros2.node import MessageInfo
+from rodeo.ros2.base import MessageInfo
 from rodeo.topics import Plane, Topic
 
 START_NS = 1_800_000_000 * 10**9

@@ -11,7 +11,7 @@ import pytest
 from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2ServiceServer, ROS2Subscriber
 from zenoh_ros2_sdk.session import ZenohSession
 
-from rodeo.ros2 import types
+from rodeo.ros2 import definitions, types
 from rodeo.ros2.node import Node
 from rodeo_testing.waiting import HANG_S
 
@@ -63,7 +63,7 @@ def test_a_foreign_client_calls_our_service(make_node: MakeNode, router_port: in
 
     make_node("ours").service("add", ADD, add)
     client = ROS2ServiceClient(
-        "/add", ADD, **ADD_TEXTS, router_port=router_port, type_hash=types.type_hash(ADD)
+        "/add", ADD, **ADD_TEXTS, router_port=router_port, type_hash=definitions.type_hash(ADD)
     )
     assert client.call(a=2, b=40).sum == 42
     client.close()
@@ -77,7 +77,7 @@ def test_we_call_a_foreign_service(make_node: MakeNode, router_port: int) -> Non
         lambda request: server.response_msg_class(sum=request.a + request.b),
         **ADD_TEXTS,
         router_port=router_port,
-        type_hash=types.type_hash(ADD),
+        type_hash=definitions.type_hash(ADD),
     )
     client = make_node("ours").client("foreign_add", ADD)
     assert client.wait_for_server(HANG_S)

@@ -11,9 +11,10 @@ import pytest
 import zenoh
 
 from rodeo.errors import RodeoError
-from rodeo.ros2 import types
+from rodeo.ros2 import definitions, types
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
-from rodeo.ros2.node import MessageInfo, Node
+from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
 from rodeo_testing.waiting import HANG_S
 
@@ -72,7 +73,9 @@ def test_garbage_on_a_topic_is_dropped_and_the_next_message_arrives(make_node: M
     await_subscriber(talker, "noise")
     publisher = talker.publisher("noise", STRING)
     publisher.publish_cdr(b"\x00\x01garbage")
-    talker.session.put(f"0/noise/std_msgs::msg::dds_::String_/{types.type_hash(STRING)}", b"no attachment")
+    talker.session.put(
+        f"0/noise/std_msgs::msg::dds_::String_/{definitions.type_hash(STRING)}", b"no attachment"
+    )
     publisher.publish(types.new(STRING, data="fine"))
     assert got.get(timeout=HANG_S) == "fine"
 
@@ -133,7 +136,7 @@ def test_a_malformed_request_is_refused_and_the_server_goes_on(make_node: MakeNo
     server.service("sturdy", SET_BOOL, lambda r: types.new("std_srvs/srv/SetBool_Response", success=True))
     client = caller.client("sturdy", SET_BOOL)
     assert client.wait_for_server(HANG_S)
-    key = f"0/sturdy/std_srvs::srv::dds_::SetBool_/{types.type_hash(SET_BOOL)}"
+    key = f"0/sturdy/std_srvs::srv::dds_::SetBool_/{definitions.type_hash(SET_BOOL)}"
     (reply,) = caller.session.get(key, payload=b"junk", target=zenoh.QueryTarget.ALL_COMPLETE, timeout=HANG_S)
     assert reply.err is not None
     assert client.call(request()).success

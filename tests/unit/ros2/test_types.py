@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from rodeo.ros2 import types
+from rodeo.ros2 import definitions, types
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.interfaces import ACTIONS, MESSAGES, SERVICES
 
@@ -37,7 +37,7 @@ STANDARD = ["nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState", "sensor_msgs/
 
 @pytest.mark.parametrize(("typename", "digest"), PUBLISHED.items())
 def test_the_hash_is_the_one_that_ros_2_computes(typename: str, digest: str) -> None:
-    assert types.type_hash(typename) == f"RIHS01_{digest}"
+    assert definitions.type_hash(typename) == f"RIHS01_{digest}"
 
 
 @pytest.mark.parametrize("typename", STANDARD + DECLARED)
@@ -57,7 +57,7 @@ def test_fields_survive_cdr() -> None:
 
 @pytest.mark.parametrize("typename", STANDARD + DECLARED)
 def test_the_schema_text_describes_the_same_type_to_another_parser(typename: str) -> None:
-    parsed = get_types_from_msg(types.schema_text(typename), typename.replace("/srv/", "/msg/"))
+    parsed = get_types_from_msg(definitions.schema_text(typename), typename.replace("/srv/", "/msg/"))
     store = get_typestore(Stores.EMPTY)
     store.register(parsed)
     read = store.deserialize_cdr(types.serialize(types.new(typename)), typename.replace("/srv/", "/msg/"))
@@ -66,7 +66,7 @@ def test_the_schema_text_describes_the_same_type_to_another_parser(typename: str
 
 def test_an_unknown_type_is_named() -> None:
     with pytest.raises(UnknownType) as caught:
-        types.type_hash("no_msgs/msg/Such")
+        definitions.type_hash("no_msgs/msg/Such")
     assert caught.value.details == {"type": "no_msgs/msg/Such"}
 
 

@@ -13,7 +13,7 @@ from eth_utils import to_bytes
 
 from deploy import contracts, founding
 from rodeo import keystores, wallets
-from rodeo.chain import abi
+from rodeo.chain import contract_calls
 from rodeo.chain.client import ChainClient, connect
 from rodeo.chain.errors import ContractReverted
 from rodeo.chain.governance import WHY
@@ -183,7 +183,7 @@ def test_what_is_scheduled_past_the_bridge_is_listed_too_with_the_calls_beside_i
     office: Office,
 ) -> None:
     """The administrator is an adversary here, and speaks to the timelock itself."""
-    client, timelock = office.client, abi.OrganizationTimelockCalls(office.client.deployment)
+    client, timelock = office.client, contract_calls.OrganizationTimelockCalls(office.client.deployment)
     alice = office.names.keys["alice"]
     grant = client.organization_calls.grant_role(Role.TREASURER, alice)
     # The organization hands out any role, and that of the timelock's proposers means nothing in it.

@@ -16,7 +16,7 @@ from rodeo.evidence.proof import open_proof
 from rodeo.evidence.seal import Binding
 from rodeo.metering import STEP_WH
 from rodeo.recording.statements import Heard
-from rodeo.ros2.node import MessageInfo
+from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.types import new, serialize
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.devices import Device
