@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.text import ROOT, slug
+from tests.docs.text import ROOT, linked_pages, slug
 
 QUESTIONS = tomllib.loads((Path(__file__).parent / "questions.toml").read_text())["question"]
 
@@ -40,3 +40,10 @@ def test_the_section_that_is_named_has_the_words_of_the_answer(question: dict[st
     words = question["words"]
     assert isinstance(words, list)
     assert [word for word in words if word not in text] == []
+
+
+def test_every_answer_is_two_links_from_the_front_page() -> None:
+    reached = {ROOT / "README.md"}
+    for _ in range(2):
+        reached |= {page for start in set(reached) for page in linked_pages(start)}
+    assert [one["ask"] for one in QUESTIONS if ROOT / str(one["page"]).partition("#")[0] not in reached] == []

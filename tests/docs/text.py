@@ -136,6 +136,12 @@ def _targets(page: Path) -> list[str]:
     return [target for target in found if target and "://" not in target]
 
 
+def linked_pages(page: Path) -> set[Path]:
+    """The pages that a page links to."""
+    paths = {(page.parent / target.partition("#")[0]).resolve() for target in _targets(page)}
+    return {path for path in paths if path.suffix == ".md"}
+
+
 def headings(page: Path) -> list[str]:
     """The anchors of a page's headings."""
     tokens = MarkdownIt("commonmark").parse(page.read_text())
