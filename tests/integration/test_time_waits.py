@@ -35,8 +35,8 @@ agent.charge_below = 0.1
 CHAIN_ID = 31_337
 WINDOW_S, LATE_S = 7200, 2
 """Of site time: a window in which nobody does anything, and by how much it may end late."""
-STOPPED_S = 20.0
-"""After it was named: longer than a silent session lasts elsewhere."""
+STOPPED_BEATS = 20
+"""Heartbeats of the simulator after it was named: a silent session lasts half as long elsewhere."""
 
 
 def stop_for_a_while(running: RunningSite, name: str) -> None:
@@ -45,7 +45,12 @@ def stop_for_a_while(running: RunningSite, name: str) -> None:
     os.kill(pid, signal.SIGSTOP)
     waits = f"the clock waits for {name}"
     before = running.wait_for_status("robot_sim", lambda status: waits in status.warnings)
-    threading.Event().wait(STOPPED_S)
+    beats = threading.Semaphore(0)
+    key = topics.STATUS.name(org=running.site.org, process="robot_sim")
+    heartbeats = running.bus.subscribe_json(key, lambda *_: beats.release())
+    for _ in range(STOPPED_BEATS):
+        assert beats.acquire(timeout=HANG_S)
+    heartbeats.undeclare()
     after = running.status("robot_sim")
     os.kill(pid, signal.SIGCONT)
     assert after.details["site_time_s"] == before.details["site_time_s"]

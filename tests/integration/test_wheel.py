@@ -19,9 +19,8 @@ pytestmark = pytest.mark.long
 
 ROOT = LAB.parents[2]
 BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "rodeo*", "services", "deploy")
-LIMIT_S = 400.0
-"""Wall time for one demo on a machine that is busy with other things."""
-BUILD_S = 200.0
+LIMIT_S = 3_000.0
+"""Wall time after which a command hangs."""
 
 
 class Environment:
@@ -54,7 +53,7 @@ class Environment:
     def python(self, program: str) -> str:
         return _run([str(self.bin / "python"), "-c", program], self.work, self.env).strip()
 
-    def rodeo(self, *words: str, limit_s: float = BUILD_S) -> str:
+    def rodeo(self, *words: str, limit_s: float = LIMIT_S) -> str:
         return _run([str(self.bin / "rodeo"), *words], self.work, self.env, limit_s)
 
     @property
@@ -64,7 +63,7 @@ class Environment:
 
 
 def _run(
-    command: list[str], folder: Path, env: dict[str, str] | None = None, limit_s: float = BUILD_S
+    command: list[str], folder: Path, env: dict[str, str] | None = None, limit_s: float = LIMIT_S
 ) -> str:
     done = subprocess.run(
         command, cwd=folder, env=env, capture_output=True, text=True, timeout=limit_s, check=False
@@ -133,7 +132,7 @@ def test_nothing_is_imported_from_the_checkout(installed: Environment) -> None:
 
 
 def test_the_demo_settles_its_tasks_without_a_checkout(installed: Environment) -> None:
-    installed.rodeo("demo", "--limit", str(LIMIT_S - 30), limit_s=LIMIT_S)
+    installed.rodeo("demo", "--limit", str(LIMIT_S - 30))
     summary = json.loads((installed.work / "out" / "demo" / "summary.json").read_text())
     assert [task["state"] for task in summary["tasks"]] == ["settled", "settled"]
     assert summary["supply_iec"]["before"] == summary["supply_iec"]["after"]
