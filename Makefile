@@ -12,7 +12,7 @@ PYX := $(wildcard rodeo/lab/*.pyx services/robot_sim/*.pyx)
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup system node-packages demo test test-contracts test-python test-long symbolic check experiment bench lint docs contracts clean
+.PHONY: help setup system node-packages demo test test-contracts test-python test-long symbolic check experiment bench lint docs release contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -62,7 +62,10 @@ TESTS = $(BIN)/python -m tests --chain $(CHAIN) --jobs $(JOBS)
 test: $(DEV) node-packages  ## everything that checks the project, but for what takes minutes
 	@$(TESTS)
 
-test-contracts: $(DEV) node_modules/.stamp
+test-release: $(DEV)  ## sdist and wheel in out/dist, checked; the demo from the wheel in empty Debian roots (root, debootstrap)
+	@$(BIN)/python -m tools.release
+
+contracts: $(DEV) node_modules/.stamp
 	@$(TESTS) --only contracts
 
 test-python: $(DEV)
@@ -100,6 +103,9 @@ lint: $(DEV) node-packages  ## linters, type checker, imports, built contracts e
 docs: $(SPHINX)/stamp  ## the documentation as a web site; out/docs/index.html
 	@$(SPHINX)/bin/sphinx-build -W --keep-going --quiet docs out/docs
 	@echo "The documentation is in out/docs/index.html"
+
+release: $(DEV)  ## sdist and wheel in out/dist, checked; the demo from the wheel in empty Debian roots (root, debootstrap)
+	@$(BIN)/python -m tools.release
 
 contracts: $(DEV) node_modules/.stamp  ## build the contracts' ABI and bytecode, and their mirror in Python
 	@npm run --silent contracts:build

@@ -21,9 +21,9 @@ node_major=18
 # Measured with empty caches on two cores: what $1 costs, and the megabytes of disk to ask for.
 measure() {
     case $1 in
-        site) mb=1500 costs="127 packages, 330 MB to download, 0.9 GB on disk, about 2 minutes" ;;
-        experiment) mb=1600 costs="134 packages, 350 MB to download, 0.9 GB on disk, about 2 minutes" ;;
-        dev) mb=3000 costs="200 packages, 480 MB to download, 1.5 GB on disk, about 3 minutes" ;;
+        site) mb=1500 costs="127 packages, 280 MB to download, 0.9 GB on disk, about 2 minutes" ;;
+        experiment) mb=1600 costs="134 packages, 300 MB to download, 0.9 GB on disk, about 2 minutes" ;;
+        dev) mb=3000 costs="195 packages, 445 MB to download, 1.5 GB on disk, about 3 minutes" ;;
         venv) mb=500 costs="a few packages, 50 MB to download, 0.2 GB on disk, under a minute" ;;
     esac
 }

@@ -1,0 +1,43 @@
+"""The last line of `make test`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.support.tally import Tally
+
+ROOT = Path(__file__).parents[3]
+TESTS = """
+import pytest
+
+def test_that_passes(): pass
+def test_that_fails(): assert False
+@pytest.mark.long
+def test_that_takes_minutes(): pass
+@pytest.mark.xfail
+def test_that_may_fail(): assert False
+@pytest.mark.parametrize("one", [1, 2])
+def test_that_is_skipped(one): pytest.skip("Chromium is missing: make system")
+@pytest.fixture
+def broken(): assert False
+def test_whose_fixture_fails(broken): pass
+"""
+
+
+def test_what_workers_ran_skipped_and_left_out_is_counted(tmp_path: Path) -> None:
+    (tmp_path / "test_some.py").write_text(TESTS)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = long\n")
+    counted = tmp_path / "tally.json"
+    words = ["-p", "tests.support.tally", "--tally", str(counted), "-m", "not long", "-n", "1"]
+    command = [sys.executable, "-m", "pytest", "-q", *words, "--rootdir", str(tmp_path), str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert Tally.read(counted) == Tally(2, 2, {"Chromium is missing: make system": 2}, 1)
+
+
+def test_the_line_says_why_tests_were_skipped() -> None:
+    both = Tally(3, 0, {"Chromium is missing: make system": 2}, 7) + Tally(1, 1)
+    assert str(both) == "4 passed, 1 failed, 2 skipped (2: Chromium is missing: make system)"
+    assert both.deselected == 7
