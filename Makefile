@@ -62,10 +62,7 @@ TESTS = $(BIN)/python -m tests --chain $(CHAIN) --jobs $(JOBS)
 test: $(DEV) node-packages  ## everything that checks the project, but for what takes minutes
 	@$(TESTS)
 
-test-release: $(DEV)  ## sdist and wheel in out/dist, checked; the demo from the wheel in empty Debian roots (root, debootstrap)
-	@$(BIN)/python -m tools.release
-
-contracts: $(DEV) node_modules/.stamp
+test-contracts: $(DEV) node_modules/.stamp
 	@$(TESTS) --only contracts
 
 test-python: $(DEV)
