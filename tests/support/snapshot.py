@@ -13,6 +13,8 @@ import hashlib
 import json
 import shutil
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -65,19 +67,27 @@ def has_snapshot(site: Site) -> bool:
 def found(site: Site, chain: Path | None = None) -> None:
     """Give `site` its organization, on the chain file that the site's chain process opens, or on `chain`."""
     version = _FOLDER / _code()
-    version.mkdir(parents=True, exist_ok=True)
-    version.touch()
-    for old in sorted(_FOLDER.iterdir(), key=lambda one: one.stat().st_mtime)[:-_VERSIONS_KEPT]:
-        shutil.rmtree(old, ignore_errors=True)
+    # Other workers of the tests do the same at the same time.
+    with _locked(_FOLDER.with_suffix(".lock")):
+        version.mkdir(parents=True, exist_ok=True)
+        version.touch()
+        for old in sorted(_FOLDER.iterdir(), key=lambda one: one.stat().st_mtime)[:-_VERSIONS_KEPT]:
+            shutil.rmtree(old)
     folder = version / key(site)
-    with open(f"{folder}.lock", "w") as lock:
-        # Another worker of the tests may want the same one at the same time.
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with _locked(folder.with_suffix(".lock")):
         if not folder.exists():
             _make(site, folder)
     shutil.copytree(folder, site.data_dir, dirs_exist_ok=True)
     if chain is not None:
         shutil.move(site.data_dir / _CHAIN, chain)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _make(site: Site, folder: Path) -> None:

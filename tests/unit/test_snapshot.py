@@ -53,3 +53,22 @@ def test_a_chain_on_wall_time_or_of_anvil_is_founded_anew(
     tmp_path: Path, backend: str, extra: str, has: bool
 ) -> None:
     assert snapshot.has_snapshot(Site.load(write_site(tmp_path, backend, extra))) is has
+
+
+def test_a_snapshot_is_made_once_and_those_of_the_last_two_versions_of_the_code_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, made = tmp_path / "kept", list[str]()
+
+    def make(_site: Site, folder: Path) -> None:
+        made.append(folder.parent.name)
+        folder.mkdir()
+
+    monkeypatch.setattr(snapshot, "_FOLDER", kept)
+    monkeypatch.setattr(snapshot, "_make", make)
+    site = site_in(tmp_path / "site")
+    for version in ("first", "second", "third", "third"):
+        monkeypatch.setattr(snapshot, "_code", lambda version=version: version)
+        snapshot.found(site)
+    assert made == ["first", "second", "third"]
+    assert {one.name for one in kept.iterdir()} == {"second", "third"}
