@@ -23,6 +23,8 @@ from services.robot_sim.holders import LONG_S, NEVER_NS, Holders, Session
 from tests.support.site import LAB, free_port
 
 NEVER = threading.Event()
+BLOCK = zenoh.CongestionControl.BLOCK
+"""By default a busy router drops what is put."""
 
 
 class Simulator:
@@ -249,7 +251,7 @@ def test_what_was_sent_is_taken_before_the_time_goes_on(simulator: Simulator, mi
     sent_ns = []
     for _ in range(20):
         simulator.advance(0.02)
-        simulator._then(lambda: simulator.session.put("news", b""))
+        simulator._then(lambda: simulator.session.put("news", b"", congestion_control=BLOCK))
         sent_ns.append(simulator.now_ns_)
         simulator.holders.sent()
         simulator.wait_to_pass()
@@ -308,7 +310,7 @@ def test_a_look_at_what_was_sent_takes_no_time(simulator: Simulator, mind: Mind)
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S, check=look))
     simulator.wait_to_pass()
     simulator.advance(0.02)
-    simulator._then(lambda: simulator.session.put("news", b""))
+    simulator._then(lambda: simulator.session.put("news", b"", congestion_control=BLOCK))
     simulator.holders.sent()
     sent_ns = simulator.now_ns_
     simulator.wait_to_pass()
@@ -563,8 +565,9 @@ def test_a_mark_that_is_none_is_left_out(
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S))
     # The last one overflows the stack of who reads it with json.loads where py-evm has lifted the limit.
     nonsense = (b"", b"[]", b'{"number": null}', b"\xff", b'{"number": 1e999}', b"[" * 100_000)
+    key = topics.CLOCK_MARK.name(org=site.org, to=EVERYBODY)
     for text in nonsense:
-        simulator.session.put(topics.CLOCK_MARK.name(org=site.org, to=EVERYBODY), text)
+        simulator.session.put(key, text, congestion_control=BLOCK)
     simulator.holders.sent()
     simulator.wait_to_pass()
     assert caplog.text.count("not a ClockMark") == len(nonsense)
@@ -580,7 +583,7 @@ def test_what_somebody_says_of_a_time_far_off_is_heard(
     token = session.liveliness().declare_token(key)
     wait_until(lambda: who in simulator.holders._there)
     said = '{"heard": 0, "busy": false, "until_ns": %s, "works": 0, "resting": true}'
-    session.put(key, said % ("9" * 400))
+    session.put(key, said % ("9" * 400), congestion_control=BLOCK)
     wait_until(lambda: who in simulator.holders._seen)
     assert simulator.holders.next_ns == NEVER_NS
     token.undeclare()
