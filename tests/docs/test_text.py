@@ -19,7 +19,17 @@ from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
 from rodeo_cli import app
 from tests.docs.not_run import NOT_RUN, reason
-from tests.docs.text import ROOT, Block, Command, blocks, broken_links, commands, mentioned, pages
+from tests.docs.text import (
+    ROOT,
+    Block,
+    Command,
+    blocks,
+    broken_links,
+    broken_links_of,
+    commands,
+    mentioned,
+    pages,
+)
 from tests.support.site import LAB
 
 MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
@@ -202,6 +212,14 @@ def test_everything_that_is_not_run_has_a_reason() -> None:
 
 
 # -- links -------------------------------------------------------------------------------------------------
+
+
+def test_a_link_to_no_file_or_to_no_heading_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# A page\n\n[a](#a-page) [b](page.md#a-page) [c](gone.md) [d](#gone) [e](https://gone.example)\n"
+    )
+    assert [broken.split(": ")[1] for broken in broken_links_of(page)] == ["gone.md", "#gone"]
 
 
 def test_every_link_leads_to_a_file_and_a_heading_and_the_index_lists_every_page() -> None:

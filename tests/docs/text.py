@@ -148,25 +148,27 @@ def headings(page: Path) -> list[str]:
     return [slug(text.content) for head, text in pairwise(tokens) if head.type == "heading_open"]
 
 
-def broken_links() -> list[str]:
-    """Links of any page that lead to no file or heading, and pages that docs/index.md does not list."""
+def broken_links_of(page: Path) -> list[str]:
+    """Links of a page that lead to no file or no heading."""
     found = []
-    every = {*pages(), *DOCS.rglob("*.md"), *ROOT.glob("*.md"), *(ROOT / ".github").rglob("*.md")}
-    for page in sorted(every):
-        for target in _targets(page):
-            file, _, heading = target.partition("#")
-            path = (page.parent / file).resolve() if file else page
-            if not path.exists():
-                found.append(f"{page.relative_to(ROOT)}: {target}: there is no such file")
-            elif heading and heading not in headings(path):
-                found.append(f"{page.relative_to(ROOT)}: {target}: there are {sorted(headings(path))}")
-    listed = {*pages(), *(DOCS / "decisions").glob("*.md")}
-    found += [
-        f"docs/index.md does not list {page.relative_to(DOCS)}"
-        for page in DOCS.rglob("*.md")
-        if page not in listed
-    ]
+    for target in _targets(page):
+        file, _, heading = target.partition("#")
+        path = (page.parent / file).resolve() if file else page
+        if not path.exists():
+            found.append(f"{page}: {target}: there is no such file")
+        elif heading and heading not in headings(path):
+            found.append(f"{page}: {target}: there are {sorted(headings(path))}")
     return found
+
+
+def broken_links() -> list[str]:
+    """Those of every page, and pages that docs/index.md does not list."""
+    every = {*pages(), *DOCS.rglob("*.md"), *ROOT.glob("*.md"), *(ROOT / ".github").rglob("*.md")}
+    found = [broken for page in sorted(every) for broken in broken_links_of(page)]
+    listed = {*pages(), *(DOCS / "decisions").glob("*.md")}
+    return found + [
+        f"docs/index.md does not list {page}" for page in DOCS.rglob("*.md") if page not in listed
+    ]
 
 
 def slug(title: str) -> str:
