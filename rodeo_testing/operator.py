@@ -9,14 +9,14 @@ import math
 import mink
 import mujoco
 import numpy as np
-import ruckig
 
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import ItemConfig, Pose2, RobotConfig
 from rodeo.lab.geometry import wrap
 from rodeo.lab.items import shape_of, top_grasps
 from rodeo.lab.layout import SHOULDER_M, BinLayout
-from rodeo.lab.world import CONTROL_STEPS, GRIPPER_OPEN_M, robot_model
+from rodeo.lab.world import CONTROL_PERIOD_S, CONTROL_STEPS, GRIPPER_OPEN_M, robot_model
+from rodeo.robot.profile import RestToRest
 
 
 def pointing_down(point_m: tuple[float, float, float], closing_yaw_rad: float) -> mink.SE3:
@@ -78,21 +78,17 @@ class Operator:
             self.tick()
 
     def move(self, target_rad: np.ndarray, speed: float = 1.2) -> None:
-        joints = len(target_rad)
-        profile = ruckig.Ruckig(joints, 0.02)
-        motion = ruckig.InputParameter(joints)
-        motion.current_position = list(self.setpoint)
-        motion.target_position = list(target_rad)
-        motion.max_velocity, motion.max_acceleration, motion.max_jerk = (
-            [most] * joints for most in (speed, 2.5, 15.0)
-        )
-        out = ruckig.OutputParameter(joints)
-        result = ruckig.Result.Working
-        while result == ruckig.Result.Working:
-            result = profile.update(motion, out)
-            self.setpoint = np.array(out.new_position)
-            out.pass_to_input(motion)
-            self.tick()
+        start_rad = self.setpoint
+        way_rad = target_rad - start_rad
+        longest_rad = float(np.abs(way_rad).max())
+        if longest_rad > 0:
+            # All joints begin and end together; the one with the longest way sets the pace.
+            profile = RestToRest(longest_rad, speed, 2.5, 15.0)
+            periods = math.floor(profile.duration_s / CONTROL_PERIOD_S) + 1
+            places, _ = profile.at(CONTROL_PERIOD_S * np.arange(1, periods + 1))
+            for share in places / longest_rad:
+                self.setpoint = start_rad + share * way_rad
+                self.tick()
         self.wait(0.3)
 
     def reach(self, point_m: tuple[float, float, float], closing_yaw_rad: float, speed: float = 1.2) -> None:

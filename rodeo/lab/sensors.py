@@ -3,16 +3,17 @@
 Noise-free: whoever simulates a sensor adds its errors. Only what is drawn is seen, not the collision hulls.
 """
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from rodeo.lab.mujoco_library import address
-from rodeo.lab.scan import Scanner
-
 _SEEN_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
 """MuJoCo draws geom groups 0 to 2; hulls are in group 3."""
+_HIDDEN_GROUP = 5
+_ROUNDING_M = 1e-6
+"""Too many bodies are tried rather than too few."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,22 @@ class Lidar:
     def __init__(self, model: mujoco.MjModel, site: str, root: str) -> None:
         self._site = model.site(site).id
         own = model.body_rootid[model.geom_bodyid] == model.body(root).rootid[0]
-        functions = (address(name) for name in ("mju_rayGeom", "mj_rayMesh", "mj_rayHfield"))
-        self._scanner = Scanner(
-            model, np.flatnonzero(_seen(model) & ~own), self.BEAMS, self.FARTHEST_M, *functions
-        )
+        # A copy, from which each scan takes the bodies that no beam can reach.
+        self._model = copy.copy(model)
+        self._model.geom_group[own] = _HIDDEN_GROUP
+        drawn = model.geom_group < np.count_nonzero(_SEEN_GROUPS)
+        self._bodies = np.unique(model.geom_bodyid[drawn & ~own])
+        self._bounds_m = np.array([_bound_m(model, body) for body in self._bodies])
+        self._reach_m2 = (self.FARTHEST_M + self._bounds_m) ** 2
+        self._model.body_geomnum[:], self._model.body_bvhadr[:] = 0, -1
+        self._geom_counts, self._volumes = model.body_geomnum[self._bodies], model.body_bvhadr[self._bodies]
+        # mj_multiRay skips a body whose bounding ball a ray misses, and places that ball as if the body were
+        # not rotated (MuJoCo 4.0.0). A large enough ball around the centre of mass is right for any rotation.
+        bounded = self._volumes >= 0
+        volumes = self._volumes[bounded]
+        self._model.bvh_aabb[volumes] = 0
+        self._model.bvh_aabb[volumes, 3] = np.minimum(self._bounds_m[bounded], mujoco.mjMAXVAL)
+        self._geom = np.empty(self.BEAMS, np.int32)
         self.angles_rad = self.ANGLE_MIN_RAD + self.STEP_RAD * np.arange(self.BEAMS)
         self._rays = np.stack(
             [np.cos(self.angles_rad), np.sin(self.angles_rad), np.zeros(self.BEAMS)], axis=1
@@ -94,16 +107,27 @@ class Lidar:
     def ranges(self, data: mujoco.MjData) -> np.ndarray:
         """(BEAMS,) m in the site's frame, counter-clockwise from straight back; inf where nothing is."""
         eye, turn = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
-        return self._scanner.ranges(data, eye, turn, self._rays @ turn.T)
+        self._choose(data.xipos[self._bodies] - eye, turn[:, 2])
+        ranges_m = np.empty(self.BEAMS)
+        _cast(self._model, data, eye, self._rays @ turn.T, self._geom, ranges_m, self.FARTHEST_M)
+        ranges_m[(self._geom < 0) | (ranges_m > self.FARTHEST_M)] = np.inf
+        return ranges_m
+
+    def _choose(self, offsets_m: np.ndarray, axis: np.ndarray) -> None:
+        """Leave only those bodies in the copy that the plane of the beams cuts, and not too far away."""
+        near = np.abs(offsets_m @ axis) <= self._bounds_m
+        near &= np.einsum("ij,ij->i", offsets_m, offsets_m) <= self._reach_m2
+        self._model.body_geomnum[self._bodies] = np.where(near, self._geom_counts, 0)
+        self._model.body_bvhadr[self._bodies] = np.where(near, self._volumes, -1)
 
 
-def _seen(model: mujoco.MjModel) -> np.ndarray:
-    """(ngeom,) whether rays meet it: what is drawn, and not altogether transparent."""
-    material = model.geom_matid
-    opacity = np.where(material < 0, model.geom_rgba[:, 3], np.append(model.mat_rgba[:, 3], 0)[material])
-    # MuJoCo counts a group beyond its six as the nearest of them.
-    groups = np.clip(model.geom_group, 0, len(_SEEN_GROUPS) - 1)
-    return _SEEN_GROUPS[groups].astype(bool) & (opacity > 0)
+def _bound_m(model: mujoco.MjModel, body: int) -> float:
+    """The radius of a ball around the body's centre of mass that holds its geoms; infinite around a plane."""
+    first, count = model.body_geomadr[body], model.body_geomnum[body]
+    geoms = slice(first, first + count)
+    bounds_m = np.where(model.geom_rbound[geoms] > 0, model.geom_rbound[geoms], np.inf)
+    off_m = np.linalg.norm(model.geom_pos[geoms] - model.body_ipos[body], axis=1)
+    return float((off_m + bounds_m).max()) + _ROUNDING_M
 
 
 def _cast(

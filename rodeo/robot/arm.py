@@ -15,7 +15,6 @@ from pathlib import Path
 import mink
 import mujoco
 import numpy as np
-import ruckig
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
@@ -24,6 +23,7 @@ from rodeo.lab.config import MotionLimits, PosturesConfig
 from rodeo.lab.layout import SHOULDER_M
 from rodeo.lab.world import CAMERA_SITE, arm_model, robot_model
 from rodeo.robot.errors import Unreachable
+from rodeo.robot.profile import RestToRest
 
 Vector = NDArray[np.float64]
 
@@ -225,8 +225,8 @@ class Arm:
     def trajectory(self, knots: Sequence[Vector] | Vector, speed_rad_s: float = CRUISE_RAD_S) -> Trajectory:
         """The fastest smooth motion through joint angles `knots` (n, joints) that keeps the limits.
 
-        A spline through the knots, its parameter driven by Ruckig from rest to rest. Raises Unreachable
-        when the robot would touch itself on the way.
+        The arm follows a spline through the knots, whose parameter goes from rest to rest. Raises
+        Unreachable when the robot would touch itself on the way.
         """
         path = np.asarray(knots, float)
         keep = np.r_[True, np.abs(np.diff(path, axis=0)).max(axis=1) > 1e-6]
@@ -245,26 +245,11 @@ class Arm:
         if bend > 1e-9:
             # Half of the acceleration may go into following the bend at full speed.
             speed = min(speed, float(np.sqrt(0.5 * _ACCELERATION_RAD_S2 / bend)))
-        along = _rest_to_rest(s[-1], speed, 0.5 * _ACCELERATION_RAD_S2 / slope, _JERK_RAD_S3 / slope)
-        times = np.append(np.arange(0.0, along.duration, _SAMPLE_PERIOD_S), along.duration)
-        parameter = np.array([along.at_time(t)[:2] for t in times]).reshape(len(times), 2)
-        return Trajectory(times, spline(parameter[:, 0]), spline(parameter[:, 0], 1) * parameter[:, 1:])
+        along = RestToRest(float(s[-1]), speed, 0.5 * _ACCELERATION_RAD_S2 / slope, _JERK_RAD_S3 / slope)
+        times = np.append(np.arange(0.0, along.duration_s, _SAMPLE_PERIOD_S), along.duration_s)
+        places, speeds = along.at(times)
+        return Trajectory(times, spline(places), spline(places, 1) * speeds[:, None])
 
     def _place(self, q: Vector) -> None:
         self._data.qpos[:] = self._open_qpos
         self._data.qpos[self._qpos] = q
-
-
-def _rest_to_rest(length: float, speed: float, acceleration: float, jerk: float) -> ruckig.Trajectory:
-    """Time-optimal motion of one number from 0 to `length`."""
-    problem = ruckig.InputParameter(1)
-    problem.current_position = [0.0]
-    problem.target_position = [length]
-    problem.max_velocity = [speed]
-    problem.max_acceleration = [acceleration]
-    problem.max_jerk = [jerk]
-    trajectory = ruckig.Trajectory(1)
-    result = ruckig.Ruckig(1).calculate(problem, trajectory)
-    if result != ruckig.Result.Finished and result != ruckig.Result.Working:
-        raise Unreachable("no motion within the limits", result=str(result), length=length)
-    return trajectory

@@ -7,6 +7,7 @@ cost several times as much to serialise.
 """
 
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +15,6 @@ import numpy as np
 
 from rodeo.ros2 import types
 from rodeo.stamps import sec_nanosec
-from services.robot_sim.rows import Rows
 
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
@@ -92,6 +92,54 @@ class StampedSequence:
         _STAMP.pack_into(self._buffer, _STAMP_AT, *sec_nanosec(time_ns))
         self._numbers[:] = numbers
         return bytes(self._buffer)
+
+
+class Rows:
+    """The same message of several times: a template once for each, with stamps and numbers written for all.
+
+    Args:
+        template: the message in CDR.
+        stamps: at which bytes its stamps begin: seconds, then nanoseconds.
+        places: at which bytes its numbers begin that change, all float64.
+
+    Raises ValueError for places that the template has not.
+    """
+
+    def __init__(self, template: bytes, stamps: Sequence[int], places: Sequence[int]) -> None:
+        last = max(at + _DOUBLE_BYTES for at in (*stamps, *places))
+        if last > len(template):
+            raise ValueError(f"a message of {len(template)} bytes has no number that ends at {last}")
+        # CDR aligns numbers to 8 bytes from the end of the encapsulation header, stamps to 4. NumPy finds
+        # them aligned because each row begins _STAMP_AT bytes before its message.
+        self._row = np.frombuffer(
+            bytes(_STAMP_AT) + template + bytes(-(_STAMP_AT + len(template)) % _DOUBLE_BYTES), np.uint8
+        )
+        self._size = len(template)
+        self._words = np.array([(_STAMP_AT + at) // 4 for at in stamps])
+        self._columns = [(_STAMP_AT + at) // _DOUBLE_BYTES for at in places]
+
+    def encode(self, time_ns: np.ndarray, *blocks: tuple[int, np.ndarray]) -> list[bytes]:
+        """CDR for each time (k,), with each block (index of the first number, numbers (k, n)) written over
+        what was there. Raises ValueError for a block that does not fit."""
+        count, size = len(time_ns), self._size
+        rows = np.empty((count, len(self._row)), np.uint8)
+        rows[:] = self._row
+        words, doubles = rows.view("<u4"), rows.view("<f8")
+        seconds, nanoseconds = sec_nanosec(time_ns)
+        words[:, self._words], words[:, self._words + 1] = seconds[:, None], nanoseconds[:, None]
+        for first, numbers in blocks:
+            columns = self._columns[first : first + numbers.shape[1]] if first >= 0 else []
+            if numbers.shape != (count, len(columns)):
+                raise ValueError(
+                    f"{numbers.shape[1]} numbers from the {first}th on for {numbers.shape[0]} times do not"
+                    f" fit into {len(self._columns)} numbers for {count}"
+                )
+            if columns[-1] - columns[0] == len(columns) - 1:
+                doubles[:, columns[0] : columns[-1] + 1] = numbers
+            else:
+                doubles[:, columns] = numbers
+        joined, wide = rows.tobytes(), len(self._row)
+        return [joined[start : start + size] for start in range(_STAMP_AT, count * wide, wide)]
 
 
 class DoublesRows(Rows):

@@ -21,11 +21,10 @@ from services.robot_sim import messages
 from services.robot_sim.camera import WristCamera, open_camera
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState, UnknownEntity
-from services.robot_sim.frames import RobotFrames
+from services.robot_sim.frames import RobotFrames, odom_in_map, reckoned_poses
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.periods import Periods
-from services.robot_sim.rows import odom_in_map, reckoned_poses
 from services.robot_sim.simulation import SimRobot
 
 log = logging.getLogger(__name__)

@@ -6,7 +6,8 @@ to a tenth of a milliradian at any width. A grip that closes or opens and what f
 What is decided follows from the world's state alone.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -18,7 +19,6 @@ from rodeo.lab.world import (
     TIMESTEP_S,
     WHEEL_JOINTS,
 )
-from services.robot_sim.touch import Touch
 
 WIDE_S = CONTROL_PERIOD_S / 3
 """The tyres' contacts, with a time constant of 50 ms, bear it: a base that stops rocks for 0.2 s longer than
@@ -65,55 +65,73 @@ class Steps:
         self._model, self._data = model, data
         self._gripping = gripping
         items = np.array([model.body(body).id for body in loose], int)
-        item_dofs = model.body_dofadr[items][:, None] + np.arange(6)
-        rest = np.full(model.nv, REST_SPEED)
-        rest[item_dofs] = [ITEM_REST_M_S] * 3 + [ITEM_REST_RAD_S] * 3
-        still = rest.copy()
+        self._item_dofs = model.body_dofadr[items][:, None] + np.arange(6)
+        self._rest = np.full(model.nv, REST_SPEED)
+        self._rest[self._item_dofs] = [ITEM_REST_M_S] * 3 + [ITEM_REST_RAD_S] * 3
+        self._still = self._rest.copy()
         """(nv,) the most that each speed may be in a world that is not stepped narrowly."""
-        base_dofs = np.empty((len(robots), 6), int)
-        fingers = np.empty((len(robots), 2), int)
-        for k, robot in enumerate(robots):
-            arm, base = ArmModel.of(model, f"{robot}/"), model.body(f"{robot}/base_link")
-            base_dofs[k] = base.dofadr[0] + np.arange(6)
-            still[base_dofs[k]] = np.inf
-            for name in (*WHEEL_JOINTS, *arm.joints, *arm.fingers):
-                most = FINGER_STILL_M_S if name in arm.fingers else np.inf
-                still[model.joint(f"{robot}/{name}").dofadr[0]] = most
-            fingers[k] = [model.joint(f"{robot}/{name}").qposadr[0] for name in arm.fingers]
-        self._touch = Touch(
-            data,
-            items,
-            np.array([model.body(f"{robot}/base_link").id for robot in robots], int),
-            np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int),
-            item_dofs,
-            base_dofs,
-            fingers,
-            rest,
-            still,
-            reach_m=HAND_REACHES_M,
-            hand_near_m=HAND_NEAR_M,
-            held_m=HELD_M,
-            base_near_m=BASE_NEAR_M,
-            standing_speed=STANDING_SPEED,
-            holds_below_m=HOLDS_BELOW_M,
-        )
+        self._robots = [_Robot(model, robot) for robot in robots]
+        for one in self._robots:
+            self._still[one.free_dofs] = np.inf
+            self._still[one.finger_dofs] = FINGER_STILL_M_S
+        self._velocity, self._speed = data.qvel, np.empty(model.nv)
+        # The same arrays and others of `data`, to read single numbers: see rodeo/lab/body.py.
+        self._angle, self._rate = memoryview(data.qpos), memoryview(data.qvel)
+        self._bodies_m, self._sites_m = memoryview(data.xpos.ravel()), memoryview(data.site_xpos.ravel())
+        self._items = (3 * items).tolist()
+        """Where each item's x is in `mjData.xpos`."""
         self._looked_s: float | None = None
         """For steps of which width the world was looked at as it is now."""
 
     @property
     def rests(self) -> bool:
         """Whether nothing moves at all."""
-        return self._touch.rests()
+        return bool((np.abs(self._velocity, self._speed) < self._rest).all())
 
     @property
     def width_s(self) -> float:
         """Of all steps of the next control period."""
         if self._gripping():
             return TIMESTEP_S
-        touched, held = self._touch.state()
-        if touched:
+        still, held = self._still, []
+        for item, robot, base_m in self._within_reach():
+            hand_m = self._from_hand_m(item, robot)
+            if hand_m < HELD_M and self._closed(robot):
+                held.append(item)
+            elif hand_m < HAND_NEAR_M or (base_m < BASE_NEAR_M and self._drives(robot)):
+                return TIMESTEP_S
+        if held:
+            still = still.copy()
+            still[self._item_dofs[held]] = np.inf
+        if (np.abs(self._velocity, self._speed) > still).any():
             return TIMESTEP_S
         return HOLDING_S if held else WIDE_S
+
+    def _within_reach(self) -> Iterator[tuple[int, "_Robot", float]]:
+        """(item, robot, distance over the floor between item and base, m) of what a hand may reach."""
+        bodies_m = self._bodies_m
+        places_m = [(bodies_m[at], bodies_m[at + 1]) for at in self._items]
+        for robot in self._robots:
+            base_x_m, base_y_m = bodies_m[robot.base], bodies_m[robot.base + 1]
+            for item, (x_m, y_m) in enumerate(places_m):
+                x_m, y_m = x_m - base_x_m, y_m - base_y_m
+                # Most are too far away by one coordinate alone.
+                if -HAND_REACHES_M < x_m < HAND_REACHES_M:
+                    base_m = math.sqrt(x_m * x_m + y_m * y_m)
+                    if base_m < HAND_REACHES_M:
+                        yield item, robot, base_m
+
+    def _from_hand_m(self, item: int, robot: "_Robot") -> float:
+        at, hand = self._items[item], robot.hand
+        x_m, y_m, z_m = (self._bodies_m[at + axis] - self._sites_m[hand + axis] for axis in range(3))
+        return math.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)
+
+    def _closed(self, robot: "_Robot") -> bool:
+        """Whether the robot's fingers may hold something."""
+        return any(abs(self._angle[finger]) < HOLDS_BELOW_M for finger in robot.fingers)
+
+    def _drives(self, robot: "_Robot") -> bool:
+        return any(abs(self._rate[dof]) > STANDING_SPEED for dof in robot.base_dofs)
 
     def advance(self) -> None:
         """One control period, up to a look at where everything is then and what it touches: all that is
@@ -133,3 +151,23 @@ class Steps:
         """How stiff a contact is depends on how wide the step is."""
         self._model.opt.timestep = self._looked_s = width_s
         mujoco.mj_step1(self._model, self._data)
+
+
+class _Robot:
+    """Where a robot's numbers are in the arrays of `mjData`."""
+
+    def __init__(self, model: mujoco.MjModel, name: str) -> None:
+        arm, base = ArmModel.of(model, f"{name}/"), model.body(f"{name}/base_link")
+        self.base = 3 * int(base.id)
+        """Where its base's x is in `xpos`."""
+        self.hand = 3 * int(model.site(f"{name}/{GRASP_SITE}").id)
+        """Where the x of the point where its pads meet is in `site_xpos`."""
+        joints = {one: model.joint(f"{name}/{one}") for one in (*WHEEL_JOINTS, *arm.joints, *arm.fingers)}
+        self.base_dofs = [int(base.dofadr[0]) + k for k in range(6)]
+        self.fingers = [int(joints[one].qposadr[0]) for one in arm.fingers]
+        self.finger_dofs = [int(joints[one].dofadr[0]) for one in arm.fingers]
+        """Of `qvel`."""
+        self.free_dofs = [
+            *self.base_dofs, *(int(joints[one].dofadr[0]) for one in (*WHEEL_JOINTS, *arm.joints))
+        ]  # fmt: skip
+        """Of `qvel`: what may be as fast as it likes far from anything loose."""

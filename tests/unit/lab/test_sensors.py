@@ -68,15 +68,6 @@ def single_rays(model: mujoco.MjModel, data: mujoco.MjData, angles_rad: np.ndarr
     return np.where((met_m < 0) | (met_m > Lidar.FARTHEST_M), math.inf, met_m)
 
 
-def test_a_scanner_refuses_what_it_has_no_rays_for(lab: Lab) -> None:
-    model, _ = lab
-    kinds = model.geom_type.copy()
-    model.geom_type[3] = mujoco.mjtGeom.mjGEOM_SDF
-    with pytest.raises(ValueError, match=r"kinds \[8\]"):
-        Lidar(model, "panther1/lidar_link", "panther1/base_link")
-    model.geom_type[:] = kinds
-
-
 @pytest.mark.parametrize("off_m", [(0.0, 0.0), (0.3, 0.0), (-0.2, 0.2), (0.0, 0.3), (0.2, -0.2)])
 def test_the_stowed_arm_sees_an_item_on_the_floor_near_where_it_should_lie(
     off_m: tuple[float, float],

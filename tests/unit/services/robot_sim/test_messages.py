@@ -13,8 +13,8 @@ from rodeo.lab.sensors import WRIST_CAMERA, Lidar
 from rodeo.lab.world import arm_model
 from rodeo.ros2 import types
 from services.robot_sim import messages
-from services.robot_sim.frames import RobotFrames, Transform
-from services.robot_sim.rows import Rows, odom_in_map, reckoned_poses
+from services.robot_sim.cdr import Rows
+from services.robot_sim.frames import RobotFrames, Transform, odom_in_map, reckoned_poses
 from services.robot_sim.simulation import Simulation
 from tests.support.site import LAB
 
