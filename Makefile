@@ -7,8 +7,6 @@ SOLVER := .venv-symbolic
 # So do Sphinx's.
 SPHINX := .venv-docs
 CHAIN ?= eth-tester
-# What is compiled.
-PYX := $(wildcard rodeo/lab/*.pyx services/robot_sim/*.pyx)
 # Test files that run at the same time.
 JOBS ?= 2
 
@@ -109,5 +107,4 @@ contracts: $(DEV) node_modules/.stamp  ## build the contracts' ABI and bytecode,
 	@$(BIN)/python -m rodeo.chain.generate
 
 clean:  ## remove what was installed, built and run
-	rm -f $(PYX:.pyx=.c) $(PYX:.pyx=.*.so)
 	rm -rf $(VENV) $(SOLVER) $(SPHINX) node_modules out var contracts/out contracts/cache

@@ -85,7 +85,7 @@ def _build(folder: Path) -> Path:
             shutil.copy(path, source)
     _run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), "."], source)
     shutil.rmtree(source)
-    (wheel,) = folder.glob("*.whl")
+    (wheel,) = folder.glob("*-py3-none-any.whl")
     return wheel
 
 

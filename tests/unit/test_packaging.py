@@ -25,6 +25,13 @@ def test_the_wheel_holds_what_sites_run_and_neither_benchmarks_nor_tests() -> No
     assert not installed & {"bench", "tests"}
 
 
+def test_the_wheel_is_for_every_machine_and_needs_no_compiler() -> None:
+    assert PYPROJECT["build-system"]["requires"] == ["setuptools>=77"]
+    assert "ext-modules" not in PYPROJECT["tool"]["setuptools"]
+    extras = PROJECT["optional-dependencies"]
+    assert [name for name, needs in extras.items() if any("ruckig" in one for one in needs)] == ["dev"]
+
+
 def test_the_license_is_the_whole_text_of_apache_2_and_is_in_the_wheel() -> None:
     assert hashlib.sha256((ROOT / "LICENSE").read_bytes()).hexdigest() == APACHE_2_SHA256
     assert (PROJECT["license"], PROJECT["license-files"]) == ("Apache-2.0", ["LICENSE"])

@@ -1,5 +1,6 @@
 """Messages of the simulated robot: templates equal what the type store serialises, frames follow REP 105."""
 
+import itertools
 import math
 
 import mujoco
@@ -163,6 +164,44 @@ def test_what_wheels_reckon_in_odom_is_where_the_base_is_in_the_map() -> None:
     there_m, there_quat = compose(odom[:3], np.roll(odom[3:], 1), in_odom[:3], reckoned_quat)
     assert there_m == pytest.approx(base_m)
     assert there_quat == pytest.approx(base_quat)
+
+
+def test_frames_are_computed_to_the_last_bit_as_written_out_on_every_machine() -> None:
+    chance = np.random.default_rng(5)
+    model = Simulation(Site.load(LAB), TIME_NS).model
+    frames = RobotFrames(model, "panther1", "ns")
+    places_m, quaternions, turns = (chance.normal(size=(6, model.nbody, n)) for n in (3, 4, 9))
+    poses = frames.poses(places_m, quaternions, turns)
+    links = [model.body(f"panther1/{child.removeprefix('ns/')}") for _, child in frames.moving]
+    for row, link in itertools.product(range(6), range(len(links))):
+        body, parent = links[link].id, links[link].parentid[0]
+        offset_m, turn = places_m[row, body] - places_m[row, parent], turns[row, parent].tolist()
+        x_m, y_m, z_m = offset_m.tolist()
+        p, q = quaternions[row, parent].tolist(), quaternions[row, body].tolist()
+        assert poses[row, link].tolist() == [
+            *(x_m * turn[k] + y_m * turn[3 + k] + z_m * turn[6 + k] for k in range(3)),
+            p[0] * q[1] - p[1] * q[0] - p[2] * q[3] + p[3] * q[2],
+            p[0] * q[2] + p[1] * q[3] - p[2] * q[0] - p[3] * q[1],
+            p[0] * q[3] - p[1] * q[2] + p[2] * q[1] - p[3] * q[0],
+            p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3],
+        ]
+    base_m, base_quat, reckoned = (
+        chance.normal(size=(50, 3)),
+        chance.normal(size=(50, 4)),
+        chance.normal(size=(50, 5)),
+    )
+    odom, (in_odom, _) = odom_in_map(base_m, base_quat, reckoned), reckoned_poses(reckoned)
+    for row in range(50):
+        x_m, y_m, yaw_rad, *_ = reckoned[row].tolist()
+        c, s, (w, x, y, z) = math.cos(yaw_rad / 2), -math.sin(yaw_rad / 2), base_quat[row].tolist()
+        w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+        assert in_odom[row].tolist() == [x_m, y_m, 0, 0, 0, -s, c]
+        assert odom[row].tolist() == [
+            base_m[row, 0] - (1 - 2 * (y * y + z * z)) * x_m - 2 * (x * y - w * z) * y_m,
+            base_m[row, 1] - 2 * (x * y + w * z) * x_m - (1 - 2 * (x * x + z * z)) * y_m,
+            base_m[row, 2] - 2 * (x * z - w * y) * x_m - 2 * (y * z + w * x) * y_m,
+            *(x, y, z, w),
+        ]
 
 
 @pytest.mark.parametrize("first, shape", [(-1, (2, 7)), (1, (2, 7)), (0, (2, 8)), (0, (3, 7))])
