@@ -85,7 +85,7 @@ class Operator:
             # All joints begin and end together; the one with the longest way sets the pace.
             profile = RestToRest(longest_rad, speed, 2.5, 15.0)
             periods = math.floor(profile.duration_s / CONTROL_PERIOD_S) + 1
-            places, _ = profile.at(CONTROL_PERIOD_S * np.arange(1, periods + 1))
+            places, _ = profile.at(np.arange(1, periods + 1) * np.float64(CONTROL_PERIOD_S))
             for share in places / longest_rad:
                 self.setpoint = start_rad + share * way_rad
                 self.tick()

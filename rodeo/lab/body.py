@@ -24,7 +24,7 @@ from rodeo.lab.world import (
     WHEEL_JOINTS,
 )
 
-__all__ = ["Body", "Twist2", "joint_names"]
+__all__ = ["Body", "Twist2", "joint_names", "numbers"]
 
 SKID_TRACK_M = TRACK_M * 1.56
 """Track of the ideal two-wheeled robot that turns like the skidding one (Husarion multiplies by 1.5)."""
@@ -34,6 +34,11 @@ _RETURN_PER_S = 10.0
 """How fast the controller of a standing wheel takes a deviation back."""
 _GRIP_STIFFNESS_N_M = 2000.0
 """kp of the gripper actuator."""
+
+
+def numbers(array: np.ndarray) -> "memoryview[float]":
+    """The numbers of a float64 array of any shape, one after the other, to read and write one by one."""
+    return array.data.cast("B").cast("d")
 
 
 def joint_names(arm: ArmModel) -> tuple[str, ...]:
@@ -84,10 +89,10 @@ class Body:
         self.quat_wxyz = data.xquat[base]
         """(4,) of base_link in the map frame; a view."""
         # The same arrays, to read and write single numbers.
-        self._angle, self._speed, self._torque = map(memoryview, (self._qpos, self._qvel, self._force))
-        self._setpoint, self._control = memoryview(data.act), memoryview(data.ctrl)
-        self._sensed = memoryview(data.sensordata)
-        self._place_m, self._turn = memoryview(self.position_m), memoryview(self.quat_wxyz)
+        self._angle, self._speed, self._torque = numbers(data.qpos), numbers(data.qvel), numbers(self._force)
+        self._setpoint, self._control = numbers(data.act), numbers(data.ctrl)
+        self._sensed = numbers(data.sensordata)
+        self._place_m, self._turn = numbers(self.position_m), numbers(self.quat_wxyz)
         self._left_finger, self._right_finger = qpos[self.finger_columns].tolist()
         self._left_finger_dof, self._right_finger_dof = dof[self.finger_columns].tolist()
         self._wheel_angles, self._wheel_dofs = qpos[count + 2 :].tolist(), dof[count + 2 :].tolist()

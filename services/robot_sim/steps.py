@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from rodeo.lab.arm import GRASP_SITE, ArmModel
+from rodeo.lab.body import numbers
 from rodeo.lab.world import (
     CONTROL_PERIOD_S,
     GRIPPER_OPEN_M,
@@ -76,8 +77,8 @@ class Steps:
             self._still[one.finger_dofs] = FINGER_STILL_M_S
         self._velocity, self._speed = data.qvel, np.empty(model.nv)
         # The same arrays and others of `data`, to read single numbers: see rodeo/lab/body.py.
-        self._angle, self._rate = memoryview(data.qpos), memoryview(data.qvel)
-        self._bodies_m, self._sites_m = memoryview(data.xpos.ravel()), memoryview(data.site_xpos.ravel())
+        self._angle, self._rate = numbers(data.qpos), numbers(data.qvel)
+        self._bodies_m, self._sites_m = numbers(data.xpos), numbers(data.site_xpos)
         self._items = (3 * items).tolist()
         """Where each item's x is in `mjData.xpos`."""
         self._looked_s: float | None = None
