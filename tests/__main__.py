@@ -41,7 +41,7 @@ class Contracts:
         commands = [["npm", "run", "--silent", "contracts:test", "--", chosen, LONG_CONTRACTS]]
         if long:
             commands.insert(0, ["make", "--no-print-directory", "symbolic"])
-        say(f"contracts: testing beside, {self.log.relative_to(ROOT)}")
+        say(f"contracts: testing beside, {os.path.relpath(self.log)}")
         self._running = threading.Thread(target=self._run, args=(commands, long))
         self._running.start()
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -38,7 +39,7 @@ set -eu
 mount -t proc proc {root}/proc
 mount -t tmpfs tmpfs {root}/dev/shm
 exec chroot {root} env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 {settings} sh -euc '
-for compiler in cc gcc clang; do ! command -v $compiler; done
+for compiler in cc gcc clang; do if command -v $compiler; then exit 1; fi; done
 python3 -m venv /venv
 /venv/bin/pip install --quiet --disable-pip-version-check "{wheel}[site]"
 mkdir /empty
@@ -153,7 +154,7 @@ def _carried(settings: dict[str, str], root: Path) -> Iterable[str]:
         yield "PIP_CERT=/etc/ssl/certs/ca-certificates.crt"
     for key in ("index-url", "proxy", "trusted-host", "default-timeout"):
         if key in settings:
-            yield f"PIP_{key.upper().replace('-', '_')}='{settings[key]}'"
+            yield f"PIP_{key.upper().replace('-', '_')}={shlex.quote(settings[key])}"
 
 
 def _run(*command: str) -> str:

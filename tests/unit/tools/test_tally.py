@@ -6,6 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from tests import __main__ as runner
 from tests.support.tally import Tally
 
 ROOT = Path(__file__).parents[3]
@@ -41,3 +44,26 @@ def test_the_line_says_why_tests_were_skipped() -> None:
     both = Tally(3, 0, {"Chromium is missing: make system": 2}, 7) + Tally(1, 1)
     assert str(both) == "4 passed, 1 failed, 2 skipped (2: Chromium is missing: make system)"
     assert both.deselected == 7
+
+
+FORGE = "Ran 2 test suites in 1s (1s CPU time): 5 tests passed, 1 failed, 2 skipped (8 total tests)"
+
+
+@pytest.mark.parametrize(
+    ("node", "npm", "counted"),
+    [
+        ("echo 20", f"echo '{FORGE}'; exit 1", Tally(5, 1, {"contracts: skipped by their own": 2})),
+        ("echo 20", "echo does not compile; exit 1", Tally(0, 1)),
+        ("echo 12", "exit 1", Tally(0, 0, {"contracts: Node is missing, `make system`": 1})),
+    ],
+)
+def test_the_contracts_count_too_or_are_skipped_by_name(
+    node: str, npm: str, counted: Tally, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, script in {"node": node, "npm": npm}.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(runner, "OUT", tmp_path)
+    assert runner.Contracts(long=False).wait() == counted
