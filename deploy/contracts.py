@@ -25,7 +25,7 @@ from eth_utils import to_bytes, to_checksum_address
 from web3 import Web3
 from web3.types import Wei
 
-from deploy.founding import OtherToken, create_contracts
+from deploy.founding import OtherToken, count_contracts, create_contracts
 from rodeo import keystores, possession, wallets
 from rodeo.chain import transactions
 from rodeo.chain.abi import Instance, Review, Silence
@@ -36,14 +36,16 @@ from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMis
 from rodeo.chain.events import RoleRevoked
 from rodeo.chain.types import Role
 from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
+from rodeo.deploying import Steps, deploying
 from rodeo.errors import RodeoError, WalletError
 from rodeo.kinds import Kind, kinds_of
 from rodeo.process import main
 
 log = logging.getLogger(__name__)
 
-_NODE_S = {"external": 15.0, "anvil": 60.0, "eth-tester": 60.0}
-"""How long to wait for the node to answer, wall time: a local one may be about to start."""
+_NODE_S = {"external": 15.0, "anvil": 3600.0, "eth-tester": 3600.0}
+"""How long to wait for the node to answer, wall time. A local one is about to start, which may take a slow
+machine long; its launcher tells when it cannot."""
 _RETRY_S = 0.1
 _GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
@@ -169,6 +171,11 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     Raises ChainError, KindError, WalletError, OtherRelease or WithoutGasMoney; WrongChain before anything is
     sent there.
     """
+    with deploying(site, stop) as steps:
+        _deploy(site, stop, say, steps)
+
+
+def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
     local = site.chain.backend != "external"
     if local:
         wallets.ensure_wallets(site)
@@ -177,7 +184,9 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
         return
     require_chain(w3, site.chain)
     names = {address: name for name in keystores.wallet_names(site) if (address := _told(site, name))}
+    steps.plan(count_contracts(site) + 1 + local)
     if local:
+        steps.begin("gas money for the wallets")
         _fund(w3, list(names))
     administrator = wallets.load(site, "organization")
     if being_left(site, w3) is not None:
@@ -187,7 +196,9 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
-        deployment = keep_unfinished(site, create_contracts(site, w3, administrator, say))
+        deployment = keep_unfinished(site, create_contracts(site, w3, administrator, say, steps=steps))
+    else:
+        steps.plan(-count_contracts(site))
     wanted = site.governance.votes if site.governance.kind == "vote" else None
     if deployment.votes_by != wanted:
         raise OtherGovernance(
@@ -203,6 +214,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
             f"the contracts on this chain were deployed without {table}: take that table out, or deploy "
             "for a new organization"
         )
+    steps.begin("roles, kinds of work and devices")
     set_up(site, w3, deployment, administrator, say)
 
 

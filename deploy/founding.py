@@ -28,6 +28,7 @@ from rodeo.chain.errors import ContractReverted, TransactionFailed, translated
 from rodeo.chain.registry import Part, Registry
 from rodeo.chain.types import Policy
 from rodeo.config import Site
+from rodeo.deploying import Steps
 from rodeo.errors import ConfigError, RodeoError
 from rodeo.files import replace_file
 
@@ -45,19 +46,28 @@ class OtherToken(RodeoError):
 
 
 def create_contracts(
-    site: Site, w3: Web3, founder: LocalAccount, say: Say, former: Deployment | None = None
+    site: Site,
+    w3: Web3,
+    founder: LocalAccount,
+    say: Say,
+    former: Deployment | None = None,
+    *,
+    steps: Steps | None = None,
 ) -> Deployment:
     """All contracts of the site's organization; those that are there already are kept.
 
-    `former` is the one that it takes the place of; then it pays with that one's token. Raises ChainError,
+    `former` is the one that it takes the place of; then it pays with that one's token. `steps` counts
+    `count_contracts`. Raises ChainError,
     OtherToken, WalletError, and ConfigError where chain.registry is no registry of this release.
     """
     token = existing_token(site, w3) if former is None else token_of(former, site)
+    steps = steps or Steps()
+    names = _names(site, own_token=token is None)
+    steps.begin(artifacts.REGISTRY)
     found = ensure_registry(site, w3, founder, say)
     with translated():
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
         chain_id = w3.eth.chain_id
-    names = _names(site, own_token=token is None)
     for number in count(_number_after(former, found, founder.address, site.org)):
         addresses = found.addresses(founder.address, site.org, number, names)
         if token is not None:
@@ -73,7 +83,9 @@ def create_contracts(
     if len(missing) < len(parts):
         say(f"{len(parts) - len(missing)} of {len(parts)} contracts are on the chain already")
     blocks: list[int] = []
+    steps.plan(len(missing) - len(parts))
     for batch in _batches(missing):
+        steps.begin(batch[0].name, len(batch))
         call = found.create(site.org, number, batch)
         receipt = transactions.send(w3, founder, to=call.to, data=call.data)
         blocks.append(receipt["blockNumber"])
@@ -92,6 +104,11 @@ def create_contracts(
     )
     deployment.verify(w3)
     return deployment
+
+
+def count_contracts(site: Site) -> int:
+    """How many contracts an organization has, with its registry."""
+    return 1 + len(_names(site, own_token=site.economy.token is None))
 
 
 def token_of(former: Deployment, site: Site) -> ChecksumAddress:

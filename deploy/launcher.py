@@ -21,9 +21,11 @@ from types import TracebackType
 from typing import Self
 
 from rodeo.config import Site
+from rodeo.deploying import forget_deployment
 from rodeo.errors import RodeoError
 from rodeo.instance import (
     GAVE_UP,
+    LAUNCHER,
     PARENT_VARIABLE,
     forget_ending,
     last_ending,
@@ -34,9 +36,6 @@ from rodeo.processes import ProcessEntry, processes_of
 from rodeo.tls import wants_certificates
 
 log = logging.getLogger(__name__)
-
-LAUNCHER = "launcher"
-"""Folder in the data directory whose locks show the launchers at work."""
 
 _STOP_S = 8.0
 """Wall time that a process has to end by itself after SIGTERM."""
@@ -83,12 +82,13 @@ class Launcher:
     Entering returns at once: processes become ready, and contracts are deployed, while `poll` is called.
 
     Children die with this process even when it is killed. `only` names the processes to start, all by
-    default. `python` runs them.
+    default. `python` runs them. `environment` is added to this process's own for what is started from now on.
     """
 
     site_path: Path
     only: tuple[str, ...] = ()
     python: str = sys.executable
+    environment: dict[str, str] = field(default_factory=dict)
     children: dict[str, _Child] = field(default_factory=dict, init=False)
     _deployment: subprocess.Popen[bytes] | None = field(default=None, init=False)
 
@@ -104,13 +104,14 @@ class Launcher:
         self._locks = [lock_instance(folder) for folder in self.lock_folders()]
         self.logs.mkdir(parents=True, exist_ok=True)
         try:
+            forget_deployment(self.site)
             make_keys(self.site)
-            for process in self.selected():
-                self._start(process)
             if self.site.chain.backend != "external" and not self.only:
-                # The step waits for the chain by itself.
+                # First, because most others wait for it; it waits for the chain by itself.
                 with _signals_held():
                     self._deployment = self._spawn("contracts", "deploy.contracts")
+            for process in self.selected():
+                self._start(process)
         except BaseException:
             self.stop()
             raise
@@ -229,7 +230,7 @@ class Launcher:
                 stderr=subprocess.STDOUT,
                 # A session of its own: Ctrl-C reaches the launcher alone, which stops the rest in order.
                 start_new_session=True,
-                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+                env={**os.environ, **self.environment, PARENT_VARIABLE: str(os.getpid())},
             )
 
 

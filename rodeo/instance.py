@@ -19,6 +19,9 @@ log = logging.getLogger(__name__)
 HEARTBEAT_S = 1.0
 """Wall time between two states that a running process publishes."""
 
+LAUNCHER = "launcher"
+"""Folder in the data directory whose locks show the launchers at work."""
+
 GAVE_UP = 78
 """Exit status of a process that no restart can cure: EX_CONFIG of sysexits.h."""
 

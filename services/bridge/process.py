@@ -25,6 +25,7 @@ from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ChainError, ChainUnavailable, DeploymentMismatch, NotDeployed, RpcFailed
 from rodeo.config import BRIDGE, Site, WalletLimits, bridge_process, bridge_wallets
+from rodeo.deploying import deployment_under_way
 from rodeo.errors import ClockUnavailable, KeystoreMissing, RodeoError, WalletError
 from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
@@ -155,11 +156,10 @@ class Bridge:
             try:
                 self._follow(self._attach())
             except NotDeployed:
-                self._not_ready("deployment record missing: run `rodeo site prepare`")
+                self._not_ready(self._without_contracts("deployment record missing"))
             except DeploymentMismatch as error:
-                self._not_ready(
-                    f"deployment record does not match the chain: run `rodeo site prepare` ({error})"
-                )
+                missing = self._without_contracts("deployment record does not match the chain")
+                self._not_ready(f"{missing} ({error})")
             except (ChainUnavailable, RpcFailed) as error:
                 reason = error.details.get("reason") or error.message
                 self._not_ready(f"no node at {self._site.chain.url}: {reason}")
@@ -186,6 +186,13 @@ class Bridge:
             self._windows.join(_EXPIRY_RETRY_S)
         for thread in self._threads.values():
             thread.shutdown(cancel_futures=True)
+
+    def _without_contracts(self, problem: str) -> str:
+        """Why there is no organization to work for yet."""
+        under_way = deployment_under_way(self._site)
+        if under_way is None:
+            return f"{problem}: run `rodeo site prepare`"
+        return f"process {under_way.pid} is {under_way}"
 
     # -- chain -----------------------------------------------------------------------------------------------
 

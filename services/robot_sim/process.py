@@ -131,6 +131,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
         note_time(path, start_ns)
         if fresh:
             path.unlink(missing_ok=True)
+        process.not_ready("loading the physics model of the lab")
         simulation = Simulation(site, start_ns)
         with StateFile(path, simulation.fingerprint, simulation.row_size) as state:
             if (saved := state.load()) is not None:

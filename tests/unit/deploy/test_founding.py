@@ -21,6 +21,7 @@ from rodeo.chain.errors import ChainUnavailable, ContractReverted
 from rodeo.chain.registry import Registry
 from rodeo.chain.types import Role
 from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, Site
+from rodeo.deploying import deployment_under_way
 from rodeo.errors import ConfigError
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
@@ -88,6 +89,29 @@ def test_an_organization_takes_four_transactions_of_its_founder_and_the_next_one
         (one.org, keystores.address(one, "organization"), made.address("Organization"), made.block)
         for one, made in zip((site, second), deployed, strict=True)
     ]
+
+
+def test_everybody_can_read_how_far_a_deployment_is(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+    send = transactions.send
+
+    def note(*args: Any, **options: Any) -> Any:
+        seen.append(str(deployment_under_way(site)))
+        return send(*args, **options)
+
+    monkeypatch.setattr(transactions, "send", note)
+    told(site)
+    of = founding.count_contracts(site) + 2
+    assert seen[:2] == [
+        f"deploying contracts, 2 of {of}: OrganizationRegistry",
+        f"deploying contracts, 3 of {of}: IECoin",
+    ]
+    assert seen[-1] == f"deploying contracts, {of} of {of}: roles, kinds of work and devices"
+    assert deployment_under_way(site) is None
+    # The second time nothing is left but to see that all is there.
+    seen.clear()
+    told(site)
+    assert seen == []
 
 
 def test_an_administrator_who_waits_takes_one_transaction_more(site: Site) -> None:
