@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import os
+import secrets
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rodeo import queries, topics
 from rodeo.config import Site
-from rodeo_cli.common import DEFAULT_SITE, JsonOption, SiteOption, print_listing, reports_errors, say
+from rodeo.errors import NoResponder
+from rodeo.messages import Status
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    print_listing,
+    reports_errors,
+    say,
+)
 from rodeo_cli.layout import Row
 from services.console.roles import Role
 
@@ -65,6 +78,37 @@ def token(
     typer.echo(_accounts(site).issue_token(name, label))
 
 
+@accounts.command("link")
+@reports_errors
+def link(name: NameArgument, site: SiteOption = DEFAULT_SITE) -> None:
+    """Print a link that opens the console logged in as this person: once, within an hour, on this machine."""
+    with connected(site) as (loaded, bus):
+        key = topics.STATUS.name(org=loaded.org, process="console")
+        url = queries.fitting(Status, bus.query(key), key).details.get("http")
+    if url is None:
+        raise NoResponder("the console does not serve pages yet", key=key)
+    typer.echo(_link(loaded, str(url), name))
+
+
+DEMO = "demo"
+"""Who looks at a demo: everything but the accounts of others and the organization's rules."""
+
+
+def login_link(site: Site, url: str) -> str:
+    """A link that opens the console at `url`, logged in as an account of the demo's own, which nobody else
+    can open: its passphrase is random, and told to nobody."""
+    with closing(_accounts_of(site)) as accounts:
+        if DEMO not in [user.name for user in accounts.users()]:
+            accounts.add_user(DEMO, secrets.token_urlsafe(32), [Role.OPERATOR, Role.TREASURER, Role.AUDITOR])
+    return _link(site, url, DEMO)
+
+
+def _link(site: Site, url: str, name: str) -> str:
+    with closing(_accounts_of(site)) as accounts:
+        # Behind #, which browsers send to nobody.
+        return f"{url}/login/link#{accounts.make_link(name)}"
+
+
 @accounts.command("list")
 @reports_errors
 def list_accounts(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
@@ -87,11 +131,14 @@ def list_accounts(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) 
 
 
 def _accounts(site_path: Path) -> Accounts:
+    return _accounts_of(Site.load(site_path))
+
+
+def _accounts_of(site: Site) -> Accounts:
     # Imported here: only these commands need a database and argon2.
     from services.console.accounts import Accounts, accounts_path
 
-    loaded = Site.load(site_path)
-    return Accounts(accounts_path(loaded), loaded.console)
+    return Accounts(accounts_path(site), site.console)
 
 
 def _add(site_path: Path, name: str, roles: list[Role], participant: str | None) -> None:

@@ -75,6 +75,9 @@ MAX_PASSPHRASE = 256
 TOKEN_PREFIX = "rodeo_"
 """Makes a leaked token recognisable to those who search for such."""
 
+LINK_S = 3600.0
+"""Wall time for which a link that logs somebody in is valid, unless it is used before."""
+
 _TOUCH_S = 30.0
 """The last use of a session is written down this often."""
 
@@ -136,6 +139,14 @@ _tokens = Table(
     Column("label", String(64), nullable=False),
     Column("created_s", Float, nullable=False),
     Column("used_s", Float),
+)
+
+_links = Table(
+    "links",
+    _metadata,
+    Column("key", String(64), primary_key=True),
+    Column("user", String(64), nullable=False),
+    Column("ends_s", Float, nullable=False),
 )
 
 
@@ -214,15 +225,17 @@ class Accounts:
             if disabled:
                 connection.execute(delete(_sessions).where(_sessions.c.user == name))
                 connection.execute(delete(_tokens).where(_tokens.c.user == name))
+                connection.execute(delete(_links).where(_links.c.user == name))
         return self.user(name)
 
     def set_passphrase(self, name: str, passphrase: str) -> None:
-        """Ends the account's sessions. Raises UnknownAccount, WeakPassphrase."""
+        """Ends the account's sessions and links. Raises UnknownAccount, WeakPassphrase."""
         self.user(name)
         hashed = self._hash(passphrase)
         with self._engine.begin() as connection:
             connection.execute(update(_users).where(_users.c.name == name).values(passphrase=hashed))
             connection.execute(delete(_sessions).where(_sessions.c.user == name))
+            connection.execute(delete(_links).where(_links.c.user == name))
 
     def _hash(self, passphrase: str) -> str:
         if not MIN_PASSPHRASE <= len(passphrase) <= MAX_PASSPHRASE:
@@ -248,6 +261,9 @@ class Accounts:
         """Open a session; what goes into the cookie. Raises LoginRefused."""
         if not self.is_passphrase(name, passphrase):
             raise LoginRefused("the name or the passphrase is wrong")
+        return self._open_session(name)
+
+    def _open_session(self, name: str) -> str:
         token, now_s = secrets.token_urlsafe(32), time.time()
         with self._engine.begin() as connection:
             connection.execute(
@@ -257,6 +273,31 @@ class Accounts:
                 insert(_sessions).values(key=_key(token), user=name, created_s=now_s, used_s=now_s)
             )
         return token
+
+    def make_link(self, name: str, valid_s: float = LINK_S) -> str:
+        """A token that logs this person in once, for `valid_s` of wall time. Raises UnknownAccount."""
+        self.user(name)
+        token, now_s = secrets.token_urlsafe(24), time.time()
+        with self._engine.begin() as connection:
+            connection.execute(delete(_links).where(_links.c.ends_s <= now_s))
+            connection.execute(insert(_links).values(key=_key(token), user=name, ends_s=now_s + valid_s))
+        return token
+
+    def log_in_by_link(self, token: str) -> str:
+        """As `log_in`, with what `make_link` has made, which is void then. Raises LoginRefused."""
+        with self._engine.begin() as connection:
+            # Deleted and read in one statement: of two who bring it at once one gets in.
+            used = delete(_links).where(_links.c.key == _key(token)).returning(_links.c.user, _links.c.ends_s)
+            found = connection.execute(used).mappings().first()
+        if found is None or found["ends_s"] <= time.time():
+            raise LoginRefused("this link was used before, or is too old")
+        try:
+            disabled = self.user(found["user"]).disabled
+        except UnknownAccount:
+            disabled = True
+        if disabled:
+            raise LoginRefused("the account of this link is disabled")
+        return self._open_session(found["user"])
 
     def session(self, token: str | None, touch: bool = False) -> Session:
         """The session of this cookie; with `touch` it counts as used now. Raises NotLoggedIn."""

@@ -90,6 +90,8 @@ class Guard:
         self._origins = origins
         self._hosts = {urlsplit(origin).netloc for origin in origins}
         self._owner = owner
+        self.is_local = all(_is_loopback(origin) for origin in origins)
+        """Whether people open the console only on the machine where it runs."""
         self.secure = any(origin.startswith("https:") for origin in origins)
         self.cookie = "__Host-rodeo_session" if self.secure else "rodeo_session"
 
@@ -201,6 +203,14 @@ class Guard:
         await self.app(scope, checked, send)
 
 
+def _is_loopback(origin: str) -> bool:
+    host = urlsplit(origin).hostname or ""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
 def _is_public(path: str) -> bool:
     if path.startswith("/_nicegui/"):
         return _client_of(path) is None
@@ -216,7 +226,7 @@ def _client_of(path: str) -> str | None:
 
 def _limit_bytes(path: str) -> int:
     """Of a request's body: everybody may send one to the login."""
-    if path in ("/login", "/logout"):
+    if path in ("/login", "/login/link", "/logout"):
         return MAX_LOGIN_BODY_BYTES
     return MAX_API_BODY_BYTES if path.startswith("/api/") and path != _WITH_PHOTOS else MAX_BODY_BYTES
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import time
 from collections import defaultdict, deque
 from html import escape
@@ -26,7 +27,10 @@ _HASHES_AT_ONCE = 2
 """argon2 takes 64 MiB and a core each."""
 _MAX_KEYS = 10_000
 
-_PAGE = Template((Path(__file__).parent / "static" / "login.html").read_text())
+_STATIC = Path(__file__).parent / "static"
+_PAGE = Template((_STATIC / "login.html").read_text())
+_LINK_PAGE = (_STATIC / "link.html").read_text()
+_NEW_LINK = "Make another on the command line: rodeo console link"
 
 
 class Throttle:
@@ -57,7 +61,7 @@ class Throttle:
 
 
 def router(accounts: Accounts, guard: Guard, organization: str) -> APIRouter:
-    """GET and POST /login, POST /logout."""
+    """GET and POST /login and /login/link, POST /logout."""
     routes = APIRouter(include_in_schema=False)
     pairs, addresses = Throttle(PAIR_FAILURES, WINDOW_S), Throttle(ADDRESS_FAILURES, WINDOW_S)
     hashing = asyncio.Semaphore(_HASHES_AT_ONCE)
@@ -104,11 +108,30 @@ def router(accounts: Accounts, guard: Guard, organization: str) -> APIRouter:
             return page(401, local_path(next), name, "The name or the passphrase is wrong. Try again.")
         pairs.succeeded(pair)
         addresses.succeeded(address)
-        response = RedirectResponse(local_path(next), 303)
+        return logged_in(token, local_path(next))
+
+    def logged_in(token: str, path: str) -> Response:
+        response = RedirectResponse(path, 303)
         response.set_cookie(
             guard.cookie, token, path="/", httponly=True, secure=guard.secure, samesite="strict"
         )
         return response
+
+    # A link is /login/link#TOKEN. Browsers send what is behind # to nobody: it is in no log and no Referer.
+    # The page's script takes it out of the address, and posts it.
+    @routes.get("/login/link")
+    async def show_link() -> Response:
+        return HTMLResponse(_LINK_PAGE)
+
+    @routes.post("/login/link")
+    async def log_in_by_link(request: Request, token: str = Form(max_length=64, default="")) -> Response:
+        if not guard.is_local or not _is_loopback(request):
+            return page(403, "/", problem="Links work only on the machine where the console runs.")
+        try:
+            opened = await run_in_threadpool(accounts.log_in_by_link, token)
+        except LoginRefused:
+            return page(401, "/", problem=f"This link was used, or is too old. {_NEW_LINK}")
+        return logged_in(opened, "/")
 
     @routes.post("/logout")
     async def log_out(request: Request) -> Response:
@@ -118,6 +141,13 @@ def router(accounts: Accounts, guard: Guard, organization: str) -> APIRouter:
         return response
 
     return routes
+
+
+def _is_loopback(request: Request) -> bool:
+    try:
+        return request.client is not None and ipaddress.ip_address(request.client.host).is_loopback
+    except ValueError:
+        return False
 
 
 def local_path(path: str) -> str:

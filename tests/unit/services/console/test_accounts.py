@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from rodeo.config import ConsoleConfig, ParticipantConfig, Site
 from rodeo.errors import InvalidRequest
 from rodeo_cli import app
-from services.console.accounts import Accounts, require_participant
+from rodeo_cli.accounts import login_link
+from services.console.accounts import Accounts, accounts_path, require_participant
 from services.console.errors import (
     AccountExists,
     AccountsDamaged,
@@ -188,3 +189,70 @@ def test_the_terminal_makes_no_executor_without_a_participant(
     refused = CliRunner().invoke(app, create)
     assert refused.exit_code == 1 and "choose one of organization, bob" in " ".join(refused.output.split())
     assert CliRunner().invoke(app, [*create, "--participant", "bob"]).exit_code == 0
+
+
+def test_a_link_logs_in_once(accounts: Accounts) -> None:
+    link = accounts.make_link("ada")
+    session = accounts.session(accounts.log_in_by_link(link))
+    assert session.user == accounts.user("ada")
+    with pytest.raises(LoginRefused):
+        accounts.log_in_by_link(link)
+    assert accounts.session_of(session.key).user.name == "ada"
+
+
+def test_a_link_that_is_too_old_or_was_never_made_opens_nothing(accounts: Accounts, now: list[float]) -> None:
+    link = accounts.make_link("ada", valid_s=60.0)
+    for token in ("", "made-up", accounts.issue_token("ada", "program")):
+        with pytest.raises(LoginRefused):
+            accounts.log_in_by_link(token)
+    now[0] += 60.0
+    with pytest.raises(LoginRefused):
+        accounts.log_in_by_link(link)
+
+
+def test_a_link_of_another_site_opens_nothing(accounts: Accounts, tmp_path: Path) -> None:
+    other = Accounts(tmp_path / "other.sqlite", ConsoleConfig())
+    other.add_user("ada", PASSPHRASE, [Role.OPERATOR])
+    with pytest.raises(LoginRefused):
+        accounts.log_in_by_link(other.make_link("ada"))
+
+
+def test_a_link_is_no_session_and_no_token_of_programs(accounts: Accounts) -> None:
+    link = accounts.make_link("ada")
+    with pytest.raises(NotLoggedIn):
+        accounts.session(link)
+    with pytest.raises(NotLoggedIn):
+        accounts.token_user(link)
+
+
+@pytest.mark.parametrize("change", ["disabled", "passphrase"])
+def test_links_end_with_what_ends_sessions(accounts: Accounts, change: str) -> None:
+    link = accounts.make_link("ada")
+    if change == "disabled":
+        accounts.change_user("ada", [Role.OPERATOR], None, disabled=True)
+    else:
+        accounts.set_passphrase("ada", "another " + PASSPHRASE)
+    with pytest.raises(LoginRefused):
+        accounts.log_in_by_link(link)
+
+
+def test_the_database_holds_no_link(accounts: Accounts, path: Path) -> None:
+    link = accounts.make_link("ada")
+    accounts.close()
+    assert link.encode() not in path.read_bytes()
+
+
+def test_a_link_is_for_somebody_who_exists(accounts: Accounts) -> None:
+    with pytest.raises(UnknownAccount):
+        accounts.make_link("eve")
+
+
+def test_the_demos_account_may_look_and_act_and_not_administer(tmp_path: Path) -> None:
+    site = Site.load(write_site(tmp_path))
+    links = [login_link(site, "http://127.0.0.1:1") for _ in range(2)]
+    base, _, token = links[0].partition("#")
+    assert base == "http://127.0.0.1:1/login/link" and len(set(links)) == 2
+    opened = Accounts(accounts_path(site), site.console)
+    user = opened.session(opened.log_in_by_link(token)).user
+    assert user.roles == {Role.OPERATOR, Role.TREASURER, Role.AUDITOR}
+    assert [one.name for one in opened.users()] == ["demo"]

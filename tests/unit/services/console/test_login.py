@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
 import pytest
+from fastapi import FastAPI
 
 from rodeo.config import ConsoleConfig
 from rodeo.errors import ConfigError
+from services.console.accounts import Accounts
 from services.console.errors import TooManyAttempts
-from services.console.guard import origins_of
-from services.console.login import Throttle, local_path
+from services.console.guard import Guard, origins_of
+from services.console.login import Throttle, local_path, router
+from services.console.roles import Role
+
+ORIGIN = "http://127.0.0.1:8088"
 
 
 def test_failures_close_the_login_until_the_window_has_passed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,3 +66,56 @@ def test_a_console_that_others_reach_needs_tls() -> None:
         "https://x.example"
     }
     assert "http://127.0.0.1:8088" in origins_of(ConsoleConfig(), 8088)
+
+
+@pytest.fixture
+def accounts(tmp_path: Path) -> Iterator[Accounts]:
+    accounts = Accounts(tmp_path / "accounts.sqlite", ConsoleConfig())
+    accounts.add_user("ada", "correct horse battery", [Role.OPERATOR])
+    yield accounts
+    accounts.close()
+
+
+def post_link(accounts: Accounts, token: str, config: ConsoleConfig, **options: str) -> httpx.Response:
+    """Bring a link's token from the address `client`, to a console that is configured so."""
+    api = FastAPI()
+    guard = Guard(api, accounts, origins_of(config, 8088), lambda _client: None)
+    api.include_router(router(accounts, guard, "lab"))
+    transport = httpx.ASGITransport(guard, client=(options.get("client", "127.0.0.1"), 5000))
+    origin = config.origin or ORIGIN
+    headers = {"Origin": options.get("origin", origin)}
+
+    async def post() -> httpx.Response:
+        async with httpx.AsyncClient(transport=transport, base_url=origin) as browser:
+            return await browser.post("/login/link", data={"token": token}, headers=headers)
+
+    return asyncio.run(post())
+
+
+def test_a_link_is_exchanged_for_a_session_once(accounts: Accounts) -> None:
+    link = accounts.make_link("ada")
+    opened = post_link(accounts, link, ConsoleConfig())
+    assert (opened.status_code, opened.headers["location"]) == (303, "/")
+    assert accounts.session(opened.cookies["rodeo_session"]).user.name == "ada"
+    assert "httponly" in opened.headers["set-cookie"].lower()
+    again = post_link(accounts, link, ConsoleConfig())
+    assert again.status_code == 401 and "was used, or is too old" in again.text
+    assert "set-cookie" not in again.headers
+
+
+@pytest.mark.parametrize(
+    ("config", "options"),
+    [
+        ({}, {"origin": "https://evil.example"}),
+        ({}, {"client": "192.0.2.7"}),
+        ({"origin": "https://console.example"}, {}),
+    ],
+)
+def test_a_link_opens_nothing_for_another_page_or_another_machine(
+    accounts: Accounts, config: dict[str, str], options: dict[str, str]
+) -> None:
+    link = accounts.make_link("ada")
+    refused = post_link(accounts, link, ConsoleConfig.model_validate(config), **options)
+    assert refused.status_code == 403 and "set-cookie" not in refused.headers
+    # It was not used up by that.
+    assert (post_link(accounts, link, ConsoleConfig())).status_code == 303
