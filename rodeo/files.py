@@ -34,9 +34,13 @@ def begin_folder(folder: Path, first_line: str) -> None:
             "this folder holds something else than an earlier run: name another one, or empty it yourself",
             path=str(folder),
         )
-    if folder.exists():
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    # What shows whose the folder is goes last: this may be interrupted, and then done again.
+    for entry in sorted(folder.iterdir(), key=lambda one: one.name == "site.toml"):
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
 
 
 def _left_by_run(folder: Path, first_line: str) -> bool:
@@ -46,7 +50,8 @@ def _left_by_run(folder: Path, first_line: str) -> bool:
         with (folder / "site.toml").open() as file:
             return file.readline().rstrip("\n") == first_line
     except FileNotFoundError:
-        return not any(folder.iterdir())
+        # One that was killed while it wrote its site file has left a part of that.
+        return all(entry.name == "site.part" for entry in folder.iterdir())
 
 
 @contextmanager

@@ -455,6 +455,11 @@ _PR_SET_PDEATHSIG = 1
 """prctl(2) option: the signal that the kernel sends when the parent dies."""
 
 
+def outlive_parent() -> None:
+    """Take back `die_with`."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, 0)
+
+
 def die_with(parent: int, number: signal.Signals) -> None:
     """Have the kernel send this process `number` when its parent, process `parent`, ends."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, number)

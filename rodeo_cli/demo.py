@@ -1,19 +1,23 @@
 """`rodeo demo`: the whole organization once. A robot cleans and is paid; then it buys a charge and pays.
 
-Starts every process on free ports in a fresh folder, shows what each is doing, writes
-`out/demo/summary.json` and stops everything. Exit status 0 only if both tasks settled as expected.
+It starts every process on free ports in a fresh folder, shows what each is doing, writes
+`out/demo/summary.json` and stops everything, or leaves the site running with `--keep`. Exit status 0 only if
+both tasks settled as expected.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,27 +29,49 @@ from rich.panel import Panel
 from rich.table import Table
 
 import deploy
-from deploy.launcher import Launcher
+from deploy.launcher import Launcher, LaunchFailed
 from rodeo import queries, topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site, read_tables
-from rodeo.errors import BusError, RemoteError, RodeoError
-from rodeo.files import begin_folder
+from rodeo.errors import AlreadyRunning, BusError, RemoteError, RodeoError
+from rodeo.files import begin_folder, replace_file
+from rodeo.holding import Holder
+from rodeo.instance import LAUNCHER, lock_holder
 from rodeo.kinds import Kind, kinds_of, providing_energy
 from rodeo.messages import DaoEvent, Status, Task
 from rodeo.site_problems import toml
-from rodeo_cli.common import console, print_table, reports_errors
+from rodeo_cli import demo_end
+from rodeo_cli.accounts import login_link
+from rodeo_cli.background import Background
+from rodeo_cli.common import console, reports_errors, say
 from rodeo_cli.formatting import iec
-from rodeo_cli.layout import Row
-from rodeo_cli.site import StatusWatcher, bar, launcher_rows, status_table, stop_on_signals
+from rodeo_cli.progress import LIMIT_S, NoProgress, Patience, TooSlow
+from rodeo_cli.site import (
+    Row,
+    StatusWatcher,
+    attend,
+    bar,
+    launcher_rows,
+    moves,
+    starting_step,
+    status_table,
+    stop_on_signals,
+    what_hangs,
+)
 
 LAB = Path(deploy.__file__).parent / "sites" / "lab.toml"
 _WRITTEN = "# Written by `rodeo demo`: the lab on free ports."
 OVER = {"settled", "cancelled", "failed"}
+_LOOK_S = 0.2
 
-DEMO_SOC_ABOVE = 0.005
-"""The battery starts this share above the robot's charging threshold: starting the processes and one
-cleaning task bring it below (measured: 0.2 % and 0.4 %)."""
+DEMO_SOC_ABOVE = 0.002
+"""The battery starts this share above the robot's charging threshold. One cleaning takes 0.4 %, so that the
+robot buys a charge after it. Before, the site's clock stands."""
+
+_POSTER = "arrivals"
+"""How `clock.holders` names the process that posts tasks."""
+_NEED_SENSORS = ("robot_agent", "itrash", "charger")
+"""Jobs whose processes get ready when they read sensors, for which the site's clock has to run."""
 
 
 class DemoFailed(RodeoError):
@@ -59,9 +85,15 @@ class Demo:
     launcher: Launcher
     watcher: StatusWatcher
     limit_s: float
+    stopped: threading.Event
+    live: Live
     started_s: float = field(default_factory=time.monotonic)
     headline: str = "starting"
+    link: str = ""
+    """Opens the console, logged in."""
     tasks: dict[int, Task] = field(default_factory=dict)
+    events: int = 0
+    """How many have come from the chain."""
     changed: threading.Event = field(default_factory=threading.Event)
 
     @property
@@ -81,36 +113,88 @@ class Demo:
         return providing_energy(self.site)
 
     def say(self, text: str) -> None:
-        console.print(f"[dim]{time.monotonic() - self.started_s:6.1f} s[/]  {text}", highlight=False)
+        console.print(
+            f"[dim]{time.monotonic() - self.started_s:6.1f} s[/]  {text}", highlight=False, soft_wrap=True
+        )
 
-    def wait_for(self, what: str, condition: Callable[[], bool], live: Live) -> None:
-        """Keep the site running and the terminal alive until `condition()`. Raises DemoFailed."""
-        self.headline = what
+    def wait_for(
+        self, what: str, condition: Callable[[], bool], step: Callable[[list[Row]], str] = lambda _rows: ""
+    ) -> None:
+        """Keep the site running and the terminal alive until `condition()`. `step` names what happens now.
+
+        Raises DemoFailed when a process cannot be started again, or when nothing moves any more.
+        """
+        patience = Patience(limit_s=self.limit_s)
+        said = ""
         while not condition():
-            if time.monotonic() - self.started_s > self.limit_s:
-                raise DemoFailed(
-                    f"gave up while {what}", limit_s=self.limit_s, problems=self.launcher.problems()
-                )
-            self.launcher.poll()
+            if self.stopped.is_set():
+                raise KeyboardInterrupt
+            rows = launcher_rows(self.launcher, self.watcher)
+            try:
+                self.launcher.poll()
+            except LaunchFailed as error:
+                raise DemoFailed(f"{what} failed: {error.message}") from error
             if given_up := self.launcher.given_up():
-                raise DemoFailed(f"gave up while {what}", problems=given_up)
-            live.update(self.view())
-            self.changed.wait(0.2)
+                ended = "; ".join(f"{name}: {reason}" for name, reason in given_up.items())
+                raise DemoFailed(
+                    f"{what} failed. These processes have ended, and starting them again would not help: "
+                    f"{ended}. See the logs in {self.launcher.logs}"
+                )
+            self.headline = step(rows) or what
+            if self.headline != said and not console.is_terminal:
+                self.say(self.headline)
+            said = self.headline
+            self._look(patience, what, rows)
+            self.live.update(self.view(rows))
+            self.changed.wait(_LOOK_S)
             self.changed.clear()
 
-    def view(self) -> Group:
+    def _look(self, patience: Patience, what: str, rows: list[Row]) -> None:
+        told: dict[str, Hashable] = moves(self.site, rows, os.getpid())
+        told["events"] = self.events
+        try:
+            patience.look(told)
+        except NoProgress as error:
+            raise DemoFailed(
+                f"{what}: {error.message}. It waits for {what_hangs(self.site, rows, patience)}"
+            ) from error
+        except TooSlow as error:
+            raise DemoFailed(
+                f"{what}: {error.message}, although the site still moves. The machine is too slow, or busy "
+                "with something else: end other programs and run the demo again, or give it more time with "
+                f"--limit. It waits for {what_hangs(self.site, rows, patience)}"
+            ) from error
+
+    def ready(self, but: tuple[str, ...] = ()) -> bool:
+        """Whether every process is, but for those with one of these jobs. Prints the console's link, too."""
         statuses = self.watcher.statuses()
-        rows = Table.grid(padding=(0, 2))
+        console_status = statuses.get("console")
+        if not self.link and console_status is not None and console_status.ready:
+            self.link = login_link(self.site, console_status.details["http"])
+            self.say(f"watch it in a browser; this link logs you in, once:\n{self.link}")
+        return all(
+            name in statuses and statuses[name].ready
+            for name in self.launcher.children
+            if name.partition(".")[0] not in but
+        )
+
+    def step(self, rows: list[Row]) -> str:
+        """What the start of the site is at."""
+        return starting_step(self.site, rows)
+
+    def view(self, rows: list[Row]) -> Group:
+        statuses = self.watcher.statuses()
+        shown = Table.grid(padding=(0, 2))
         for task in self.tasks.values():
-            rows.add_row(
+            shown.add_row(
                 f"task {task.id}",
                 task.kind,
                 task.state,
                 f"[cyan]{bar(_progress(task, self.energy.name, statuses), 24)}[/]",
             )
         return Group(
-            Panel(Group(f"[bold]{self.headline}[/]", rows), expand=False),
-            status_table(launcher_rows(self.launcher, self.watcher)),
+            Panel(Group(f"[bold]{escape(self.headline)}[/]", shown), expand=False),
+            status_table(rows),
         )
 
 
@@ -119,26 +203,44 @@ def demo(
     site: Annotated[Path, typer.Option("--site", help="Site file.", show_default="the installed lab")] = LAB,
     chain: Annotated[Literal["eth-tester", "anvil"], typer.Option(help="The local chain.")] = "eth-tester",
     out: Annotated[Path, typer.Option(help="Folder for the demo's site and summary.")] = Path("out/demo"),
-    limit: Annotated[float, typer.Option(help="Give up after this many seconds.")] = 170.0,
+    limit: Annotated[
+        float,
+        typer.Option(
+            help="Give up on a phase after so many seconds. Without it, after an hour. In any case after "
+            "3 minutes in which nothing moves."
+        ),
+    ] = LIMIT_S,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Leave the site running in the background at the end.")
+    ] = False,
 ) -> None:
     """Run one cleaning task and one charging session from start to end, on free ports in a fresh folder."""
     try:
-        stop_on_signals()
-        raise typer.Exit(_run(write_site(site, chain, out), out, limit))
+        stopped = stop_on_signals()
+        path = write_site(site, chain, out)
+        background = Background() if keep else None
+        run = partial(_run, path, out, limit, stopped, background)
+        raise typer.Exit(run() if background is None else background.run(run))
     except KeyboardInterrupt:
         console.print("stopped")
         raise typer.Exit(130) from None
 
 
 def write_site(base: Path, chain: str, out: Path) -> Path:
-    """A fresh site on free ports under `out`: a demo disturbs nothing that runs. Raises FolderTaken."""
+    """A fresh site on free ports under `out`: a demo disturbs nothing that runs. Raises FolderTaken, and
+    AlreadyRunning while an earlier demo runs there."""
     site = Site.load(base)
+    path = out / "site.toml"
+    if (pid := lock_holder(out / "data" / LAUNCHER)) is not None:
+        raise AlreadyRunning(
+            f"a demo still runs in {out} as process {pid}: stop it with `{demo_end.command('down', path)}`"
+        )
     begin_folder(out, _WRITTEN)
     robot = site.robots[0]
     soc = site.agent.charge_below + DEMO_SOC_ABOVE
     bins = [one | {"http_port": 0} for one in read_tables(base).get("bins", [])]
-    path = out / "site.toml"
-    path.write_text(
+    replace_file(
+        path,
         f"""{_WRITTEN}
 extends = {json.dumps(str(base.resolve()))}
 data_dir = {json.dumps(str((out / "data").resolve()))}
@@ -152,58 +254,76 @@ agent.explore_when_idle = false
 name = "{robot.name}"
 pose = {{ x_m = {robot.pose.x_m}, y_m = {robot.pose.y_m}, yaw_rad = {robot.pose.yaw_rad} }}
 battery = {{ soc = {soc} }}
-"""
+""",
     )
     return path
 
 
-def _run(site_path: Path, out: Path, limit_s: float) -> int:
-    console.print(f"[bold]RODEO[/]  one cleaning task and one charging session on site {site_path}")
-    with Launcher(site_path) as launcher, StatusWatcher(launcher.site) as watcher:
-        demo = Demo(launcher, watcher, limit_s)
-        with Live(demo.view(), console=console, refresh_per_second=5, transient=True) as live:
-            summary = _play(demo, live)
-    path = out / "summary.json"
-    path.write_text(json.dumps(summary, indent=2) + "\n")
-    _print_ledger(summary)
-    problems = shortcomings(summary, demo.work.name, demo.energy.name)
-    for problem in problems:
-        console.print(f"[bold red]not as expected[/]: {escape(problem)}")
-    console.print(f"everything stopped; summary in {path}")
+def _run(
+    site_path: Path, out: Path, limit_s: float, stopped: threading.Event, background: Background | None
+) -> int:
+    """The demo; its exit status. With `background` the site keeps running there when all is well."""
+    say(f"RODEO demo: a robot cleans and is paid, then buys a charge. Its site is {site_path}")
+    launcher = Launcher(site_path)
+    holders = json.dumps([*launcher.site.clock.holders, _POSTER])
+    launcher.environment["RODEO__CLOCK__HOLDERS"] = holders
+    with launcher, StatusWatcher(launcher.site) as watcher:
+        with Live(console=console, refresh_per_second=5, transient=True) as live:
+            demo = Demo(launcher, watcher, limit_s, stopped, live)
+            summary = _play(demo)
+        path = out / "summary.json"
+        replace_file(path, json.dumps(summary, indent=2) + "\n")
+        demo_end.print_ledger(summary)
+        problems = shortcomings(summary, demo.work.name, demo.energy.name)
+        for problem in problems:
+            console.print(f"[bold red]not as expected[/]: {escape(problem)}")
+        if not problems:
+            link = (
+                login_link(demo.site, watcher.statuses()["console"].details["http"])
+                if background is not None
+                else None
+            )
+            demo_end.print_end(demo.site, site_path, summary, link)
+        if background is not None and not problems:
+            background.go_on(launcher.logs / f"{LAUNCHER}.log")
+            with suppress(KeyboardInterrupt):
+                attend(launcher)
+            return 0
+    say(f"Everything is stopped. The summary is {path}")
     return 1 if problems else 0
 
 
-def _play(demo: Demo, live: Live) -> dict[str, Any]:
-    """Post the task, watch both to their end; returns the summary."""
-    demo.wait_for("starting the processes and deploying the contracts", lambda: _all_ready(demo), live)
-    demo.say("every process is ready")
-    with Bus.open(demo.site.bus.router, timeout_s=30.0) as bus:
-        return _follow(demo, bus, live)
+# -- the story -----------------------------------------------------------------------------------------
 
 
-def _follow(demo: Demo, bus: Bus, live: Live) -> dict[str, Any]:
+def _play(demo: Demo) -> dict[str, Any]:
+    """Start the site, post the task, watch both tasks to their end; returns the summary."""
+    demo.wait_for("starting the site", lambda: demo.watcher.bus is not None, demo.step)
+    bus = demo.watcher.bus
+    assert bus is not None
     site, work, energy = demo.site, demo.work, demo.energy
-    demo.wait_for(
-        "waiting for the services on offer", lambda: _offered(bus, site.org) >= {work.name, energy.name}, live
-    )
-    before, supply_before = _wallets(bus, site.org)
-    with DaoEvents(bus, site.org, lambda event: _on_event(demo, bus, event)):
-        assert site.demo is not None  # `demo.work` is of it
-        reply = bus.query(
-            topics.COMMAND.name(org=site.org, participant="organization", command="register_task"),
-            {
-                "kind": work.name,
-                "reward_iec": str(work.price_iec),
-                "params": work.complete(site, site.demo.params),
-                "description": work.title,
-            },
-            timeout_s=30.0,
-        )
-        demo.say(f"the organization posted task {reply['task_id']}")
-        demo.wait_for(work.title.lower(), lambda: _over(demo, work.name), live)
-        demo.wait_for(energy.title.lower(), lambda: _over(demo, energy.name), live)
+    offers = {work.name, energy.name}
+    with ExitStack() as stack:
+        # As the process that posts the tasks, it holds the site's clock, which stands until it is there.
+        with closing(Holder(bus.session, site.org, _POSTER, threading.Condition(), lambda: None)) as clock:
+            with clock.hold():
+                demo.wait_for("starting the site", lambda: demo.ready(but=_NEED_SENSORS), demo.step)
+            demo.wait_for("starting the site", demo.ready, demo.step)
+            demo.say("every process is ready")
+            # A simulator that is started again does not wait for one who posts tasks.
+            demo.launcher.environment.clear()
+            demo.wait_for(
+                "waiting for offers of work and charging", lambda: _offered(bus, site.org) >= offers
+            )
+            before, supply_before = _wallets(bus, site.org)
+            stack.enter_context(DaoEvents(bus, site.org, lambda event: _on_event(demo, bus, event)))
+            with clock.hold():
+                soc = _soc(demo)
+                _post(demo, bus)
+        demo.wait_for(f"waiting until {work.name} is paid", lambda: _over(demo, work.name))
+        demo.wait_for(f"waiting until {energy.name} is paid", lambda: _over(demo, energy.name))
         robot = site.robots[0].name
-        demo.wait_for(f"{robot} leaves the dock", lambda: _away(demo), live)
+        demo.wait_for(f"waiting until {robot} leaves the dock", lambda: _away(demo))
     after, supply_after = _wallets(bus, site.org)
     tasks = queries.ask(bus, site.org, queries.TASKS, limit=100, order="oldest").tasks
     return {
@@ -215,6 +335,7 @@ def _follow(demo: Demo, bus: Bus, live: Live) -> dict[str, Any]:
             for name in ("organization", robot)
         },
         "supply_iec": {"before": _number(supply_before), "after": _number(supply_after)},
+        "soc_when_posted": soc,
         "wall_s": round(time.monotonic() - demo.started_s, 1),
     }
 
@@ -239,12 +360,32 @@ def shortcomings(summary: dict[str, Any], work: str, energy: str) -> list[str]:
     return problems
 
 
+def _post(demo: Demo, bus: Bus) -> None:
+    """The organization posts the task; the site stays alive meanwhile."""
+    site, work = demo.site, demo.work
+    assert site.demo is not None  # `demo.work` is of it
+    key = topics.COMMAND.name(org=site.org, participant="organization", command="register_task")
+    request = {
+        "request_id": "demo",
+        "kind": work.name,
+        "reward_iec": str(work.price_iec),
+        "params": work.complete(site, site.demo.params),
+        "description": work.title,
+    }
+    done: Future[dict[str, Any]] = Future()
+
+    def post() -> None:
+        try:
+            done.set_result(bus.query(key, request, timeout_s=30.0))
+        except RodeoError as error:
+            done.set_exception(error)
+
+    threading.Thread(target=post, name="post", daemon=True).start()
+    demo.wait_for("posting the first task", done.done)
+    demo.say(f"the organization posted task {done.result()['task_id']}")
+
+
 # -- what the bus says ---------------------------------------------------------------------------------
-
-
-def _all_ready(demo: Demo) -> bool:
-    statuses = demo.watcher.statuses()
-    return all(name in statuses and statuses[name].ready for name in demo.launcher.children)
 
 
 def _offered(bus: Bus, org: str) -> set[str]:
@@ -263,6 +404,7 @@ def _wallets(bus: Bus, org: str) -> tuple[dict[str, Decimal], Decimal]:
 def _on_event(demo: Demo, bus: Bus, event: DaoEvent) -> None:
     if event.task_id is None:
         return
+    demo.events += 1
     task = queries.ask(bus, demo.site.org, queries.TASK, id=event.task_id)
     demo.tasks[event.task_id] = task
     if sentence := _sentence(event, task):
@@ -290,6 +432,11 @@ def _sentence(event: DaoEvent, task: Task) -> str:
 
 def _over(demo: Demo, kind: str) -> bool:
     return any(task.kind == kind and task.state in OVER for task in demo.tasks.values())
+
+
+def _soc(demo: Demo) -> float | None:
+    """The robot's state of charge, as its mind told it last."""
+    return demo.watcher.statuses()["robot_agent"].details.get("soc")
 
 
 def _away(demo: Demo) -> bool:
@@ -332,38 +479,6 @@ def _task_summary(task: Task) -> dict[str, Any]:
 
 def _number(value: Decimal) -> float | int:
     return int(value) if value == value.to_integral_value() else float(value)
-
-
-def _print_ledger(summary: dict[str, Any]) -> None:
-    tasks = (
-        Row(
-            (
-                f"{task['id']} {task['kind']}",
-                f"{task['creator']} → {task['executor'] or 'nobody'}",
-                task["state"],
-                _span(task["assigned"], task["proof_submitted"]),
-                _span(task["proof_submitted"], task["settled"]),
-                f"{task['paid_iec']:g}",
-            )
-        )
-        for task in summary["tasks"]
-    )
-    wallets = (
-        Row((name, iec(str(before)), iec(str(after)), f"{after - before:+g} IEC"))
-        for name, wallet in summary["wallets"].items()
-        for before, after in [(wallet["before_iec"], wallet["after_iec"])]
-    )
-    console.print("\n[bold]tasks[/] (min:s of the site's clock, IEC)", highlight=False)
-    print_table(("task", "from → to", "state", "work", "verdict", "paid"), tasks, folds=(0, 1))
-    console.print("\n[bold]ledger[/]")
-    print_table(("wallet", "before", "after", "change"), wallets)
-
-
-def _span(start_s: float | None, end_s: float | None) -> str:
-    if start_s is None or end_s is None:
-        return ""
-    minutes, seconds = divmod(round(end_s - start_s), 60)
-    return f"{minutes}:{seconds:02d}"
 
 
 def _free_port() -> int:

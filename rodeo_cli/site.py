@@ -6,8 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ from deploy.launcher import Launcher, log_tail, make_keys, stop_site
 from rodeo import topics
 from rodeo.bus import Bus, validate
 from rodeo.config import Site, bridge_wallets
+from rodeo.deploying import deployment_under_way
 from rodeo.errors import BusUnavailable, RodeoError, WrongBus
 from rodeo.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.messages import Status
@@ -42,6 +44,7 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.layout import Row as TableRow
 from rodeo_cli.layout import lines
+from rodeo_cli.progress import NoProgress, Patience, TooSlow, duration, told_by, told_by_loading
 
 LOST_S = 3 * HEARTBEAT_S
 """A heartbeat older than this says nothing about now."""
@@ -71,6 +74,11 @@ class Row:
     """Its last heartbeat."""
     here: bool = True
     """It works on this site's data directory, and not elsewhere on the same bus."""
+
+    @property
+    def told(self) -> Hashable:
+        """What is news when it is another one."""
+        return (self.state, self.reason, None if self.status is None else told_by(self.status))
 
     @property
     def where(self) -> str:
@@ -127,7 +135,7 @@ def up(
     try:
         with Launcher(site, names) as launcher:
             try:
-                _attend(launcher)
+                attend(launcher)
             except KeyboardInterrupt:
                 console.print("stopping")
     except KeyboardInterrupt:
@@ -233,7 +241,8 @@ class StatusWatcher:
 
     def __init__(self, site: Site) -> None:
         self._site = site
-        self._bus: Bus | None = None
+        self.bus: Bus | None = None
+        """None before a router was there."""
         self._statuses: dict[str, Status] = {}
         self._of_process: dict[tuple[str, int], Status] = {}
 
@@ -241,22 +250,17 @@ class StatusWatcher:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        if self._bus is not None:
-            self._bus.close()
-
-    @property
-    def connected(self) -> bool:
-        """A router was there."""
-        return self._bus is not None
+        if self.bus is not None:
+            self.bus.close()
 
     def statuses(self) -> dict[str, Status]:
-        if self._bus is None:
+        if self.bus is None:
             try:
                 shown = identity(self._site, OPERATOR)
-                self._bus = Bus.open(self._site.bus.router, timeout_s=0.0, identity=shown)
+                self.bus = Bus.open(self._site.bus.router, timeout_s=0.0, identity=shown)
             except BusUnavailable:
                 return {}
-            self._bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), self._on_status)
+            self.bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), self._on_status)
         return dict(self._statuses)
 
     def heard(self, name: str, pid: int) -> Status | None:
@@ -278,7 +282,7 @@ def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
     running, problems = launcher.running(), launcher.problems()
     given_up = launcher.given_up()
     starting = "starting"
-    if "router" not in running and not watcher.connected:
+    if "router" not in running and watcher.bus is None:
         starting += f"; no router at {launcher.site.bus.router}"
     rows = []
     for process in launcher.selected():
@@ -299,6 +303,50 @@ def _heard(name: str, status: Status, here: bool = True) -> Row:
     if time.time() - status.time_s > LOST_S:
         return Row(name, "lost", "its heartbeat stopped", status, here)
     return Row(name, "ready" if status.ready else "not ready", status.reason, status, here)
+
+
+def starting_step(site: Site, rows: list[Row]) -> str:
+    """What a site that is being started does now, as a sentence; empty when every process is ready."""
+    waiting = [row for row in rows if row.state != "ready"]
+    # The contracts need these two, and all others need the contracts.
+    first = next((row for row in waiting if row.name in ("router", "chain")), None)
+    if first is None and (deployment := deployment_under_way(site)) is not None:
+        return str(deployment)
+    for row in filter(None, (first, *waiting)):
+        if row.reason and not (row.state == "not ready" and row.reason.startswith("starting")):
+            said = row.reason.removeprefix("waiting ")
+            return f"{row.name} is waiting {said}" if said != row.reason else f"{row.name}: {row.reason}"
+        return f"starting {row.name}"
+    return ""
+
+
+def moves(site: Site, rows: list[Row], launcher_pid: int) -> dict[str, Hashable]:
+    """What a `Patience` looks at: who -> what it tells, of a site that `launcher_pid` has started."""
+    told: dict[str, Hashable] = {row.name: row.told for row in rows}
+    told["contracts"] = str(deployment_under_way(site) or "")
+    silent = _children(launcher_pid) - {row.status.pid for row in rows if row.status is not None}
+    told["loading"] = told_by_loading(silent)
+    return told
+
+
+def _children(pid: int) -> set[int]:
+    try:
+        return set(map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split()))
+    except (FileNotFoundError, ProcessLookupError):
+        return set()
+
+
+def what_hangs(site: Site, rows: list[Row], patience: Patience) -> str:
+    """For a wait that was given up: who is at what, since when, and where more is to be read."""
+    stuck = [row for row in rows if row.state != "ready"] or [row for row in rows if row.status]
+    logs = site.data_dir / "logs"
+    told = [
+        f"{row.name} ({row.reason or (row.status and row.status.activity) or row.state}, for "
+        f"{duration(patience.since_s(row.name))})"
+        for row in stuck
+    ]
+    named = f"{logs / stuck[0].name}.log" if len(stuck) == 1 else f"the logs in {logs}"
+    return f"{'; '.join(told)}. See {named}"
 
 
 def status_table(rows: list[Row]) -> Group:
@@ -344,17 +392,23 @@ def _row_json(site: Site, row: Row) -> dict[str, Any]:
     }
 
 
-def stop_on_signals() -> None:
-    """SIGTERM and a closed terminal end the command as Ctrl-C does, which raises KeyboardInterrupt."""
+def stop_on_signals() -> threading.Event:
+    """SIGTERM and a closed terminal end the command as Ctrl-C does, which raises KeyboardInterrupt.
+
+    The event tells of it, too: what Python raises in a callback of foreign code is lost.
+    """
+    stopped = threading.Event()
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
+        stopped.set()
         raise KeyboardInterrupt
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, interrupt)
+    return stopped
 
 
-def _attend(launcher: Launcher) -> None:
+def attend(launcher: Launcher) -> None:
     """Keep the children running and show how they are, for ever."""
     _print_warnings(launcher.site, [])
     with StatusWatcher(launcher.site) as watcher, _display() as show:
@@ -383,7 +437,9 @@ def _display() -> Iterator[Callable[[list[Row]], None]]:
     yield tell
 
 
-def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -> None:
+def _detach(site_path: Path, names: tuple[str, ...], patience: Patience | None = None) -> None:
+    """Start the site in the background, and return when it is ready. Raises NotUp."""
+    patience = patience or Patience()
     launcher = Launcher(site_path, names)
     wanted = {process.name for process in launcher.selected()}
     child = None
@@ -402,7 +458,7 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
                 start_new_session=True,
                 env={**os.environ, "TERM": "dumb"},
             )
-    deadline_s = time.monotonic() + timeout_s
+    said = ""
     while True:
         rows = [row for row in read_rows(launcher.site) if row.name in wanted]
         if reasons := [f"{row.name}: {row.reason}" for row in rows if row.state == "gave up"]:
@@ -417,11 +473,15 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
             console.print(status_table(rows))
             _print_warnings(launcher.site, rows)
             return
-        if time.monotonic() > deadline_s:
+        if (step := starting_step(launcher.site, rows)) != said:
+            say(said := step)
+        pid = next(filter(None, map(lock_holder, launcher.lock_folders())), 0)
+        try:
+            patience.look(moves(launcher.site, rows, pid))
+        except (NoProgress, TooSlow) as error:
             console.print(status_table(rows))
             raise NotUp(
-                "not every process is ready; they keep trying until `rodeo down`",
-                timeout_s=timeout_s,
-                logs=str(launcher.logs),
-            )
+                f"{error.message} while waiting for {what_hangs(launcher.site, rows, patience)}. The "
+                "processes keep trying until `rodeo down`"
+            ) from error
         time.sleep(_REFRESH_S)

@@ -75,6 +75,26 @@ def test_a_new_run_takes_the_place_of_an_earlier_one_and_of_nothing_else(tmp_pat
         (folder / "log").write_text("of the run")
 
 
+def test_a_folder_whose_removal_was_interrupted_is_still_that_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "big").write_text("of the run")
+    (tmp_path / "site.toml").write_text(LINE + "\n")
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(Path, "unlink", lambda _path: (_ for _ in ()).throw(KeyboardInterrupt))
+        begin_folder(tmp_path, LINE)
+    assert [path.name for path in tmp_path.iterdir()] == ["site.toml"]
+    begin_folder(tmp_path, LINE)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_was_killed_while_it_wrote_its_site_file_is_no_obstacle(tmp_path: Path) -> None:
+    (tmp_path / "site.part").write_text(LINE)
+    begin_folder(tmp_path, LINE)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     "files", [{"thesis.tex": "years"}, {"site.toml": "org = 'mine'\n"}, {"site.toml": f"#{LINE}\n"}]
 )
