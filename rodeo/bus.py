@@ -150,7 +150,7 @@ class Bus:
         timeout_s: float | None = None,
         identity: Identity | None = None,
         lease_s: float | None = None,
-    ) -> Self:
+    ) -> Bus:
         """Connect to the router at `endpoint` (`site.bus.router`), however long that takes; `lease_s` as for
         `zenoh_config`.
 

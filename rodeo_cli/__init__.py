@@ -1,55 +1,15 @@
 """`rodeo`: run a site and use its organization from a terminal."""
 
-import typer
+from typing import TYPE_CHECKING, Any
 
-from rodeo_cli import (
-    accounts,
-    bins,
-    classify,
-    demo,
-    disputes,
-    experiment,
-    kinds,
-    organization,
-    people,
-    report,
-    robot,
-    site,
-    sites,
-    tasks,
-)
+if TYPE_CHECKING:
+    from rodeo_cli.commands import app as app
 
-app = typer.Typer(
-    name="rodeo",
-    help="Robots join an organization, do physical work, prove it and get paid.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-for command in (
-    site.up,
-    site.down,
-    site.status,
-    demo.demo,
-    tasks.wallet,
-    report.report,
-    tasks.verify,
-    classify.classify,
-):
-    app.command()(command)
-tasks.tasks.command()(people.accept)
-tasks.tasks.command()(people.abandon)
-tasks.tasks.command()(people.submit)
-tasks.tasks.command()(people.review)
-tasks.tasks.command()(people.judge)
-tasks.services.command()(people.offer)
-tasks.tasks.add_typer(disputes.disputes, name="dispute")
-app.add_typer(tasks.tasks, name="task")
-app.add_typer(tasks.services, name="service")
-app.add_typer(organization.organization, name="organization")
-app.add_typer(robot.robots, name="robot")
-app.add_typer(bins.bins, name="bin")
-app.add_typer(accounts.accounts, name="console")
-app.add_typer(sites.sites, name="site")
-app.add_typer(kinds.kinds, name="kind")
-app.add_typer(experiment.experiments, name="experiment")
+
+def __getattr__(name: str) -> Any:
+    # Imported when it is asked for: `rodeo_cli.__main__` sees to Ctrl-C before, because this takes a second.
+    if name == "app":
+        from rodeo_cli.commands import app
+
+        return app
+    raise AttributeError(name)

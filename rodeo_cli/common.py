@@ -33,7 +33,6 @@ from rodeo.origin import check_bus
 from rodeo.tls import OPERATOR, identity
 from rodeo_cli import formatting
 from rodeo_cli.layout import Row, lines, printable
-from rodeo_cli.patient_bus import PatientBus
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -112,8 +111,7 @@ def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
 def connected(site_path: Path) -> Iterator[tuple[Site, Bus]]:
     """The site and a bus session on it. Raises ConfigError, BusUnavailable or WrongBus."""
     site = Site.load(site_path)
-    with PatientBus.open(site.bus.router, timeout_s=_CONNECT_S, identity=identity(site, OPERATOR)) as bus:
-        bus.waits = _tell_waiting
+    with Bus.open(site.bus.router, timeout_s=_CONNECT_S, identity=identity(site, OPERATOR)) as bus:
         check_bus(bus, site)
         try:
             yield site, bus
@@ -165,10 +163,6 @@ def _named(bus: Bus, org: str, details: dict[str, Any]) -> dict[str, Any]:
     return {
         key: names.get(value, value) if isinstance(value, str) else value for key, value in details.items()
     }
-
-
-def _tell_waiting(doing: str) -> None:
-    errors.print(f"[dim]the bridge has not answered yet; it is {escape(printable(doing))}[/]", soft_wrap=True)
 
 
 def say(sentence: str) -> None:

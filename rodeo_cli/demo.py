@@ -30,7 +30,7 @@ from rich.table import Table
 
 import deploy
 from deploy.launcher import Launcher, LaunchFailed
-from rodeo import queries, topics
+from rodeo import queries
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site, read_tables
 from rodeo.errors import AlreadyRunning, BusError, RemoteError, RodeoError
@@ -43,7 +43,7 @@ from rodeo.site_problems import toml
 from rodeo_cli import demo_end
 from rodeo_cli.accounts import login_link
 from rodeo_cli.background import Background
-from rodeo_cli.common import console, reports_errors, say
+from rodeo_cli.common import console, reports_errors, say, send_command
 from rodeo_cli.formatting import iec
 from rodeo_cli.progress import LIMIT_S, NoProgress, Patience, TooSlow
 from rodeo_cli.site import (
@@ -364,7 +364,6 @@ def _post(demo: Demo, bus: Bus) -> None:
     """The organization posts the task; the site stays alive meanwhile."""
     site, work = demo.site, demo.work
     assert site.demo is not None  # `demo.work` is of it
-    key = topics.COMMAND.name(org=site.org, participant="organization", command="register_task")
     request = {
         "request_id": "demo",
         "kind": work.name,
@@ -376,7 +375,7 @@ def _post(demo: Demo, bus: Bus) -> None:
 
     def post() -> None:
         try:
-            done.set_result(bus.query(key, request, timeout_s=30.0))
+            done.set_result(send_command(site, bus, "organization", "register_task", **request))
         except RodeoError as error:
             done.set_exception(error)
 
