@@ -43,33 +43,52 @@ def print_end(site: Site, path: Path, summary: dict[str, Any], link: str | None)
     work, charge = summary["tasks"]
     supply = iec(str(summary["supply_iec"]["after"]))
     file = recording(summary)
-    say("")
-    say(
-        f"Done: {work['executor']} has cleaned for {iec(str(work['paid_iec']))}, and has bought a charge for "
-        f"{iec(str(charge['paid_iec']))}."
+    _tell("")
+    _tell(
+        f"[bold]Done:[/] {work['executor']} has cleaned for {iec(str(work['paid_iec']))}, and has bought a "
+        f"charge for {iec(str(charge['paid_iec']))}."
     )
-    say(
-        f"Proven: an oracle has checked both sealed recordings, and only then the contracts paid. All "
-        f"wallets hold {supply} as before."
+    _tell(
+        "[bold]Proven:[/] an oracle has checked both sealed recordings, and only then the contracts paid. "
+        f"All wallets hold {supply} as before."
     )
     if link is None:
-        say(
-            f"Look: check the recording yourself with `{command('verify', file, path)}`, or run "
-            "`rodeo demo --keep`."
+        _tell(
+            "[bold]Look:[/] check the recording of the cleaning yourself, as below, or run the demo "
+            "with --keep and log in to its web page."
         )
+        say(f"  {command('verify', file, path)}")
         return
-    say("Look: the site keeps running, and this link opens its console, logged in (once, within an hour):")
+    _tell(
+        "[bold]Look:[/] the site keeps running, and this link logs you in to its web page, once, within an "
+        "hour:"
+    )
     say(link)
-    say("")
-    say(f"The recording of task {work['id']} is {file}")
-    say("Check it, and try more:")
-    for words in (
-        ("verify", file),
-        ("task", "list"),
-        ("status",),
-        ("down",),
-    ):
+    _tell("")
+    _tell("The sealed recording of the cleaning, and a command that checks it:")
+    say(f"  {file}")
+    say(f"  {command('verify', file, path)}")
+    _tell("Three commands to try; the last one stops the site:")
+    create = ("task", "create", work["kind"], *another_task(site), "--reward", f"{work['reward_iec']:g}")
+    for words in (create, ("task", "list"), ("down",)):
         say(f"  {command(*words, path)}")
+
+
+def another_task(site: Site) -> tuple[str, ...]:
+    """Options of a task like the demo's, for another item of the lab."""
+    assert site.demo is not None
+    params = dict(site.demo.params)
+    others = [item.id for item in site.items if item.id not in params.values()]
+    if "item_id" in params and others:
+        params["item_id"] = others[0]
+    return tuple(
+        word for name, value in params.items() for word in (f"--{name.replace('_', '-')}", str(value))
+    )
+
+
+def _tell(text: str) -> None:
+    """A sentence with markup, folded between words on a terminal."""
+    console.print(text, highlight=False)
 
 
 def print_ledger(summary: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -53,6 +54,8 @@ COLUMNS, FOLDS = ("process", "state", "doing", "progress", "heartbeat"), (2,)
 COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red", "gave up": "red"}
 
 _REFRESH_S = 0.25
+_STEP_CHARACTERS = 50
+"""Of a reason in a line of its own, with the time and the process before it."""
 _WIDE = 100
 """Characters from which on there is room for a bar."""
 
@@ -314,8 +317,9 @@ def starting_step(site: Site, rows: list[Row]) -> str:
         return str(deployment)
     for row in filter(None, (first, *waiting)):
         if row.reason and not (row.state == "not ready" and row.reason.startswith("starting")):
-            said = row.reason.removeprefix("waiting ")
-            return f"{row.name} is waiting {said}" if said != row.reason else f"{row.name}: {row.reason}"
+            reason = textwrap.shorten(row.reason, _STEP_CHARACTERS, placeholder=" ...")
+            said = reason.removeprefix("waiting ")
+            return f"{row.name} is waiting {said}" if said != reason else f"{row.name}: {reason}"
         return f"starting {row.name}"
     return ""
 

@@ -41,6 +41,7 @@ ACTS = {
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
     "rodeo service withdraw", "rodeo service payout",
     "rodeo console create-admin", "rodeo console create", "rodeo console passphrase", "rodeo console token",
+    "rodeo console link",
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
