@@ -42,7 +42,7 @@ node_modules/.stamp: package.json package-lock.json
 
 # The contracts' tools where there is Node. Tests and lint say what they skip without it.
 node-packages:
-	@if $(SETUP) node 2>/dev/null; then $(MAKE) --no-print-directory node_modules/.stamp; fi
+	@if $(SETUP) node 2>/dev/null; then $(MAKE) --silent --no-print-directory node_modules/.stamp; fi
 
 setup: $(DEV) node-packages  ## install all that developing needs; Foundry's tools where there is Node
 
