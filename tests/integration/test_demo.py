@@ -3,6 +3,7 @@
 import json
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,10 +18,9 @@ from rodeo_cli.demo import DEMO_SOC_ABOVE
 from rodeo_testing.waiting import HANG_S
 
 
-def start_demo(out: Path, chain_backend: str) -> subprocess.Popen[str]:
-    options = ("--out", str(out), "--chain", chain_backend)
+def start_demo(out: Path, chain_backend: str, *options: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "rodeo_cli", "demo", *options],
+        [sys.executable, "-m", "rodeo_cli", "demo", "--out", str(out), "--chain", chain_backend, *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -80,18 +80,30 @@ def test_the_demo_settles_both_tasks_and_its_summary_adds_up(tmp_path: Path, cha
     assert summary["soc_when_posted"] == pytest.approx(0.5 + DEMO_SOC_ABOVE, abs=0.0005)
 
 
-@pytest.mark.parametrize("running", [0, 1, 4, len(PROCESSES)])
-def test_ctrl_c_leaves_no_process_behind(tmp_path: Path, chain_backend: str, running: int) -> None:
-    """Interrupt the demo when `running` processes have begun to log."""
+@pytest.mark.parametrize(
+    ("running", "number", "options"),
+    [
+        (0, signal.SIGINT, ()),
+        (1, signal.SIGHUP, ()),
+        (4, signal.SIGTERM, ("--keep",)),
+        (len(PROCESSES), signal.SIGINT, ()),
+    ],
+)
+def test_a_demo_that_is_stopped_leaves_no_process_behind_and_can_be_run_again(
+    tmp_path: Path, chain_backend: str, running: int, number: signal.Signals, options: tuple[str, ...]
+) -> None:
+    """Stop the demo when `running` processes have begun to log: by Ctrl-C, a closed terminal, or `kill`."""
     out = tmp_path / "demo"
-    demo = start_demo(out, chain_backend)
-    wait_for_logs(demo, out, running)
-    os.kill(demo.pid, signal.SIGINT)
-    output, _ = demo.communicate(timeout=HANG_S)
-    # While it is still being imported the process just ends by the signal.
-    assert demo.returncode == 130 or (running == 0 and demo.returncode == -signal.SIGINT), output
-    assert "Traceback" not in output
-    assert left_behind(tmp_path) == []
+    for logs in (running, 1):
+        demo = start_demo(out, chain_backend, *options)
+        wait_for_logs(demo, out, logs)
+        os.kill(demo.pid, number)
+        output, _ = demo.communicate(timeout=HANG_S)
+        # While it is still being imported the process just ends by the signal.
+        assert demo.returncode == 130 or (running == 0 and demo.returncode == -number), output
+        assert "Traceback" not in output
+        assert left_behind(tmp_path) == []
+        shutil.rmtree(out / "data" / "logs", ignore_errors=True)
 
 
 @pytest.mark.long
