@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import threading
+import time
 from collections.abc import Mapping
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
@@ -11,10 +14,11 @@ from pydantic import BaseModel, ConfigDict
 from rodeo import queries, signed_requests, topics
 from rodeo.bus import Bus
 from rodeo.config import Site, oracle_names
-from rodeo.errors import MalformedAnswer
+from rodeo.errors import MalformedAnswer, NoResponder, QueryTimeout, TaskNotDone, TaskUnfinished
 from rodeo.evidence.seal import Binding
 from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
+    LIVE_STATES,
     AbandonTask,
     AcceptTask,
     Broadcast,
@@ -36,6 +40,9 @@ from rodeo.queries import A, Offer, Query
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount
+
+_LOOK_WALL_S = 2.0
+"""Wall time after which the index is asked for a task again without an event."""
 
 ORGANIZATION = "organization"
 """The participant that speaks for the organization: its operator's wallet."""
@@ -127,6 +134,51 @@ class Participant:
     def tasks(self, **filters: Any) -> list[Task]:
         """The newest tasks that pass the filters (`state`, `kind`, ...), at most 100."""
         return self.ask(queries.TASKS, limit=100, **filters).tasks
+
+    def wait(self, task: Task | int, timeout_s: float | None = None) -> Task:
+        """Wait until a task (or the one with this ID) is settled, and return it as it is then.
+
+        `timeout_s` is wall time, without limit by default. A bridge that is away for a while is waited for.
+        Raises TaskNotDone for a task that failed or was cancelled, TaskUnfinished after `timeout_s`, and
+        RemoteError, for an unknown ID for instance.
+        """
+        task_id = task if isinstance(task, int) else task.id
+        ends_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        changed = threading.Event()
+        events = self._bus.subscribe_json(
+            topics.EVENT.pattern(org=self._org), lambda _key, _event: changed.set(), inline=True
+        )
+        state, problem = "unknown", ""
+        try:
+            while True:
+                changed.clear()
+                try:
+                    found = self.task(task_id)
+                except (NoResponder, QueryTimeout) as error:
+                    problem = str(error)
+                else:
+                    state, problem = found.state, ""
+                    if state == "settled":
+                        return found
+                    if state not in LIVE_STATES:
+                        raise TaskNotDone(
+                            f"task {task_id} is {state}",
+                            task_id=task_id,
+                            state=state,
+                            reason=found.reason or "",
+                        )
+                left_s = ends_s - time.monotonic()
+                if left_s <= 0:
+                    raise TaskUnfinished(
+                        f"task {task_id} was not over within {timeout_s} s",
+                        task_id=task_id,
+                        state=state,
+                        **({"problem": problem} if problem else {}),
+                    )
+                # An event may have been lost, and the bridge may have been away.
+                changed.wait(min(_LOOK_WALL_S, left_s))
+        finally:
+            events.undeclare()
 
     def assignments(self, kind: str) -> list[Task]:
         """Tasks that this participant has to do now, the oldest first."""

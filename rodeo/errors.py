@@ -13,6 +13,9 @@
     │   ├── QueryTimeout
     │   └── MalformedAnswer
     ├── RemoteError             the responder answered with an error; its code is kept
+    ├── TaskError               a task did not end as it was waited for
+    │   ├── TaskNotDone         it failed, or was cancelled
+    │   └── TaskUnfinished      it is not over yet
     ├── DiskFull                there is no room to write what must be written
     ├── PortUnavailable         an address of the site file cannot be listened on
     ├── ClockUnavailable        the site's clock has not been heard
@@ -122,6 +125,18 @@ class QueryTimeout(BusError):
 
 class MalformedAnswer(BusError):
     """The answer is no JSON object, does not fit the question, or is an error that has no code."""
+
+
+class TaskError(RodeoError):
+    """A task did not end as it was waited for. Carries its ID and state."""
+
+
+class TaskNotDone(TaskError):
+    """The task failed or was cancelled: nobody did it, and its reward went back."""
+
+
+class TaskUnfinished(TaskError):
+    """The task was not over within the given time."""
 
 
 class RemoteError(RodeoError):
