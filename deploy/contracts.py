@@ -32,8 +32,9 @@ from rodeo.chain.abi import Instance, Review, Silence
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed, translated
+from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.events import RoleRevoked
+from rodeo.chain.translation import translated
 from rodeo.chain.types import Role
 from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
 from rodeo.deploying import Steps, deploying

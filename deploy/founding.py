@@ -24,8 +24,9 @@ from web3.utils import get_create_address
 from rodeo import keystores
 from rodeo.chain import artifacts, registry, transactions
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ContractReverted, TransactionFailed, translated
+from rodeo.chain.errors import ContractReverted, TransactionFailed
 from rodeo.chain.registry import Part, Registry
+from rodeo.chain.translation import translated
 from rodeo.chain.types import Policy
 from rodeo.config import Site
 from rodeo.deploying import Steps

@@ -10,7 +10,7 @@ from eth_utils import to_checksum_address
 from web3 import Web3
 
 from rodeo import keystores
-from rodeo.chain.errors import translated
+from rodeo.chain.translation import translated
 from rodeo.config import Site
 
 _DEPLOYMENT_GAS = 30_000_000

@@ -27,8 +27,9 @@ from rodeo.chain.abi import Review, ServiceState, Silence, TaskState
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ContractReverted, DeploymentMismatch, NotDeployed, translated
+from rodeo.chain.errors import ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.governance import Operation, described, text_of
+from rodeo.chain.translation import translated
 from rodeo.chain.types import Event, Policy, Role
 from rodeo.config import Site, bridge_wallets
 from rodeo.errors import RodeoError, WalletError

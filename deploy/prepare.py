@@ -19,7 +19,8 @@ from deploy.gas_money import purses
 from deploy.launcher import Launcher
 from rodeo import keystores, wallets
 from rodeo.chain.client import connect, require_chain
-from rodeo.chain.errors import ChainUnavailable, translated
+from rodeo.chain.errors import ChainUnavailable
+from rodeo.chain.translation import translated
 from rodeo.config import Site
 from rodeo.tls import wants_certificates
 

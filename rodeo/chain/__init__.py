@@ -10,7 +10,8 @@
     contract_calls.py  their calls, generated
     events.py       one record type per contract event, generated
     types.py        how their values look in Python: amounts, kinds as text, roles
-    errors.py       ChainError and what is below it; revert data becomes ContractReverted
+    errors.py       ChainError and what is below it
+    translation.py  what nodes and web3.py raise becomes these errors; revert data becomes ContractReverted
     artifacts/      ABI and bytecode, built from contracts/ (`make contracts`)
 
 It works with any Ethereum JSON-RPC node and keeps no state: it neither queues nor retries.

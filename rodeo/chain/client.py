@@ -28,9 +28,10 @@ from rodeo.chain.calls import Calls, CommitteeCalls, OrganizationCalls
 from rodeo.chain.contract_calls import DisputesCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import WrongChain, translated
+from rodeo.chain.errors import WrongChain
 from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls, Operation
 from rodeo.chain.logs import Log, decode_log, event_topics
+from rodeo.chain.translation import translated
 from rodeo.chain.types import Role, TimelockRole, kind_to_bytes32, value
 from rodeo.config import ChainConfig
 from rodeo.currency import Currency

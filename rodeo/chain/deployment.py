@@ -10,7 +10,7 @@ from eth_utils import is_checksum_address, to_checksum_address
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from rodeo.chain import artifacts
-from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed, translated
+from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed
 from rodeo.currency import IEC, Currency
 from rodeo.files import replace_file
 from rodeo.origin import record_path
@@ -132,6 +132,9 @@ class Deployment(BaseModel):
 
     def verify(self, w3: Web3) -> None:
         """Raises DeploymentMismatch unless the chain has these contracts as they are built now."""
+        # Imported here: it imports web3, which only those have who can pass `w3`.
+        from rodeo.chain.translation import translated
+
         with translated():
             found = (w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex())
             if found != (self.chain_id, self.genesis_hash):

@@ -10,7 +10,8 @@ from web3 import Web3
 from web3.exceptions import TimeExhausted
 from web3.types import TxParams, TxReceipt, Wei
 
-from rodeo.chain.errors import TransactionFailed, TransactionTimeout, translated
+from rodeo.chain.errors import TransactionFailed, TransactionTimeout
+from rodeo.chain.translation import translated
 from rodeo.currency import IEC, Currency
 
 GAS_MARGIN = 1.25

@@ -15,7 +15,8 @@ import urllib3
 from eth_utils import to_bytes
 from urllib3.exceptions import HTTPError
 
-from rodeo.chain.errors import ChainError, ChainUnavailable, RpcFailed, decode_revert, why_unanswered
+from rodeo.chain.errors import ChainError, ChainUnavailable, RpcFailed
+from rodeo.chain.translation import decode_revert, why_unanswered
 from rodeo.currency import IEC, Currency
 
 Call = tuple[str, list[Any]]

@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 
 from rodeo import messages
 from rodeo.bus import validate
-from rodeo.chain.errors import ContractReverted, why_unanswered
+from rodeo.chain.errors import ContractReverted
+from rodeo.chain.translation import why_unanswered
 from rodeo.charging import ChargingParams
 from rodeo.checks.report import Check, Report, at_most, equal, skipped
 from rodeo.config import Site

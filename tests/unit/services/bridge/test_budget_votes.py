@@ -12,8 +12,9 @@ import pytest
 
 from rodeo import keystores
 from rodeo.bus import Request
-from rodeo.chain.errors import ContractReverted, decode_revert
+from rodeo.chain.errors import ContractReverted
 from rodeo.chain.governance import BUDGET_CREDITS, shares
+from rodeo.chain.translation import decode_revert
 from rodeo.config import BudgetConfig, GovernanceConfig, ParticipantConfig
 from rodeo.errors import InvalidRequest
 from rodeo.messages import OpenBudgetVote

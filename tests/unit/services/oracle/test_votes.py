@@ -14,7 +14,7 @@ from eth_account import Account
 from eth_utils.abi import function_signature_to_4byte_selector
 
 from rodeo import queries, topics, votes
-from rodeo.chain.errors import decode_revert
+from rodeo.chain.translation import decode_revert
 from rodeo.clock import WallClock
 from rodeo.config import JudgeConfig, Site
 from rodeo.currency import IEC
