@@ -15,7 +15,7 @@ from rodeo.checks.tables import increasing, table_of
 from rodeo.checks.testimony import motion_capture_of
 from rodeo.evidence.errors import BadStatement, LayoutChanged
 from rodeo.evidence.series import Array, Table
-from rodeo.lab.geometry import yaws_of
+from rodeo.lab.headings import yaws_of
 from rodeo.witness.motion import STEP_US, track
 from rodeo.witness.statement import Motion
 

@@ -1,12 +1,9 @@
-"""Poses on the floor and headings. Quaternions are unit quaternions."""
+"""Poses on the floor and headings. Quaternions are unit quaternions. Without numpy: clients use it, too."""
 
 from __future__ import annotations
 
 import math
 from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rodeo.lab.config import Pose2
 
@@ -38,12 +35,6 @@ def facing(pose: Pose2, distance_m: float) -> Pose2:
 def yaw_of(w: float, x: float, y: float, z: float) -> float:
     """Heading (rad) of a quaternion."""
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-
-
-def yaws_of(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) headings (rad, in (-pi, pi]) of (n, 4) quaternions w, x, y, z."""
-    w, x, y, z = quaternions.T
-    return np.asarray(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
 def quaternion_of(yaw_rad: float) -> tuple[float, float, float, float]:

@@ -14,7 +14,7 @@ from rodeo.evidence.errors import BadStatement, LayoutChanged
 from rodeo.evidence.proof import Proof
 from rodeo.evidence.series import Table
 from rodeo.lab.config import RobotConfig
-from rodeo.lab.geometry import yaws_of
+from rodeo.lab.headings import yaws_of
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.motion import track as signed_track
 from rodeo.witness.statement import Classification, Drop, Motion, Removal, parse

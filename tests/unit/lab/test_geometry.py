@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from rodeo.lab.geometry import on_plane, quaternion_of, wrap, yaw_of, yaws_of
+from rodeo.lab.geometry import on_plane, quaternion_of, wrap, yaw_of
+from rodeo.lab.headings import yaws_of
 from rodeo.ros2.types import new
 
 YAWS_RAD = [-3.0, -0.5, 0.0, 1.2, math.pi]
