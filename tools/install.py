@@ -109,9 +109,10 @@ class Environment:
             self._pip("install", "--progress-bar=off", *kept, *what)
 
     def _uv(self, kept: list[str]) -> str:
-        """The path of uv: another environment's, or one that pip puts here."""
-        if self.folder != VENV and (VENV / "bin" / "uv").exists():
-            return str(VENV / "bin" / "uv")
+        """The path of uv: the one that is there, or one that pip puts here."""
+        for folder in (self.folder, VENV):
+            if (folder / "bin" / "uv").exists():
+                return str(folder / "bin" / "uv")
         say("pip installs uv, which installs the rest")
         self._pip("install", "-qq", *kept, "uv")
         return str(self.folder / "bin" / "uv")
