@@ -14,11 +14,12 @@ from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.messages import Task
 from rodeo.sim_clock import SimClock
+from rodeo_testing.waiting import wait_until
 from services.oracle.away import MissingProofs, ProofAway, due_s
 from services.oracle.rules import PATIENCE, Judging
 from tests.support.site import LAB
 from tests.support.tasks import task
-from tests.unit.services.robot_sim.test_holders import NEVER, Mind, Simulator, connect, stays
+from tests.unit.services.robot_sim.test_holders import NEVER, Mind, Simulator, connect
 
 __all__ = ["connect"]
 
@@ -58,7 +59,7 @@ def test_a_clock_that_jumps_does_not_pass_a_verdict_that_was_just_begun_to_be_wa
     begin: Callable[[Site, Bus, SimClock], Oracle], connect: Callable[[], zenoh.Session], site: Site
 ) -> None:
     simulator = Simulator(connect(), site, connect())
-    assert simulator.may_pass()  # nobody is there
+    simulator.wait_to_pass()  # nobody is there
     oracle = Mind(connect(), site, "oracle")
     while not oracle.clock.wait_ready(NEVER, 0.1):
         simulator.tell_time()
@@ -67,7 +68,7 @@ def test_a_clock_that_jumps_does_not_pass_a_verdict_that_was_just_begun_to_be_wa
     thread = threading.Thread(target=run, args=(stop,))
     thread.start()
     try:
-        assert not stays(lambda: not any(one.hold.resting for one in simulator.holders._seen.values()))
+        wait_until(lambda: any(one.hold.resting for one in simulator.holders._seen.values()))
         sha256 = "22" * 32
         known = {
             "verdict_deadline": simulator.now_ns_ * 1e-9 + WINDOW_S,
@@ -79,7 +80,7 @@ def test_a_clock_that_jumps_does_not_pass_a_verdict_that_was_just_begun_to_be_wa
         with oracle.clock.acting():
             wait_for_verdict(one)
         simulator.holders.sent()
-        assert simulator.may_pass()
+        simulator.wait_to_pass()
         due = due_s(one, site, patience)
         assert due is not None
         assert simulator.holders.next_ns == math.ceil(due * 1e9)
