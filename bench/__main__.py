@@ -28,6 +28,7 @@ AREAS = (
     "soak",
     "faults",
     "console",
+    "extras",
 )
 OUT = Path("out/bench.json")
 
