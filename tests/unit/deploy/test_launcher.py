@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from deploy import launcher as launcher_module
 from deploy.launcher import LONGEST_PAUSE_S, AllGaveUp, Launcher
 from rodeo.instance import GAVE_UP
-from rodeo_testing.waiting import wait_until
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import write_site
 
 NAMES = ("oracle", "itrash")
@@ -41,17 +43,23 @@ def poll_until(
     wait_until(lambda: launcher.poll() or holds())
 
 
-def test_what_no_restart_cures_is_started_once_and_its_reason_stays(tmp_path: Path) -> None:
+def test_what_no_restart_cures_is_started_once_and_its_reason_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 1000.0
+    monkeypatch.setattr(launcher_module, "time", SimpleNamespace(monotonic=lambda: now_s))
     hopeless = program(
         tmp_path,
-        f'if [ "$2" != services.oracle ]; then sleep 60; fi\n'
+        f'if [ "$2" != services.oracle ]; then exec sleep {2 * HANG_S:.0f}; fi\n'
         f'echo "12:00:00 ERROR oracle: config_error: no"; exit {GAVE_UP}',
     )
     with Launcher(site(tmp_path), NAMES, python=hopeless) as launcher:
         poll_until(launcher, lambda: "oracle" in launcher.given_up())
-        # Longer than the first pause before a restart.
-        poll_until(launcher, lambda: time.time() - starts(tmp_path, "oracle")[0] > 1.5)
-        assert len(starts(tmp_path, "oracle")) == 1
+        ended = launcher.children["oracle"]
+        for _ in range(3):
+            now_s += 2 * LONGEST_PAUSE_S
+            launcher.poll()
+        assert launcher.children["oracle"] is ended and len(starts(tmp_path, "oracle")) == 1
         assert launcher.given_up() == {"oracle": "config_error: no"}
         assert list(launcher.running()) == ["itrash"]
 

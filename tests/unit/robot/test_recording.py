@@ -209,11 +209,25 @@ def session(lab: Lab, tmp_path: Path) -> Session:
     return Session(lab, tmp_path / "recording.mcap")
 
 
-def test_a_recording_begins_when_body_and_motion_capture_are_heard(lab: Lab, session: Session) -> None:
-    for _ in range(20):
-        lab.move()
-        threading.Event().wait(0.02)
-    assert not session.path.exists()
+def test_a_recording_begins_when_body_and_motion_capture_are_heard(
+    lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits, heard = Recording._await, list[int]()
+
+    def counted(recording: Recording, done: Callable[[], bool], limit_s: float) -> bool:
+        def look() -> bool:
+            heard.append(len(recording._heard_ns))
+            return done()
+
+        return waits(recording, look, limit_s)
+
+    monkeypatch.setattr(Recording, "_await", counted)
+    monkeypatch.setattr(recording_module, "_SILENT_WALL_S", HANG_S)
+    monkeypatch.setattr(recording_module, "_LOOK_S", 0.01)
+    session = Session(lab, tmp_path / "recording.mcap")
+    # It looked once more after the look that saw both topics of the body.
+    until(lambda: session.begun or heard.count(2) >= 2, lab.move)
+    assert not session.begun and not session.path.exists()
     session.begin()
     assert session.path.exists()
     session.end()

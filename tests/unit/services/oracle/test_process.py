@@ -32,11 +32,13 @@ from services.oracle.process import Oracle
 
 
 class HeldClock(WallClock):
-    """Knows how many works hold it, as a simulated clock does."""
+    """Knows how many works hold it, and can be set forward, as a simulated clock."""
 
     def __init__(self) -> None:
         super().__init__()
         self.held = 0
+        self.ahead_s = 0.0
+        """By how much it is ahead of the machine's clock."""
         self._lock = threading.Lock()
         self._actors: set[int] = set()
 
@@ -54,11 +56,19 @@ class HeldClock(WallClock):
             self._actors.add(threading.get_ident())
             yield
 
-    def wait_for(self, *args: Any, **more: Any) -> bool:
+    def now_s(self) -> float:
+        return super().now_s() + self.ahead_s
+
+    def wait_for(
+        self, done: Callable[[], bool], *args: Any, until_s: float | None = None, **more: Any
+    ) -> bool:
+        def over() -> bool:
+            return done() or (until_s is not None and self.now_s() >= until_s)
+
         releases = threading.get_ident() in self._actors
         self._count(-releases)
         try:
-            return super().wait_for(*args, **more)
+            return super().wait_for(over, *args, **more) and done()
         finally:
             self._count(releases)
 
@@ -474,11 +484,17 @@ def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     """People decide on one of those that claims the same act."""
     monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(ACCEPTED))
     judge = oracle()
-    bridge.current = bridge.current.model_copy(update={"verdict_window_s": 4})
-    honest = bridge.other(verdict_deadline=time.time() + 1.5)
+    clock, waits = judge._clock, f"task {bridge.current.id + 1} waiting for task {bridge.current.id} "
+    assert isinstance(clock, HeldClock)
+    activities: list[str] = []
+    judge._process.activity = lambda text, *_, **__: activities.append(text)  # type: ignore[method-assign]
+    honest = bridge.other(verdict_deadline=time.time() + 3600)
     submit(judge, bridge.current, "many")
     submit(judge, honest, "honest")
     verifications.ended[honest.id].set()
+    wait_until(lambda: any(waits in text for text in activities), lambda: f"{activities}")
+    assert not bridge.verdicts, "it waits for the earlier one until its verdict is due"
+    clock.ahead_s = 3600.0
     assert bridge.posted.wait(HANG_S)
     assert [(one.task_id, one.outcome) for one in bridge.verdicts] == [(honest.id, "accepted")]
     verifications.ended[bridge.current.id].set()
@@ -553,20 +569,36 @@ def test_what_is_due_before_its_turn_is_a_warning(
     assert verifications.begun == [bridge.current.id]
 
 
+class Door:
+    """A lock that knows who came to it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.came: list[str] = []
+        """Names of threads."""
+
+    def __enter__(self) -> None:
+        self.came.append(threading.current_thread().name)
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
 def test_an_older_account_of_open_tasks_does_not_stay(oracle: Callable[[], Oracle], bridge: Bridge) -> None:
     """A verdict has ended, and a task is posted while the oracle says what is open."""
     judge = oracle()
     told: list[str] = []
-    told_later = threading.Event()
+    judge._telling = telling = Door()  # type: ignore[assignment]
 
     def tell(text: str, *_: object, **__: object) -> None:
         if threading.current_thread().name == "first":
             open_task = event(bridge.current, 1, "TaskRegistered", kind="waste_disposal", rules=RULES)
             judge._on_event(open_task)
             second.start()
-            told_later.wait(0.5)  # it has to wait itself, until this one is told
+            # The second one waits for its turn, or it has wrongly told already.
+            wait_until(lambda: "second" in telling.came or told)
         told.append(text)
-        told_later.set()
 
     judge._process.activity = tell  # type: ignore[method-assign]
     first = threading.Thread(target=judge._set_activity, args=((1, 1), None), name="first")
