@@ -54,6 +54,7 @@ CHAIN_ID = 31_337
 POLL_S = 0.25
 """Wall time between two looks at the children, as in `rodeo up`."""
 PAUSE_S = 0.1
+_ENDED = ("settled", "failed", "cancelled")
 ASK_S = 3.0
 """Wall time for one answer; whoever gets none asks again with the same request_id."""
 _LOOK_S = 2.0
@@ -523,8 +524,8 @@ class Lab:
     def finish_again(self, label: str) -> None:
         """Bring a task to its end that a reorganization took back.
 
-        Who asks with the same request hears its number now. Where it is another assignment, the work is done
-        again, and where only the verdict is gone, it is judged again.
+        The same request returns its number now. Another assignment is proved again, and a lost verdict is
+        posted again, unless what the bridge sends again comes first.
         """
 
         def is_its_number() -> bool:
@@ -537,15 +538,20 @@ class Lab:
                 return False
 
         self.wait(is_its_number, f"{label} is not there again")
-        # What is sent again has a moment to get there.
-        with suppress(NotSurvived):
-            self.wait_ended(label, 5.0)
-            return
-        if self.state(f"task/{self.asked[label]}")["state"] in ("open", "assigned"):
-            self.finish(label, " again")
-        else:
-            self.judge(label, " again")
-        self.wait_ended(label)
+
+        def is_ended() -> bool:
+            state = self.state(f"task/{self.asked[label]}")["state"]
+            if state in _ENDED:
+                return True
+            do = self.judge if state == "submitted" else self.finish
+            try:
+                do(label, " again")
+            except RemoteError as error:
+                if error.code != "wrong_state":  # what was sent again came first
+                    raise
+            return False
+
+        self.wait(is_ended, f"{label} did not end")
 
     def judge(self, label: str, again: str = "") -> None:
         """Accept the proof that was submitted."""
@@ -624,14 +630,12 @@ class Lab:
         uri, sha256 = Store(self.site).put_bytes(data, suffix)
         return sha256, uri
 
-    def wait_ended(self, label: str, within_s: float = HANG_S) -> dict[str, Any]:
+    def wait_ended(self, label: str) -> dict[str, Any]:
         """The task once it is settled, failed or cancelled."""
         task_id = self.asked[label]
-        ended = ("settled", "failed", "cancelled")
         self.wait(
-            lambda: self.state(f"task/{task_id}")["state"] in ended,
+            lambda: self.state(f"task/{task_id}")["state"] in _ENDED,
             f"task {task_id} ({label}) did not end",
-            within_s,
         )
         return self.state(f"task/{task_id}")
 

@@ -195,7 +195,10 @@ def world_file_cut(lab: Lab) -> Iterator[None]:
     lab.up("robot_sim")
     lab.wait_said(r"world\.state")
     need("another lab" not in lab.said(), "a cut file is called another lab")
-    lab.pause(5.0)
+    lab.wait(
+        lambda: "restarting would not help" in lab.said() or lab.starts("robot_sim") > 1,
+        "the launcher did not give robot_sim up",
+    )
     need(lab.starts("robot_sim") <= 1, f"robot_sim was started {lab.starts('robot_sim')} times")
     yield
     path.write_bytes(whole)
