@@ -492,7 +492,7 @@ def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     submit(judge, bridge.current, "many")
     submit(judge, honest, "honest")
     verifications.ended[honest.id].set()
-    wait_until(lambda: any(waits in text for text in activities), lambda: f"{activities}")
+    wait_until(lambda: bridge.verdicts or any(waits in text for text in activities))
     assert not bridge.verdicts, "it waits for the earlier one until its verdict is due"
     clock.ahead_s = 3600.0
     assert bridge.posted.wait(HANG_S)
