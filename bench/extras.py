@@ -20,7 +20,7 @@ from tests.support.extras import EXTRA_OF
 _ROOT = Path(__file__).parents[1]
 _UV = Path(sys.executable).with_name("uv")
 _HANG_S = 300.0
-_STANDS = re.compile(r": ready$|: not ready: (?!starting)|: waiting for ", re.MULTILINE)
+_STANDS = re.compile(r": ready$|: not ready: (?!starting|loading)|: waiting for ", re.MULTILINE)
 """What a process says that has imported and opened everything of its own."""
 
 
