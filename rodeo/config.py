@@ -339,7 +339,7 @@ class WalletLimits(_Table):
     """Maximum fee of one transaction: its gas limit times its max fee per gas."""
     daily_fee_eth: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
     daily_iec: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
-    """Maximum of rewards, transfers, deposits and bonds in a day."""
+    """Maximum of rewards, transfers, deposits, stakes and bonds in a day. Each bridge counts only what it sends."""
 
 
 class BridgeConfig(_Table):
@@ -493,8 +493,8 @@ class KindConfig(_Table):
     """How many of several `[[oracles]]` have to agree on a proof of this kind; by default more than half of
     the panel."""
     models_sha256: list[Annotated[str, Field(pattern=r"^0x[0-9a-f]{64}$")]] = []
-    """Networks whose word counts besides the installed one, by the hash of their weights. They are part of
-    the kind's rules: where a witness asked any other, auditors judge the work."""
+    """Networks whose word counts beside the installed one, by the hash of their files. They are part of the
+    kind's rules: where a witness asked any other, auditors judge the work."""
     rates: list[RateConfig] = []
     """Pay by quantity, at most the agreed price; without rates the price is for the whole task. Part of the
     kind's rules."""
