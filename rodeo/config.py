@@ -339,7 +339,8 @@ class WalletLimits(_Table):
     """Maximum fee of one transaction: its gas limit times its max fee per gas."""
     daily_fee_eth: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
     daily_iec: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
-    """Maximum of rewards, transfers, deposits, stakes and bonds in a day. Each bridge counts only what it sends."""
+    """Maximum of rewards, transfers, deposits, stakes and bonds in a day. Each bridge counts only what it
+    sends."""
 
 
 class BridgeConfig(_Table):
