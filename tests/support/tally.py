@@ -1,5 +1,6 @@
-"""Counts tests for the last line of `make test`: a plugin that `python -m tests` loads. With pytest-xdist the
-process that people see counts."""
+"""Names tests that fail at once, and counts all for the last line of `make test`.
+
+A plugin that `python -m tests` loads. With pytest-xdist the process that people see counts."""
 
 from __future__ import annotations
 
@@ -50,12 +51,19 @@ class _Counting:
         tally = self._tally
         if report.failed:
             self._failed.add(report.nodeid)
+            self._name(report)
         elif report.skipped and not hasattr(report, "wasxfail"):
             why = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
             reason = why.removeprefix("Skipped: ")
             tally.skipped[reason] = tally.skipped.get(reason, 0) + 1
         elif report.when == "call":
             tally.passed += 1
+
+    def _name(self, report: pytest.TestReport) -> None:
+        """At once: pytest tells which test failed at its end, which may be minutes away."""
+        if terminal := self._config.pluginmanager.getplugin("terminalreporter"):
+            last = report.longreprtext.strip().rpartition("\n")[2]
+            terminal.write(f"\nfailed ({report.when}): {report.nodeid}: {last}\n")
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed:

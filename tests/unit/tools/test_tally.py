@@ -37,6 +37,11 @@ def test_what_workers_ran_skipped_and_left_out_is_counted(tmp_path: Path) -> Non
     command = [sys.executable, "-m", "pytest", "-q", *words, "--rootdir", str(tmp_path), str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 1, done.stdout + done.stderr
+    told = [line.split(": ")[0:2] for line in done.stdout.splitlines() if line.startswith("failed (")]
+    assert told == [
+        ["failed (call)", "test_some.py::test_that_fails"],
+        ["failed (setup)", "test_some.py::test_whose_fixture_fails"],
+    ]
     assert Tally.read(counted) == Tally(2, 2, {"Chromium is missing: make system": 2}, 1)
 
 
