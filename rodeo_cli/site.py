@@ -39,12 +39,13 @@ from rodeo_cli.common import (
     JsonOption,
     SiteOption,
     console,
+    errors,
     print_listing,
     reports_errors,
     say,
 )
 from rodeo_cli.layout import Row as TableRow
-from rodeo_cli.layout import lines
+from rodeo_cli.layout import lines, printable
 from rodeo_cli.progress import NoProgress, Patience, TooSlow, duration, told_by, told_by_loading
 
 LOST_S = 3 * HEARTBEAT_S
@@ -478,7 +479,8 @@ def _detach(site_path: Path, names: tuple[str, ...], patience: Patience | None =
             _print_warnings(launcher.site, rows)
             return
         if (step := starting_step(launcher.site, rows)) != said:
-            say(said := step)
+            # Not to standard output, which holds the table alone.
+            errors.print(escape(printable(said := step)), highlight=False, soft_wrap=True)
         pid = next(filter(None, map(lock_holder, launcher.lock_folders())), 0)
         try:
             patience.look(moves(launcher.site, rows, pid))

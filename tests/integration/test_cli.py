@@ -173,7 +173,7 @@ def test_what_no_restart_cures_is_told_at_once_and_stays_in_status(site_path: Pa
     row = processes(site_path, status=1)["robot_sim"]
     assert row["gave_up"] and "teapot" in row["reason"]
     log = (Site.load(site_path).data_dir / "logs" / "robot_sim.log").read_text()
-    assert log.count("not a usable robot") == 1 and "ready" not in log
+    assert log.count("not a usable robot") == 1 and "robot_sim: ready" not in log
     rodeo(site_path, "down")
     assert processes(site_path, status=1)["robot_sim"]["gave_up"]
 

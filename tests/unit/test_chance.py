@@ -146,6 +146,7 @@ ELSEWHERE = {
     "rodeo/wallets.py": "a passphrase",
     "services/bridge/commands.py": "salts by which equal proposals are told apart",
     "services/bridge/relaying.py": "nonces of signed requests, which only have to be new",
+    "rodeo_cli/accounts.py": "the passphrase of the demo's account, which nobody learns",
     "services/console/accounts.py": "tokens, and the hash of nobody's passphrase",
     "services/console/guard.py": "the nonce of a page",
     "services/console/pages/tasks.py": "ids of requests",
