@@ -10,7 +10,7 @@ from tools import install
 from tools.install import pip_settings, uv_environment, uv_options
 
 LISTING = """\
-:env:.find-links='/opt/wheels ~/wheels'
+:env:.find-links='/srv/wheels ~/wheels'
 :env:.disable-pip-version-check='1'
 download.index-url='https://downloads.example/simple'
 global.cert='/etc/ssl/company.pem'
@@ -23,7 +23,7 @@ install.index-url='https://name:word@install.example/simple'
 
 def test_the_environment_overrides_what_install_sets_and_that_what_is_global() -> None:
     settings = pip_settings(LISTING)
-    assert settings["find-links"] == "/opt/wheels ~/wheels"
+    assert settings["find-links"] == "/srv/wheels ~/wheels"
     assert settings["index-url"] == "https://name:word@install.example/simple"
     assert settings["cert"] == "/etc/ssl/company.pem"
 
@@ -34,7 +34,7 @@ def test_uv_gets_indexes_links_and_certificates(monkeypatch: pytest.MonkeyPatch)
         "UV_INDEX_STRATEGY": "unsafe-best-match",
         "UV_DEFAULT_INDEX": "https://name:word@install.example/simple",
         "UV_INDEX": "https://one.example/simple https://two.example/simple",
-        "UV_FIND_LINKS": "/opt/wheels,/home/ann/wheels",
+        "UV_FIND_LINKS": "/srv/wheels,/home/ann/wheels",
         "SSL_CERT_FILE": "/etc/ssl/company.pem",
     }
 
