@@ -5,6 +5,7 @@ The index can be rebuilt from the chain and so may lose its last moments in a po
 
 from __future__ import annotations
 
+import logging
 import sqlite3
 import threading
 from contextlib import closing
@@ -15,6 +16,9 @@ from typing import Any
 import sqlalchemy
 from sqlalchemy import Engine, Table, create_engine, make_url
 from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.exc import OperationalError
+
+log = logging.getLogger(__name__)
 
 _CHECKPOINT_S = 2.0
 _CHECKPOINT_PAGES = 10_000
@@ -79,12 +83,19 @@ class Checkpointer:
 
     def _run(self) -> None:
         while not self._stop.wait(_CHECKPOINT_S):
-            with self._engine.connect() as connection:
-                # Holds up neither readers nor the writer.
-                _, pages, _ = connection.exec_driver_sql("pragma wal_checkpoint(passive)").one()
-                if pages > _CHECKPOINT_PAGES:
-                    # Holds up the writer, but only for what came in the meantime.
-                    connection.exec_driver_sql("pragma wal_checkpoint(restart)")
+            try:
+                self._checkpoint()
+            except OperationalError as error:
+                # For example on a full disk. The pages stay in the log, and a later turn moves them.
+                log.warning("pages stay in the index's write-ahead log: %s", error.orig)
+
+    def _checkpoint(self) -> None:
+        with self._engine.connect() as connection:
+            # Holds up neither readers nor the writer.
+            _, pages, _ = connection.exec_driver_sql("pragma wal_checkpoint(passive)").one()
+            if pages > _CHECKPOINT_PAGES:
+                # Holds up the writer, but only for what came in the meantime.
+                connection.exec_driver_sql("pragma wal_checkpoint(restart)")
 
     def close(self) -> None:
         self._stop.set()
