@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -125,7 +126,8 @@ def _imports_in_functions(name: str) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    sys.meta_path.insert(0, Refusal(closure(sys.argv[1])))  # type: ignore[arg-type]
+    refusal: Any = Refusal(closure(sys.argv[1]))
+    sys.meta_path.insert(0, refusal)
     import_all(sys.argv[2:])
     imported = {name.partition(".")[0] for name in sys.modules}
     print(" ".join(sorted(imported & importlib.metadata.packages_distributions().keys())))

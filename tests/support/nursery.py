@@ -284,18 +284,19 @@ def _fork_server_too() -> None:
                 os._exit(0)
         os._exit(0)
     theirs.close()
-    spawn = multiprocessing.util.spawnv_passfds
+    util: Any = multiprocessing.util  # what is replaced here is not declared alike everywhere
+    spawn = util.spawnv_passfds
 
     def fork_or_spawn(path: str, arguments: Sequence[str], given: Sequence[int]) -> int:
         program = arguments[-1]
         if "multiprocessing.forkserver" not in str(program):
-            return spawn(path, arguments, given)
-        multiprocessing.util.spawnv_passfds = spawn
+            return int(spawn(path, arguments, given))
+        util.spawnv_passfds = spawn
         socket.send_fds(control, [json.dumps([program, list(given)]).encode()], given)
         control.close()
         return pid
 
-    multiprocessing.util.spawnv_passfds = fork_or_spawn
+    util.spawnv_passfds = fork_or_spawn
 
 
 if __name__ == "__main__":
