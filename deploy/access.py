@@ -5,8 +5,8 @@
     a robot's body         may publish and serve what is in the robot's namespace, and ask for nothing else
     a robot's mind         commands the body in that namespace, and takes orders for that robot, no other's
     a device               speaks through the process that has its key
-    a wallet               is commanded by the process that works for it, and by operator and console;
-                           witnesses may have the organization's post the root of their day
+    a wallet               takes from the process that works for it, and from operator and console, the
+                           commands that `COMMANDS` lists for them, and no others
     a motion               is asked for by the process that `_CALLERS` names, and by operator and console
 
 What the rules do not allow is denied.
@@ -49,8 +49,42 @@ _CALLERS: dict[str, str] = {
 _ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
 """A second writer: bin and dock have frames, too."""
 
-_WITNESSES = ("itrash", "robot_sim")
-"""Work for the organization, and ask its wallet for nothing but the root of their day."""
+_SELLS = {"register_service", "update_service", "abandon_task", "submit_proof"}
+
+_OFFICE = {
+    *("register_task", "cancel_task", "register_service", "update_service", "challenge_verdict"),
+    *("accept_task", "submit_proof", "post_verdict"),
+    *("register_device", "revoke_device", "allow_kind", "retire_rules"),
+    *("suspend_provider", "reinstate_provider", "suspend_service", "reinstate_service"),
+    *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
+    *("admit", "dismiss", "deposit", "withdraw", "rescue_tokens"),
+    *("cast_vote", "queue_proposal", "execute_proposal", "cancel_proposal"),
+    *("cast_budget_vote", "pay_budget_share"),
+}
+"""What people do on the command line and in the console alike."""
+
+COMMANDS: dict[str, set[str]] = {
+    "robot_agent": {*_SELLS, "register_task", "raise_reward", "set_payout"},
+    "charger": {*_SELLS, "post_root"},
+    "itrash": {"post_root"},
+    "robot_sim": {"post_root"},
+    "oracle": {"post_verdict", "post_votes"},
+    "console": {*_OFFICE, "match_task"},
+    OPERATOR: {
+        *_OFFICE,
+        *("abandon_task", "raise_reward", "post_votes", "sign_vote", "set_payout"),
+        *("sign", "relay", "allow_payments", "revoke_request", "wrap_tokens", "unwrap_tokens"),
+        *("grant_role", "revoke_role", "hand_over", "set_delay", "propose", "open_budget_vote"),
+        *("change_judge_key", "seat_judge", "unseat_judge", "set_quorum"),
+        *("deposit_stake", "announce_withdrawal", "withdraw_stake"),
+    },
+}
+"""Process -> the commands that its code sends to the wallets it works for (`_wallets_of`). A test derives the
+same table from the code."""
+
+_SIGNS_ITSELF = ("prepare", "broadcast", "sign")
+"""What `rodeo.dao.Participant` sends for a wallet whose key is elsewhere: the program that has it connects as
+the operator."""
 
 _EVERYBODY = "every process"
 _LISTEN = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
@@ -116,23 +150,30 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
         return
     for topic in TOPICS:
         if topic.key == topics.COMMAND.key:
-            for participant in _wallets_of(site, process):
-                yield topics.COMMAND.pattern(org=site.org, participant=participant)
-            if _job(process) in _WITNESSES:
-                yield topics.COMMAND.name(org=site.org, participant=ORGANIZATION, command="post_root")
+            for participant, command in _commands_of(site, process):
+                yield topics.COMMAND.name(org=site.org, participant=participant, command=command)
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
         if asked and (process in _PEOPLE or _CALLERS.get(topic.key, _job(process)) == _job(process)):
             yield from _asked_keys(site, topic, process)
 
 
+def _commands_of(site: Site, process: str) -> Iterator[tuple[str, str]]:
+    """Each participant and command that the process may send to the participant's wallet; `*` for all
+    participants."""
+    yield from itertools.product(_wallets_of(site, process), COMMANDS.get(_job(process), ()))
+    if process == OPERATOR:
+        elsewhere = [one.name for one in site.participants if one.address is not None]
+        yield from itertools.product(elsewhere, _SIGNS_ITSELF)
+
+
 def _wallets_of(site: Site, process: str) -> list[str]:
-    """Participants for whom the process works."""
+    """Participants for whom the process works; `*` for all."""
     if process in _PEOPLE:
         return ["*"]
-    wallets = {"charger": ["organization"], "robot_agent": _own(site, process, "robot")}
-    wallets["oracle"] = _own(site, process, "oracle")
-    return wallets.get(_job(process), [])
+    if (job := _job(process)) in ("robot_agent", "oracle"):
+        return _own(site, process, "robot" if job == "robot_agent" else "oracle")
+    return [ORGANIZATION]
 
 
 def _job(process: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import queue
 import threading
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from deploy.access import COMMANDS, everybody
 from deploy.certificates import ensure_certificates
 from rodeo import tls, topics
 from rodeo.bus import Bus
@@ -23,6 +25,7 @@ from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceUnava
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo_testing.waiting import HANG_S
+from services.bridge.commands import KNOWN
 from services.robot_sim.sessions import BodySessions
 from tests.support.site import RunningSite, free_port, write_site
 
@@ -157,20 +160,27 @@ def test_only_the_bridge_answers_for_the_chain(running: RunningSite, voices: Voi
         voices["operator"].query(f"{root}/state/wallets")
 
 
-def test_a_wallet_takes_orders_from_those_who_work_for_it(running: RunningSite, voices: Voices) -> None:
+def test_a_wallet_takes_from_each_certificate_the_commands_that_its_process_sends(
+    running: RunningSite, voices: Voices
+) -> None:
     wallet = f"rodeo/{running.site.org}/wallet"
     voices["bridge"].serve(f"{wallet}/**", lambda request: {"key": request.key})
-    for process, own, other in (
-        (MIND, ONE, "organization"),
-        (MIND, ONE, OTHER),
-        ("charger", "organization", ONE),
-        ("oracle", "oracle", "organization"),
-    ):
-        assert asked(voices[process], f"{wallet}/{own}/transfer") == {"key": f"{wallet}/{own}/transfer"}
-        for key in (f"{wallet}/{other}/transfer", f"{wallet}/*/transfer", "rodeo/**"):
+    assert asked(voices["operator"], f"{wallet}/organization/withdraw")
+    wallets = ("organization", "oracle", ONE, OTHER)
+    people = dict.fromkeys(("console", "operator"), wallets)
+    for name in set(everybody(running.site)) - {"bridge"}:
+        job, _, robot = name.partition(".")
+        own = people | {"oracle": ("oracle",), "robot_agent": (robot,)}
+        allowed = set(itertools.product(own.get(job, ("organization",)), COMMANDS.get(job, ())))
+        for participant, command in sorted(allowed):
+            key = f"{wallet}/{participant}/{command}"
+            assert voices[name].query(key) == {"key": key}
+        refused = set(itertools.product((*wallets, "*"), {*KNOWN, "*", "**"})) - allowed
+        for key in ("rodeo/**", *(f"{wallet}/{participant}/{command}" for participant, command in refused)):
+            if job in people and key.startswith(f"{wallet}/*/") and key.rpartition("/")[2] in COMMANDS[job]:
+                continue  # a person's command to everybody, which no bridge carries out
             with pytest.raises(NoResponder):
-                voices[process].query(key)
-    assert asked(voices["operator"], f"{wallet}/organization/transfer")
+                voices[name].query(key)
 
 
 @pytest.mark.parametrize("intruder", [body_identity(ONE), MIND, "robot_sim", "operator"])
