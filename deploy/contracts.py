@@ -472,9 +472,12 @@ def _missing_rules(
             yield administrator, calls.set_budget(limited, amount, limit.period_s)
     for kind, declared in kinds_of(site).items():
         rules, review = client.kind(kind), Review[declared.review.upper()]
-        if review is Review.ORACLE and rules.silence is Silence.NONE:
-            silence = Silence[declared.at_silence.upper()]
-            yield administrator, calls.set_audit(kind, site.economy.audit_window_s, silence)
+        silence = Silence[declared.at_silence.upper()]
+        unset = review is Review.ORACLE and rules.silence is Silence.NONE
+        # Silence pays nobody for work that nobody judged, unless the site file says so.
+        if unset or (rules.silence, silence) == (Silence.EXECUTOR, Silence.CREATOR):
+            window_s = rules.audit_window or site.economy.audit_window_s
+            yield administrator, calls.set_audit(kind, window_s, silence)
         # A machine that judged what it has no checks for is corrected; that people judge more is not.
         if review is Review.AUDITOR:
             if not rules.allowed or rules.review is not review:

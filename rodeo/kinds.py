@@ -100,8 +100,9 @@ class Kind:
     """JSON Schema of the parameters where there is no model."""
     execution_window_s: int = EXECUTION_WINDOW_S
     """Execution window if the task sets none, site time."""
-    at_silence: Literal["executor", "creator"] = "executor"
-    """Who wins if the oracle could not decide and no auditor answers."""
+    at_silence: Literal["executor", "creator"] = "creator"
+    """Who wins if no judge answers: neither the oracle nor, where it could not decide, an auditor. A creator
+    gets its reward back; an executor is paid the full price, whether or not it has worked."""
     price_iec: Decimal = Decimal(0)
     """Price that the site's own robots and docks ask."""
     example: Mapping[str, Any] = field(default_factory=dict)

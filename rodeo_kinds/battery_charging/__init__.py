@@ -16,8 +16,6 @@ KIND = Kind(
     example={"robot": "panther1", "dock": "dock1", "soc_from": 0.2, "soc_target": 0.9, "energy_wh": 480.0},
     price_iec=Decimal(200),
     execution_window_s=4 * 3600,
-    # The organization sells the energy: the silence of its own auditors must not earn it money.
-    at_silence="creator",
     unit="charge",
     measure="kWh",
     provides="energy",

@@ -15,8 +15,6 @@ KIND = Kind(
     example={"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
     price_iec=Decimal(100),
     execution_window_s=2 * 3600,  # long enough for a robot that must charge before it can do the work
-    # The auditors are the organization's: their silence must not save it money that a robot has earned.
-    at_silence="executor",
     recorded=(
         *map(Recorded, (*ROBOT_STATE, ITEM_POSE, BIN_LOAD, DOCK_OUTPUT, BIN_IMAGE)),
         Recorded(WITNESS_STATEMENT, signed_by="mocap"),

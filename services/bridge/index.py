@@ -414,6 +414,17 @@ class Index:
         tasks = schema.tasks.c
         return [row["id"] for row in self._rows(select(tasks.id).where(tasks.dispute_until < now_s))]
 
+    def rulings(self) -> list[Row]:
+        """The tasks on which a verdict stands, or is challenged, that nobody has closed."""
+        return self._rows(select(schema.tasks).where(schema.tasks.c.dispute_until.is_not(None)))
+
+    def late_verdicts(self, now_s: float) -> list[int]:
+        """Ids of the submitted tasks of whose verdict window more than half had passed at `now_s`."""
+        tasks = schema.tasks.c
+        half_s = tasks.verdict_deadline - tasks.verdict_window_s / 2
+        late = select(tasks.id).where(tasks.state == "submitted", half_s < now_s).order_by(tasks.id)
+        return [row["id"] for row in self._rows(late)]
+
     def next_end_s(self, now_s: float) -> float | None:
         """When the first window that runs at `now_s` ends; None where none does."""
         tasks = schema.tasks.c

@@ -8,18 +8,19 @@ import math
 import sys
 import threading
 import time
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from eth_account.signers.local import LocalAccount
 from prometheus_client import Counter, Gauge, Histogram
 from sqlalchemy.exc import DBAPIError
 
-from rodeo import keystores, topics, wallets
+from rodeo import keystores, rulings, topics, wallets
 from rodeo.bus import Request
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
@@ -29,7 +30,7 @@ from rodeo.deploying import deployment_under_way
 from rodeo.errors import ClockUnavailable, KeystoreMissing, RodeoError, WalletError
 from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
-from rodeo.messages import DaoEvent
+from rodeo.messages import DaoEvent, Dispute
 from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.process import Process
 from rodeo.serving import served_by
@@ -138,8 +139,8 @@ class Bridge:
             for name in bridge_wallets(self._site)[process.name]
         }
         self._clock = process.clock
-        self._expiring: dict[int, float] = {}
-        """Task -> wall time (monotonic) before which its window is not ended again."""
+        self._expiring: dict[_End, float] = {}
+        """What is done at the end of a window -> wall time (monotonic) before which it is not tried again."""
         self._windows_changed = threading.Event()
         self._windows = threading.Thread(target=self._watch_windows, name="windows", daemon=True)
         self._giving_back: dict[tuple[int, int], tuple[Future[Any], float]] = {}
@@ -150,8 +151,7 @@ class Bridge:
         """Until the process is asked to stop."""
         sys.setswitchinterval(_SWITCH_S)
         self._serve()
-        if ORGANIZATION in self._threads:
-            self._windows.start()
+        self._windows.start()
         while not self._stop.is_set():
             try:
                 self._follow(self._attach())
@@ -182,8 +182,7 @@ class Bridge:
             self._stop.wait(_RETRY_S)
         if self._attachment is not None:
             self._attachment.close()
-        if self._windows.is_alive():
-            self._windows.join(_EXPIRY_RETRY_S)
+        self._windows.join(_EXPIRY_RETRY_S)
         for thread in self._threads.values():
             thread.shutdown(cancel_futures=True)
 
@@ -445,8 +444,8 @@ class Bridge:
     # -- expiry ----------------------------------------------------------------------------------------------
 
     def _watch_windows(self) -> None:
-        """End the windows that have passed, with the organization's wallet; anyone may. A clock that waits
-        for this bridge does not pass the end of one before it is dealt with."""
+        """Do what is to be done at the end of each window. A clock that waits for this bridge does not pass
+        the end of one before it is dealt with."""
         with self._clock.acting():
             while not self._stop.is_set():
                 self._windows_changed.clear()
@@ -473,23 +472,29 @@ class Bridge:
         # Whole seconds are over for the chain when the next has begun.
         now_s = int(self._clock.now_s())
         wall_s = time.monotonic()
-        wallet = attachment.wallets[ORGANIZATION]
         index = attachment.chain.index
-        closable = index.closable(now_s)
-        overdue = list(dict.fromkeys([*closable, *index.overdue(now_s)]))
-        self._expiring = {id: retry_s for id, retry_s in self._expiring.items() if id in overdue}
+        self._process.concern("verdicts", late_verdicts(index.late_verdicts(now_s)))
+        here = {str(one.address): name for name, one in self._accounts.items() if name != ORGANIZATION}
+        due, next_s = own_rulings(index.rulings(), here, now_s)
+        ends_s = [next_s]
+        if ORGANIZATION in self._threads:
+            # Anyone may end a window; for the site the organization does. A verdict that stands is posted
+            # before the task could expire.
+            closable = index.closable(now_s)
+            overdue = [task_id for task_id in index.overdue(now_s) if task_id not in closable]
+            due += [_End(ORGANIZATION, "close_dispute", task_id) for task_id in closable]
+            due += [_End(ORGANIZATION, "expire_task", task_id) for task_id in overdue]
+            ends_s.append(index.next_end_s(now_s))
+        self._expiring = {end: retry_s for end, retry_s in self._expiring.items() if end in due}
         jobs = []
-        for task_id in overdue:
-            if self._expiring.get(task_id, -math.inf) <= wall_s:
-                log.info("its window is over; expiring it", extra={"task": task_id})
-                self._expiring[task_id] = wall_s + _EXPIRY_RETRY_S
-                # A verdict that stands is posted before the task could expire.
-                name = "close_dispute" if task_id in closable else "expire_task"
-                jobs.append(self._threads[ORGANIZATION].submit(_end, wallet, name, task_id))
+        for end in due:
+            if self._expiring.get(end, -math.inf) <= wall_s:
+                log.info("its window is over; %s by %s", end.command, end.wallet, extra={"task": end.task_id})
+                self._expiring[end] = wall_s + _EXPIRY_RETRY_S
+                jobs.append(self._threads[end.wallet].submit(_end, attachment.wallets[end.wallet], end))
         ended, _ = futures.wait(jobs, _EXPIRY_RETRY_S)
         futures.wait([mined for job in ended if (mined := job.result()) is not None], _EXPIRY_RETRY_S)
-        end_s = index.next_end_s(now_s)
-        return None if end_s is None else end_s + 1
+        return min((end_s + 1 for end_s in ends_s if end_s is not None), default=None)
 
     def _hand_back(self, attachment: _Attachment) -> None:
         """Give back what was assigned to a participant of this bridge who cannot do it."""
@@ -561,21 +566,63 @@ class _Asked:
             )
 
 
-def _end(wallet: Wallet, command: str, task_id: int) -> Future[Any] | None:
+class _End(NamedTuple):
+    """What is sent at the end of a window, and by whom."""
+
+    wallet: str
+    command: str
+    task_id: int
+
+
+def own_rulings(
+    rows: Iterable[Mapping[str, Any]], executors: Mapping[str, str], now_s: float
+) -> tuple[list[_End], float | None]:
+    """The rulings that pay `executors` (address -> name) and that these close themselves now, and when the
+    next one is due. The organization's bridge closes all of them earlier, unless it is away."""
+    due: list[_End] = []
+    next_s: float | None = None
+    for row in rows:
+        name, ruling = executors.get(row["executor"]), Dispute.model_validate(row["dispute"])
+        at_s = rulings.due_s(ruling, row["state"], row["attempt"], row["verdict_deadline"])
+        if name is None or at_s is None:
+            continue
+        if at_s < now_s:
+            due.append(_End(name, "close_dispute", row["id"]))
+        else:
+            next_s = at_s if next_s is None else min(next_s, at_s)
+    return due, next_s
+
+
+def _end(wallet: Wallet, end: _End) -> Future[Any] | None:
     """A job of our own, whose failure nobody else would hear of. None where it was refused."""
     try:
-        reply = wallet.execute(command, {"task_id": task_id})
+        reply = wallet.execute(end.command, {"task_id": end.task_id})
     except RodeoError as error:
-        log.warning("not done: %s: %s", command, error, extra={"task": task_id})
+        log.warning("not done: %s: %s", end.command, error, extra={"task": end.task_id})
         return None
     assert isinstance(reply, Future)
-    reply.add_done_callback(lambda done: _warn(done, command, task_id))
+    reply.add_done_callback(lambda done: _warn(done, end))
     return reply
 
 
-def _warn(done: Future[Any], command: str, task_id: int) -> None:
+def _warn(done: Future[Any], end: _End) -> None:
     if (error := done.exception()) is not None:
-        log.warning("not done: %s: %s", command, error, extra={"task": task_id})
+        log.warning("not done: %s: %s", end.command, error, extra={"task": end.task_id})
+
+
+_LATE_NAMED = 5
+
+
+def late_verdicts(task_ids: Sequence[int]) -> str:
+    """What an operator should know of these tasks, which wait for a verdict; empty if there are none."""
+    if not task_ids:
+        return ""
+    named, more = ", ".join(map(str, task_ids[:_LATE_NAMED])), len(task_ids) - _LATE_NAMED
+    tasks = f"task{'s' if len(task_ids) > 1 else ''} {named}{f' and {more} more' if more > 0 else ''}"
+    return (
+        f"half of the verdict window has passed without a final verdict on {tasks}: check that the judges "
+        "work. Without a verdict at its end nobody is paid, unless the kind's at_silence is executor"
+    )
 
 
 def run(site: Site, name: str, stop: threading.Event) -> None:

@@ -41,6 +41,7 @@ from rodeo.recording.seals import SealPublisher
 from rodeo.recording.statements import StatementDoor, StatementListener
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.plain import PlainNode, new
+from rodeo.rulings import Rulings
 from rodeo.serving import served_by
 from rodeo.tls import bus_is_closed
 from rodeo.witness.chain import Inputs, WitnessChain
@@ -121,6 +122,7 @@ class Charger:
         self._witness = Witness(process.bus, site.org, dock.name, self._account, process.data_dir, inputs)
         self._roots = DailyRoots(site, self._organization, self._witness)
         self._copies = Copies(process.bus, site.org, dock.name, self._store, self._kept)
+        self._rulings = Rulings(self._organization, process.clock, process.stop)
         self._dao_events = DaoEvents(process.bus, site.org, self._on_event, clock=process.clock)
 
     # -- bus -------------------------------------------------------------------------------------------
@@ -151,6 +153,7 @@ class Charger:
                 delivery = self._delivery
                 if delivery is not None and delivery.job.task.id == event.task_id:
                     delivery.on_event(event)
+        self._rulings.on_event(event)
         self._wake.set()
         self._process.clock.notify()
 
@@ -168,6 +171,7 @@ class Charger:
         finally:
             self._copies.close()
             self._dao_events.close()
+            self._rulings.close()
             self._roots.close()
             self._witness.close()
             self._node.close()

@@ -59,6 +59,7 @@ from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
+from rodeo.rulings import Rulings
 from rodeo.stamps import set_stamp
 from rodeo.tls import bus_is_closed
 from rodeo.witness.chain import Inputs
@@ -237,6 +238,7 @@ class Agent:
         self._recorded = RecordedRobot(site, robot.name, self._device, bus, self._clock, self._interrupts)
         find = partial(recording_of, process.data_dir / "tasks")
         self._copies = Copies(bus, site.org, robot.name, self._store, find)
+        self._rulings = Rulings(self._dao, self._clock, self._stop)
         self._dao_events = DaoEvents(bus, site.org, self._on_event, clock=self._clock)
 
     def _make_behaviours(self) -> dict[str, Behaviour]:
@@ -282,6 +284,7 @@ class Agent:
             self._events.append(event)
             if self._recording is not None and event.task_id == self._recorded_task:
                 self._recording.event(event)
+        self._rulings.on_event(event)
         self._notice()
 
     def _on_order(self, order: Order) -> None:
@@ -349,6 +352,7 @@ class Agent:
             self._orders.close()
             self._copies.close()
             self._dao_events.close()
+            self._rulings.close()
             for one in self._bins.values():
                 one.close()
             self._receipts.close()

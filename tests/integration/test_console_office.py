@@ -391,7 +391,7 @@ def test_an_auditor_pays_a_part_of_what_the_oracle_could_not_decide(desk: Office
     page = desk.page("ada")
     open_page(page, f"/tasks/{task_id}")
     expect(page.get_by_text("An auditor decides")).to_be_visible()
-    expect(page.get_by_text("without one the executor wins")).to_be_visible()
+    expect(page.get_by_text("without one the creator wins")).to_be_visible()
     open_page(page, "/work")
     page.get_by_role("button", name=f"Judge task {task_id}").click()
     expect(page.get_by_text("The oracle could not decide: the verification hung twice.")).to_be_visible()

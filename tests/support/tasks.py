@@ -1,9 +1,14 @@
 """Tasks that no chain knows."""
 
+from typing import Any
+
 from rodeo.messages import Task
 
+UNTIL_S, DEADLINE_S = 1_000.0, 2_000.0
+"""Ends of the window in which a ruling can be challenged, and of the verdict window."""
 
-def task(state: str) -> Task:
+
+def task(state: str, **changes: Any) -> Task:
     """A cleaning of which nothing else is known."""
     unknown = dict.fromkeys(Task.model_fields)
     known = {
@@ -22,4 +27,21 @@ def task(state: str) -> Task:
         "execution_window_s": 7200,
         "verdict_window_s": 3600,
     }
-    return Task.model_validate(unknown | known)
+    return Task.model_validate(unknown | known | changes)
+
+
+def ruled(task_id: int, outcome: str = "accepted", **changes: Any) -> Task:
+    """A submitted task on which a ruling stands."""
+    digests = dict.fromkeys(("proof_sha256", "report_sha256", "rules_sha256"), "0x" + "a" * 64)
+    amount = "100" if outcome == "accepted" else "0"
+    vote = {
+        "task_id": task_id,
+        "attempt": 1,
+        "outcome": outcome,
+        "amount_iec": amount,
+        "reason": "",
+        **digests,
+    }
+    ruling = {"instance": 0, "vote": vote, "report_uri": "file:///report", "until": UNTIL_S}
+    told = {"id": task_id, "dispute": ruling, "verdict_deadline": DEADLINE_S}
+    return task(**({"state": "submitted"} | told | changes))

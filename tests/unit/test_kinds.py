@@ -116,11 +116,11 @@ def test_a_kind_without_checks_cannot_have_the_oracle_judge_it() -> None:
 
 
 def test_what_the_site_file_says_otherwise_holds(tmp_path: Path) -> None:
-    table = (
-        '[[kinds]]\nname = "waste_disposal"\nprice_iec = 3\nexecution_window_s = 60\nat_silence = "creator"\n'
-    )
+    table = '[[kinds]]\nname = "waste_disposal"\nprice_iec = 3\n'
+    table += 'execution_window_s = 60\nat_silence = "executor"\n'
     kind = kinds_of(site_with(tmp_path, table))["waste_disposal"]
-    assert (int(kind.price_iec), kind.execution_window_s, kind.at_silence) == (3, 60, "creator")
+    assert (int(kind.price_iec), kind.execution_window_s, kind.at_silence) == (3, 60, "executor")
+    assert {kinds.load(name).at_silence for name in kinds.installed()} == {"creator"}
     assert kind.params is kinds.load("waste_disposal").params
 
 

@@ -460,7 +460,7 @@ class ServicesPage:
                 "audit_window_s": Field("Auditors may look at it for (s)", str(7 * 24 * 3600)),
                 "at_silence": Field(
                     "If they do not answer",
-                    choices={"executor": "the executor is paid", "creator": "the creator is refunded"},
+                    choices={"creator": "the creator is refunded", "executor": "the executor is paid"},
                 ),
             },
             "Set the rule",

@@ -369,6 +369,13 @@ def test_an_impossible_task_pays_its_executor_and_is_no_completion(chain: Chain)
     assert record(chain) == (None, 0, 0, 0, 0)
 
 
+def test_a_task_is_late_for_its_verdict_after_half_of_the_window(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned(), proved())  # 600 s, until 1,700
+    assert chain.index.late_verdicts(1_400) == [] and chain.index.late_verdicts(1_401) == [1]
+    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC))
+    assert chain.index.late_verdicts(1_401) == []
+
+
 def undecided(chain: Chain) -> None:
     """Task 1, whose proof the oracle could not decide."""
     chain.block(registered(), offered(), assigned(), proved())

@@ -1,9 +1,11 @@
-"""When an index that is at the node's head still does not count as current."""
+"""When an index does not count as current, and what a bridge does as time passes."""
 
 import pytest
 
+from rodeo.rulings import GRACE_S
 from services.bridge.index import Position
-from services.bridge.process import why_late
+from services.bridge.process import late_verdicts, own_rulings, why_late
+from tests.support.tasks import UNTIL_S, ruled
 
 
 @pytest.mark.parametrize(
@@ -22,3 +24,17 @@ def test_a_machine_whose_clock_is_behind_a_chain_elsewhere_says_so(elsewhere: bo
     """A local chain has the site's own time, which may be any."""
     why = why_late(Position(7, "0x", 1007), None, 1000.0, elsewhere)
     assert why == ("clock 7 s behind the chain's newest block" if told else None)
+
+
+def test_a_bridge_closes_the_rulings_that_pay_executors_whose_keys_it_has() -> None:
+    tasks = ruled(1, executor="0x01"), ruled(2, executor="0x02"), ruled(3, "rejected", executor="0x01")
+    rows, due_s = [one.model_dump() for one in tasks], UNTIL_S + GRACE_S
+    assert own_rulings(rows, {"0x01": "alice"}, UNTIL_S + 1) == ([], due_s)
+    assert own_rulings(rows, {"0x01": "alice"}, due_s + 1) == ([("alice", "close_dispute", 1)], None)
+    assert own_rulings(rows, {"0x03": "carol"}, due_s + 1) == ([], None)
+
+
+def test_tasks_without_a_verdict_at_half_of_the_window_are_named() -> None:
+    assert late_verdicts([]) == ""
+    assert "without a final verdict on task 7:" in late_verdicts([7])
+    assert "on tasks 1, 2, 3, 4, 5 and 2 more:" in late_verdicts(range(1, 8))

@@ -1,0 +1,84 @@
+"""An executor closes the rulings in its favour that nobody else has closed, and no others."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+
+from rodeo import rulings
+from rodeo.clock import WallClock
+from rodeo.dao import Participant
+from rodeo.errors import RemoteError
+from rodeo.messages import DaoEvent, Task
+from rodeo_testing.waiting import HANG_S
+from tests.support.tasks import DEADLINE_S, UNTIL_S, ruled
+
+DUE_S = UNTIL_S + rulings.GRACE_S
+
+
+class Bridge:
+    """Knows these tasks, and which of them it was asked to close."""
+
+    def __init__(self, *tasks: Task, refuses: dict[int, str] | None = None) -> None:
+        self.tasks, self.refuses = list(tasks), refuses or {}
+        self.closed: list[int] = []
+        self.asked = threading.Semaphore(0)
+
+    def query(self, key: str, request: Any = None, *, parameters: Any = None, timeout_s: float) -> Any:
+        self.asked.release()
+        if parameters is not None:
+            assert parameters == {"state": "submitted", "executor": "alice", "limit": 100}
+            return {"tasks": [one.model_dump() for one in self.tasks], "total": len(self.tasks)}
+        assert key == "rodeo/lab/wallet/alice/close_dispute"
+        self.closed.append(request.task_id)
+        if request.task_id in self.refuses:
+            raise RemoteError(self.refuses[request.task_id], "refused", {})
+        return {"tx_hash": "0x" + "d" * 64, "block": 1}
+
+
+def close_due(bridge: Bridge, now_s: float) -> float | None:
+    return rulings.close_due(Participant(bridge, "lab", "alice"), now_s)  # type: ignore[arg-type]
+
+
+def test_a_ruling_that_pays_is_closed_once_others_had_time_to() -> None:
+    bridge = Bridge(ruled(1), ruled(2, "impossible"))
+    assert close_due(bridge, UNTIL_S + 1) == DUE_S and bridge.closed == []
+    assert close_due(bridge, DUE_S + 1) is None and bridge.closed == [1, 2]
+
+
+def test_a_ruling_is_closed_long_before_its_verdict_window_ends() -> None:
+    bridge = Bridge(ruled(1, verdict_deadline=UNTIL_S + 80))
+    assert close_due(bridge, UNTIL_S) == UNTIL_S + 20
+
+
+@pytest.mark.parametrize(
+    "task",
+    [ruled(1, "rejected"), ruled(1, dispute=None), ruled(1, attempt=2), ruled(1, state="undecided")],
+    ids=["rejected", "no ruling", "on an earlier attempt", "with the auditors"],
+)
+def test_no_other_ruling_is_closed(task: Task) -> None:
+    bridge = Bridge(task)
+    assert close_due(bridge, DEADLINE_S) is None and bridge.closed == []
+
+
+def test_a_ruling_that_was_just_closed_is_no_problem_and_one_that_cannot_be_holds_up_no_other() -> None:
+    assert close_due(Bridge(ruled(1), refuses={1: "no_dispute"}), DUE_S + 1) is None
+    bridge = Bridge(ruled(1), ruled(2), refuses={1: "insufficient_funds"})
+    with pytest.raises(RemoteError) as refused:
+        close_due(bridge, DUE_S + 1)
+    assert refused.value.code == "insufficient_funds" and bridge.closed == [1, 2]
+
+
+def test_a_running_executor_looks_again_when_a_ruling_comes() -> None:
+    stop, bridge = threading.Event(), Bridge()
+    watch = rulings.Rulings(Participant(bridge, "lab", "alice"), WallClock(), stop)  # type: ignore[arg-type]
+    assert bridge.asked.acquire(timeout=HANG_S)
+    bridge.tasks.append(ruled(1))
+    event: dict[str, Any] = {"seq": 1, "time_s": 1.0, "task_id": 1, "args": {}, "block": 1, "chain": "0x"}
+    watch.on_event(DaoEvent.model_construct(name="Ruled", **event))
+    assert bridge.asked.acquire(timeout=HANG_S) and bridge.asked.acquire(timeout=HANG_S)
+    stop.set()
+    watch.close()
+    assert bridge.closed == [1]
