@@ -252,7 +252,7 @@ def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAcc
 
 def wait_for_node(site: Site, w3: Web3, stop: threading.Event, say: Say) -> bool:
     """Wait until the site's node answers; False when stopped before. Raises ChainUnavailable."""
-    url, wait_s = site.chain.url, _NODE_S[site.chain.backend]
+    url, wait_s = site.chain.shown_url, _NODE_S[site.chain.backend]
     deadline_s = time.monotonic() + wait_s
     said = False
     while not stop.is_set():

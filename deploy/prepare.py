@@ -56,7 +56,7 @@ def prepare(path: Path, say: Say, stop: threading.Event, wait: bool = False) -> 
             return
         require_chain(w3, site.chain)
         with translated():
-            say(f"chain: {site.chain.id}, at block {w3.eth.block_number}, at {site.chain.url}")
+            say(f"chain: {site.chain.id}, at block {w3.eth.block_number}, at {site.chain.shown_url}")
         if elsewhere:
             contracts.require_this_release(site, w3)
             _await_gas_money(site, w3, say, stop, wait)

@@ -40,6 +40,7 @@ from rodeo.errors import (
 from rodeo.messages import DaoEvent
 from rodeo.metrics import REQUESTS
 from rodeo.receiving import direct
+from rodeo.redaction import redacted_json
 from rodeo.tls import Identity
 
 log = logging.getLogger(__name__)
@@ -330,11 +331,11 @@ class Bus:
                     reply = done.result()
                 except RodeoError as error:
                     outcome = error.code
-                    query.reply_err(json.dumps(error.to_json(), default=str))
+                    query.reply_err(_encode(redacted_json(error.to_json())))
                 except Exception as error:
                     outcome = "internal"
                     log.exception("the handler of %s failed", query.key_expr)
-                    query.reply_err(json.dumps({"code": "internal", "message": repr(error), "details": {}}))
+                    query.reply_err(_encode(redacted_json(_internal(error))))
                 else:
                     query.reply(own_key or query.key_expr, _encode(reply))
             REQUESTS.labels(key, outcome).observe(time.perf_counter() - started_s)
@@ -515,6 +516,10 @@ def _answer(key: str, payload: bytes) -> dict[str, Any]:
 def _escaped(value: Any) -> str:
     """What separates parameters in a selector must not stand in a value."""
     return re.sub("[%;&|#?]", lambda found: quote(found.group(), safe=""), str(value))
+
+
+def _internal(error: Exception) -> dict[str, Any]:
+    return {"code": "internal", "message": repr(error), "details": {}}
 
 
 def _encode(value: BaseModel | dict[str, Any]) -> bytes:

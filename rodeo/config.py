@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import math
 import os
+import re
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,10 +30,10 @@ from pydantic import (
 )
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
-from rodeo import endpoint
+from rodeo import endpoint, redaction
 from rodeo.addresses import typed_address
 from rodeo.currency import IEC, MAX_DECIMALS, MIN_DECIMALS, Currency, InvalidAmount
-from rodeo.errors import ConfigError
+from rodeo.errors import ConfigError, unreadable
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, PlaceConfig, Pose2, RobotConfig
 from rodeo.lab.rooms import RoomConfig, walls
 from rodeo.rewards import Rise
@@ -59,10 +60,16 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
+_SECRET = "{secret}"
+"""What stands for the provider's key in the node's addresses."""
+
+
 def _url(*schemes: str, empty: bool = False) -> AfterValidator:
     """An address of one of these schemes, with a host; with `empty` perhaps none."""
 
     def checked(text: str) -> str:
+        if _SECRET not in text:
+            redaction.learn(text, path_is_secret=True)
         if empty and not text:
             return text
         parts = urlsplit(text)
@@ -73,6 +80,12 @@ def _url(*schemes: str, empty: bool = False) -> AfterValidator:
         return text
 
     return AfterValidator(checked)
+
+
+def _with_password(text: str) -> str:
+    """An address whose password no output shows."""
+    redaction.learn(text)
+    return text
 
 
 class BusConfig(_Table):
@@ -161,9 +174,13 @@ class ChainConfig(_Table):
     id: int = Field(default=LOCAL_CHAIN_ID, gt=0)
     """Chain ID (EIP-155). Processes refuse a node that answers with another ID, and deploy nothing there."""
     url: Annotated[str, _url("http", "https")] = "http://127.0.0.1:8545"
+    """The node. No output shows more of it than scheme, host and port."""
     websocket_url: Annotated[str, _url("ws", "wss", empty=True)] | None = None
     """WebSocket URL for new blocks (eth_subscribe). None tries the address of `url`. With an empty string, or
     if the node has no subscriptions, the bridge polls the node."""
+    secret_file: Path | None = None
+    """File that contains the provider's key alone. The key replaces `{secret}` in `url` and `websocket_url`:
+    `url = "https://node.example/v3/{secret}"`."""
     confirmations: int = Field(default=0, ge=0)
     """Blocks on top of an event's block before it is published."""
     max_block_age_s: float | None = Field(default=None, gt=0)
@@ -172,6 +189,30 @@ class ChainConfig(_Table):
     registry: Annotated[str, AfterValidator(typed_address)] | None = None
     """Where organizations are founded on a chain without the deterministic deployment proxy: `rodeo site
     prepare` says it when it puts a registry there. Elsewhere its address follows from its code."""
+
+    @model_validator(mode="after")
+    def _has_its_secret(self) -> Self:
+        if self.secret_file is not None:
+            try:
+                secret = self.secret_file.read_text().strip()
+            except (OSError, UnicodeDecodeError) as error:
+                raise ValueError(f"cannot read chain.secret_file: {unreadable(error)}") from error
+            if not secret:
+                raise ValueError("chain.secret_file is empty")
+            redaction.hide(secret)
+            self.url = self.url.replace(_SECRET, secret)
+            if self.websocket_url is not None:
+                self.websocket_url = self.websocket_url.replace(_SECRET, secret)
+            for address in filter(None, (self.url, self.websocket_url)):
+                redaction.learn(address, path_is_secret=True)
+        elif _SECRET in self.url + (self.websocket_url or ""):
+            raise ValueError(f"{_SECRET} stands for the content of a file: set chain.secret_file")
+        return self
+
+    @property
+    def shown_url(self) -> str:
+        """`url` for people, without what may be secret."""
+        return redaction.shown(self.url)
 
 
 class FromHour(_Table):
@@ -349,8 +390,9 @@ class BridgeConfig(_Table):
     shared_wallets: list[str] = []
     """Participants whose wallets also send transactions without this site's bridges, for example for another
     organization on the same chain. A bridge does not check that its journal holds all they have sent."""
-    database: str | None = None
-    """SQLAlchemy URL of the index, e.g. `postgresql+psycopg://user@host/rodeo`; a SQLite file by default."""
+    database: Annotated[str, AfterValidator(_with_password)] | None = None
+    """SQLAlchemy URL of the index, e.g. `postgresql+psycopg://user@host/rodeo`; a SQLite file by default. The
+    password can also stand in PostgreSQL's password file (`~/.pgpass`)."""
     max_behind_s: float = Field(default=10.0, gt=0)
     """Wall time after which the bridge is not ready if its index is behind the node or the node does not
     answer."""
@@ -411,8 +453,11 @@ class DiskConfig(_Table):
 
 
 def _storage_url(text: str) -> str:
+    redaction.learn(text)
     if not urlsplit(text).scheme or "://" not in text:
         raise ValueError("this is no URL such as file:///var/lib/rodeo/store or s3://bucket/store")
+    if urlsplit(text).password or urlsplit(text).query:
+        raise ValueError("every proof's address on chain begins with this URL: leave password and query out")
     return text
 
 
@@ -426,6 +471,15 @@ class StoreConfig(_Table):
     """Further URL prefixes that a proof may be fetched from."""
     options: dict[str, Any] = {}
     """Of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not belong here."""
+
+    @field_validator("options")
+    @classmethod
+    def _texts_are_hidden(cls, options: dict[str, Any]) -> dict[str, Any]:
+        for name, value in options.items():
+            if isinstance(value, str) and re.search("key|secret|token|password", name):
+                redaction.hide(value)
+        return options
+
     max_bytes: int = 256 * MiB
     scrub_days: float = Field(default=7.0, gt=0)
     """Days of wall time in which the oracle hashes every file in the store that a verdict names once."""
@@ -875,6 +929,9 @@ def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(f"cannot read the site file: {reason}", path=str(path)) from error
+    match tables:
+        case {"chain": {"secret_file": str(secret_file)} as chain}:
+            chain["secret_file"] = _beside(path, "secret_file", secret_file, home=True)
     if isinstance(data_dir := tables.get("data_dir"), str):
         # Not at the working directory: `rodeo down` finds the site from wherever it is called.
         tables["data_dir"] = _beside(path, "data_dir", data_dir, home=True)

@@ -32,6 +32,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rodeo.errors import PortUnavailable, RodeoError, snake_case
+from rodeo.redaction import redacted, redacted_json
 
 _KEEP_ALIVE_S = 5
 _MAX_HEAD_BYTES = 16 << 10
@@ -88,7 +89,13 @@ def problem(
         name: value if isinstance(value, int | float | bool | dict | list | None) else str(value)
         for name, value in (details or {}).items()
     }
-    said = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, code=code, details=plain)
+    said = Problem(
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=redacted(detail),
+        code=code,
+        details=redacted_json(plain),
+    )
     return _ProblemResponse(said.model_dump(), status, headers)
 
 

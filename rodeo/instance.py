@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from rodeo.errors import AlreadyRunning, DiskFull
 from rodeo.files import writing
+from rodeo.redaction import redacted
 
 log = logging.getLogger(__name__)
 
@@ -114,7 +115,7 @@ def note_ending(data_dir: Path, reason: str, gave_up: bool) -> None:
     """Keep how this process ends where `last_ending` finds it, unless another one is at work there."""
     if lock_holder(data_dir) not in (None, os.getpid()):
         return
-    ending = Ending(pid=os.getpid(), time_s=time.time(), reason=reason, gave_up=gave_up)
+    ending = Ending(pid=os.getpid(), time_s=time.time(), reason=redacted(reason), gave_up=gave_up)
     try:
         data_dir.mkdir(parents=True, exist_ok=True)
         (data_dir / _ENDING).write_text(ending.model_dump_json())

@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from datetime import UTC, datetime
 
+from rodeo.redaction import hide_in_tracebacks, redacted, redacted_json
+
 _task: ContextVar[int | None] = ContextVar("task", default=None)
 
 _CHATTY = ("httpx", "urllib3", "web3", "asyncio", "alembic", "websockets")
@@ -32,7 +34,14 @@ def about_task(task_id: int | None) -> Iterator[None]:
         _task.reset(token)
 
 
-class _Formatter(logging.Formatter):
+class Redacting(logging.Formatter):
+    """Leaves out the secrets in addresses."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return redacted(super().format(record))
+
+
+class _Formatter(Redacting):
     def __init__(self, process: str) -> None:
         super().__init__()
         self._process = process
@@ -65,7 +74,7 @@ class JsonFormatter(_Formatter):
         }
         if record.exc_info:
             line["exception"] = self.formatException(record.exc_info)
-        return json.dumps({key: value for key, value in line.items() if value is not None})
+        return json.dumps({key: redacted_json(value) for key, value in line.items() if value is not None})
 
 
 class WholeLines(logging.Handler):
@@ -149,5 +158,6 @@ def configure(process: str) -> None:
     as_json = os.environ.get("RODEO_LOG_FORMAT") == "json"
     handler.setFormatter(JsonFormatter(process) if as_json else TextFormatter(process))
     logging.basicConfig(level=os.environ.get("RODEO_LOG", "INFO"), handlers=[handler])
+    hide_in_tracebacks()
     for chatty in _CHATTY:
         logging.getLogger(chatty).setLevel(logging.WARNING)

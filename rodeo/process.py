@@ -46,6 +46,7 @@ from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY
 from rodeo.metrics_server import metrics_server
 from rodeo.origin import check_bus, origin_of
+from rodeo.redaction import redacted, redacted_json
 from rodeo.serving import Claim, Holder, Rival, Thing
 from rodeo.sim_clock import SimClock
 from rodeo.tls import identity
@@ -334,16 +335,16 @@ class Process:
                 process=self.name,
                 pid=os.getpid(),
                 ready=ready,
-                reason=reason,
+                reason=redacted(reason),
                 metrics_url=self._metrics.url,
-                activity=self._activity,
+                activity=redacted(self._activity),
                 progress=self._progress,
                 since_s=self._started_s,
                 time_s=time.time(),
-                details=self._details,
+                details=redacted_json(self._details),
                 warnings=[
-                    *self._warnings,
-                    *filter(None, self._concerns.values()),
+                    *map(redacted, self._warnings),
+                    *map(redacted, filter(None, self._concerns.values())),
                     *self._clock_warnings(),
                     *self._rival_warnings(),
                 ],

@@ -28,8 +28,10 @@ from rodeo.config import Site
 from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, QueryTimeout, RemoteError, RodeoError
 from rodeo.files import replace_file
 from rodeo.instance import HEARTBEAT_S
+from rodeo.logs import Redacting
 from rodeo.messages import Status
 from rodeo.origin import check_bus
+from rodeo.redaction import redacted
 from rodeo.tls import OPERATOR, identity
 from rodeo_cli import formatting
 from rodeo_cli.layout import Row, lines, printable
@@ -92,7 +94,9 @@ def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        logging.basicConfig(level=logging.WARNING, format="%(message)s")
+        handler = logging.StreamHandler()
+        handler.setFormatter(Redacting("%(message)s"))
+        logging.basicConfig(level=logging.WARNING, handlers=[handler])
         try:
             return command(*args, **kwargs)
         except RodeoError as error:
@@ -250,8 +254,7 @@ def print_facts(document: Any, as_json: bool, facts: Iterable[tuple[str, str]]) 
 
 def print_json(value: Any) -> None:
     """One JSON document on stdout; a model is written as it was on the bus."""
-    json.dump(value, sys.stdout, indent=2, default=_as_json)
-    sys.stdout.write("\n")
+    sys.stdout.write(redacted(json.dumps(value, indent=2, default=_as_json)) + "\n")
 
 
 def _as_json(value: Any) -> Any:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 
 from rich.text import Text
 
+from rodeo.redaction import redacted
+
 _GAP = 2
 _NARROWEST = 6
 
@@ -56,7 +58,8 @@ def lines(columns: Sequence[str], rows: Sequence[Row], width: int, folds: Sequen
 
 def printable(text: str) -> str:
     """`text` without what would steer a terminal: others wrote it. The ends of lines stay."""
-    return "".join(c if c.isprintable() or c == "\n" else " " if c.isspace() else "�" for c in text)
+    shown = redacted(text)
+    return "".join(c if c.isprintable() or c == "\n" else " " if c.isspace() else "�" for c in shown)
 
 
 def _one_line(text: str) -> str:

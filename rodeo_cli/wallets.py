@@ -33,12 +33,12 @@ def accounts(site: Site) -> dict[str, Any]:
             for one in purses(site, w3, contracts.recorded(site, w3))
         ]
     except ChainUnavailable:
-        problem = f"no node answers at {site.chain.url}: the wallets' gas balances are unknown"
+        problem = f"no node answers at {site.chain.shown_url}: the wallets' gas balances are unknown"
         found = [
             _account(n, keystores.address(site, n), "transactions") for n in keystores.wallet_names(site)
         ]
     found += [_account(n, keystores.address(site, n), "evidence") for n in keystores.device_names(site)]
-    return {"chain_url": site.chain.url, "problem": problem, "accounts": found}
+    return {"chain_url": site.chain.shown_url, "problem": problem, "accounts": found}
 
 
 def _account(

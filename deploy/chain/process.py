@@ -62,7 +62,7 @@ def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading
     lock_instance(folder, PREDECESSOR_S, stop)
     store = Store(folder / "chain.sqlite")
     local_chain = LocalChain(store, site.chain.id, site.clock.begin_s(), site_time.now_s)
-    log.info("chain %d at block %d on %s", site.chain.id, local_chain.head.block_number, site.chain.url)
+    log.info("chain %d at block %d on %s", site.chain.id, local_chain.head.block_number, site.chain.shown_url)
     methods = Methods(local_chain)
 
     def answer(method: str, params: Sequence[Any]) -> Any:
@@ -89,7 +89,7 @@ def _run_anvil(site: Site, folder: Path, site_time: SiteTime, stop: threading.Ev
 
 
 def _run_external(site: Site, _folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
-    log.info("the site uses an external chain at %s; no local chain is started", site.chain.url)
+    log.info("the site uses an external chain at %s; no local chain is started", site.chain.shown_url)
 
 
 _BACKENDS: dict[str, Callable[[Site, Path, SiteTime, threading.Event], None]] = {

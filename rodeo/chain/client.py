@@ -54,8 +54,8 @@ def require_chain(w3: Web3, config: ChainConfig) -> None:
         found = w3.eth.chain_id
     if found != config.id:
         raise WrongChain(
-            f"the node at {config.url} is one of chain {found}, and the site's chain is {config.id}: see "
-            f"that chain.url of the site file is the site's own node, or say `chain.id = {found}` there",
+            f"the node at {config.shown_url} is one of chain {found}, and the site's chain is {config.id}: "
+            f"see that chain.url of the site file is the site's own node, or say `chain.id = {found}` there",
             node_chain_id=found,
             site_chain_id=config.id,
         )

@@ -20,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from rodeo import redaction
 from rodeo.addresses import typed_address
 from rodeo.pricing import PricingConfig
 from rodeo.schedule import Schedule, parse_hours, require_apart, zone
@@ -110,6 +111,7 @@ class CameraConfig(Section):
 
     @model_validator(mode="after")
     def _has_an_address(self) -> "CameraConfig":
+        redaction.learn(self.address)
         if (self.source == "bus") != (not self.address):
             raise ValueError(
                 "the camera sources video and folder need an address, and the other sources take none"

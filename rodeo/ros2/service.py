@@ -16,6 +16,7 @@ import zenoh
 
 from rodeo.errors import RodeoError
 from rodeo.receiving import direct
+from rodeo.redaction import redacted_json
 from rodeo.ros2 import wire
 from rodeo.ros2.definitions import definition
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
@@ -83,7 +84,7 @@ class PendingRequest:
 def _reply_error(query: zenoh.Query, error: RodeoError) -> None:
     # A query is finished when its object goes, which a traceback may keep alive: finish it explicitly.
     with query:
-        query.reply_err(json.dumps(error.to_json()).encode())
+        query.reply_err(json.dumps(redacted_json(error.to_json()), default=str).encode())
 
 
 class DeferredService:

@@ -14,6 +14,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
 from rodeo.chain.errors import ChainUnavailable
+from rodeo.redaction import shown
 
 log = logging.getLogger(__name__)
 
@@ -93,10 +94,10 @@ class SubscribedHeads:
             )
             reply = json.loads(self._connection.recv(timeout=OPEN_TIMEOUT_S))
         except (OSError, TimeoutError, ValueError, WebSocketException) as error:
-            raise ChainUnavailable("no subscription", url=url, reason=str(error)) from error
+            raise ChainUnavailable("no subscription", url=shown(url), reason=str(error)) from error
         if "result" not in reply:
             self._connection.close()
-            raise ChainUnavailable("no subscription", url=url, reason=str(reply.get("error")))
+            raise ChainUnavailable("no subscription", url=shown(url), reason=str(reply.get("error")))
 
     def wait(self) -> list[Header]:
         headers: list[Header] = []

@@ -162,7 +162,7 @@ class Bridge:
                 self._not_ready(f"{missing} ({error})")
             except (ChainUnavailable, RpcFailed) as error:
                 reason = error.details.get("reason") or error.message
-                self._not_ready(f"no node at {self._site.chain.url}: {reason}")
+                self._not_ready(f"no node at {self._site.chain.shown_url}: {reason}")
             except KeystoreMissing as error:
                 self._not_ready(str(error))
             except WalletError:

@@ -28,6 +28,7 @@ from rodeo.queries import (
     TransactionFilters,
     TransferFilters,
 )
+from rodeo.redaction import shown
 from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery, UnknownTask
 from services.bridge.index import Page
@@ -459,7 +460,7 @@ class Queries:
         return {
             "chain_id": self._deployment.chain_id,
             "genesis_hash": self._deployment.genesis_hash,
-            "url": self._url,
+            "url": shown(self._url),
             "head": position.block,
             "time_s": position.block_time_s,
             "contracts": self._deployment.contracts,

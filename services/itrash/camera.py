@@ -7,7 +7,6 @@ then `capture` raises CameraError and `problem` says what is wrong.
 from __future__ import annotations
 
 import logging
-import re
 import threading
 import time
 from pathlib import Path
@@ -20,6 +19,7 @@ from rodeo import topics
 from rodeo.clock import Clock
 from rodeo.errors import RodeoError
 from rodeo.lab.config import CameraConfig
+from rodeo.redaction import redacted
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.node import Node
@@ -127,8 +127,8 @@ class VideoCamera:
 
     def __init__(self, address: str, clock: Clock, timeout_s: float = 10.0) -> None:
         self._address = address
-        self._shown = re.sub(r"//[^/@]*@", "//", address)
-        """The address without the name and password that a stream's may carry."""
+        self._shown = redacted(address)
+        """The address without the password that a stream's may carry."""
         self._clock = clock
         self._timeout_s = timeout_s
         self._frame: tuple[float, np.ndarray] | None = None

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import os
 import sqlite3
 import threading
-from collections.abc import Iterator
+import urllib.request
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
 from pathlib import Path
@@ -14,8 +17,9 @@ import pytest
 from eth_account import Account
 from web3 import Web3
 
-from rodeo import keystores, possession, topics, wallets
+from rodeo import keystores, possession, queries, topics, wallets
 from rodeo.bus import Bus, DaoEvents
+from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
 from rodeo.evidence.store import Store
@@ -25,6 +29,7 @@ from rodeo.witness.roots import DailyRoots
 from rodeo.witness.statement import Removal
 from rodeo.witness.witness import Witness
 from rodeo_testing.waiting import HANG_S, wait_until
+from tests.support.command import rodeo
 from tests.support.dao import CHARGING, PARAMS, Dao
 from tests.support.index import index_differences
 from tests.support.site import RunningSite, readyz, write_site
@@ -958,7 +963,39 @@ def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
     assert_index_equals_contracts(dao)
 
 
-def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite) -> None:
+@pytest.fixture
+def planted_key(site_path: Path) -> str:
+    """A provider's key, which is in the address of the site's node."""
+    key, url = "planted-key-4711", Site.load(site_path).chain.url
+    with_key = url.replace("//", f"//dao:{key}@") + f"/?apikey={key}"
+    site_path.write_text(site_path.read_text().replace(url, with_key))
+    return key
+
+
+def outputs(running: RunningSite, *commands: Sequence[str]) -> Iterator[str]:
+    """What bridge, `rodeo` with these commands, and all logs tell now."""
+    status = running.status("bridge")
+    yield status.model_dump_json()
+    yield readyz(status.metrics_url)[1]
+    with urllib.request.urlopen(f"{status.metrics_url}/metrics") as metrics:
+        yield metrics.read().decode()
+    for query in vars(queries).values():
+        if isinstance(query, queries.Query):
+            try:
+                yield json.dumps(Dao(running).state(query.what))
+            except RemoteError as error:
+                yield str(error)
+    for asked in commands:
+        done = rodeo(*asked, "--site", str(running.path), env=dict(os.environ), timeout_s=HANG_S)
+        yield done.stdout + done.stderr
+    for log in (running.site.data_dir / "logs").iterdir():
+        yield log.read_text()
+
+
+def test_without_contracts_the_bridge_says_what_is_missing_and_tells_nobody_the_nodes_key(
+    planted_key: str, running: RunningSite
+) -> None:
+    assert planted_key in running.site.chain.url
     running.start("router", "bridge", ready=False)
     seen: list[str] = []
     no_node, no_contracts = threading.Event(), threading.Event()
@@ -967,7 +1004,7 @@ def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite)
         status = Status.model_validate(data)
         assert not status.ready
         seen.append(status.reason)
-        if status.reason.startswith(f"no node at {running.site.chain.url}"):
+        if status.reason.startswith(f"no node at {running.site.chain.shown_url}"):
             no_node.set()
         if status.reason == "deployment record missing: run `rodeo site prepare`":
             no_contracts.set()
@@ -977,11 +1014,14 @@ def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite)
     with pytest.raises(RemoteError) as refused:
         Dao(running).state("tasks")
     assert refused.value.code == "bridge_not_ready"
+    commands = (("status", "--json"), ("organization", "list"), ("site", "wallets", "--json"))
+    assert not [text for text in outputs(running, *commands) if planted_key in text]
     running.start("chain", ready=False)
     assert no_contracts.wait(HANG_S), seen
     subscriber.undeclare()
     running.deploy_contracts()
     running.wait_ready("bridge")
+    assert not [text for text in outputs(running) if planted_key in text]
 
 
 def test_a_killed_bridge_goes_on_where_it_was(own_dao: Dao) -> None:
