@@ -49,7 +49,7 @@ _CALLERS: dict[str, str] = {
 _ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
 """A second writer: bin and dock have frames, too."""
 
-_SELLS = {"register_service", "update_service", "abandon_task", "submit_proof"}
+_SELLS = {"register_service", "update_service", "abandon_task", "submit_proof", "close_dispute"}
 
 _OFFICE = {
     *("register_task", "cancel_task", "register_service", "update_service", "challenge_verdict"),

@@ -14,7 +14,15 @@ from pydantic import BaseModel, ConfigDict
 from rodeo import queries, signed_requests, topics
 from rodeo.bus import Bus
 from rodeo.config import Site, oracle_names
-from rodeo.errors import MalformedAnswer, NoResponder, QueryTimeout, TaskNotDone, TaskUnfinished
+from rodeo.errors import (
+    BusError,
+    MalformedAnswer,
+    NoResponder,
+    QueryTimeout,
+    RemoteError,
+    TaskNotDone,
+    TaskUnfinished,
+)
 from rodeo.evidence.seal import Binding
 from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
@@ -22,6 +30,7 @@ from rodeo.messages import (
     AbandonTask,
     AcceptTask,
     Broadcast,
+    CloseDispute,
     Command,
     Message,
     Mined,
@@ -37,6 +46,7 @@ from rodeo.messages import (
     UpdateService,
 )
 from rodeo.queries import A, Offer, Query
+from rodeo.rulings import due_s
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount
@@ -293,6 +303,25 @@ class Participant:
                 nonce=nonce,
             ),
         )
+
+    def close_rulings(self, now_s: float) -> float | None:
+        """Close each ruling in favour of this participant that is due at `now_s` (site time). Returns when
+        the next one is, None if there is none.
+
+        Raises only after it has tried to close all of them.
+        """
+        tasks = self.tasks(state="submitted", executor=self.name)
+        due = {one.id: due_s(one.dispute, one.state, one.attempt, one.verdict_deadline) for one in tasks}
+        problem: BusError | RemoteError | None = None
+        for task_id in [task_id for task_id, at_s in due.items() if at_s is not None and at_s < now_s]:
+            try:
+                self.command("close_dispute", CloseDispute(task_id=task_id))
+            except (BusError, RemoteError) as error:
+                if not (isinstance(error, RemoteError) and error.code == "no_dispute"):  # else it was closed
+                    problem = error
+        if problem is not None:
+            raise problem
+        return min((at_s for at_s in due.values() if at_s is not None and at_s >= now_s), default=None)
 
     def command(self, name: str, request: Command) -> Mined:
         """Send a transaction through the bridge and wait for its receipt (at most 30 s of wall time)."""

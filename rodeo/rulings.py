@@ -4,18 +4,18 @@ A ruling can be challenged for a while, and is paid when somebody closes it afte
 bridge does so at once. If it does not, the task ends with its verdict window as if there had been no ruling,
 and the executor has worked for nothing. So the bridge that has an executor's key closes rulings in its favour
 (`services.bridge.process`), and so does the executor's own process: robots and docks by `Rulings`, other
-programs, whose keys may be in no bridge, by `Rulings` or `close_due`.
+programs, whose keys may be in no bridge, by `Rulings` or `Participant.close_rulings`.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
+from typing import Protocol
 
 from rodeo.clock import Clock
-from rodeo.dao import Participant
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
-from rodeo.messages import CloseDispute, DaoEvent, Dispute
+from rodeo.messages import DaoEvent, Dispute
 
 log = logging.getLogger(__name__)
 
@@ -46,31 +46,16 @@ def due_s(ruling: Dispute | None, state: str, attempt: int, deadline_s: float | 
     return ruling.until + min(GRACE_S, (deadline_s - ruling.until) / _GRACE_SHARE)
 
 
-def close_due(executor: Participant, now_s: float) -> float | None:
-    """Close each ruling in favour of `executor` that is due at `now_s` (site time). Returns when the next one
-    is, None if there is none.
+class _Participant(Protocol):
+    """The part of `rodeo.dao.Participant` that is needed here."""
 
-    Raises what `Participant` raises, after it has tried to close all of them.
-    """
-    tasks = executor.tasks(state="submitted", executor=executor.name)
-    due = {one.id: due_s(one.dispute, one.state, one.attempt, one.verdict_deadline) for one in tasks}
-    problem: BusError | RemoteError | None = None
-    for task_id in [task_id for task_id, at_s in due.items() if at_s is not None and at_s < now_s]:
-        try:
-            executor.command("close_dispute", CloseDispute(task_id=task_id))
-            log.info("closed the ruling in favour of %s", executor.name, extra={"task": task_id})
-        except (BusError, RemoteError) as error:
-            if not (isinstance(error, RemoteError) and error.code == "no_dispute"):  # else it was closed
-                problem = error
-    if problem is not None:
-        raise problem
-    return min((at_s for at_s in due.values() if at_s is not None and at_s >= now_s), default=None)
+    def close_rulings(self, now_s: float) -> float | None: ...
 
 
 class Rulings:
     """Closes rulings in favour of `executor` in a thread of its own until `stop` is set."""
 
-    def __init__(self, executor: Participant, clock: Clock, stop: threading.Event) -> None:
+    def __init__(self, executor: _Participant, clock: Clock, stop: threading.Event) -> None:
         self._executor = executor
         self._clock = clock
         self._stop = stop
@@ -94,7 +79,7 @@ class Rulings:
                 self._news.clear()
                 next_s, wall_s = None, _LOOK_WALL_S
                 try:
-                    next_s = close_due(self._executor, self._clock.now_s())
+                    next_s = self._executor.close_rulings(self._clock.now_s())
                 except (BusError, RemoteError, ClockUnavailable) as error:
                     log.log(_level(error), "cannot close rulings now, trying again: %s", error)
                     wall_s = _RETRY_WALL_S

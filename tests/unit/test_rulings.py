@@ -39,7 +39,7 @@ class Bridge:
 
 
 def close_due(bridge: Bridge, now_s: float) -> float | None:
-    return rulings.close_due(Participant(bridge, "lab", "alice"), now_s)  # type: ignore[arg-type]
+    return Participant(bridge, "lab", "alice").close_rulings(now_s)  # type: ignore[arg-type]
 
 
 def test_a_ruling_that_pays_is_closed_once_others_had_time_to() -> None:
