@@ -377,11 +377,14 @@ class WalletLimits(_Table):
 
     max_fee_per_gas_gwei: Decimal | None = Field(default=None, gt=0)
     max_fee_eth: Decimal | None = Field(default=None, gt=0, max_digits=36, decimal_places=18)
-    """Maximum fee of one transaction: its gas limit times its max fee per gas."""
+    """Maximum fee of one transaction: its gas limit times its max fee per gas. The gas limit is lowered for
+    it, down to a quarter above the estimate."""
     daily_fee_eth: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
+    """Maximum of fees in a day. Until it is mined, a transaction counts with its maximum."""
     daily_iec: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
-    """Maximum of rewards, transfers, deposits, stakes and bonds in a day. Each bridge counts only what it
-    sends."""
+    """Maximum of rewards, transfers, withdrawals, deposits, stakes and bonds in a day. What comes back, such
+    as the reward of a cancelled task, is not subtracted. With this limit a wallet names no payout address but
+    the site file's, and signs nothing that others send. Each bridge counts only what it signs."""
 
 
 class BridgeConfig(_Table):

@@ -246,6 +246,10 @@ class ChainClient:
         """IEC of `account` in wei."""
         return self._view("IECoin", "balanceOf", to_checksum_address(account))
 
+    def unaccounted(self) -> int:
+        """What the TaskManager has of the payment token beyond what it holds for tasks and services, wei."""
+        return self.balance(self.task_manager) - int(self._view("TaskManager", "held"))
+
     def allowance(self, owner: str, spender: str) -> int:
         return self._view("IECoin", "allowance", to_checksum_address(owner), to_checksum_address(spender))
 

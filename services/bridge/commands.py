@@ -123,6 +123,7 @@ from services.bridge.errors import (
     CannotDo,
     CannotRaise,
     CannotSign,
+    DailyLimitReached,
     HasToBeProposed,
     InsufficientFunds,
     InvalidQuorum,
@@ -230,6 +231,8 @@ class Wallet:
         if (known := self._before(name, command)) is not None:
             return self.transactions.orders.submit(known)
         *before, order = self._orders(name, command, build)
+        if before:  # a task that was cancelled to be posted for more would be gone
+            self.transactions.signer.check_spending(order)
         for first in before:
             self.transactions.orders.submit(first).result()
         sent = self.transactions.orders.submit(order)
@@ -292,20 +295,45 @@ class Wallet:
         return Order(self.participant, name, Call(entry.to, "0x", name), command.request_id, content)  # type: ignore[arg-type]
 
     def _spends(self, command: Command) -> int:
-        """Wei of the payment token that leave the wallet by it."""
+        """Wei of the payment token that leave the wallet, or the treasury, by it: at most, and once. What
+        comes back later, such as a cancelled task's reward, is not subtracted. Raises DailyLimitReached where
+        there is no upper bound and the wallet has a limit."""
         match command:
             case RegisterTask():
                 return self._currency.to_units(command.reward_iec)
             case RaiseReward():
                 task = self.index.task(command.task_id)
-                return self._currency.to_units(command.reward_iec) - (0 if task is None else task["reward"])
-            case Transfer() | Deposit() | DepositStake() | Withdraw() | WrapTokens():
+                # An open task's reward comes back first. A cancelled one's came back before.
+                back = task["reward"] if task is not None and task["state"] == "open" else 0
+                return self._currency.to_units(command.reward_iec) - back
+            case Transfer() | Deposit() | DepositStake() | Withdraw() | WrapTokens() | OpenBudgetVote():
                 return self._currency.to_units(command.amount_iec)
             case RegisterService():
-                return self._bond()
+                return self._max_bond(command)
             case ChallengeVerdict():
                 return self._stake(self._dispute(command.task_id), command.task_id)
+            case RescueTokens() if to_checksum_address(command.token) == self.client.deployment.address(
+                "IECoin"
+            ):
+                return self.client.unaccounted()
+            case SetPayout():
+                self._require_bounded(command)
+            case Propose() if not self.client.deployment.decides_by_vote:
+                # The wallet decides it now, whoever executes it later.
+                return self._spends(self._parse(command.command, command.request)[0])
         return 0
+
+    def _require_bounded(self, command: SetPayout) -> None:
+        """Whoever is named is paid all that the provider earns from then on. Raises DailyLimitReached."""
+        limits = self.transactions.orders.wallets[self.participant].limits
+        known = (self.address, self.names.payout(self.participant))
+        if limits.has_daily_iec and self._payee("payout", command.payout) not in known:
+            raise DailyLimitReached(
+                "a wallet with a daily limit names no payout address but its own and the site file's: set "
+                "the robot's payout there, or remove the limit",
+                participant=self.participant,
+                payout=command.payout,
+            )
 
     # -- a wallet that lives elsewhere ---------------------------------------------------------------------
 
@@ -317,7 +345,8 @@ class Wallet:
             entry = self.transactions.orders.find(self.participant, command.request_id, content)
             if entry is not None:
                 return {"raw": "0x" + entry.raw.hex(), "content_sha256": content, "remaining": 0}
-        first, *others = self._orders(request.command, command, build)
+        first, *others = orders = self._orders(request.command, command, build)
+        self.transactions.signer.check_spending(orders[-1])
         return {
             "transaction": self.transactions.signer.unsigned(first),
             "content_sha256": first.content_sha256,
@@ -668,8 +697,7 @@ class Wallet:
         self._require_able(command.kind)
         self._require_room_for(command)
         price = self._currency.to_units(command.price_iec)
-        bond = self._bond()
-        max_bond = bond if command.max_bond_iec is None else self._currency.to_units(command.max_bond_iec)
+        bond, max_bond = self._bond(), self._max_bond(command)
         self._require_funds(self.address, bond)
         auto_accept = command.auto_accept
         if auto_accept is None:  # what nobody can check before it is assigned is free text
@@ -1189,6 +1217,11 @@ class Wallet:
     def _bond(self) -> int:
         """What a new service has to lock, wei."""
         return self._currency.to_units(Decimal((self.index.setting("terms") or {}).get("bond_iec", 0)))
+
+    def _max_bond(self, command: RegisterService) -> int:
+        """The highest bond that the new service agrees to lock, wei."""
+        most_iec = command.max_bond_iec
+        return self._bond() if most_iec is None else self._currency.to_units(most_iec)
 
     def _require_kind(self, kind: str) -> None:
         if kind not in self.index.kinds() and not self.client.is_kind_allowed(kind):

@@ -10,10 +10,12 @@ from rodeo.currency import ETHER, Currency
 from services.bridge.errors import DailyLimitReached, FeeTooHigh
 
 GAS_MARGIN = 1.25
-"""Gas offered over the estimate, which another transaction may outdate before this one is mined."""
+"""Gas that a transaction is offered, as a multiple of the estimate, which another one may outdate before this
+one is mined."""
 
 GAS_HEADROOM = 300_000
-"""And beyond that: after a transaction in between, this one may make and pay for a match."""
+"""Gas beyond that, as far as the limits have room for it: after a transaction in between, this one may make
+and pay for a match."""
 
 _GWEI = 10**9
 
@@ -60,25 +62,37 @@ class Limits:
         self._daily_iec = None if config.daily_iec is None else currency.to_units(config.daily_iec)
 
     @property
+    def has_daily_iec(self) -> bool:
+        return self._daily_iec is not None
+
+    @property
     def has_daily(self) -> bool:
         return self._daily_fee is not None or self._daily_iec is not None
 
-    def fees(self, wanted: Fees, market: Market, gas: int) -> Fees:
-        """`wanted`, lowered where a limit says so. Raises FeeTooHigh where that would not be mined now."""
-        cap = wanted.max_fee
-        if self._max_fee_per_gas is not None:
-            cap = min(cap, self._max_fee_per_gas)
-        if self._max_fee is not None:
-            cap = min(cap, self._max_fee // gas)
+    def offer(self, wanted: Fees, market: Market, estimate: int, spent: int = 0) -> tuple[int, Fees]:
+        """Gas and fees for a transaction whose gas was estimated, where `spent` wei of fees are spent today.
+
+        Fees are as `wanted`, or lower, so that gas times fee is within each limit. For a limit the gas gives
+        up its headroom and nothing else. Raises FeeTooHigh or DailyLimitReached where the rest would
+        not be mined now.
+        """
+        least = int(estimate * GAS_MARGIN)
+        most = [] if self._max_fee is None else [self._max_fee]
         needed = market.base_fee + market.priority_fee
+        if self._daily_fee is not None:
+            self.check_day((0, spent), 0, least * needed)
+            most.append(max(0, self._daily_fee - spent))
+        caps = [wanted.max_fee, *(one // least for one in most)]
+        cap = min(caps if self._max_fee_per_gas is None else [*caps, self._max_fee_per_gas])
         if cap < needed:
             raise FeeTooHigh(
                 "the transaction's fee exceeds this wallet's limit",
                 needed_wei_per_gas=str(needed),
                 limit_wei_per_gas=str(cap),
-                gas=gas,
+                gas=least,
             )
-        return Fees(cap, min(wanted.priority_fee, cap))
+        gas = min([least + GAS_HEADROOM, *(one // cap for one in most if cap)])
+        return gas, Fees(cap, min(wanted.priority_fee, cap))
 
     def check_day(self, spent: tuple[int, int], spends: int, fee: int) -> None:
         """Raises DailyLimitReached when `spends` wei of the payment token, or `fee` wei more, are too much

@@ -160,11 +160,12 @@ class Journal:
         """Those that were mined or failed after `block`: their outcome does not count any more."""
         return self._entries(_transactions.c.block > block)
 
-    def spent(self, wallet: str, since_s: float) -> tuple[int, int]:
-        """Wei of IECoin and wei of fees that `wallet` has spent, or is about to, since then."""
+    def spent(self, wallet: str, since_s: float, without: Collection[int] = ()) -> tuple[int, int]:
+        """Wei of IECoin and wei of fees that `wallet` has spent, or is about to, since then, but for the
+        entries `without`, which are being made anew."""
         c = _transactions.c
         query = select(c.state, c.spends, c.fee).where(
-            c.wallet == wallet, c.made_s > since_s, c.state != "dropped"
+            c.wallet == wallet, c.made_s > since_s, c.state != "dropped", c.id.not_in(without)
         )
         with self._engine.connect() as connection:
             rows = connection.execute(query).all()

@@ -52,6 +52,10 @@ class Names:
             return "oracle"
         return "robot" if name in [robot.name for robot in self._site.robots] else "participant"
 
+    def payout(self, name: str) -> str | None:
+        """Who is paid for a robot's work, if the site file says it."""
+        return next((robot.payout for robot in self._site.robots if robot.name == name), None)
+
     def cannot_do(self, name: str, kind: str) -> str:
         """Why the participant cannot do work of this kind; empty where it can."""
         return cannot_do(self._site, name, kind)

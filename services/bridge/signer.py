@@ -14,7 +14,7 @@ from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainError, ChainUnavailable, TransactionTimeout
 from rodeo.errors import RequestError, RodeoError
 from services.bridge.chain import Chain
-from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Fees, Market
+from services.bridge.fees import GAS_MARGIN, Fees, Market
 from services.bridge.journal import decoded
 from services.bridge.orders import Job, Order, Orders, Reply, WalletQueue
 
@@ -42,9 +42,7 @@ class Signer:
 
     def cost(self, order: Order) -> Reply:
         """What it would cost at most. Raises like `Orders.submit` and its future, and sends nothing."""
-        wallet = self._orders.wallets[order.wallet]
-        gas, fees = self._offer(wallet, order)
-        self._check_day(wallet, order.spends, gas * fees.max_fee, {})
+        gas, fees = self._offer(self._orders.wallets[order.wallet], order)
         return {
             "gas": gas,
             "max_fee_per_gas_wei": str(fees.max_fee),
@@ -59,10 +57,16 @@ class Signer:
         nonce = int(self._node.call("eth_getTransactionCount", wallet.address, "pending"), 16)
         return self._transaction(order.call, max(nonce, wallet.after), gas, fees)
 
+    def check_spending(self, order: Order) -> None:
+        """Raises DailyLimitReached where `order`, before which others are sent, would be refused."""
+        wallet = self._orders.wallets[order.wallet]
+        wallet.limits.check_day(self._spent(wallet), order.spends, 0)
+
     def _offer(self, wallet: WalletQueue, order: Order) -> tuple[int, Fees]:
-        gas = _offered(self._node.call("eth_estimateGas", _message(wallet, order.call), "pending"))
-        market = self._current_market()
-        return gas, wallet.limits.fees(market.fees(), market, gas)
+        estimate = self._node.call("eth_estimateGas", _message(wallet, order.call), "pending")
+        market, spent = self._current_market(), self._spent(wallet)
+        wallet.limits.check_day(spent, order.spends, 0)
+        return wallet.limits.offer(market.fees(), market, int(estimate, 16), spent[1])
 
     # -- whoever sends -------------------------------------------------------------------------------------
 
@@ -86,20 +90,22 @@ class Signer:
         made_s = float(self._index.position.block_time_s)
         accepted: list[Job] = []
         rows: list[dict[str, Any]] = []
-        reserved: dict[str, tuple[int, int]] = {}
+        again = [job.entry.id for job in jobs if job.entry is not None]
+        spent = {name: self._spent(wallet, again) for name, wallet in wallets.items()}
         for job, estimate in zip(jobs, answers[: len(jobs)], strict=True):
             order, wallet = job.order, wallets[job.order.wallet]
             try:
                 if isinstance(estimate, ChainError):
                     raise estimate
-                gas = _offered(estimate)
-                fees = wallet.limits.fees(market.fees(), market, gas)
-                self._check_day(wallet, order.spends, gas * fees.max_fee, reserved)
+                iec, fee = spent[wallet.name]
+                wallet.limits.check_day((iec, fee), order.spends, 0)
+                gas, fees = wallet.limits.offer(market.fees(), market, int(estimate, 16), fee)
             except RodeoError as error:
                 if job.entry is not None:
                     self._journal.forget(job.entry)
                 self._orders.end(job, error)
                 continue
+            spent[wallet.name] = iec + order.spends, fee + gas * fees.max_fee
             nonce = next_nonces[wallet.name]
             next_nonces[wallet.name] = nonce + 1
             replaces = {} if job.entry is None else {"replaces": job.entry.id}
@@ -119,9 +125,14 @@ class Signer:
             return
         before = Fees(entry.max_fee, entry.priority_fee)
         market = self._current_market(now=True)
-        gas = int(decoded(entry.raw)["gas"])
+        # It is the wallet's oldest, so the newest block decides about it. One that would fail has to be mined
+        # as well: what the wallet sent after it waits for its nonce.
+        (answer,) = self._node.batch([("eth_estimateGas", [_message(wallet, job.order.call), "latest"])])
+        fails = isinstance(answer, ChainError)
+        estimate = int(decoded(entry.raw)["gas"] / GAS_MARGIN) if fails else int(answer, 16)
         try:
-            fees = wallet.limits.fees(market.bumped(before), market, gas)
+            _, spent = self._spent(wallet, [entry.id])
+            gas, fees = wallet.limits.offer(market.bumped(before), market, estimate, spent)
             if fees.max_fee * 10 < before.max_fee * 11 or fees.priority_fee * 10 < before.priority_fee * 11:
                 raise TransactionTimeout(
                     "the wallet's limits do not allow a higher fee", max_fee=fees.max_fee
@@ -204,22 +215,12 @@ class Signer:
         self._market = (now_s, market)
         return market
 
-    def _check_day(
-        self, wallet: WalletQueue, spends: int, fee: int, reserved: dict[str, tuple[int, int]]
-    ) -> None:
-        """Raises DailyLimitReached. `reserved` is what this batch has taken already."""
+    def _spent(self, wallet: WalletQueue, without: Sequence[int] = ()) -> tuple[int, int]:
+        """Wei of the payment token and wei of fees of the last day, where a limit counts them."""
         if not wallet.limits.has_daily:
-            return
-        since_s = self._index.position.block_time_s - _DAY_S
-        spent = reserved.get(wallet.name) or self._journal.spent(wallet.name, since_s)
-        wallet.limits.check_day(spent, spends, fee)
-        reserved[wallet.name] = (spent[0] + spends, spent[1] + fee)
+            return 0, 0
+        return self._journal.spent(wallet.name, self._index.position.block_time_s - _DAY_S, without)
 
 
 def _message(wallet: WalletQueue, call: Call) -> dict[str, str]:
     return {"from": wallet.address, "to": call.to, "data": call.data}
-
-
-def _offered(estimate: str) -> int:
-    """Gas for an estimate in hex."""
-    return int(int(estimate, 16) * GAS_MARGIN) + GAS_HEADROOM

@@ -1,34 +1,207 @@
-"""What each command counts against the daily limit of its wallet."""
+"""What each command counts against the daily limit of its wallet, and what one transaction may cost."""
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from decimal import Decimal
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from rodeo.currency import IEC
-from rodeo.messages import Command, Deposit, DepositStake, Transfer, Withdraw, WrapTokens
-from services.bridge.commands import Wallet
+from rodeo.config import WalletLimits
+from rodeo.currency import ETHER, IEC
+from services.bridge.commands import _COMMANDS, Wallet
+from services.bridge.errors import DailyLimitReached, FeeTooHigh
+from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Limits, Market
 
-FIVE = {"amount_iec": Decimal(5)}
+ALICE, BOB, COIN = ("0x" + digit * 40 for digit in "123")
+FIVE = {"amount_iec": "5"}
+RESCUE: dict[str, Any] = {
+    "command": "rescue_tokens",
+    "description": "lost",
+    "request": {"token": COIN, "to": "bob"},
+}
+
+SPENDS: dict[str, list[tuple[dict[str, Any], int]]] = {
+    "register_task": [({"kind": "sweeping", "reward_iec": "5"}, 5)],
+    # Task 1 is open and task 2 cancelled, each with a reward of 40.
+    "raise_reward": [({"task_id": 1, "reward_iec": "45"}, 5), ({"task_id": 2, "reward_iec": "45"}, 45)],
+    "transfer": [({"to": "bob", **FIVE}, 5)],
+    "deposit": [(FIVE, 5)],
+    "withdraw": [({"to": "bob", **FIVE}, 5)],
+    "wrap_tokens": [(FIVE, 5)],
+    # Its owner, who may be anybody, has it back.
+    "deposit_stake": [({"judge": "anna", **FIVE}, 5)],
+    "challenge_verdict": [({"task_id": 1, "reason": "no"}, 20)],
+    # The contract takes what the terms say when it is mined, up to what the command agrees to.
+    "register_service": [
+        ({"kind": "sweeping", "price_iec": "9"}, 30),
+        ({"kind": "sweeping", "price_iec": "9", "max_bond_iec": "70"}, 70),
+    ],
+    "open_budget_vote": [({"recipients": ["bob"], "duration_s": 60, **FIVE}, 5)],
+    "rescue_tokens": [({"token": COIN, "to": "bob"}, 8), ({"token": BOB, "to": "bob"}, 0)],
+    "propose": [(RESCUE, 8)],
+}
+"""Command -> requests, and what each spends, IEC."""
+
+FREE = {
+    *("cancel_task", "accept_task", "abandon_task", "submit_proof", "expire_task", "match_task"),
+    # Of others' escrow.
+    *("post_verdict", "post_votes", "close_dispute"),
+    # Money that comes back, or comes in.
+    *("unwrap_tokens", "announce_withdrawal", "withdraw_stake", "collect"),
+    # What was counted when it was promised: by the proposer, or nobody where members decided.
+    *("execute_proposal", "queue_proposal", "cancel_proposal", "cast_vote", "cast_budget_vote"),
+    "pay_budget_share",
+    # The contracts take only what the wallet's own commands say.
+    "allow_payments",
+    # The wallet that signed it pays; one with a daily limit signs nothing that others send.
+    *("relay", "revoke_request"),
+    *("update_service", "register_device", "revoke_device", "post_root", "allow_kind", "retire_rules"),
+    *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
+    *("admit", "dismiss", "suspend_provider", "reinstate_provider", "suspend_service"),
+    *("reinstate_service", "grant_role", "revoke_role", "change_judge_key", "seat_judge"),
+    *("unseat_judge", "set_quorum", "hand_over", "set_delay"),
+}
+"""Commands by which nothing leaves the wallet."""
+
+UNBOUNDED = {"set_payout"}
+
+
+class Node:
+    """What a wallet's commands ask of chain and index."""
+
+    currency = IEC
+    task_manager = ALICE
+    deployment = SimpleNamespace(address=lambda _name: COIN, decides_by_vote=False)
+
+    def unaccounted(self) -> int:
+        return 8 * 10**18
+
+    def task(self, task_id: int) -> Any:
+        return {"reward": 40 * 10**18, "state": {1: "open", 2: "cancelled"}[task_id]}
+
+    def setting(self, _name: str) -> Any:
+        return {"bond_iec": "30"}
+
+
+def wallet(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> Wallet:
+    unused: Any = SimpleNamespace()
+    node: Any = Node()
+    sent: list[Any] = []
+
+    def submit(order: Any) -> Future[Any]:
+        sent.append(order.command)
+        done: Future[Any] = Future()
+        done.set_result({})
+        return done
+
+    checked = Limits(WalletLimits(**limits), IEC)
+    queue = SimpleNamespace(limits=checked, account=None)
+    orders = SimpleNamespace(wallets={"alice": queue}, submit=submit, sent=sent)
+    signer = SimpleNamespace(check_spending=lambda order: checked.check_day((0, 0), order.spends, 0))
+    transactions: Any = SimpleNamespace(orders=orders, signer=signer)
+    names: Any = SimpleNamespace(addresses={"alice": ALICE, "bob": BOB}, payout={"alice": COIN}.get)
+    monkeypatch.setattr(Wallet, "_dispute", lambda *_: None)
+    monkeypatch.setattr(Wallet, "_stake", lambda *_: 20 * 10**18)
+    return Wallet("alice", node, transactions, node, names, unused, unused, unused)
+
+
+def test_each_command_counts_or_is_listed_as_free() -> None:
+    """Whoever adds a command decides here."""
+    assert SPENDS.keys() | FREE | UNBOUNDED == _COMMANDS.keys()
+    assert not SPENDS.keys() & FREE
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        Transfer(to="bob", **FIVE),
-        Deposit(**FIVE),
-        Withdraw(to="bob", **FIVE),
-        WrapTokens(**FIVE),
-        # Its owner, who may be anybody, has it back.
-        DepositStake(judge="anna", **FIVE),
-    ],
-    ids=lambda command: type(command).__name__,
+    ("name", "request_", "iec"),
+    [(name, request, iec) for name, rows in SPENDS.items() for request, iec in rows],
 )
-def test_what_leaves_the_wallet_counts(command: Command) -> None:
-    unused: Any = SimpleNamespace()
-    client: Any = SimpleNamespace(currency=IEC)
-    wallet = Wallet("alice", client, unused, unused, unused, unused, unused, unused)
-    assert wallet._spends(command) == IEC.to_units(Decimal(5))
+def test_what_leaves_the_wallet_counts(
+    monkeypatch: pytest.MonkeyPatch, name: str, request_: dict[str, Any], iec: int
+) -> None:
+    one = wallet(monkeypatch)
+    assert one._spends(one._parse(name, request_)[0]) == iec * 10**18
+
+
+@pytest.mark.parametrize("name", sorted(FREE))
+def test_what_costs_nothing_counts_nothing(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    assert wallet(monkeypatch)._spends(_COMMANDS[name][0].model_construct()) == 0
+
+
+def test_what_members_decide_is_not_their_proposers(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = wallet(monkeypatch)
+    monkeypatch.setattr(Node.deployment, "decides_by_vote", True)
+    assert one._spends(one._parse("propose", RESCUE)[0]) == 0
+
+
+def test_a_wallet_with_a_daily_limit_names_no_payout_address_of_its_own_accord(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whoever is named is paid everything from then on."""
+    limited, free = wallet(monkeypatch, daily_iec=60), wallet(monkeypatch)
+    for payout, ours in (("bob", False), ("0x" + "9" * 40, False), ("alice", True), (COIN, True)):
+        command, _ = limited._parse("set_payout", {"payout": payout})
+        assert free._spends(command) == 0
+        if ours:
+            assert limited._spends(command) == 0
+        else:
+            with pytest.raises(DailyLimitReached) as refused:
+                limited._spends(command)
+            assert refused.value.details == {"participant": "alice", "payout": payout}
+
+
+def test_a_task_stays_posted_where_the_limit_does_not_allow_the_higher_reward(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one = wallet(monkeypatch, daily_iec=4)
+    cancel, post = (SimpleNamespace(name=name) for name in ("cancel_task", "register_task"))
+    monkeypatch.setitem(_COMMANDS, "raise_reward", (_COMMANDS["raise_reward"][0], lambda *_: [cancel, post]))
+    with pytest.raises(DailyLimitReached):
+        one.execute("raise_reward", {"task_id": 1, "reward_iec": "45"})
+    assert one.transactions.orders.sent == []  # type: ignore[attr-defined]
+    one.execute("raise_reward", {"task_id": 1, "reward_iec": "44"})
+    assert one.transactions.orders.sent == ["cancel_task", "raise_reward"]  # type: ignore[attr-defined]
+
+
+GWEI = 10**9
+PROOF_GAS = 46_400
+"""Gas of `submit_proof`, of which the shipped limit of 0.01 ETH pays 172 gwei with the margin."""
+
+
+def limits(**said: str) -> Limits:
+    return Limits(WalletLimits.model_validate(said), IEC)
+
+
+@pytest.mark.parametrize("gwei", [1, 28, 100, 170])
+def test_a_limit_of_a_fee_holds_what_a_transaction_can_cost_and_no_more(gwei: int) -> None:
+    market = Market(base_fee=(gwei - 1) * GWEI, priority_fee=GWEI)
+    gas, fees = limits(max_fee_eth="0.01").offer(market.fees(), market, PROOF_GAS)
+    assert fees.max_fee >= gwei * GWEI and gas >= PROOF_GAS * GAS_MARGIN
+    assert gas * fees.max_fee <= ETHER.to_units(Decimal("0.01"))
+
+
+def test_a_transaction_that_can_cost_more_than_its_limit_is_refused() -> None:
+    market = Market(base_fee=172 * GWEI, priority_fee=GWEI)
+    with pytest.raises(FeeTooHigh) as refused:
+        limits(max_fee_eth="0.01").offer(market.fees(), market, PROOF_GAS)
+    assert refused.value.details["gas"] == PROOF_GAS * GAS_MARGIN
+
+
+def test_without_a_limit_there_is_headroom_and_a_free_chain_costs_nothing() -> None:
+    market = Market(base_fee=10 * GWEI, priority_fee=GWEI)
+    assert limits().offer(market.fees(), market, PROOF_GAS) == (58_000 + GAS_HEADROOM, market.fees())
+    nothing = Market(0, 0)
+    gas, fees = limits(max_fee_eth="0.01", daily_fee_eth="0").offer(nothing.fees(), nothing, PROOF_GAS)
+    assert (gas, fees.max_fee) == (58_000 + GAS_HEADROOM, 0)
+
+
+def test_what_is_left_of_the_days_fees_limits_the_next_one() -> None:
+    market, day = Market(base_fee=27 * GWEI, priority_fee=GWEI), limits(daily_fee_eth="0.05")
+    spent = ETHER.to_units(Decimal("0.048"))
+    gas, fees = day.offer(market.fees(), market, PROOF_GAS, spent)
+    assert gas * fees.max_fee + spent <= ETHER.to_units(Decimal("0.05")) and gas >= 58_000
+    with pytest.raises(DailyLimitReached) as refused:
+        day.offer(market.fees(), market, PROOF_GAS, ETHER.to_units(Decimal("0.0484")))
+    assert refused.value.details["what"] == "fees"

@@ -19,7 +19,7 @@ from deploy.chain.errors import InternalError, TransactionRejected
 from rodeo import keystores, wallets
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
 from rodeo.config import WalletLimits
-from rodeo.currency import IEC
+from rodeo.currency import ETHER, IEC
 from rodeo.errors import RemoteError
 from rodeo_testing.waiting import HANG_S
 from services.bridge import orders, outcomes, signer
@@ -589,6 +589,33 @@ def test_a_wallet_spends_no_more_than_it_may_in_a_day_of_block_time(robot: Robot
     chain("evm_mine")
     robot.step()
     robot.pay(5)
+
+
+def test_a_transaction_that_is_made_anew_counts_once(robot: Robot) -> None:
+    robot.limits = Limits(WalletLimits(daily_iec=Decimal("0.000000000000000005")), IEC)
+    robot.restart()
+    robot.step()
+    robot.chain.node.fault = Rival(robot, times=2)
+    robot.pay(5)
+    robot.chain.node.fault = None
+    with pytest.raises(DailyLimitReached):
+        robot.pay(1)
+
+
+def test_a_higher_fee_for_a_stuck_transaction_is_within_the_days_limit(robot: Robot) -> None:
+    cost = robot.transactions.signer.cost(robot.order())
+    first = int(cost["max_fee_wei"])
+    robot.limits = Limits(WalletLimits(daily_fee_eth=ETHER.from_units(first * 3 // 2)), IEC)
+    robot.restart(stuck_s=0.1)
+    robot.chain.node.fault = lose
+    robot.transactions.orders.submit(robot.order(request_id="stuck"))
+    robot.until(lambda: robot.journal.unfinished() and robot.journal.unfinished()[0].replaced)
+    for _ in range(200):
+        robot.step()
+        robot.wall_s += 0.01
+    (entry,) = robot.journal.unfinished()
+    assert entry.max_fee is not None
+    assert int(decoded(entry.raw)["gas"]) * entry.max_fee <= first * 3 // 2
 
 
 def test_what_a_reorganization_takes_back_is_sent_again(robot: Robot) -> None:
