@@ -210,10 +210,20 @@ class Bus:
 
         What the callback refuses with a RodeoError is logged and left out.
         """
+        return self.subscribe_with_source(
+            key, lambda heard, payload, _source: callback(heard, payload), inline=inline
+        )
+
+    def subscribe_with_source(
+        self, key: str, callback: Callable[[str, bytes, str], None], *, inline: bool = False
+    ) -> zenoh.Subscriber[None]:
+        """The same with the session that published as third argument: the one in Zenoh's time stamp, or the
+        router for a session that does not stamp. A forger can write another session there."""
 
         def on_sample(sample: zenoh.Sample) -> None:
+            source = "" if sample.timestamp is None else str(sample.timestamp.get_id())
             try:
-                callback(str(sample.key_expr), sample.payload.to_bytes())
+                callback(str(sample.key_expr), sample.payload.to_bytes(), source)
             except RodeoError as error:
                 log.warning("ignored a message on %s: %s", sample.key_expr, error)
             except Exception:

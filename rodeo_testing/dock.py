@@ -134,7 +134,7 @@ class Buyer:
         self._node = Node(bus.session, "robot", "", site.bus.domain_id, clock)
         account = wallets.load(site, f"{robot.name}-device")
         folder = site.data_dir / "robot"
-        self._witness = Witness(bus, site.org, robot.name, account, folder, "closed_bus")
+        self._witness = Witness(bus, site.org, robot.name, account, folder, "closed_bus", clock.now_ns)
         self._receipts = Receipts(site, robot, self._witness, bus, self._node, cast(Clock, clock))
         self._task: Task | None = None
         self._stop = threading.Event()

@@ -33,18 +33,26 @@ class DeviceTable:
         self._bus = bus
         self._org = org
         self._devices: dict[str, Device] = {}
+        self._names: frozenset[str] = frozenset()
         self.answered = False
         """Whether the bridge has told which devices there are: before, nobody is known, and no stranger."""
         self._silent = False
         """Whether it did not answer the last time."""
         self._strangers = 0
-        """How often somebody was asked for who is not known."""
+        """Look-ups of an address or a name that is not known."""
 
     def known(self, address: str) -> Device | None:
         """The device with this address, by what the bridge said last; never waits. None for a stranger, and
         for everybody until it has `answered`."""
         found = self._devices.get(address.lower())
         if found is None:
+            self._strangers += 1
+        return found
+
+    def has(self, name: str) -> bool:
+        """Whether a registered device has this name, by what the bridge said last; never waits."""
+        found = name in self._names
+        if not found:
             self._strangers += 1
         return found
 
@@ -82,5 +90,6 @@ class DeviceTable:
             return False
         self._silent = False
         self._devices = {one.address.lower(): one for one in devices if one.revoked is None}
+        self._names = frozenset(one.name for one in self._devices.values())
         self.answered = True
         return True

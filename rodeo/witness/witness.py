@@ -1,11 +1,17 @@
-"""A device on the bus that signs what it saw: hears heads of others, publishes and answers with its chain."""
+"""A device on the bus that signs what it saw: hears heads of others, publishes and answers with its chain.
+
+To check a signature costs five times what everything else costs, so it comes last. A message counts only on
+its device's own key, which the access rules of a closed bus let nobody else publish on; then it has to name a
+registered device and this organization, and to be newer than what was heard of its device. Only then one of
+the key's `CheckBudget` is spent. On an open bus anybody can publish on a device's key: a flood of bad
+signatures cannot silence a device that was heard before, unless it forges the session of the device, too.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import logging
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,9 +20,9 @@ import zenoh
 from pydantic import ValidationError
 
 from rodeo import queries, topics
-from rodeo.budget import Bucket
+from rodeo.budget import CheckBudget
 from rodeo.bus import Bus, Request, decode_json
-from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
+from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, MalformedJson, RemoteError
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.evidence.seal import SealHead
@@ -32,8 +38,17 @@ from rodeo.witness.statement import Head, Header, Scope, Statement, parse, paylo
 log = logging.getLogger(__name__)
 
 _CHECKS_PER_WALL_S = 100.0
-"""Signatures checked of one claimed signer: several times what a lab states that runs 20 times as fast as the
-wall's clock, and less than a tenth of a core."""
+"""Signatures checked of what comes on one key: several times what a lab states that runs 20 times as fast as
+the wall's clock, and a hundredth of a core."""
+AHEAD_S = 15.0
+"""A seal whose time is so far ahead of the site's clock is not heard: it would keep out all that come until
+then. A seal is never ahead of a simulated clock, which reaches the witness before it."""
+_MOST_BAD = 1000
+"""Forgeries that are remembered: said again, they cost no check."""
+_MOST_SEAL_BYTES = 4096
+"""A seal has less than a kilobyte."""
+_MOST_STATEMENT_BYTES = 256 << 10
+"""A second of a whole lab's motion is a hundredth of it."""
 _RETRY_WALL_S = 1.0
 _ANSWER_WALL_S = 2.0
 _LOOK_WALL_S = 10.0
@@ -49,6 +64,7 @@ class Witness:
     Args:
         folder: where the journal is kept.
         inputs: where the device's readings come from.
+        now_ns: the site's time.
         listener: gets what other registered devices of the organization state: who, and the statement.
     """
 
@@ -60,6 +76,7 @@ class Witness:
         account: Signer,
         folder: Path,
         inputs: Inputs,
+        now_ns: Callable[[], int],
         listener: Listener | None = None,
     ) -> None:
         self.device = device
@@ -68,21 +85,25 @@ class Witness:
         self._org = org
         self._account = account
         self._inputs = inputs
+        self._now_ns = now_ns
         self._listener = listener
         self._journal = Journal(folder / "statements.jsonl")
         self.days = Days(folder / "days", self._journal)
         self._chain: WitnessChain | None = None
         self._devices = DeviceTable(bus, org)
-        self._checks: dict[str, Bucket] = {}
-        """Registered address -> signatures that may be checked now."""
-        self._newest: dict[str, int] = {}
-        """Registered address -> number of its newest statement that was heard."""
+        self._checking = threading.Lock()
+        """Seals and statements come in threads of their own."""
+        self._checks = CheckBudget(_CHECKS_PER_WALL_S)
+        self._bad: dict[tuple[str, str], None] = {}
+        """Digest and signature of what was found forged last, the newest last."""
+        self._newest: dict[str, Head] = {}
+        """Registered address -> its newest statement that was heard."""
         self._closed = threading.Event()
         self._endpoints: list[zenoh.Subscriber[None] | zenoh.Queryable[None]] = [
             # In the receiving thread: a robot lets the time go on when its recording's first head is told. It
             # must have been heard then, for the next statement to list it however busy the machine is.
-            bus.subscribe_bytes(topics.SEAL.pattern(org=org), self._on_seal, inline=True),
-            bus.subscribe_bytes(topics.WITNESS_STATEMENT.pattern(org=org), self._on_statement),
+            bus.subscribe_with_source(topics.SEAL.pattern(org=org), self._on_seal, inline=True),
+            bus.subscribe_with_source(topics.WITNESS_STATEMENT.pattern(org=org), self._on_statement),
             bus.serve(topics.WITNESS_STATEMENTS.name(org=org, device=device), self._serve),
         ]
         for name, target, arguments in (
@@ -146,50 +167,94 @@ class Witness:
                 self._chain.sign_for(scope)
             self._closed.wait(_LOOK_WALL_S)
 
-    def _on_seal(self, _key: str, payload: bytes) -> None:
+    def _on_seal(self, key: str, payload: bytes, source: str = "") -> None:
         try:
-            self._on_head(unverified_seal(payload))
-        except (BadAttestation, BadStatement) as error:
+            name = self._speaker(topics.SEAL, key, payload, _MOST_SEAL_BYTES)
+            if name is None:
+                return
+            seal = unverified_seal(payload)
+            device = self._sender(name, seal.spoken)
+            latest_ns = self._now_ns() + round(AHEAD_S * 1e9)
+            if seal.time_ns > latest_ns:
+                raise BadStatement("it was sealed at a time to come", device=name, time_ns=seal.time_ns)
+            self.heads.forget_after(device.address, latest_ns)
+            head = seal.spoken.head
+            if self.heads.is_news(head, seal.time_ns) and self._is_genuine(seal.spoken, name, source):
+                self.heads.hear(head, seal.time_ns)
+        except (BadAttestation, BadStatement, ClockUnavailable) as error:
             # A line in the log for each would be what a flood is after.
             HEADS_REFUSED.inc()
-            log.debug("ignored a seal: %s", error)
+            log.debug("ignored a seal on %s: %s", key, error)
 
-    def _on_statement(self, _key: str, payload: bytes) -> None:
+    def _on_statement(self, key: str, payload: bytes, source: str = "") -> None:
         try:
+            name = self._speaker(topics.WITNESS_STATEMENT, key, payload, _MOST_STATEMENT_BYTES)
+            if name is None:
+                return
             spoken = unverified_statement(decode_json(payload))
-            address, seq = spoken.attestation.signer.lower(), spoken.head.index
-            if seq < self._newest.get(address, 0):
+            device, head = self._sender(name, spoken), spoken.head
+            newest = self._newest.get(device.address)
+            if newest is not None and head.index < newest.index:
                 return  # anybody may say it again; what its device stated since stands
-            device = self._on_head(spoken)
-            if device is not None:
-                self._newest[address] = seq
-            if device is not None and self._listener is not None:
+            # The newest one, said again, was checked already.
+            if newest is None or (head.index, head.digest) != (newest.index, newest.digest):
+                if not self._is_genuine(spoken, name, source):
+                    return
+                self._newest[device.address] = head
+                self.heads.hear(head)
+            if self._listener is not None:
                 self._listener(device, parse(spoken.attestation.payload))
         except (MalformedJson, BadAttestation, BadStatement) as error:
             HEADS_REFUSED.inc()
-            log.debug("ignored a statement: %s", error)
+            log.debug("ignored a statement on %s: %s", key, error)
 
-    def _on_head(self, spoken: Spoken) -> Device | None:
-        """Take what another registered device of the organization signed; None for what is not.
+    def _speaker(self, topic: topics.Topic, key: str, payload: bytes, most_bytes: int) -> str | None:
+        """Whose key it is; None for the witness's own, and for that of no registered device.
 
-        A signature is checked last, and of each claimed signer only so many in a second: on an open bus
-        anybody may claim a device's name as often as he likes.
+        Raises BadStatement for more bytes than anything on such a key has.
         """
-        address = spoken.attestation.signer.lower()
-        if address == self._account.address.lower():
+        name = (topic.parts(key) or {}).get("device")
+        if name is None or name == self.device or not self._devices.has(name):
             return None
-        device = self._devices.known(address)
-        if device is None or device.name != spoken.head.device:
-            return None
+        if len(payload) > most_bytes:
+            raise BadStatement("the message is too large", bytes=len(payload), limit=most_bytes)
+        return name
+
+    def _sender(self, name: str, spoken: Spoken) -> Device:
+        """The registered device that is named as signer of what came on the key of device `name`.
+
+        Raises BadStatement for a device that has another key, for a stranger and another organization.
+        """
+        if spoken.head.device != name:
+            raise BadStatement("it is on another device's key", device=spoken.head.device, key=name)
+        device = self._devices.known(spoken.attestation.signer)
+        if device is None or device.name != name:
+            raise BadStatement("its signer is not that registered device", device=name)
         chain = self._chain
         if chain is not None and not spoken.made_for(chain.scope):
-            raise BadStatement("it names another organization", device=device.name)
-        checks = self._checks.setdefault(address, Bucket(_CHECKS_PER_WALL_S, _CHECKS_PER_WALL_S))
-        if not checks.take(time.monotonic()):
-            return None
-        verify_attestation(spoken.attestation)
-        self.heads.hear(spoken.head)
+            raise BadStatement("it names another organization", device=name)
         return device
+
+    def _is_genuine(self, spoken: Spoken, name: str, source: str) -> bool:
+        """Whether its signature is genuine; False also where its key has used up its checks.
+
+        Raises BadAttestation.
+        """
+        claim = spoken.head.digest, spoken.attestation.signature
+        with self._checking:
+            if claim in self._bad or not self._checks.take(name, source):
+                HEADS_REFUSED.inc()
+                return False
+            try:
+                verify_attestation(spoken.attestation)
+            except BadAttestation:
+                self._bad[claim] = None
+                if len(self._bad) > _MOST_BAD:
+                    del self._bad[next(iter(self._bad))]
+                self._checks.checked(name, source, genuine=False)
+                raise
+            self._checks.checked(name, source, genuine=True)
+            return True
 
     def _serve(self, request: Request) -> dict[str, Any]:
         after, limit = (_count(request.parameters, name) for name in ("after", "limit"))
@@ -219,8 +284,16 @@ class Spoken(NamedTuple):
         )
 
 
-def unverified_seal(data: bytes) -> Spoken:
-    """The head that the bytes of a seal message are. Raises BadStatement."""
+class Seal(NamedTuple):
+    """A seal of a running recording, its signature not checked."""
+
+    spoken: Spoken
+    time_ns: int
+    """Site time up to which it seals."""
+
+
+def unverified_seal(data: bytes) -> Seal:
+    """What the bytes of a seal message say. Raises BadStatement."""
     try:
         attestation = Attestation.model_validate_json(data)
         seal = SealHead.model_validate(attestation.payload)
@@ -232,9 +305,21 @@ def unverified_seal(data: bytes) -> Spoken:
             index=seal.index,
             digest=own,
         )
+        time_ns = _time_ns(seal.time_ns)
     except ValidationError as error:
         raise BadStatement("the message is not a seal", cause=str(error)[:200]) from error
-    return Spoken(attestation, head)
+    return Seal(Spoken(attestation, head), time_ns)
+
+
+def _time_ns(text: str) -> int:
+    """Raises BadStatement for what is not a time in nanoseconds."""
+    if not (text.isascii() and text.isdigit() and len(text) <= _TIME_DIGITS):
+        raise BadStatement("the seal's time is not a number of nanoseconds", time_ns=text[:64])
+    return int(text)
+
+
+_TIME_DIGITS = 19
+"""Of the largest time in nanoseconds that fits into 63 bits."""
 
 
 def unverified_statement(data: dict[str, Any]) -> Spoken:

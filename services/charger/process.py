@@ -119,7 +119,9 @@ class Charger:
             )
         # It reads its terminals over the bus: on an open one anybody may have said what they say.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
-        self._witness = Witness(process.bus, site.org, dock.name, self._account, process.data_dir, inputs)
+        self._witness = Witness(
+            process.bus, site.org, dock.name, self._account, process.data_dir, inputs, process.clock.now_ns
+        )
         self._roots = DailyRoots(site, self._organization, self._witness)
         self._copies = Copies(process.bus, site.org, dock.name, self._store, self._kept)
         self._rulings = Rulings(self._organization, process.clock, process.stop)

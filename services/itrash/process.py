@@ -87,7 +87,14 @@ class Itrash:
         # Its sensors speak over the bus: on an open one anybody may have said what they say.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(
-            process.bus, site.org, config.name, self._account, process.data_dir, inputs, self._on_statement
+            process.bus,
+            site.org,
+            config.name,
+            self._account,
+            process.data_dir,
+            inputs,
+            process.clock.now_ns,
+            self._on_statement,
         )
         self._roots = DailyRoots(site, Participant(process.bus, site.org, ORGANIZATION), self._witness)
         self._heard_s: dict[str, float] = {}

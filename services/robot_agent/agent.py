@@ -169,7 +169,9 @@ class Agent:
         self._chance = generator(site, process.name, "explore")
         # Where the robot stands and what it holds, it is told over the bus.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
-        self._witness = Witness(bus, site.org, robot.name, self._device, process.data_dir, inputs)
+        self._witness = Witness(
+            bus, site.org, robot.name, self._device, process.data_dir, inputs, self._clock.now_ns
+        )
         self._bins = {
             one.name: SmartBin(bus, site, one.name, self._clock, self._witness, self._interrupts)
             for one in site.bins

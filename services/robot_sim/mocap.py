@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +36,17 @@ class MotionCapture:
 
     Args:
         folder: where it keeps what it signed.
+        now_ns: the site's time.
     """
 
-    def __init__(self, bus: Bus, site: Site, folder: Path, bodies: Sequence[str]) -> None:
+    def __init__(
+        self, bus: Bus, site: Site, folder: Path, bodies: Sequence[str], now_ns: Callable[[], int]
+    ) -> None:
         self._bus = bus
         self._site = site
         self._folder = folder
         self._bodies = bodies
+        self._now_ns = now_ns
         self._witness: Witness | None = None
         self._roots: DailyRoots | None = None
         self._log: MotionLog | None = None
@@ -140,7 +144,7 @@ class MotionCapture:
                 self._said = True
             return None
         # Its cameras are its own: nothing that it signs came over the bus.
-        witness = Witness(self._bus, self._site.org, NAME, account, self._folder, "sensor")
+        witness = Witness(self._bus, self._site.org, NAME, account, self._folder, "sensor", self._now_ns)
         organization = Participant(self._bus, self._site.org, ORGANIZATION)
         self._witness, self._roots = witness, DailyRoots(self._site, organization, witness)
         return witness

@@ -142,7 +142,13 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             loop = Loop(simulation, state, site.clock, process.stop, people.speed, keeps_wall_time)
             loop.stands, people.on_answer = (lambda: people.stands), loop.wake
             sessions = BodySessions(process.bus, site, list(simulation.robots), process.stop)
-            mocap = MotionCapture(process.bus, site, process.data_dir / "mocap", list(simulation.captured))
+            mocap = MotionCapture(
+                process.bus,
+                site,
+                process.data_dir / "mocap",
+                list(simulation.captured),
+                simulation.now_ns,
+            )
             if not keeps_wall_time and site.clock.holders:
                 warn = partial(process.concern, "clock")
                 shown = tls.identity(site, PROCESS)

@@ -107,7 +107,7 @@ class Lab:
         return {"statements": [one.model_dump() for one in chain.after(after, 200)]}
 
     def _on_seal(self, _key: str, data: bytes) -> None:
-        self.heads.append(unverified_seal(data).head)
+        self.heads.append(unverified_seal(data).spoken.head)
 
     def move(self) -> None:
         """One message on each topic of the body."""

@@ -92,8 +92,8 @@ def test_who_states_seldom_still_lists_the_recording_of_now() -> None:
     """A bin hears a recording for each charge, and states nothing for all of them."""
     heads = HeadBook()
     for number in range(3 * MAX_HEADS):
-        heads.hear(head(7, f"0x{number:064x}", "dock1"))
-    assert [one.chain for one in heads.take()] == [f"0x{3 * MAX_HEADS - back:064x}" for back in (2, 1)]
+        heads.hear(head(7, f"0x{number:064x}", "dock1"), number)
+    assert [one.chain for one in heads.take()] == [f"0x{3 * MAX_HEADS - back:064x}" for back in (1, 2)]
 
 
 def test_what_fits_no_statement_is_refused_by_field(tmp_path: Path) -> None:

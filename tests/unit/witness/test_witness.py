@@ -25,7 +25,9 @@ from rodeo.witness.witness import Witness
 from rodeo_testing import answers
 from rodeo_testing.waiting import PAUSE_S, wait_until
 
-MOCAP, ROBOT, STRANGER = (Account.create() for _ in range(3))
+MOCAP, ROBOT, RIVAL, STRANGER = (Account.create() for _ in range(4))
+SEAL_KEY, STATEMENT_KEY = "rodeo/lab/seal/panther1", "rodeo/lab/witness/panther1/statement"
+NOW_S = 1_700_000_000
 CONTRACTS = {"TaskManager": "0x" + "12" * 20, "Organization": "0x" + "34" * 20}
 BINDING = Binding(
     chain_id=31337,
@@ -40,18 +42,19 @@ BINDING = Binding(
 
 
 class Bus:
-    """A bus with a bridge on it that knows the robot's device. `slow_s`: how long it takes to answer."""
+    """A bus with a bridge on it that knows two robots' devices. `slow`: it takes too long to answer."""
 
     def __init__(self) -> None:
         self.slow = Event()
         self.asked_by: set[int] = set()
         """Threads that have waited for an answer."""
         self.contracts = CONTRACTS
-        self.hear: dict[str, Callable[[str, Any], None]] = {}
+        self.devices = {"panther1": ROBOT, "panther2": RIVAL}
+        self.hear: dict[str, Callable[..., None]] = {}
         self.in_order: dict[str, bool] = {}
         """Whether it is heard before what its sender said afterwards."""
 
-    def subscribe_bytes(self, key: str, callback: Callable[[str, Any], None], inline: bool = False) -> Any:
+    def subscribe_with_source(self, key: str, callback: Callable[..., None], inline: bool = False) -> Any:
         self.hear[key.split("/")[2]] = callback
         self.in_order[key.split("/")[2]] = inline
         return self
@@ -70,7 +73,12 @@ class Bus:
         if key.endswith("/chain"):
             return answers.chain(contracts=answers.CONTRACTS | self.contracts)
         owner = "0x" + "56" * 20
-        return {"devices": [{"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": owner}]}
+        return {
+            "devices": [
+                {"address": account.address, "role": "robot", "name": name, "owner": owner}
+                for name, account in self.devices.items()
+            ]
+        }
 
 
 @pytest.fixture
@@ -78,10 +86,15 @@ def bus() -> Bus:
     return Bus()
 
 
+def witness_on(bus: Bus, folder: Path) -> Witness:
+    clock_ns = NOW_S * 10**9
+    return Witness(bus, "lab", "mocap", MOCAP, folder, "sensor", lambda: clock_ns)  # type: ignore[arg-type]
+
+
 @pytest.fixture
 def witness(bus: Bus, tmp_path: Path) -> Iterator[Witness]:
-    witness = Witness(bus, "lab", "mocap", MOCAP, tmp_path, "sensor")  # type: ignore[arg-type]
-    wait_until(lambda: witness.chain is not None or witness._devices.known(ROBOT.address) is not None)
+    witness = witness_on(bus, tmp_path)
+    wait_until(lambda: witness.chain is not None and witness._devices.answered)
     yield witness
     witness.close()
 
@@ -99,7 +112,7 @@ def forged(data: bytes) -> bytes:
 
 
 def test_the_head_of_a_registered_recorder_is_listed_once(bus: Bus, witness: Witness) -> None:
-    bus.hear["seal"]("key", seal())
+    bus.hear["seal"](SEAL_KEY, seal())
     (head,) = witness.heads.take()
     assert (head.device, head.address, head.chain) == ("panther1", ROBOT.address, head.digest)
     assert witness.heads.take() == ()
@@ -116,15 +129,16 @@ def test_a_stranger_costs_no_check_and_no_waiting_for_the_bridge(
     monkeypatch.setattr(witness_module, "verify_attestation", None)
     foreign = seal(STRANGER)
     for _ in range(200):
-        bus.hear["seal"]("key", foreign)
+        bus.hear["seal"]("rodeo/lab/seal/nobody", foreign)
+        bus.hear["seal"](SEAL_KEY, foreign)
     assert get_ident() not in bus.asked_by
     assert witness.heads.take() == ()
 
 
 def test_one_bad_signature_does_not_silence_the_recorder(bus: Bus, witness: Witness) -> None:
-    bus.hear["seal"]("key", forged(seal()))
+    bus.hear["seal"](SEAL_KEY, forged(seal()))
     assert witness.heads.take() == ()
-    bus.hear["seal"]("key", seal())
+    bus.hear["seal"](SEAL_KEY, seal())
     assert len(witness.heads.take()) == 1
 
 
@@ -142,13 +156,13 @@ def test_a_flood_of_bad_signatures_is_not_checked_without_end(
     monkeypatch.setattr(witness_module, "verify_attestation", counted)
     bad, started_s = forged(seal()), time.monotonic()
     for _ in range(1000):
-        bus.hear["seal"]("key", bad)
+        bus.hear["seal"](SEAL_KEY, bad)
     assert checks <= 101 + 100 * (time.monotonic() - started_s)
 
 
 def test_a_seal_made_for_another_organization_is_not_listed(bus: Bus, witness: Witness) -> None:
     elsewhere = BINDING.model_copy(update={"organization": "0x" + "35" * 20})
-    bus.hear["seal"]("key", seal(binding=elsewhere))
+    bus.hear["seal"](SEAL_KEY, seal(binding=elsewhere))
     assert witness.heads.take() == ()
 
 
@@ -160,7 +174,7 @@ def test_nonsense_is_left_out_without_a_line_for_each_in_the_log(
 ) -> None:
     caplog.set_level("INFO")
     for kind in ("seal", "witness"):
-        bus.hear[kind]("key", payload)
+        bus.hear[kind]({"seal": SEAL_KEY, "witness": STATEMENT_KEY}[kind], payload)
     assert (witness.heads.take(), caplog.records) == ((), [])
 
 
@@ -174,9 +188,10 @@ def test_an_old_presentation_that_somebody_says_again_counts_no_more(tmp_path: P
         MOCAP,
         tmp_path,
         "sensor",
+        lambda: NOW_S * 10**9,
         lambda _device, statement: heard.append(statement.seq),
     )
-    wait_until(lambda: hearing.chain is not None or hearing._devices.known(ROBOT.address) is not None)
+    wait_until(lambda: hearing.chain is not None and hearing._devices.answered)
     robot = WitnessChain(
         "panther1", ROBOT, hearing.chain.scope, "sensor", Journal(tmp_path / "robot"), HeadBook()
     )
@@ -187,7 +202,7 @@ def test_an_old_presentation_that_somebody_says_again_counts_no_more(tmp_path: P
         for digit in "12"
     )
     for said in (old, new, old, new):
-        bus.hear["witness"]("key", said.encode())
+        bus.hear["witness"](STATEMENT_KEY, said.encode())
     hearing.close()
     assert heard == [1, 2, 2]
 
@@ -196,7 +211,7 @@ def test_on_another_chain_it_signs_for_the_organization_there(
     bus: Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(witness_module, "_LOOK_WALL_S", 0.01)
-    witness = Witness(bus, "lab", "mocap", MOCAP, tmp_path, "sensor")  # type: ignore[arg-type]
+    witness = witness_on(bus, tmp_path)
     bus.contracts = CONTRACTS | {"Organization": "0x" + "99" * 20}
     wait_until(
         lambda: not (witness.chain is None or witness.chain.scope.organization == CONTRACTS["Organization"])

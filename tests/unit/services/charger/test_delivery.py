@@ -104,7 +104,7 @@ class Bench:
 
     def _hear_seal(self, data: bytes) -> None:
         if self.listens:
-            self.robot.heads.hear(unverified_seal(data).head)
+            self.robot.heads.hear(unverified_seal(data).spoken.head)
 
     def _saved(self, job: Job) -> None:
         self.job = Job.model_validate_json(job.model_dump_json())
