@@ -31,7 +31,7 @@ class CheckBudget:
 
     A closed bus gives each key one publisher. On an open bus anybody can publish on a key, so each key has
     two budgets of the same size: one for the sessions whose last checked signature was genuine, and one for
-    all others. A flood of bad signatures uses up the second one only.
+    all others. A flood of bad signatures uses up the second one only. One thread at a time.
 
     Args:
         per_s: checks per second of each of both budgets; as many may be saved up.

@@ -1,9 +1,10 @@
 """The recorder's door for what devices state: who may be heard, in which order, and what was missed.
 
-To check a signature costs ten times what everything else costs. So a message is looked at first: its form,
-its addresses and its signer's name. Of each claimed signer only so many signatures are checked in a second.
-Who claims a device's name in a flood cannot silence it: what was not checked is asked again from the device's
-journal, where nobody else speaks in between.
+To check a signature costs ten times what everything else costs. So a message is looked at first: whose key it
+came on, its form, its addresses, its signer's name and its number. A statement counts on its device's own key
+only, which the access rules of a closed bus let nobody else publish on. Of each key only so many signatures
+are checked in a second. On an open bus anybody can publish on a device's key, and yet not silence it: what
+was not checked is asked again from the device's journal, where nobody else speaks in between.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import logging
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from typing import Any, NamedTuple
@@ -35,8 +37,8 @@ log = logging.getLogger(__name__)
 MAX_STATEMENT_BYTES = 256 << 10
 """A second of a whole lab's motion is a hundredth of it."""
 _CHECKS_PER_WALL_S = 100.0
-"""Signatures checked of one claimed signer: five times what motion capture states in a lab that runs 20 times
-as fast as the wall's clock, and less than a tenth of a core."""
+"""Signatures checked of what comes on one key: five times what motion capture states in a lab that runs 20
+times as fast as the wall's clock, and a hundredth of a core."""
 _STATED_PER_S = 5.0
 """Statements of one device that are written per second of site time: it makes about one."""
 _STATED_AT_ONCE = 200.0
@@ -64,7 +66,6 @@ class _Chain:
     """What was heard of one device's chain."""
 
     def __init__(self) -> None:
-        self.checks = Bucket(_CHECKS_PER_WALL_S, _CHECKS_PER_WALL_S)
         self.budget = Bucket(_STATED_PER_S, _STATED_AT_ONCE)
         self._bytes = {
             True: Bucket(_MOTION_BYTES_PER_S, _MOTION_BYTES_AT_ONCE),
@@ -133,6 +134,10 @@ class StatementDoor:
     ) -> None:
         self._find = find
         self._members = frozenset(members)
+        self._checks = {
+            name: Bucket(_CHECKS_PER_WALL_S, _CHECKS_PER_WALL_S) for name in {one.name for one in members}
+        }
+        """By the key on which signatures come: the name of a device."""
         self._scope = scope
         self._clock = clock
         self._slack_s = slack_s
@@ -140,8 +145,8 @@ class StatementDoor:
         self._wall_s = wall_s
         self.answered: Callable[[], bool] = lambda: True
         """Whether it is known which devices there are; until then nobody is a stranger."""
-        self._unasked: dict[str, int] = {}
-        """Address -> first number of what was claimed to be its before that was known."""
+        self._unasked: dict[tuple[str, str], int] = {}
+        """Key and address -> first number of what was claimed to be its before that was known."""
         self._chains: dict[str, _Chain] = {}
         self._names: dict[str, str] = {}
         """Address -> name of the device."""
@@ -150,27 +155,42 @@ class StatementDoor:
             chain.through = chain.newest = seq
             chain.overheard = True
 
+    def speaks(self, name: str) -> bool:
+        """Whether what comes on the key of device `name` is looked at; what is not is counted."""
+        if name not in self._checks:
+            self._refusals.count("statement", Refusal.STRANGER)
+        return name in self._checks
+
     def hear(self, name: str, payload: bytes) -> Heard | None:
         """What came over the bus on the key of device `name`; None when it is not let in."""
         try:
+            if not self.speaks(name):
+                return None
             if len(payload) > MAX_STATEMENT_BYTES:
                 raise _Refused(Refusal.MALFORMED)
             attestation = _attestation(payload)
+            if attestation.payload.get("device") != name:
+                raise _Refused(Refusal.MISADDRESSED)
             if not self.answered():
-                self._remember(attestation)
+                self._remember(name, attestation)
                 raise _Refused(Refusal.UNASKED)
             heard = self._examine(name, attestation)
             if abs(heard.statement.time_s - self._clock.now_s()) > self._slack_s:
                 raise _Refused(Refusal.ABSURD_TIME)
-            chain = self._chain(heard.device.address)
-            if not chain.checks.take(self._wall_s()):
-                chain.overheard = True
+            digest = self._new_digest(heard, attestation)
+            if not self._checks[name].take(self._wall_s()):
+                self._chain(heard.device.address).overheard = True
                 raise _Refused(Refusal.UNVERIFIED)
-            self._let_in(heard, attestation)
+            self._let_in(heard, attestation, digest)
         except _Refused as refused:
             self._refusals.count("statement", refused.reason)
             return None
         return heard
+
+    def missed(self, name: str) -> None:
+        """More came on the key of device `name` than could wait: its journal is to be asked."""
+        for address, chain in self._chains.items():
+            chain.overheard = chain.overheard or self._name(address) == name
 
     def read(self, name: str, answer: Any, *, older: bool = False) -> list[Heard]:
         """What of a journal's answer was not heard before, up to the first that is wrong in it.
@@ -190,7 +210,7 @@ class StatementDoor:
                     raise _Refused(Refusal.DOUBLED)
                 if heard.statement.time_s > self._clock.now_s() + self._slack_s:
                     raise _Refused(Refusal.ABSURD_TIME)
-                self._let_in(heard, attestation)
+                self._let_in(heard, attestation, self._new_digest(heard, attestation))
             except _Refused as refused:
                 if refused.reason is Refusal.DOUBLED:
                     continue  # of an answer that is the rule
@@ -230,23 +250,27 @@ class StatementDoor:
 
     # -- inside ----------------------------------------------------------------------------------------
 
-    def _remember(self, attestation: Attestation) -> None:
-        """From which number on the journal of its device is to be asked."""
-        address, seq = attestation.signer.lower(), attestation.payload.get("seq")
-        known = self._unasked.get(address)
-        if type(seq) is int and seq > 0 and (known is not None or len(self._unasked) < _MOST_UNASKED):
-            self._unasked[address] = seq if known is None else max(min(seq, known), known - _MOST_MISSED)
+    def _remember(self, name: str, attestation: Attestation) -> None:
+        """From which number on the journal of the device is to be asked that speaks on key `name`."""
+        key, seq = (name, attestation.signer.lower()), attestation.payload.get("seq")
+        known = self._unasked.get(key)
+        room = sum(one == name for one, _ in self._unasked) < _MOST_UNASKED
+        if type(seq) is int and seq > 0 and (known is not None or room):
+            self._unasked[key] = seq if known is None else max(min(seq, known), known - _MOST_MISSED)
 
     def _take_up_unasked(self) -> None:
         unasked, self._unasked = self._unasked, {}
-        for address, seq in unasked.items():
+        for (name, address), seq in unasked.items():
             device = self._find(address)
-            if device is None or SiteDevice(device.role, device.name) not in self._members:
+            if device is None or device.name != name or not self._is_member(device):
                 continue
             chain = self._chain(address)
             if not chain.known and not chain.through:
                 chain.through = chain.newest = seq - 1
                 chain.overheard = True
+
+    def _is_member(self, device: Device) -> bool:
+        return SiteDevice(device.role, device.name) in self._members
 
     def _chain(self, address: str) -> _Chain:
         return self._chains.setdefault(address.lower(), _Chain())
@@ -258,45 +282,54 @@ class StatementDoor:
     def _examine(self, name: str, attestation: Attestation) -> Heard:
         """Everything about a statement but its signature."""
         device = self._find(attestation.signer)
-        if device is None or SiteDevice(device.role, device.name) not in self._members:
+        if device is None or not self._is_member(device):
             raise _Refused(Refusal.STRANGER)
+        if name != device.name:
+            raise _Refused(Refusal.MISADDRESSED)
         try:
             statement = parse(attestation.payload)
         except BadStatement as error:
             log.debug("%s", error)
             raise _Refused(Refusal.MALFORMED) from error
-        if statement.device != device.name or name != device.name:
-            raise _Refused(Refusal.MISADDRESSED)
-        if statement.type.partition(".")[0] != device.role:
+        if statement.device != device.name or statement.type.partition(".")[0] != device.role:
             raise _Refused(Refusal.MISADDRESSED)
         scope = self._scope()
         if scope is not None and _of(statement) != _of(scope):
             raise _Refused(Refusal.MISADDRESSED)
         return Heard(device, attestation.model_dump(), statement)
 
-    def _let_in(self, heard: Heard, attestation: Attestation) -> None:
+    def _new_digest(self, heard: Heard, attestation: Attestation) -> str:
+        """The digest of a statement that was not let in before, by what it says."""
         chain, seq = self._chain(heard.device.address), heard.statement.seq
+        known = chain.known.get(seq, set())
         try:
             digest = payload_digest(attestation.payload)
-            known = chain.known.get(seq, set())
-            if digest in known or len(known) >= _SIGNED_TWICE:
-                raise _Refused(Refusal.DOUBLED)
+        except BadAttestation as error:
+            log.debug("%s", error)
+            raise _Refused(Refusal.BAD_SIGNATURE) from error
+        if digest in known or len(known) >= _SIGNED_TWICE:
+            raise _Refused(Refusal.DOUBLED)
+        if chain.newest and seq > chain.newest + _MOST_MISSED:
+            raise _Refused(Refusal.ABSURD_NUMBER)
+        return digest
+
+    def _let_in(self, heard: Heard, attestation: Attestation, digest: str) -> None:
+        chain, seq = self._chain(heard.device.address), heard.statement.seq
+        try:
             verify_attestation(attestation)
         except BadAttestation as error:
             log.debug("%s", error)
             raise _Refused(Refusal.BAD_SIGNATURE) from error
-        if chain.newest and seq > chain.newest + _MOST_MISSED:
-            raise _Refused(Refusal.ABSURD_NUMBER)
         if not chain.afford(heard, self._clock.now_s(), len(attestation.model_dump_json())):
             chain.overheard = True
             raise _Refused(Refusal.OVER_BUDGET)
-        if known:
+        if seq in chain.known:
             log.error("%s signed number %d twice", heard.device.name, seq)
         chain.let_in(seq, digest)
 
 
-_MOST_UNASKED = 100
-"""Claimed signers that are remembered while nobody can be asked who they are."""
+_MOST_UNASKED = 10
+"""Claimed signers on one key that are remembered while nobody can be asked who they are."""
 _FRUITLESS = 5
 """After so many questions it is certain that a journal does not have what is missing."""
 _SIGNED_TWICE = 2
@@ -330,6 +363,8 @@ def _of(scope: Scope) -> tuple[int, str, str]:
 _LOOK_WALL_S = 0.5
 """How often it is looked whether something is missing."""
 _ANSWER_WALL_S = 2.0
+_MOST_WAITING = 500
+"""Messages on one key that wait for a look: more than come while a busy machine stalls."""
 _ANSWERS = 4
 """Of one question: the device's own is among them, whoever else answers on an open bus."""
 
@@ -367,6 +402,10 @@ class StatementListener:
         self._arriving = threading.Lock()
         """So that nothing arrives after the end: it would hold the clock for ever."""
         self._arrived: queue.Queue[tuple[str, bytes, ExitStack] | None] = queue.Queue()
+        self._waiting: Counter[str] = Counter()
+        """By device, whose key it came on: what has arrived and was not looked at."""
+        self._missed: set[str] = set()
+        """Devices of which more came than may wait."""
         # Until it is known who is a device nobody can be heard: no site time passes for that.
         asking = ExitStack()
         asking.enter_context(hold())
@@ -418,12 +457,17 @@ class StatementListener:
     # -- inside ----------------------------------------------------------------------------------------
 
     def _on_statement(self, key: str, payload: bytes) -> None:
+        name = (topics.WITNESS_STATEMENT.parts(key) or {}).get("device", "")
         with self._arriving:
-            if self._closed.is_set():
+            if self._closed.is_set() or not self._door.speaks(name):
                 return
+            if self._waiting[name] >= _MOST_WAITING:
+                self._missed.add(name)
+                return
+            self._waiting[name] += 1
             arrived = ExitStack()
             arrived.enter_context(self._hold())
-            self._arrived.put((key.split("/")[-2], payload, arrived))
+            self._arrived.put((name, payload, arrived))
 
     def _hear(self) -> None:
         while (one := self._arrived.get()) is not None:
@@ -438,12 +482,18 @@ class StatementListener:
                 except Exception:
                     # The next one must be heard whatever happened to this one.
                     log.exception("the handler of a statement of %s failed", name)
+            with self._arriving:
+                self._waiting[name] -= 1
             self._arrived.task_done()
         self._arrived.task_done()
 
     def _look_after(self) -> None:
         while not self._closed.is_set():
+            with self._arriving:
+                missed, self._missed = self._missed, set()
             with self._lock:
+                for name in missed:
+                    self._door.missed(name)
                 wanted = self._door.wanted()
             self._ask(wanted)
             self._wake.wait(_LOOK_WALL_S)

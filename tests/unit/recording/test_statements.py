@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,12 +15,13 @@ from rodeo.evidence.attestation import Attestation, attest
 from rodeo.keystores import SiteDevice
 from rodeo.recording import statements as statements_module
 from rodeo.recording.door import Refusal, Refusals
-from rodeo.recording.statements import StatementDoor
+from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.devices import Device
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal
 from rodeo.witness.statement import Head, Removal, Scope
+from rodeo_testing.waiting import HANG_S, wait_until
 from tests.unit.robot.fakes import ManualClock
 
 BIN, MOCAP, STRANGER, ABROAD = (Account.create() for _ in range(4))
@@ -320,3 +323,95 @@ def test_a_stranger_who_spoke_before_anybody_could_be_asked_gains_nothing(
     assert entrance.door.wanted() == []
     assert entrance.hear(entrance.state(foreign)) is None
     assert reasons(entrance) == {Refusal.UNASKED: 1, Refusal.STRANGER: 1}
+
+
+def test_what_comes_on_another_devices_key_costs_no_check_and_no_budget(
+    entrance: Entrance, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 2,000 a second, for a second: the bin's statement after them is heard live."""
+    foreign = entrance.state()
+    with monkeypatch.context() as patched:
+        patched.setattr(statements_module, "verify_attestation", None)
+        for _ in range(2000):
+            assert entrance.hear(foreign, "mocap") is None
+    assert entrance.hear(entrance.state()) == 2
+    assert reasons(entrance) == {Refusal.MISADDRESSED: 2000}
+
+
+def test_what_is_said_again_uses_up_no_check(entrance: Entrance) -> None:
+    old = entrance.state()
+    assert entrance.hear(old) == 1
+    for _ in range(2000):
+        entrance.hear(old)
+    assert entrance.hear(entrance.state()) == 2
+    assert reasons(entrance) == {Refusal.DOUBLED: 2000}
+
+
+def test_before_the_devices_are_known_nobody_is_remembered_for_what_came_on_another_key(
+    entrance: Entrance,
+) -> None:
+    """The bin's whole journal would be asked for, from its first statement on."""
+    known = False
+    entrance.door.answered = lambda: known
+    first = entrance.state()
+    for _ in range(50):
+        entrance.hear(first, "mocap")
+    claimed = attest(first.payload | {"device": "mocap"}, BIN)
+    entrance.hear(claimed, "mocap")
+    for _ in range(20):
+        entrance.state()
+    entrance.hear(entrance.state())
+    known = True
+    assert entrance.ask() == [22]
+
+
+def test_before_the_devices_are_known_a_flood_on_one_key_leaves_room_on_others(entrance: Entrance) -> None:
+    known = False
+    entrance.door.answered = lambda: known
+    said = entrance.state()
+    for _ in range(200):
+        claim = said.model_copy(update={"signer": Account.create().address})
+        entrance.hear(claim.model_copy(update={"payload": said.payload | {"device": "mocap"}}), "mocap")
+    entrance.hear(said)
+    known = True
+    assert entrance.ask() == [1]
+
+
+class Silent:
+    """A bus on which the bridge says that the bin is registered, and with the bin's journal."""
+
+    def __init__(self, entrance: Entrance) -> None:
+        self._entrance = entrance
+
+    def subscribe_bytes(self, _key: str, callback: Any, *, inline: bool) -> Any:
+        self.hear = callback
+        return SimpleNamespace(undeclare=lambda: None)
+
+    def query(self, _key: str, **_more: Any) -> dict[str, Any]:
+        return {"devices": [device.model_dump() for device in REGISTERED.values()]}
+
+    def query_all(self, _key: str, *, parameters: dict[str, Any], **_more: Any) -> list[dict[str, Any]]:
+        said = self._entrance.bin.after(parameters["after"], 200)
+        return [{"statements": [one.model_dump() for one in said]}]
+
+
+def test_a_flood_on_one_key_waits_nowhere_without_end_and_leaves_no_gap(entrance: Entrance) -> None:
+    """Nor on the key of a device that is none of the site's."""
+    heard: list[int] = []
+    bus, busy = Silent(entrance), Event()
+
+    def deliver(one: Heard) -> None:
+        busy.wait(HANG_S)
+        heard.append(one.statement.seq)
+
+    listener = StatementListener(bus, "lab", lambda _devices: entrance.door, deliver)  # type: ignore[arg-type]
+    wait_until(lambda: listener.answered)
+    key, first = "rodeo/lab/witness/itrash/statement", entrance.state()
+    for _ in range(2 * statements_module._MOST_WAITING):
+        bus.hear(key, first.model_dump_json().encode())
+        bus.hear("rodeo/lab/witness/stranger/statement", first.model_dump_json().encode())
+    assert listener._arrived.qsize() <= statements_module._MOST_WAITING
+    bus.hear(key, entrance.state().model_dump_json().encode())
+    busy.set()
+    wait_until(lambda: heard == [1, 2])
+    listener.close()
