@@ -12,6 +12,7 @@ import logging
 import re
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -24,6 +25,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
 from rodeo import queries, topics
+from rodeo.budget import Bucket
 from rodeo.clock import Clock
 from rodeo.endpoint import check_socket_folder
 from rodeo.errors import (
@@ -37,7 +39,7 @@ from rodeo.errors import (
     RodeoError,
     wrong_fields,
 )
-from rodeo.messages import DaoEvent
+from rodeo.messages import DaoEvent, Status
 from rodeo.metrics import REQUESTS
 from rodeo.receiving import direct
 from rodeo.redaction import redacted_json
@@ -53,6 +55,8 @@ MAX_PAYLOAD_BYTES = 1 << 20
 _MAX_ANSWER_BYTES = 16 << 20
 """The same of an answer that anybody may have given."""
 _OPEN_TIMEOUT_MS = 500
+_LINES_PER_S, _LINES_AT_ONCE = 0.1, 20.0
+"""Lines in the log about messages on one subscription that were left out."""
 
 
 def zenoh_config(
@@ -124,6 +128,21 @@ class Request:
     def parse(self, model: type[Model]) -> Model:
         """The payload as `model`. Raises MalformedJson or InvalidRequest."""
         return validate(model, self.json())
+
+
+def heard_on_own_key(topic: topics.Topic, part: str, key: str, name: str) -> None:
+    """Compare who or what a message names with its key, which on a closed bus tells who published it: `part`
+    is that part of `topic`'s key. Raises InvalidRequest."""
+    own = (topic.parts(key) or {}).get(part)
+    if name != own:
+        raise InvalidRequest("the message names another than its key", key=key, named=name[:64], own=own)
+
+
+def heard_status(key: str, data: Any) -> Status:
+    """The heartbeat of the process whose key it came on. Raises InvalidRequest."""
+    status = validate(Status, data)
+    heard_on_own_key(topics.STATUS, "process", key, status.process)
+    return status
 
 
 Handler = Callable[[Request], "dict[str, Any] | Future[dict[str, Any]]"]
@@ -225,11 +244,15 @@ class Bus:
             try:
                 callback(str(sample.key_expr), sample.payload.to_bytes(), source)
             except RodeoError as error:
-                log.warning("ignored a message on %s: %s", sample.key_expr, error)
+                if lines.take(time.monotonic()):
+                    log.warning("ignored a message on %s: %s", sample.key_expr, error)
             except Exception:
                 # The subscription's thread must outlive one message.
-                log.exception("the handler of %s failed", sample.key_expr)
+                if lines.take(time.monotonic()):
+                    log.exception("the handler of %s failed", sample.key_expr)
 
+        # A flood must not fill the disk with lines.
+        lines = Bucket(_LINES_PER_S, _LINES_AT_ONCE)
         return self.session.declare_subscriber(key, direct(on_sample) if inline else on_sample)
 
     # -- query and serve -------------------------------------------------------------------------------
@@ -271,9 +294,16 @@ class Bus:
         raise NoResponder("no process serves this key", key=key)
 
     def query_all(
-        self, key: str, *, parameters: dict[str, Any], timeout_s: float, most: int
+        self,
+        key: str,
+        *,
+        parameters: dict[str, Any],
+        timeout_s: float,
+        most: int,
+        most_each: int | None = None,
     ) -> list[dict[str, Any]]:
-        """What everybody answers who serves `key`, at most `most` answers: on an open bus others may.
+        """What everybody answers who serves `key`, at most `most` answers: on an open bus others may. `key`
+        may have wildcards; of the answers on one key at most `most_each` are taken.
 
         Errors and what is no JSON object are left out. Raises InvalidRequest when `key` is no key, and
         BusUnavailable after `close`.
@@ -289,8 +319,13 @@ class Bus:
         except zenoh.ZError as refusal:
             raise self._refused(selector) from refusal
         answers: list[dict[str, Any]] = []
+        answered: Counter[str] = Counter()
         for reply in replies:
             if reply.ok is None:
+                continue
+            own = str(reply.ok.key_expr)
+            answered[own] += 1
+            if most_each is not None and answered[own] > most_each:
                 continue
             try:
                 data = reply.ok.payload.to_bytes()
@@ -418,11 +453,13 @@ class DaoEvents:
         """Sequence number of the last event handed to the callback."""
         return self._seq
 
-    def _on_live(self, _key: str, data: dict[str, Any]) -> None:
+    def _on_live(self, key: str, data: dict[str, Any]) -> None:
         event = validate(DaoEvent, data)
+        heard_on_own_key(topics.EVENT, "event", key, event.name)
         with self._lock:
-            self._follow_chain(event.chain)
-            if event.seq > self._seq:
+            self._chain = self._chain or event.chain
+            # The index alone says that there is another chain, and what is far ahead it tells in its turn.
+            if event.chain == self._chain and self._seq < event.seq <= self._seq + self._PAGE:
                 self._live[event.seq] = event
             # Nobody would end a hold that began after the end.
             if self._clock is not None and self._handing_over is None and not self._stop.is_set():

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import typer
 from rich.console import Group
@@ -23,7 +23,7 @@ from rich.markup import escape
 
 from deploy.launcher import Launcher, log_tail, make_keys, stop_site
 from rodeo import topics
-from rodeo.bus import Bus, validate
+from rodeo.bus import Bus, heard_status
 from rodeo.config import Site, bridge_wallets
 from rodeo.deploying import deployment_under_way
 from rodeo.errors import BusUnavailable, RodeoError, WrongBus
@@ -50,11 +50,14 @@ from rodeo_cli.progress import NoProgress, Patience, TooSlow, duration, told_by,
 
 LOST_S = 3 * HEARTBEAT_S
 """A heartbeat older than this says nothing about now."""
+_MOST_PROCESSES = 500
+"""Far more than a site has: on an open bus anybody may claim to be another one."""
 
 COLUMNS, FOLDS = ("process", "state", "doing", "progress", "heartbeat"), (2,)
 COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red", "gave up": "red"}
 
 _REFRESH_S = 0.25
+Key = TypeVar("Key")
 _STEP_CHARACTERS = 50
 """Of a reason in a line of its own, with the time and the process before it."""
 _WIDE = 100
@@ -271,10 +274,18 @@ class StatusWatcher:
         """The latest of process `pid`: another one elsewhere may have the same name."""
         return self._of_process.get((name, pid))
 
-    def _on_status(self, _key: str, data: dict[str, Any]) -> None:
-        status = validate(Status, data)
-        self._of_process[status.process, status.pid] = status
-        self._statuses[status.process] = status
+    def _on_status(self, key: str, data: dict[str, Any]) -> None:
+        status = heard_status(key, data)
+        _put_last(self._of_process, (status.process, status.pid), status)
+        _put_last(self._statuses, status.process, status)
+
+
+def _put_last(known: dict[Key, Status], key: Key, status: Status) -> None:
+    """Whoever was not heard for longest is forgotten where there are too many."""
+    known.pop(key, None)
+    if len(known) >= _MOST_PROCESSES:
+        del known[next(iter(known))]
+    known[key] = status
 
 
 def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:

@@ -25,7 +25,7 @@ from pydantic import BaseModel
 
 from deploy.launcher import Launcher
 from rodeo import queries, topics, wallets
-from rodeo.bus import Bus, DaoEvents
+from rodeo.bus import Bus, DaoEvents, heard_status
 from rodeo.chance import generator
 from rodeo.config import ExperimentConfig, Site
 from rodeo.dao import Participant
@@ -224,9 +224,10 @@ class Conduct:
         everybody = len(waiting)
         heard = threading.Event()
 
-        def on_status(_key: str, status: dict[str, Any]) -> None:
-            if status["ready"]:
-                waiting.discard(status["process"])
+        def on_status(key: str, data: dict[str, Any]) -> None:
+            status = heard_status(key, data)
+            if status.ready:
+                waiting.discard(status.process)
                 heard.set()
 
         subscriber = self._bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), on_status)

@@ -126,7 +126,7 @@ def _read_parts(bus: Bus, key: str, wanted: str, size_bytes: int, file: IO[bytes
 def _asked(bus: Bus, key: str, parameters: dict[str, object], timeout_s: float, most: int) -> list[ProofCopy]:
     """What fits of what is answered. Raises BusError."""
     copies = []
-    for answer in bus.query_all(key, parameters=parameters, timeout_s=timeout_s, most=most):
+    for answer in bus.query_all(key, parameters=parameters, timeout_s=timeout_s, most=most, most_each=1):
         try:
             copies.append(ProofCopy.model_validate(answer))
         except ValidationError as error:

@@ -19,7 +19,7 @@ import numpy as np
 import zenoh
 
 from rodeo import queries, topics
-from rodeo.bus import Bus, DaoEvents, validate
+from rodeo.bus import Bus, DaoEvents, heard_status
 from rodeo.config import BRIDGE, Site
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.instance import HEARTBEAT_S
@@ -50,6 +50,8 @@ VERDICTS_SHOWN = 6
 _EVENTS_KEPT = 200
 _ENDED_ASKED = 30
 _PATH_POINTS = 60
+_MOST_PROCESSES = 500
+"""Far more than a site has: on an open bus anybody may claim to be another one."""
 
 
 class Newest:
@@ -129,6 +131,7 @@ class Live:
         }
         self._newest: dict[str, Newest] = {}
         self._statuses: dict[str, tuple[Status, float]] = {}
+        self._own_processes = frozenset(process.name for process in processes_of(site))
         self._changed = asyncio.Event()
         self._events_due = False
         self.processes: list[ProcessState] = []
@@ -171,11 +174,14 @@ class Live:
 
     # -- processes -------------------------------------------------------------------------------------
 
-    def _on_status(self, _key: str, data: Json) -> None:
-        status = validate(Status, data)
+    def _on_status(self, key: str, data: Json) -> None:
+        status = heard_status(key, data)
         self._loop.call_soon_threadsafe(self._take_status, status)
 
     def _take_status(self, status: Status) -> None:
+        known = status.process in self._statuses or status.process in self._own_processes
+        if not known and len(self._statuses) >= _MOST_PROCESSES:
+            return
         self._statuses[status.process] = status, time.monotonic()
         self._notify_processes()
 

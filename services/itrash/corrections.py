@@ -90,11 +90,11 @@ def read_correction(payload: bytes, scope: Scope, bin_name: str) -> tuple[Attest
         said = Correction.model_validate(signed.payload)
     except ValidationError as error:
         raise InvalidRequest("this is not a signed correction", fields=wrong_fields(error)) from error
-    verify_attestation(signed)
     own = scope.model_dump().items()
     for_us = all(str(getattr(said, name)).lower() == str(value).lower() for name, value in own)
     if said.bin != bin_name or not for_us:
         raise ForAnotherBin("the correction is for another bin or organization", bin=said.bin, own=bin_name)
+    verify_attestation(signed)
     return signed, said
 
 

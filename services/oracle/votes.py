@@ -22,7 +22,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rodeo import queries, topics, votes
-from rodeo.bus import Bus, validate
+from rodeo.budget import CheckBudget
+from rodeo.bus import Bus, decode_json, validate
 from rodeo.clock import Clock
 from rodeo.config import Site, votes_needed
 from rodeo.dao import Participant
@@ -42,6 +43,8 @@ _LOOK_S = 1.0
 _EARLY = 4
 """Signatures that are kept of one oracle on a submission on which this one has not voted: until then it
 cannot tell which of them is that oracle's."""
+_CHECKS_PER_WALL_S = 100.0
+"""Signatures checked of what comes on one oracle's key: it publishes one of each submission in REPEAT_S."""
 _TOO_LOW = "stake_too_low"
 _REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor", _TOO_LOW})
 """The contract does not count the vote of the judge that the error names, or not yet."""
@@ -127,6 +130,8 @@ class Votes:
         self._held: dict[Key, _Held] = {}
         self._early: dict[tuple[str, Key], deque[str]] = {}
         """Signatures on submissions on which this oracle has not voted yet, the newest last."""
+        self._checks = CheckBudget(_CHECKS_PER_WALL_S)
+        """By oracle, on whose key the signatures come."""
         self._repeated_s = 0.0
         self._known: _Committee | None = None
         self._acted_on: tuple[Mapping[str, int], Mapping[str, frozenset[str]]] | None = None
@@ -137,7 +142,9 @@ class Votes:
     def run(self, stop: threading.Event) -> None:
         """Until `stop`."""
         everybodys = topics.VOTE.pattern(org=self._site.org)
-        subscription = self._bus.subscribe_json(everybodys, self._on_vote)
+        subscription = self._bus.subscribe_with_source(
+            everybodys, lambda key, payload, source: self._on_vote(key, decode_json(payload), source)
+        )
         with self._clock.acting():
             while not stop.is_set():
                 try:
@@ -216,7 +223,7 @@ class Votes:
 
     # -- votes of others ---------------------------------------------------------------------------------
 
-    def _on_vote(self, key: str, data: dict[str, Any]) -> None:
+    def _on_vote(self, key: str, data: dict[str, Any], source: str = "") -> None:
         name = (topics.VOTE.parts(key) or {}).get("judge", "")
         sealed = validate(SealedVote, data)
         submission, signature = (sealed.task_id, sealed.attempt), sealed.signature
@@ -229,9 +236,15 @@ class Votes:
                 if signature not in early:
                     early.append(signature)
                 return
-        if held.signatures.get(name) != signature and self._count(held, name, signature):
-            with self._lock:
+            # What is not checked now is published again.
+            if held.signatures.get(name) == signature or not self._checks.take(name, source):
+                return
+        same = self._count(held, name, signature)
+        with self._lock:
+            self._checks.checked(name, source, genuine=same)
+            if same:
                 self._take_turn(held)
+        if same:
             self._tell()
             self._clock.notify()
 

@@ -87,7 +87,9 @@ class PeoplesTime:
             self.limit = 1.0 if site.participants else math.inf
             self._kinds = kinds_of(site)
             # In the receiving thread: before the bridge, which publishes it first, lets go of the clock.
-            self._events = bus.subscribe_json(topics.EVENT.pattern(org=site.org), self._on_event, inline=True)
+            self._events = bus.subscribe_bytes(
+                topics.EVENT.pattern(org=site.org), self._on_event, inline=True
+            )
             self._thread = threading.Thread(target=self._follow, name="people", daemon=True)
             self._thread.start()
 
@@ -126,8 +128,9 @@ class PeoplesTime:
             return f"{text}; slowly, because the bridge has not yet reported whether a person has a task"
         return text
 
-    def _on_event(self, _key: str, event: dict[str, Any]) -> None:
-        if event.get("name") in GIVES_WORK:
+    def _on_event(self, key: str, _payload: bytes) -> None:
+        # By the key, which the bridge alone publishes on.
+        if (topics.EVENT.parts(key) or {}).get("event") in GIVES_WORK:
             with self._lock:
                 self._heard += 1
                 if self._unanswered_since_s is None:

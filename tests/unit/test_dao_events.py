@@ -41,7 +41,7 @@ class Bus:
 
     def undeclare(self) -> None:
         # The last one may be under way.
-        self.hear("", event(len(self.names) + 1, "late"))
+        self.hear("rodeo/lab/event/late", event(len(self.names) + 1, "late"))
 
     def query(self, _key: str, parameters: dict[str, int], timeout_s: float) -> dict[str, Any]:
         events = [

@@ -96,7 +96,7 @@ class Anna:
         site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in NAMES]})
         bus = SimpleNamespace(
             put_json=lambda _key, one: self.published.append(one),
-            subscribe_json=lambda _key, on_vote: SimpleNamespace(undeclare=lambda: None),
+            subscribe_with_source=lambda _key, on_vote: SimpleNamespace(undeclare=lambda: None),
         )
         self.votes = Votes(
             site,
@@ -111,9 +111,9 @@ class Anna:
         self.done = threading.Event()
         self._until = math.inf
 
-    def hear(self, name: str, one: SealedVote) -> None:
+    def hear(self, name: str, one: SealedVote, session: str = "") -> None:
         key = topics.VOTE.name(org="lab", judge=name)
-        self.votes._on_vote(key, one.model_dump(mode="json"))
+        self.votes._on_vote(key, one.model_dump(mode="json"), session or name)
 
     def vote(self) -> None:
         window = {"proof_submitted": self.submitted_s, "verdict_deadline": self.submitted_s + 3600}

@@ -67,10 +67,10 @@ class SilentBus:
 
     def __init__(self) -> None:
         self.answer: Callable[[str], dict[str, Any]] | None = None
-        self.tell: Callable[[str, dict[str, Any]], None] = lambda *_: None
+        self.tell: Callable[[str, bytes], None] = lambda *_: None
 
-    def subscribe_json(
-        self, _key: str, callback: Callable[[str, dict[str, Any]], None], *, inline: bool = False
+    def subscribe_bytes(
+        self, _key: str, callback: Callable[[str, bytes], None], *, inline: bool = False
     ) -> SilentBus:
         assert inline  # else the bridge may let go of the clock before
         self.tell = callback
@@ -233,7 +233,7 @@ def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_g
     held = PeoplesTime(bus, lab(), lambda: START_S)  # type: ignore[arg-type]
     wait_until(lambda: math.isinf(held.limit))
     tasks.append(task())
-    bus.tell("event", {})
+    bus.tell("rodeo/lab/event/Transfer", b"")
     wait_until(lambda: held.limit < 3)
     silent: list[str] = []
 
@@ -242,7 +242,7 @@ def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_g
         raise NoResponder("nobody", key=key)
 
     bus.answer = say_nothing
-    bus.tell("event", {})
+    bus.tell("rodeo/lab/event/Transfer", b"")
     wait_until(lambda: len(silent) >= 3)
     assert held.limit < 3
     held.close()
@@ -278,9 +278,9 @@ def test_from_an_assignment_the_clock_stands_until_it_is_known_whose_task_it_is(
 
     bus.answer = late
     held.on_answer = lambda: limits.append(held.limit)
-    bus.tell("event", {"name": "TaskSettled"})
+    bus.tell("rodeo/lab/event/TaskSettled", b"")
     assert not held.stands  # it gives nobody anything to do
-    bus.tell("event", {"name": "TaskAssigned"})
+    bus.tell("rodeo/lab/event/TaskAssigned", b"")
     assert held.stands
     may_answer.set()
     wait_until(lambda: not held.stands)
@@ -296,12 +296,12 @@ def test_what_is_assigned_while_the_index_is_asked_is_asked_about_once_more(bus:
     def answer(key: str) -> dict[str, Any]:
         asked.append(key)
         if len(asked) == 1:
-            bus.tell("event", {"name": "TaskAssigned"})
+            bus.tell("rodeo/lab/event/TaskAssigned", b"")
             return empty(key)
         return full(key)
 
     bus.answer = answer
-    bus.tell("event", {"name": "TaskAssigned"})
+    bus.tell("rodeo/lab/event/TaskAssigned", b"")
     wait_until(lambda: not held.stands)
     assert held.limit < 3
     held.close()
@@ -320,7 +320,7 @@ def test_a_silent_bridge_does_not_stop_the_clock_and_is_named(
     held = PeoplesTime(bus, site, lambda: START_S)  # type: ignore[arg-type]
     wait_until(lambda: math.isinf(held.limit))
     bus.answer, answer = None, bus.answer
-    bus.tell("event", {"name": "TaskAssigned"})
+    bus.tell("rodeo/lab/event/TaskAssigned", b"")
     assert held.stands
     monkeypatch.setattr(people_module, "STANDS_S", 0.0)  # as when that time has passed
     assert not held.stands
