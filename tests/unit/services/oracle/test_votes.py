@@ -216,6 +216,34 @@ def test_of_those_who_vote_early_as_much_is_kept_whatever_strangers_publish(anna
     assert anna.held() == ["anna", "bert"]
 
 
+def test_a_flood_of_false_votes_is_checked_in_part_and_silences_nobody_who_was_heard(
+    anna: Anna, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checks = 0
+    signer = votes.signer
+
+    def counted(*given: Any) -> str | None:
+        nonlocal checks
+        checks += 1
+        return signer(*given)
+
+    monkeypatch.setattr(votes, "signer", counted)
+    for task_id in (1, 2):
+        window = {"id": task_id, "proof_submitted": anna.submitted_s}
+        anna.votes.cast(
+            task("submitted").model_copy(update=window | {"verdict_deadline": anna.submitted_s + 3600}),
+            vote(task_id=task_id),
+            "anna.json",
+        )
+    anna.hear("bert", signed("bert"))
+    false = [signed("carl", vote(task_id=2, reason=f"no {number}")) for number in range(400)]
+    for one in false:
+        anna.hear("bert", one, "another session")
+    anna.hear("bert", signed("bert", vote(task_id=2)))
+    assert [one["same"] for one in anna.votes.held()] == [["anna", "bert"]] * 2
+    assert checks < len(false)
+
+
 def test_a_vote_that_another_key_signed_is_nobodys(anna: Anna) -> None:
     anna.vote()
     anna.hear("bert", signed("erin"))
