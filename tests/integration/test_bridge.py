@@ -720,9 +720,7 @@ def test_a_witness_posts_the_root_of_its_day_over_the_bus_once(dao: Dao, tmp_pat
     organization = Participant(dao.running.bus, dao.site.org, "organization")
     now_s = dao.state("chain")["time_s"]
     for _ in range(2):  # started twice
-        witness = Witness(
-            dao.running.bus, dao.site.org, "itrash", account, tmp_path, "sensor", time.time_ns
-        )
+        witness = Witness(dao.running.bus, dao.site.org, "itrash", account, tmp_path, "sensor", time.time_ns)
         roots = DailyRoots(dao.site, organization, witness)
         chain = wait_until(lambda: witness.chain, "nobody told for which organization it signs")  # noqa: B023
         for at_s in (now_s - 86_400, now_s):
