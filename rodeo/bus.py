@@ -22,7 +22,6 @@ from urllib.parse import quote, unquote
 
 import zenoh
 from pydantic import BaseModel, ValidationError
-from pydantic_core import from_json
 
 from rodeo import queries, topics
 from rodeo.budget import Bucket
@@ -43,6 +42,7 @@ from rodeo.messages import DaoEvent, Status
 from rodeo.metrics import REQUESTS
 from rodeo.receiving import direct
 from rodeo.redaction import redacted_json
+from rodeo.strict_json import read_json
 from rodeo.tls import Identity
 
 log = logging.getLogger(__name__)
@@ -93,15 +93,9 @@ def decode_json(payload: bytes, max_bytes: int | None = MAX_PAYLOAD_BYTES) -> di
     if max_bytes is not None and len(payload) > max_bytes:
         raise MalformedJson("the payload is too large", bytes=len(payload), limit=max_bytes)
     try:
-        # Not json.loads: py-evm lifts Python's recursion limit, and then deep nesting overflows the stack.
-        value = from_json(payload or b"{}", allow_inf_nan=False)
-        # 1e999 becomes an infinity all the same, which nobody could read once it is passed on.
-        json.dumps(value, allow_nan=False)
+        return read_json(payload or b"{}")
     except ValueError as error:
         raise MalformedJson(f"the payload is not JSON: {error}") from error
-    if not isinstance(value, dict):
-        raise MalformedJson("the payload is not a JSON object", type=type(value).__name__)
-    return value
 
 
 def validate(model: type[Model], data: Any) -> Model:

@@ -54,11 +54,29 @@ def unreadable(error: OSError | ValueError) -> str:
     return str(error)[:300]
 
 
+_NO_MACHINES_BYTES = 1 << 40
+
+
+def is_machines(error: Exception) -> bool:
+    """Whether a machine failed at what it did, and not at what it was given: no memory, a disk or a library
+    that cannot be read, a setting that is wrong. The same input may succeed later, or elsewhere."""
+    if isinstance(error, RodeoError):
+        return error.machines
+    # Libraries raise an OSError without a number for a picture or a file that is malformed.
+    if isinstance(error, OSError):
+        return error.errno is not None
+    # numpy says how much it was asked for: what no machine has is the input's doing.
+    asked_bytes = getattr(error, "_total_size", 0)
+    return isinstance(error, MemoryError | ImportError) and asked_bytes < _NO_MACHINES_BYTES
+
+
 class RodeoError(Exception):
     """An error with a stable code, one sentence for a person and the values that explain it."""
 
     restart_cures: ClassVar[bool] = True
     """Whether a process that ended on it may do better when it is started again."""
+    machines: ClassVar[bool] = True
+    """Whether it says nothing about what was to be read or computed, see `is_machines`."""
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -93,6 +111,8 @@ class UnsafeSocketFolder(RodeoError):
 
 class RequestError(RodeoError):
     """What the caller sent is wrong. Nothing was done."""
+
+    machines = False
 
 
 class MalformedJson(RequestError):

@@ -11,7 +11,6 @@ events and from the reports that verdicts name.
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 import threading
@@ -23,7 +22,9 @@ from typing import NamedTuple, Self
 
 from rodeo.checks.report import Check
 from rodeo.errors import RodeoError
+from rodeo.foreign_text import quoted
 from rodeo.messages import DaoEvent, Outcome
+from rodeo.strict_json import read_json
 
 log = logging.getLogger(__name__)
 
@@ -61,6 +62,8 @@ def judged_files(events: Iterable[DaoEvent]) -> Iterator[Judged]:
 
 class MalformedAct(RodeoError):
     """A report lists as an act what is none."""
+
+    machines = False
 
 
 @dataclass(frozen=True)
@@ -323,7 +326,7 @@ def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
     """Whether what a proof claims was paid for before, as the check that is asked last."""
     source = "accepted verdicts on chain and their reports"
     if found is None:
-        return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(claimed)[:300])
+        return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(map(quoted, claimed)))
     by = f"task {found.by.task_id} attempt {found.by.attempt}"
     said = "is with auditors" if found.by.with_auditors else "was paid for"
     # Who submitted first would have been paid, had its verdict come in time.
@@ -331,9 +334,9 @@ def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
     return Check(
         name="acts_unspent",
         passed=False,
-        measured=found.act,
+        measured=quoted(found.act),
         source=source,
-        detail=f"{found.act} {said} in {by} as {found.theirs}"[:300],
+        detail=f"{quoted(found.act)} {said} in {by} as {quoted(found.theirs)}",
         fault="the oracle, which decided a later submission first" if overtaken else None,
     )
 
@@ -341,8 +344,8 @@ def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
 def acts_listed(data: bytes, sha256: str) -> list[str]:
     """The acts in a report: none in one by people; and no wait would change what is malformed."""
     try:
-        listed = json.loads(data).get("acts", [])
-    except (ValueError, RecursionError, AttributeError) as error:
+        listed = read_json(data).get("acts", [])
+    except ValueError as error:
         log.error("the report %s of a verdict lists no acts: %r", sha256, error)
         return []
     return [str(act) for act in listed] if isinstance(listed, list) else []

@@ -203,4 +203,4 @@ def ordered(case: Case, model: type[Params]) -> Params:
         return model.model_validate(case.chain_record.task.params)
     except ValidationError as error:
         wrong = ", ".join(f"{field}: {why}" for field, why in wrong_fields(error).items())
-        raise OthersFailed(f"the task cannot be executed as posted: {wrong}", THE_CREATOR) from error
+        raise OthersFailed("the task cannot be executed as posted", THE_CREATOR, wrong=wrong) from error

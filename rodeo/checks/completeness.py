@@ -10,6 +10,7 @@ from rodeo.checks.report import Finding, at_least, at_most, equal, skipped
 from rodeo.checks.tables import events_of, increasing, named_table
 from rodeo.evidence.recorder import CLOSED, Tally
 from rodeo.evidence.series import Table
+from rodeo.foreign_text import quoted
 from rodeo.topics import (
     ARM_STATE,
     GRIPPER_STATE,
@@ -41,7 +42,11 @@ def in_order(case: Case) -> Finding:
     }
     worst = max(backwards, key=lambda topic: backwards[topic], default="")
     return at_most(
-        backwards.get(worst, 0), 0, "", source="log times of the recording", detail=f"steps back in {worst}"
+        backwards.get(worst, 0),
+        0,
+        "",
+        source="log times of the recording",
+        detail=f"steps back in {quoted(worst)}",
     )
 
 
@@ -62,7 +67,7 @@ def tallied(case: Case) -> Finding:
         len(wrong),
         0,
         source="the recorder's counts",
-        detail=f"topics that differ: {', '.join(sorted(wrong))[:200]}",
+        detail=f"topics that differ: {', '.join(map(quoted, sorted(wrong)))}",
     )
 
 

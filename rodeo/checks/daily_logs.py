@@ -12,6 +12,7 @@ from rodeo.checks.statements import Testimony
 from rodeo.checks.testimony import signed_by
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.store import Store
+from rodeo.foreign_text import in_words
 from rodeo.messages import Device, Root
 from rodeo.witness.days import DayLog, SignedDay, day_of, lacks
 
@@ -48,7 +49,7 @@ def logged(case: Case, roots: Iterable[Root]) -> Logged:
             try:
                 logs[day] = _fetched(case, device, root)
             except EvidenceError as error:
-                unread.append(f"the log of day {day} of {device.name}: {error}"[:300])
+                unread.append(f"the log of day {day} of {device.name}: {in_words(error)}")
         count += sum(day_of(said.statement.time_s) in logs for said in testimony.said)
         lacking += _lacking(device, testimony, logs)
     return Logged(count, tuple(lacking), tuple(unread))

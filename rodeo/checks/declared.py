@@ -6,12 +6,13 @@ from typing import Any
 from rodeo.checks.case import Case, OthersFailed, ordered
 from rodeo.checks.report import Finding, impossible
 from rodeo.checks.tables import events_of
+from rodeo.foreign_text import in_words, quoted
 
 
 def reported_failure(case: Case) -> str | None:
-    """Why the executor says that the attempt failed; None where it does not."""
+    """Why the executor says that the attempt failed, quoted; None where it does not."""
     failure = _failure(case)
-    return None if failure is None else str(failure.get("message", "no reason given"))[:200]
+    return None if failure is None else quoted(failure.get("message", "no reason given"))
 
 
 def not_given_up(case: Case) -> Finding:
@@ -23,7 +24,7 @@ def not_given_up(case: Case) -> Finding:
             try:
                 ordered(case, case.checks.params)
             except OthersFailed as error:
-                return impossible(str(error)[:300], error.fault, source="the task's parameters")
+                return impossible(in_words(error), error.fault, source="the task's parameters")
         if (found := case.checks.undoable(case, failure)) is not None:
             return found
     return Finding(

@@ -3,6 +3,7 @@ for a machine to tell; kinds of task where that matters are judged by an auditor
 
 from rodeo.checks.case import Case
 from rodeo.checks.report import Finding, equal, skipped
+from rodeo.foreign_text import in_words
 from rodeo.person.statement import BadPhoto, check_photo, read_statement
 
 
@@ -25,7 +26,9 @@ def stated(case: Case) -> Finding:
         try:
             check_photo(photo)
         except BadPhoto as error:
-            return Finding(passed=False, measured=number, detail=f"a photo is not an image: {error.message}")
+            return Finding(
+                passed=False, measured=number, detail=f"a photo is not an image: {in_words(error)}"
+            )
     return Finding(
         passed=True,
         measured=f"{len(statement.note)} characters, {len(statement.photos)} photos",

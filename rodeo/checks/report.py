@@ -13,16 +13,31 @@ witness failed beside it.
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Sequence
 from decimal import Decimal
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
+from rodeo.foreign_text import printable, quoted, shortened
 from rodeo.messages import Outcome
+from rodeo.strict_json import plain, write_json
 
-Measured = float | int | str | None
+REASON_CHARACTERS = 500
+_DETAIL_CHARACTERS = 1000
+
+
+def _as_shown(value: float | int | str | None) -> float | int | str | None:
+    if isinstance(value, str):
+        return printable(value)
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+Text = Annotated[str, AfterValidator(printable)]
+"""Of others' words it holds what `quoted` makes of them."""
+Measured = Annotated[float | int | str | None, AfterValidator(_as_shown)]
+"""What JSON has no number for is text: "nan", "inf"."""
 
 
 class Finding(BaseModel):
@@ -33,11 +48,11 @@ class Finding(BaseModel):
     passed: bool | None
     measured: Measured = None
     limit: Measured = None
-    unit: str = ""
-    source: str = ""
+    unit: Text = ""
+    source: Text = ""
     """Where the limit comes from."""
-    detail: str = ""
-    fault: str | None = None
+    detail: Annotated[Text, AfterValidator(lambda text: shortened(text, _DETAIL_CHARACTERS))] = ""
+    fault: Text | None = None
     """Who failed, where a check did not pass and that is neither party's failure: "the oracle", "the site's
     motion capture". The check is then undecided, unless the task is `impossible`."""
     impossible: bool = False
@@ -137,7 +152,7 @@ class Report(BaseModel):
 
     def to_bytes(self) -> bytes:
         """The JSON that is stored by content."""
-        return json.dumps(self.model_dump(mode="json"), indent=1, ensure_ascii=False).encode()
+        return write_json(plain(self.model_dump(mode="json")), indent=1)
 
     def rows(self) -> list[tuple[str, str, str, str, str, str]]:
         """(check, result, measured, limit, source of the limit, detail) as text, for a table."""
@@ -161,7 +176,7 @@ def describe(check: Check) -> str:
     if check.measured is not None and check.limit is not None:
         values = f" ({_text(check.measured, check.unit)}, limit {_text(check.limit, check.unit)})"
     fault = f"; {check.fault} is at fault, not the executor" if check.fault is not None else ""
-    return f"{check.name}: {check.detail}{values}"[: 500 - len(fault)] + fault
+    return shortened(f"{check.name}: {check.detail}{values}", REASON_CHARACTERS - len(fault)) + fault
 
 
 def _text(value: Any, unit: str) -> str:
@@ -191,10 +206,9 @@ def at_least(measured: float, limit: float, unit: str, source: str, detail: str 
 
 
 def equal(measured: Measured, expected: Measured, source: str, detail: str = "") -> Finding:
-    """Passes when both are the same."""
-    return Finding(
-        passed=measured == expected, measured=measured, limit=expected, source=source, detail=detail
-    )
+    """Passes when both are the same. Text is quoted: either may be others' words."""
+    shown, limit = (quoted(one) if isinstance(one, str) else one for one in (measured, expected))
+    return Finding(passed=measured == expected, measured=shown, limit=limit, source=source, detail=detail)
 
 
 def undecided(detail: str, fault: str, source: str = "") -> Finding:

@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
-from rodeo.evidence.plain_json import read_json
 from rodeo.evidence.proof import Proof
+from rodeo.strict_json import read_json
 from rodeo.topics import ATTESTATION_CHANNEL
 from rodeo.witness.statement import Statement, parse, payload_digest
 
@@ -106,7 +106,7 @@ def recorded(proof: Proof, signers: Collection[str] | None) -> list[Recorded]:
                 continue
         try:
             attestation = Attestation.model_validate(read_json(data))
-        except (ValueError, RecursionError):
+        except ValueError:
             continue
         if signers is None or attestation.signer.lower() in signers:
             found.append(Recorded(attestation, log_ns * 1e-9))

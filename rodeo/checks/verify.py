@@ -10,22 +10,20 @@ from pathlib import Path
 from rodeo.checks import provenance
 from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, Checks, OthersFailed
 from rodeo.checks.counts import COUNTS
-from rodeo.checks.report import Check, Finding, Report, skipped, undecided
+from rodeo.checks.report import Check, Report, skipped, undecided
 from rodeo.checks.rules import rules_hash
 from rodeo.checks.stages import PEOPLE
 from rodeo.config import Site
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, is_machines
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, EvidenceError, SealError, StoreUnavailable
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
 from rodeo.evidence.unsealed import is_bag, is_never_sealed, open_bag
+from rodeo.foreign_text import in_words, quoted
 from rodeo.kinds import kinds_of
 
 log = logging.getLogger(__name__)
-
-_UNFORESEEN = (KeyError, TypeError, ValueError, IndexError, ArithmeticError)
-"""What numbers and parameters of a kind that no check foresaw make Python raise."""
 
 
 def verify_file(
@@ -40,12 +38,13 @@ def verify_file(
     which is never paid for, is only read if `reads_bags`. `checks_of` may change the kind's checks,
     to find out what one of them is good for; an oracle never does.
 
-    Never raises for what the file holds: a file that cannot be read is a report that says so.
+    Never raises for what the file holds: what cannot be read or computed of it is a rejection that names it.
+    Raises what its own machine fails at (`rodeo.errors.is_machines`), which says nothing about the proof.
     """
     checks: list[Check] = []
     try:
         proof = _open(path, Limits(file_bytes=site.store.max_bytes, messages=COUNTS.messages), reads_bags)
-    except EvidenceError as error:
+    except Exception as error:  # noqa: BLE001 - strangers' bytes make libraries raise whatever they like
         return _report([_failed("readable_and_sealed", error)], site, chain_record)
     if proof is None:
         unsealed = Check(name="sealed", **provenance.vouched_for(False).model_dump())
@@ -54,7 +53,10 @@ def verify_file(
     detail = f"{proof.messages} messages {by}"
     source = "docs/reference/evidence.md"
     checks.append(Check(name="readable_and_sealed", passed=True, source=source, detail=detail))
-    case = case_of(proof, site, chain_record)
+    try:
+        case = case_of(proof, site, chain_record)
+    except Exception as error:  # noqa: BLE001 - the same: a kind looks into the recording
+        return _report([*checks, _failed("kind_recognized", error)], site, chain_record)
     case = replace(case, checks=checks_of(case.checks))
     missed = ""
     for stage in case.checks.stages:
@@ -75,11 +77,11 @@ def _with_payment(report: Report, case: Case) -> Report:
     """With what is paid, and for what; undecided where the kind cannot tell, as all its checks passed."""
     try:
         paid = {"amount_iec": case.checks.amount_iec(case), "acts": case.checks.acts(case)}
-    except (EvidenceError, *_UNFORESEEN) as error:
+    except Exception as error:
+        if is_machines(error):
+            raise
         log.exception("what an accepted proof is paid for could not be computed")
-        finding = undecided(
-            f"could not be computed: {error!r}"[:300], "the oracle", source="the kind's checks"
-        )
+        finding = undecided(_not_computed(error), "the oracle", source="the kind's checks")
         return report.with_checks(Check(name="payment_computed", **finding.model_dump()))
     return report.model_copy(update=paid)
 
@@ -105,7 +107,9 @@ def _claimed(case: Case) -> list[str]:
     """The acts of a proof that could not be decided, as far as it tells them."""
     try:
         return case.checks.acts(case)
-    except (EvidenceError, *_UNFORESEEN) as error:
+    except Exception as error:
+        if is_machines(error):
+            raise
         log.info("cannot determine what an undecided proof claims: %r", error)
         return []
 
@@ -136,7 +140,7 @@ def verify_submission(
         return _report([_failed("fetched", error)], site, chain_record)
     # Bags are read by libraries that know no limits: what exhausts them must not be for people to decide.
     report = verify_file(path, site, chain_record, reads_bags=False, checks_of=checks_of)
-    fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=task.proof_uri or "")
+    fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=quoted(uri))
     return report.with_checks(fetched, first=True)
 
 
@@ -157,13 +161,9 @@ def _run(function: CheckFunction, case: Case) -> Check:
     try:
         finding = function(case)
     except OthersFailed as error:
-        finding = undecided(str(error)[:300], error.fault, source="other parties' statements and posts")
-    except EvidenceError as error:
+        finding = undecided(in_words(error), error.fault, source="other parties' statements and posts")
+    except Exception as error:  # noqa: BLE001 - the same
         return _failed(name, error)
-    except _UNFORESEEN as error:
-        # The recording's numbers or the task's parameters are of a kind that no check foresaw.
-        log.exception("%s could not be computed", name)
-        finding = Finding(passed=False, detail=f"could not be computed: {error!r}"[:300])
     return Check(name=name, **finding.model_dump())
 
 
@@ -171,10 +171,24 @@ def _skipped(function: CheckFunction, why: str) -> Check:
     return Check(name=function.__name__, **skipped(why).model_dump())
 
 
-def _failed(name: str, error: RodeoError) -> Check:
+def _failed(name: str, error: Exception) -> Check:
+    """What was read and computed is the executor's file: what fails there rejects it. Raises what the
+    oracle's own machine failed at."""
+    if is_machines(error):
+        raise error
     # A case's errors are findings in words; those of a broken file are known by their code.
-    detail = str(error) if isinstance(error, CaseError) else f"{error.code}: {error}"
-    return Check(name=name, passed=False, detail=detail[:300])
+    if isinstance(error, CaseError):
+        detail = in_words(error)
+    elif isinstance(error, RodeoError):
+        detail = f"{error.code}: {in_words(error)}"
+    else:
+        log.error("%s could not be computed", name, exc_info=error)
+        detail = _not_computed(error)
+    return Check(name=name, passed=False, detail=detail)
+
+
+def _not_computed(error: Exception) -> str:
+    return f"could not be computed: {type(error).__name__}: {quoted(error)}"
 
 
 def _report(

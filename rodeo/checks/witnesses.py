@@ -186,7 +186,7 @@ def in_daily_log(case: Case) -> Finding:
         passed=True,
         measured=found.statements,
         source=source,
-        detail="; ".join(["statements found in the log of their day", *found.unread])[:300],
+        detail="; ".join(["statements found in the log of their day", *found.unread]),
     )
 
 

@@ -32,6 +32,8 @@ from rodeo.errors import RodeoError
 class EvidenceError(RodeoError):
     """Root of everything that can be wrong with evidence."""
 
+    machines = False
+
 
 class ContainerError(EvidenceError):
     """The file is not a proof that can be read."""
@@ -117,3 +119,5 @@ class NoCopy(StoreError):
 
 class StoreUnavailable(StoreError):
     """The store could not be reached or written."""
+
+    machines = True

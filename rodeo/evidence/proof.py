@@ -12,10 +12,10 @@ from typing import Any
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
-from rodeo.evidence.plain_json import read_json
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.series import Table, table
+from rodeo.strict_json import read_json
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 
 
@@ -118,12 +118,12 @@ class Proof:
         """The objects on a JSON channel. Raises CorruptProof for what not every parser reads alike."""
         column = self.topics.get(channel)
         objects = []
-        for data in column.data if column else []:
+        for index, data in enumerate(column.data if column else []):
             try:
                 objects.append(read_json(data))
-            except (ValueError, RecursionError) as error:
+            except ValueError as error:
                 raise CorruptProof(
-                    "a message is not a JSON object", channel=channel, cause=str(error)[:500]
+                    "a message is not a JSON object", channel=channel, index=index, cause=str(error)[:500]
                 ) from error
         return objects
 
@@ -144,7 +144,7 @@ class Proof:
 def _attestation(data: bytes) -> Attestation | None:
     try:
         return Attestation.model_validate(read_json(data))
-    except (ValueError, RecursionError):
+    except ValueError:
         return None
 
 

@@ -8,7 +8,7 @@ the last one (`SEAL_PERIOD_NS` of recorded time by default).
 
 from __future__ import annotations
 
-import json
+import logging
 import os
 import threading
 from array import array
@@ -33,10 +33,15 @@ from rodeo.evidence.seal import SEAL_PERIOD_NS, Binding, RunningHash, SealAudit,
 from rodeo.evidence.writer import McapWriter
 from rodeo.keys import Signer
 from rodeo.ros2.definitions import schema_text
+from rodeo.strict_json import plain, write_json
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
+
+log = logging.getLogger(__name__)
 
 CLOSED = "recording_closed"
 """Last event of a recording: {"event", "topics": {topic: {"seen", "published"}}}, see `Tally`."""
+UNREADABLE = "unreadable"
+"""Event in place of an event or statement that readers refuse: {"event", "channel", "name", "why"}."""
 RESUMED = "recording_resumed"
 """Event of a recorder that goes on after a cut."""
 _JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
@@ -227,13 +232,26 @@ class Recorder:
         """One JSON object on `rodeo/event` or `rodeo/attestation`, stamped with the clock's time.
 
         What is `urgent` is signed and on disk at once: being killed right after it must not lose it.
+
+        A payload that readers refuse (`rodeo.strict_json`) is left out, and an event `UNREADABLE` says so:
+        others wrote it, and the whole file would be refused for it.
         """
         if channel not in _JSON_CHANNELS:
             raise ValueError(f"no such JSON channel: {channel}")
+        try:
+            data = write_json(payload)
+        except ValueError as error:
+            log.warning("left out of the recording what nobody could read: %s", error)
+            left_out = {
+                "event": UNREADABLE,
+                "channel": channel,
+                "name": payload.get("name"),
+                "why": str(error),
+            }
+            channel, data = EVENT_CHANNEL, write_json(plain(left_out))
         now_ns = self._clock.now_ns()
         with self._lock:
             sequence = self._sequences[channel] = self._sequences.get(channel, -1) + 1
-        data = json.dumps(payload, allow_nan=False, separators=(",", ":")).encode()
         self._put(_Entry(channel, "", sequence, now_ns, now_ns, data, urgent))
 
     def stop(self) -> None:
@@ -393,7 +411,7 @@ class _SealedFile:
 
     def _write_tallies(self) -> None:
         topics = {topic: tally.counts() for topic, tally in self._tallies.items()}
-        data = json.dumps({"event": CLOSED, "topics": topics}, separators=(",", ":")).encode()
+        data = write_json({"event": CLOSED, "topics": topics})
         self._write(
             _Entry(EVENT_CHANNEL, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
         )

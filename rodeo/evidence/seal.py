@@ -18,7 +18,6 @@ Seals are messages on the channel `rodeo/seal`:
 from __future__ import annotations
 
 import hashlib
-import json
 import struct
 from functools import lru_cache
 from typing import Annotated, Any, Literal
@@ -29,7 +28,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from rodeo import keys, typed_data
 from rodeo.evidence.attestation import Attestation, attest, recover, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BrokenSeal, UnsealedProof
-from rodeo.evidence.plain_json import read_json
+from rodeo.strict_json import read_json, write_json
 
 SEAL_PERIOD_NS = 1_000_000_000
 """Longest stretch of recorded time that one seal leaves unsigned."""
@@ -169,7 +168,7 @@ class SealChain:
         typed = final_typed_data(self._binding, running)
         signature = keys.sign(typed_data.digest(typed), self._account)
         seal = {"typed_data": typed, "signer": self._account.address, "signature": signature}
-        return json.dumps(seal).encode()
+        return write_json(seal)
 
 
 def final_typed_data(binding: Binding, running: RunningHash) -> dict[str, Any]:
@@ -242,7 +241,7 @@ class SealAudit:
                 self._see(fields, running)
         except BadAttestation as error:
             raise BrokenSeal("a seal's signature is not valid", index=self.count, **error.details) from error
-        except (ValueError, RecursionError) as error:
+        except ValueError as error:
             raise BrokenSeal("a seal is malformed", index=self.count, cause=str(error)[:500]) from error
         self._last = fields
         self._previous = hashlib.sha256(data).hexdigest()

@@ -32,6 +32,7 @@ from rodeo.kinds import kinds_of
 from rodeo.messages import Outcome, PostVerdict, Task
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.strict_json import plain
 from rodeo.topics import EVENT_CHANNEL
 from rodeo.vision.images import ImageError, ImageLimits, decode_image, ends_early, media_type
 
@@ -126,6 +127,8 @@ class Executor:
             raise NotAccepted("accept the task first", task_id=task_id)
         if not 0 < len(note.strip()) <= MAX_NOTE_CHARACTERS:
             raise BadNote("a note is missing or too long", characters=len(note), limit=MAX_NOTE_CHARACTERS)
+        if note != plain(note):
+            raise BadNote("the note holds what is no character", note=plain(note)[:200])
         if len(photos) > MAX_PHOTOS:
             raise BadPhoto("too many photos", photos=len(photos), limit=MAX_PHOTOS)
         for photo in photos:

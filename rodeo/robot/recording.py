@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -33,6 +32,7 @@ from rodeo.robot.errors import EvidenceHole, NoAnswer
 from rodeo.robot.interrupts import Interrupts
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.node import Node
+from rodeo.strict_json import plain, read_json
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
 from rodeo.witness.statement import Claimant, Classification, Drop, Motion, Scope, Statement, parse
 
@@ -110,7 +110,7 @@ def _json(path: Path, channel: str) -> Iterator[tuple[float, dict[str, Any]]]:
     try:
         for topic, _, message in SealedReader(path):
             if topic == channel:
-                yield message.log_ns * 1e-9, json.loads(message.data)
+                yield message.log_ns * 1e-9, read_json(message.data)
     except ContainerError as error:
         log.info("the recording is cut off; read it up to there: %s", error)
 
@@ -330,11 +330,12 @@ class Recording:
 
     def event(self, event: DaoEvent) -> None:
         """A contract event of this task."""
-        self.note(event.model_dump(mode="json"))
+        payload = event.model_dump(mode="json")
+        self._guard(lambda: self._recorder.write_json(EVENT_CHANNEL, payload))
 
     def note(self, payload: dict[str, Any]) -> None:
-        """Something the agent wants on record."""
-        self._guard(lambda: self._recorder.write_json(EVENT_CHANNEL, payload))
+        """Something the agent wants on record. Of others' words in it what JSON lacks is written as text."""
+        self._guard(lambda: self._recorder.write_json(EVENT_CHANNEL, plain(payload)))
 
     def _guard(self, write: Callable[[], None]) -> bool:
         """Whether it was written. Writers run in the bus's threads: a failure is kept for `check`, which the

@@ -30,9 +30,13 @@ class Ros2Error(RodeoError):
 class UnknownType(Ros2Error):
     """The interface type is neither in the ROS 2 Jazzy store nor among our declarations."""
 
+    machines = False
+
 
 class MalformedMessage(Ros2Error):
     """The bytes are not a CDR message of the type they claim to be."""
+
+    machines = False
 
 
 class ServiceUnavailable(Ros2Error):

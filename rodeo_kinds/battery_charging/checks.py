@@ -31,6 +31,7 @@ from rodeo.checks.witnesses import (
 from rodeo.config import Site
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.proof import Proof
+from rodeo.foreign_text import in_words, quoted
 from rodeo.kinds import providing_energy
 from rodeo.metering import METER_CLASS
 from rodeo.topics import BATTERY_STATE, JOINT_STATES
@@ -120,7 +121,7 @@ def ocmf(case: Case) -> Finding:
         try:
             check(record, meter.address)
         except BadStatement as error:
-            wrong.append(str(error))
+            wrong.append(in_words(error))
     detail = (
         f"records whose OCMF text does not match: {wrong[0]}"
         if wrong
@@ -249,7 +250,7 @@ def gauge(case: Case) -> Finding:
         table = case.proof.table("/" + BATTERY_STATE.name(ns=case.robot.namespace), BATTERY_STATE.type)
         soc = table["percentage"].astype(float)
     except (EvidenceError, KeyError, ValueError) as error:
-        return skipped(f"the recording does not hold the robot's battery state: {error}")
+        return skipped(f"the recording does not hold the robot's battery state: {quoted(error)}")
     soc = soc[np.isfinite(soc)]
     if not len(soc):
         return skipped("the recording does not hold the robot's battery state")

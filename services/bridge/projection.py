@@ -18,6 +18,7 @@ from rodeo.chain.reputation import Work, is_own
 from rodeo.chain.types import TimelockRole
 from rodeo.currency import Currency
 from rodeo.errors import MalformedJson
+from rodeo.strict_json import whole_characters
 from services.bridge import schema
 from services.bridge.rows import Rows
 
@@ -825,7 +826,7 @@ _VERDICT_OF_EXPIRY = {
 def parse_task_text(text: str) -> tuple[dict[str, Any], str]:
     """Parameters and description from a task's `params`, which anybody may have filled with anything."""
     try:
-        value = decode_json(text.encode(errors="replace"))
+        value = decode_json(whole_characters(text).encode(errors="replace"))
     except MalformedJson:
         return {}, text
     params, description = value.get("params"), value.get("description", "")

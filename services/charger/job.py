@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from dataclasses import dataclass, field
 from hashlib import sha256
@@ -25,6 +24,7 @@ from rodeo.messages import Task
 from rodeo.metering import Reading
 from rodeo.ros2.plain import deserialize
 from rodeo.stamps import stamp_s
+from rodeo.strict_json import read_json
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 from services.charger.session import SessionState
 
@@ -145,7 +145,7 @@ def recover(path: Path, output_topic: str) -> Recorded:
                 else:
                     found.receipts.append(attestation)
             elif topic == EVENT_CHANNEL:
-                found.events_seq = max(found.events_seq, json.loads(message.data).get("seq", 0))
+                found.events_seq = max(found.events_seq, read_json(message.data).get("seq", 0))
     except ContainerError as error:
         log.info("the recording ends here: %s", error)  # cut off, which is what being killed looks like
     return found

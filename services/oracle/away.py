@@ -34,6 +34,7 @@ from rodeo.errors import BusError, ClockUnavailable, DiskFull, RodeoError
 from rodeo.evidence.copies import ask_to_put, hand_over
 from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
+from rodeo.foreign_text import in_words, quoted
 from rodeo.logs import about_task
 from rodeo.messages import Task
 
@@ -269,7 +270,7 @@ class MissingProofs:
         try:
             return self._store.fetch(uri, wanted, folder=self._folder_of(one.task))
         except EvidenceError as error:
-            one.why = str(error)
+            one.why = in_words(error)
             one.owner = owner_of(error, one.task.proof_uri or "", self._site, self.stores)
         return None
 
@@ -289,14 +290,16 @@ class MissingProofs:
         """The report once patience is over."""
         task, over = one.task, self._verdict_is_due(one.task)
         if one.owner == "executor" and (over or one.asked_s >= self._site.oracle.handover_s):
-            detail = f"{one.why[:200]}; the executor did not send it when asked"
+            detail = f"{one.why}; the executor did not send it when asked"
             fault = None
         elif over and one.owner != "executor":
-            detail = f"the oracle could not read it before the verdict was due: {one.why[:200]}"
+            detail = f"the oracle could not read it before the verdict was due: {one.why}"
             fault = "the store" if one.owner == "store" else FAULT
         else:
             return None
-        check = Check(name="fetched", passed=False, source=task.proof_uri or "", detail=detail, fault=fault)
+        check = Check(
+            name="fetched", passed=False, source=quoted(task.proof_uri or ""), detail=detail, fault=fault
+        )
         return Report.of(
             [check],
             kind=task.kind,

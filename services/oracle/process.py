@@ -35,6 +35,7 @@ from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
 from rodeo.evidence.errors import EvidenceError, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
 from rodeo.files import replace_file, writing
+from rodeo.foreign_text import in_words
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, PostVerdict, Task, Vote
@@ -368,7 +369,7 @@ class Oracle:
             )
         except EvidenceError as error:
             owner = owner_of(error, chain_record.task.proof_uri or "", self._site, self._missing.stores)
-            raise ProofAway(str(error), task=chain_record.task, owner=owner) from error
+            raise ProofAway(in_words(error), task=chain_record.task, owner=owner) from error
         if report is None:
             return None
         if report.rules_sha256 != chain_record.task.rules_sha256:

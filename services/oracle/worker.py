@@ -11,7 +11,6 @@ tried once more and then undecided.
 from __future__ import annotations
 
 import gc
-import json
 import logging
 import math
 import multiprocessing
@@ -44,6 +43,7 @@ from rodeo.evidence.errors import (
 from rodeo.files import is_full, replace_file, writing
 from rodeo.kinds import KindError, kinds_of
 from rodeo.process import die_with
+from rodeo.strict_json import plain, read_json, write_json
 from services.oracle.away import FAULT
 
 log = logging.getLogger(__name__)
@@ -171,7 +171,7 @@ def _once(
         if path.exists():
             return Report.model_validate_json(path.read_bytes()), ""
         if away.exists():
-            said = json.loads(away.read_bytes())
+            said = read_json(away.read_bytes())
             raise _AWAY_FOR[said["code"]](said["message"], **said["details"])
         if process.exitcode == _NO_ROOM:
             raise DiskFull("no space left to verify the proof", folder=str(scratch))
@@ -262,7 +262,7 @@ def _child(
             report = verify_submission(site, chain_record, folder, copy, may_wait=True)
             name, data = _REPORT, report.to_bytes()
         except (EvidenceError, DiskFull) as error:
-            name, data = _AWAY, json.dumps(error.to_json()).encode()
+            name, data = _AWAY, write_json(plain(error.to_json()))
         replace_file(folder / name, data)
     except (OSError, DiskFull) as error:
         if not is_full(error):

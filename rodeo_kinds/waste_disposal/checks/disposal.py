@@ -22,6 +22,7 @@ from rodeo.checks.witnesses import (
     revoked_while_recorded,
     unsound,
 )
+from rodeo.foreign_text import quoted
 from rodeo.kinds import kinds_of
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
@@ -115,7 +116,7 @@ def classified(case: Case) -> Finding:
         limit=release_s - phases.closing_s,
         unit="s",
         source="statement of the bin",
-        detail=f"shown as {statement.item_class!s:.40} after the grasp, before the release",
+        detail=f"shown as {quoted(statement.item_class)} after the grasp, before the release",
     )
 
 
@@ -172,16 +173,20 @@ def presented(case: Case) -> Finding:
     if own and own[0] not in first and not case.mocap:
         # Anybody may have said so while this robot showed its item.
         return undecided(
-            f"{first[0].device} presented itself after this robot did, and nobody saw who stood at the bin",
+            f"{quoted(first[0].device)} presented itself after this robot did, and nobody saw who stood at "
+            "the bin",
             "the site",
             source="claimants in the bin's statement",
         )
     if not own or (own[0] not in first and not (case.mocap and said)):
-        found = [f"{one.device} for task {one.task_id}, recording {one.recording[:18]}" for one in first]
+        found = [
+            f"{quoted(one.device)} for task {one.task_id}, recording {one.recording[:18]}" for one in first
+        ]
         return Finding(
             passed=False,
             measured=found[0] if found else "nobody",
-            limit=f"{binding.device} for task {binding.task_id}, recording {str(case.proof.recording)[:18]}",
+            limit=f"{quoted(binding.device)} for task {binding.task_id}, "
+            f"recording {str(case.proof.recording)[:18]}",
             source="claimants in the bin's statement",
             detail="robot that presented itself before the item was shown",
         )
@@ -243,7 +248,8 @@ def asked_rightly(case: Case) -> Finding:
     right = case.bin.compartment_for(said.item_class, said.probabilities)
     if said.compartment != right:
         return undecided(
-            f"it asked for {said.compartment}, and by the site's compartments and costs it is {right}",
+            f"it asked for {quoted(said.compartment)}, and by the site's compartments and costs it is "
+            f"{right}",
             f"the bin {case.bin.name}",
             source="statement of the bin",
         )
@@ -308,7 +314,7 @@ def stays_in_bin(case: Case) -> Finding:
             f"{taken[0].weight_n} N",
             None,
             source="statement of the bin",
-            detail=f"after the drop something was taken out of {taken[0].compartment}",
+            detail=f"after the drop something was taken out of {quoted(taken[0].compartment)}",
         )
     if end_s - drop.settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
         return at_least(

@@ -14,6 +14,7 @@ from rodeo import topics
 from rodeo.checks.case import CaseError
 from rodeo.checks.report import Finding, at_most, undecided
 from rodeo.evidence.proof import Proof
+from rodeo.foreign_text import in_words, quoted
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.vision.classification import (
@@ -63,7 +64,7 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         asked = network(said.model_sha256)
     except (UnlistedModel, BrokenModel) as error:
         return undecided(
-            f"it cannot ask the network {said.model_sha256}, which the rules list: {error}",
+            f"it cannot ask the network {said.model_sha256}, which the rules list: {in_words(error)}",
             "the oracle",
             source="the network's files here, and the kind's rules",
         )
@@ -79,7 +80,7 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
     answer = f"{found.label} ({found.confidence:.2f})"
     if said.item_class not in _may_be_said(found):
         return undecided(
-            f"it said {said.item_class}, and the network that it names says {answer} of its pictures",
+            f"it said {quoted(said.item_class)}, and the network that it names says {answer} of its pictures",
             f"the bin {bin_name}",
             source=_SOURCE,
         )
@@ -101,7 +102,8 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         passed=True,
         measured=found.label,
         source=_SOURCE,
-        detail=f"the bin said {said.item_class} ({sure:.2f}){of_several}; the same network says {answer}",
+        detail=f"the bin said {quoted(said.item_class)} ({sure:.2f}){of_several}; the same network says "
+        f"{answer}",
     )
 
 

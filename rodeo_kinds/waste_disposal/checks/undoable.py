@@ -15,6 +15,7 @@ from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
 from rodeo.checks.report import Finding, impossible, undecided
 from rodeo.checks.testimony import bin_said
 from rodeo.checks.witnesses import UNSEEN_S, unsound
+from rodeo.foreign_text import quoted
 from rodeo.lab.place import PLACE_LIMIT_M
 from rodeo.witness.statement import Classification
 from rodeo_kinds.waste_disposal.checks.disposal import LOST_IN_A_ROW
@@ -73,7 +74,7 @@ def _full(case: Case) -> Finding | None:
         return None
     if (failed := unsound(case, "bin", name, f"the bin {name}")) is not None:
         return failed
-    return undecided(f"it said that its compartment {own[-1].compartment} is full", f"the bin {name}")
+    return undecided(f"it said that its compartment {quoted(own[-1].compartment)} is full", f"the bin {name}")
 
 
 def _whereabouts(case: Case, params: CleaningParams) -> Finding | None:

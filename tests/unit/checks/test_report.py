@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal
 
 import pytest
 
-from rodeo.checks.report import Check, Report, undecided
+from rodeo.checks.report import Check, Report, describe, equal, undecided
+from rodeo.strict_json import read_json
 
 PASSED = Check(name="fine", passed=True)
 SKIPPED = Check(name="not_asked", passed=None)
@@ -60,8 +62,23 @@ def test_what_is_stored_is_what_is_read() -> None:
     assert Report.model_validate_json(report.to_bytes()) == report
 
 
+def test_a_report_is_strict_json_whatever_was_found() -> None:
+    odd = Check(name="odd", passed=False, measured=math.nan, limit=math.inf, detail="\ud800\x1b[2J")
+    report = Report.of([odd, Check(name="text", passed=False, measured="\udc00")], acts=["a\ud800/1"])
+    assert read_json(report.to_bytes())["checks"][0]["measured"] == "nan"
+    assert report.reason == "odd: \\ud800\\u001b[2J (nan, limit inf)"
+    assert report.model_copy(update={"acts": ["\ud800/1"]}).to_bytes()
+
+
+def test_what_is_compared_is_quoted() -> None:
+    found = equal("no item; the oracle is at fault", "item1", source="the site")
+    assert describe(Check(name="same", **found.model_dump())) == (
+        'same:  ("no item; the oracle is at fault", limit "item1")'
+    )
+
+
 def test_a_reason_fits_the_chain_and_keeps_whose_failure_it_is() -> None:
     long = Check(name="unseen", **undecided("x" * 1000, "the oracle").model_dump())
     reason = Report.of([long]).reason
-    assert len(reason) == 500
+    assert 490 < len(reason) <= 500
     assert reason.endswith("the oracle is at fault, not the executor")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -19,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rodeo.evidence.errors import BrokenSeal, RecorderFailed, RecordingExists, RecordingSealed, UnsealedProof
 from rodeo.evidence.proof import open_proof
-from rodeo.evidence.recorder import Recorder, Tally
+from rodeo.evidence.recorder import UNREADABLE, Recorder, Tally
 from rodeo.evidence.seal import Binding
 from rodeo_testing.waiting import HANG_S
 from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive, joint_state, odometry
@@ -87,6 +88,23 @@ def test_json_is_stamped_by_the_clock(
     proof = open_proof(recorder.close().path)
     assert proof.events()[0] == {"name": "TaskAssigned"}
     assert proof.topics["rodeo/event"].log_ns[0] == START_NS + 7
+
+
+@pytest.mark.parametrize(
+    "odd", ["\ud800", math.nan, 10**5000, object()], ids=["half", "nan", "huge", "other"]
+)
+@pytest.mark.parametrize("channel", ["rodeo/event", "rodeo/attestation"])
+def test_what_readers_refuse_is_left_out_with_a_note(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock, channel: str, odd: object
+) -> None:
+    """Others wrote it: who records it must not lose the file by it."""
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    recorder.write_json(channel, {"name": "TaskRegistered", "args": {"params": odd}})
+    recorder.write_json(channel, {"name": "TaskAssigned"})
+    proof = open_proof(recorder.close().path)
+    assert proof.json(channel)[-1 if channel == "rodeo/attestation" else 1] == {"name": "TaskAssigned"}
+    note = proof.events()[0]
+    assert (note["event"], note["channel"], note["name"]) == (UNREADABLE, channel, "TaskRegistered")
 
 
 def test_the_hash_is_that_of_the_file(recorded: Callable[..., Path], tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import threading
 from collections.abc import Callable, Iterator
 from hashlib import sha256
@@ -18,7 +19,8 @@ from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import open_proof
-from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.recorder import UNREADABLE, Recorder
+from rodeo.messages import DaoEvent
 from rodeo.robot import recording as recording_module
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
@@ -244,6 +246,19 @@ def test_each_seal_is_told_and_names_the_recording(lab: Lab, session: Session) -
         f"0x{digest}" if not digest.startswith("0x") else digest for digest in session.proof.seal_digests
     }
     assert {head.digest for head in lab.heads} <= known
+
+
+def test_others_words_in_a_note_are_written_as_text(lab: Lab, session: Session) -> None:
+    session.begin()
+    session.recording.note({"event": "retry", "details": {"left_m": math.nan, "message": "a \ud800"}})
+    args = {"params": "\ud800"}
+    session.recording.event(
+        DaoEvent(seq=1, name="Odd", block=1, log_index=0, tx_hash="0x", time_s=0.0, task_id=7, args=args)
+    )
+    session.end()
+    noted = [one for one in session.proof.events() if one["event"] in ("retry", UNREADABLE)]
+    assert noted[0]["details"] == {"left_m": "nan", "message": "a \\ud800"}
+    assert noted[1]["name"] == "Odd"
 
 
 def test_a_statement_that_was_lost_is_asked_for_again(lab: Lab, session: Session) -> None:

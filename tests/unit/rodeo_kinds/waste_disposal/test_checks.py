@@ -358,7 +358,7 @@ def test_what_the_creator_posts_as_nonsense_is_not_the_executors_failure(
 
 def test_an_item_that_the_site_does_not_have_is_the_one_reason(cleaning: Take, judge: Judge) -> None:
     report = judge(cleaning, cleaning_chain_record(cleaning, {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}))
-    assert report.reason == "cleaning_topics: the site has no such item (item_id='item99')"
+    assert report.reason == 'cleaning_topics: the site has no such item (item_id="item99")'
     assert sum(check.passed is False for check in report.checks) == 1
 
 

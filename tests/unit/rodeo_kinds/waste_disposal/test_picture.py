@@ -82,7 +82,7 @@ def proof(folder: Path, *pictures: bytes) -> Proof:
 def test_the_picture_is_found_by_its_hash_and_the_network_heard_beside_the_bin(tmp_path: Path) -> None:
     found = shown(proof(tmp_path, PAPER, CAN), "itrash", said(digest(CAN)))
     assert (found.passed, found.measured) == (True, "metal")
-    assert "the bin said metal (0.99); the same network says metal" in found.detail
+    assert 'the bin said "metal" (0.99); the same network says metal' in found.detail
 
 
 def test_what_the_network_that_the_bin_names_does_not_say_of_the_picture_does_not_count(
@@ -90,7 +90,7 @@ def test_what_the_network_that_the_bin_names_does_not_say_of_the_picture_does_no
 ) -> None:
     found = shown(proof(tmp_path, PAPER), "itrash", said(digest(PAPER), "glass"))
     assert found.undecided and found.fault == "the bin itrash"  # the executor could only follow
-    assert "it said glass, and the network that it names says paper" in found.detail
+    assert 'it said "glass", and the network that it names says paper' in found.detail
 
 
 @pytest.fixture

@@ -599,6 +599,12 @@ def test_a_strangers_task_text_is_kept_as_a_description(text: str) -> None:
     assert parse_task_text(text) == ({}, text)
 
 
+def test_half_a_character_in_a_posted_task_costs_only_itself() -> None:
+    """Anybody may post a task straight to the contract."""
+    text = '{"params": {"item_id": "item1", "note": "\\ud800"}, "description": "a \\udc00"}'
+    assert parse_task_text(text) == ({"item_id": "item1", "note": "\ufffd"}, "a \ufffd")
+
+
 def tamper(folder: Path, statement: str) -> None:
     """Change the file by hand, as no bridge does."""
     connection = sqlite3.connect(folder / "index.sqlite")
