@@ -1,10 +1,18 @@
 """When an index does not count as current, and what a bridge does as time passes."""
 
+import threading
+from concurrent.futures import Future
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
+from rodeo.config import Site
 from rodeo.rulings import GRACE_S
 from services.bridge.index import Position
-from services.bridge.process import late_verdicts, own_rulings, why_late
+from services.bridge.process import Bridge, late_verdicts, own_rulings, why_late
+from tests.support.site import write_site
 from tests.support.tasks import UNTIL_S, ruled
 
 
@@ -32,6 +40,32 @@ def test_a_bridge_closes_the_rulings_that_pay_executors_whose_keys_it_has() -> N
     assert own_rulings(rows, {"0x01": "alice"}, UNTIL_S + 1) == ([], due_s)
     assert own_rulings(rows, {"0x01": "alice"}, due_s + 1) == ([("alice", "close_dispute", 1)], None)
     assert own_rulings(rows, {"0x03": "carol"}, due_s + 1) == ([], None)
+
+
+def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings(tmp_path: Path) -> None:
+    """Whoever has taken the organization's bridge down takes nobody's pay by that."""
+    concerns: dict[str, str] = {}
+    site = Site.load(write_site(tmp_path, extra='[[bridges]]\nname = "own"\nwallets = ["panther1"]\n'))
+    clock = SimpleNamespace(now_s=lambda: UNTIL_S + GRACE_S + 1)
+    told: Any = SimpleNamespace(site=site, name="bridge.own", stop=threading.Event(), clock=clock)
+    told.concern = concerns.__setitem__
+    bridge = Bridge(told)
+    bridge._accounts = {"panther1": SimpleNamespace(address="0x01")}  # type: ignore[dict-item]
+    sent: list[Any] = []
+
+    def execute(*command: Any) -> Future[Any]:
+        sent.append(command)
+        mined: Future[Any] = Future()
+        mined.set_result({})
+        return mined
+
+    rows = [ruled(7, executor="0x01").model_dump(), ruled(8, executor="0x02").model_dump()]
+    index = SimpleNamespace(rulings=lambda: rows, late_verdicts=lambda _now_s: [7])
+    wallets = {"panther1": SimpleNamespace(execute=execute)}
+    attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets)
+    assert bridge._expire_overdue(attachment) is None
+    assert sent == [("close_dispute", {"task_id": 7})]
+    assert "task 7" in concerns["verdicts"]
 
 
 def test_tasks_without_a_verdict_at_half_of_the_window_are_named() -> None:
