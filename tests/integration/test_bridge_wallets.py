@@ -126,7 +126,17 @@ def test_a_wallet_spends_no_more_in_a_day_than_the_site_file_says(dao: Dao) -> N
     with pytest.raises(RemoteError) as refused:
         dao.command("oracle", "transfer", to="bob", amount_iec="6", dry_run=True)
     assert refused.value.code == "daily_limit_reached"
-    dao.command("oracle", "transfer", to="bob", amount_iec="4")
+    # What has come back may not be spent again, nor what is still to come be given away.
+    cheap = dao.command("oracle", "register_task", **task("cheap", reward_iec="1").model_dump(mode="json"))
+    dao.command("oracle", "cancel_task", task_id=cheap["task_id"])
+    for name, fields in (
+        ("raise_reward", {"task_id": cheap["task_id"], "reward_iec": "4"}),
+        ("set_payout", {"payout": "bob"}),
+    ):
+        with pytest.raises(RemoteError) as refused:
+            dao.command("oracle", name, **fields)
+        assert refused.value.code == "daily_limit_reached", name
+    dao.command("oracle", "transfer", to="bob", amount_iec="3")
 
 
 def task(request_id: str, **fields: Any) -> RegisterTask:
