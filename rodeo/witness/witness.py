@@ -40,6 +40,8 @@ log = logging.getLogger(__name__)
 _CHECKS_PER_WALL_S = 100.0
 """Signatures checked of what comes on one key: several times what a lab states that runs 20 times as fast as
 the wall's clock, and a hundredth of a core."""
+_REPEATS_PER_WALL_S = 10.0
+"""Times that the newest statement on one key is handed on again: a robot repeats it every second."""
 AHEAD_S = 15.0
 """A seal whose time is so far ahead of the site's clock is not heard: it would keep out all that come until
 then. A seal is never ahead of a simulated clock, which reaches the witness before it."""
@@ -94,6 +96,7 @@ class Witness:
         self._checking = threading.Lock()
         """Seals and statements come in threads of their own."""
         self._checks = CheckBudget(_CHECKS_PER_WALL_S)
+        self._repeats = CheckBudget(_REPEATS_PER_WALL_S)
         self._bad: dict[tuple[str, str], None] = {}
         """Digest and signature of what was found forged last, the newest last."""
         self._newest: dict[str, Head] = {}
@@ -196,12 +199,15 @@ class Witness:
             newest = self._newest.get(device.address)
             if newest is not None and head.index < newest.index:
                 return  # anybody may say it again; what its device stated since stands
-            # The newest one, said again, was checked already.
-            if newest is None or (head.index, head.digest) != (newest.index, newest.digest):
-                if not self._is_genuine(spoken, name, source):
+            if newest is not None and (head.index, head.digest) == (newest.index, newest.digest):
+                # Said again: it was checked before, and its device may say it every second.
+                if not self._repeats.take(name, source):
                     return
+            elif self._is_genuine(spoken, name, source):
                 self._newest[device.address] = head
                 self.heads.hear(head)
+            else:
+                return
             if self._listener is not None:
                 self._listener(device, parse(spoken.attestation.payload))
         except (MalformedJson, BadAttestation, BadStatement) as error:

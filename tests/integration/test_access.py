@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import json
 import queue
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -12,6 +16,7 @@ from typing import Any
 
 import pytest
 import zenoh
+from eth_account import Account
 
 from deploy.access import COMMANDS, everybody
 from deploy.certificates import ensure_certificates
@@ -19,12 +24,17 @@ from rodeo import tls, topics
 from rodeo.bus import Bus
 from rodeo.config import Site, body_identity
 from rodeo.errors import BusUnavailable, NoResponder
+from rodeo.evidence.seal import RunningHash, SealChain
 from rodeo.holding import EVERYBODY
+from rodeo.metrics import HEADS_REFUSED
 from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
-from rodeo_testing.waiting import HANG_S
+from rodeo.witness.witness import Witness, unverified_seal
+from rodeo_testing import answers
+from rodeo_testing.assignments import BINDING
+from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
 from services.bridge.commands import KNOWN
 from services.robot_sim.sessions import BodySessions
 from tests.support.site import RunningSite, free_port, write_site
@@ -35,6 +45,7 @@ ROBOTS = f"""robots = [
     {{ name = "{OTHER}", pose = {{ x_m = 3.6, y_m = 4.1 }} }},
 ]"""
 MIND = f"robot_agent.{ONE}"
+SEALS = 100
 
 
 def closed_site(folder: Path) -> Site:
@@ -294,6 +305,101 @@ def test_a_simulated_body_speaks_as_itself_and_follows_its_own_mind_only(
                     # The router ends the question itself, long before the time is up.
                     with pytest.raises((ServiceUnavailable, ActionServerUnavailable)):
                         ask(timeout_s=HANG_S)
+
+
+FLOOD = """
+import sys, time
+from pathlib import Path
+from rodeo import tls
+from rodeo.bus import Bus
+from rodeo.config import Site
+site, name, folder, rate_hz, *keys = sys.argv[1:]
+site = Site.load(Path(site))
+payloads = [path.read_bytes() for path in sorted(Path(folder).iterdir())]
+bus = Bus.open(site.bus.router, identity=tls.identity(site, name))
+print("begun", flush=True)
+began_s, sent = time.monotonic(), 0
+while True:
+    for payload in payloads:
+        for key in keys:
+            bus.put_bytes(key, payload)
+    sent += len(payloads) * len(keys)
+    time.sleep(max(0.0, began_s + sent / float(rate_hz) - time.monotonic()))
+"""
+
+
+@pytest.mark.long
+def test_every_seal_is_listed_whatever_another_robot_publishes(
+    running: RunningSite, voices: Voices, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    """Old seals and bad signatures of it come 2,000 times a second, on the attacker's key and on its own."""
+    site, accounts = running.site, {name: Account.create() for name in (ONE, OTHER)}
+    signed = {"TaskManager": BINDING.task_manager, "Organization": BINDING.organization}
+    chain = answers.chain(chain_id=BINDING.chain_id, contracts=answers.CONTRACTS | signed)
+    owner = BINDING.organization
+    devices = [
+        {"address": account.address, "role": "robot", "name": name, "owner": owner}
+        for name, account in accounts.items()
+    ]
+    told: dict[str, dict[str, Any]] = {"chain": chain, "devices": {"devices": devices}}
+    for what, one in told.items():
+        key = topics.STATE.name(org=site.org, what=what)
+        voices["bridge"].serve(key, lambda _request, one=one: one)
+    witness = Witness(
+        voices["itrash"], site.org, "itrash", Account.create(), tmp_path / "bin", "closed_bus", time.time_ns
+    )
+    wait_until(lambda: witness.chain is not None and witness._devices.known(accounts[OTHER].address))
+
+    def recording(task_id: int) -> Callable[[float], bytes]:
+        binding = BINDING.model_copy(update={"device": ONE, "task_id": task_id})
+        seals, running_hash = SealChain(binding, accounts[ONE]), RunningHash()
+        return lambda ago_s: seals.next(running_hash, time.time_ns() - round(ago_s * 1e9))
+
+    (tmp_path / "attack").mkdir()
+    for number in range(3):
+        old = recording(number)(3600.0 - number)
+        (tmp_path / "attack" / f"old{number}").write_bytes(old)
+        bad = old.replace(json.loads(old)["signature"].encode(), b"0x" + b"11" * 64 + b"1b")
+        (tmp_path / "attack" / f"bad{number}").write_bytes(bad)
+    keys = [topics.SEAL.name(org=site.org, device=name) for name in (OTHER, ONE)]
+    arguments = [running.path, f"robot_agent.{OTHER}", tmp_path / "attack", "4000", *keys]
+    command = [sys.executable, "-c", FLOOD, *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2]) as flood:
+        try:
+            assert flood.stdout is not None and flood.stdout.readline()
+            seal, listed, longest_s = recording(200), 0, 0.0
+            began_s, before = time.monotonic(), refusals()
+            for number in range(1, SEALS + 1):
+                data, said_s = seal(0.0), time.monotonic()
+                voices[MIND].put_bytes(keys[1], data)
+                newest = unverified_seal(data).spoken.head.digest
+                listed += wait_for(lambda newest=newest: newest in [o.digest for o in witness.heads.take()])
+                longest_s = max(longest_s, time.monotonic() - said_s)
+                # As many as come between two seals at 2,000 a second if the site runs 20 times as fast.
+                wait_until(lambda number=number: refusals() - before >= 100 * number)
+            rate_hz = (refusals() - before) / (time.monotonic() - began_s)
+        finally:
+            flood.kill()
+            witness.close()
+    record_property("flood_per_s", round(rate_hz))
+    print(
+        f"{listed} of {SEALS} listed, at most {longest_s:.2f} s late, under {rate_hz:.0f} messages a second"
+    )
+    assert listed >= 0.98 * SEALS
+
+
+def refusals() -> float:
+    """How many seals and statements this process left out."""
+    (metric,) = HEADS_REFUSED.collect()
+    return metric.samples[0].value
+
+
+def wait_for(done: Callable[[], bool]) -> bool:
+    """Whether `done()`; the limit only ends the wait for what was lost."""
+    end_s = time.monotonic() + HANG_S
+    while not (happened := done()) and time.monotonic() < end_s:
+        time.sleep(PAUSE_S)
+    return happened
 
 
 def node_of(running: RunningSite, voices: Voices, name: str) -> Node:

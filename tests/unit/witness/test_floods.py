@@ -14,8 +14,10 @@ from eth_account import Account
 from rodeo.budget import CheckBudget
 from rodeo.evidence.seal import Binding, RunningHash, SealChain
 from rodeo.witness import witness as witness_module
+from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import RECORDINGS, HeadBook
-from rodeo.witness.statement import MAX_HEADS, Head
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import MAX_HEADS, Head, Presentation
 from rodeo.witness.witness import AHEAD_S, Witness
 from rodeo_testing.waiting import wait_until
 from tests.unit.witness.test_witness import BINDING, MOCAP, NOW_S, RIVAL, ROBOT, Bus, forged
@@ -43,6 +45,7 @@ class Bench:
 
     def __init__(self, bus: Bus, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.bus = bus
+        self.folder = folder
         self.time_s = float(NOW_S)
         self.checks = 0
         verify = witness_module.verify_attestation
@@ -301,3 +304,35 @@ def test_a_device_speaks_for_itself_on_its_own_key(bench: Bench) -> None:
     assert (bench.checks, bench.listed()) == (0, [])
     bench.hear(own, ATTACKER)
     assert bench.listed() == [digest(own)]
+
+
+def test_a_device_speaks_in_nobody_elses_name(bench: Bench) -> None:
+    """Neither with its own signature on its own key, nor with it on the other's key."""
+    bench.hear(Recorder(VICTIM, RIVAL).seal(NOW_S), ATTACKER)
+    bench.hear(Recorder(VICTIM, RIVAL).seal(NOW_S), VICTIM)
+    assert (bench.checks, bench.listed()) == (0, [])
+
+
+def test_statements_on_another_key_are_not_heard_and_cost_no_check(bench: Bench) -> None:
+    """The victim's own, and bad ones in its name; its newest one is listed all the same."""
+    scope = bench.witness.chain.scope  # type: ignore[union-attr]
+    journal = Journal(bench.folder / "victim")
+    victim = WitnessChain(VICTIM, ROBOT, scope, "closed_bus", journal, HeadBook())
+
+    def state() -> bytes:
+        said = {"bin": "itrash", "recording": "0x" + "ab" * 32, "task_id": 7, "attempt": 1}
+        return victim.sign(Presentation, bench.time_s, **said).model_dump_json().encode()
+
+    def hear(data: bytes, device: str) -> None:
+        bench.bus.hear["witness"](f"rodeo/lab/witness/{device}/statement", data, device)
+
+    old = state()
+    bad = old.replace(json.loads(old)["signature"].encode(), b"0x" + b"11" * 64 + b"1b")
+    for _ in range(3):
+        for _ in range(300):
+            hear(old, ATTACKER)
+            hear(bad, ATTACKER)
+        newest = state()
+        hear(newest, VICTIM)
+        assert [one.index for one in bench.witness.heads.take()] == [journal.seq]
+    assert bench.checks == 3

@@ -203,8 +203,11 @@ def test_an_old_presentation_that_somebody_says_again_counts_no_more(tmp_path: P
     )
     for said in (old, new, old, new):
         bus.hear["witness"](STATEMENT_KEY, said.encode())
-    hearing.close()
     assert heard == [1, 2, 2]
+    for _ in range(500):  # nor is the newest one handed on as often as somebody likes
+        bus.hear["witness"](STATEMENT_KEY, new.encode())
+    hearing.close()
+    assert len(heard) < 30
 
 
 def test_on_another_chain_it_signs_for_the_organization_there(
