@@ -86,7 +86,8 @@ def statuses_at(bus: Bus, key: str, timeout_s: float = _ANSWER_S) -> Iterator[tu
         except ValidationError:
             # Somebody else's answer on our key is not the status of a process.
             continue
-        if (parts := topics.STATUS.parts(str(reply.ok.key_expr))) is not None:
+        parts = topics.STATUS.parts(str(reply.ok.key_expr))
+        if parts is not None and parts["process"] == status.process:
             yield parts["org"], status
 
 

@@ -234,10 +234,10 @@ class Receipts:
         self._account: ReceiptPolicy | None = None
         self._begun: tuple[int, float] | None = None
         """Task and when it was registered: another chain has a task of the same number."""
-        self._pending: deque[Heard] = deque(maxlen=_WAITING)
-        """Records that the gauge is not up to yet, or that came before their task was known."""
-        self._refused: Heard | None = None
-        """The last record that the robot did not sign for."""
+        self._pending: dict[str, deque[Heard]] = {dock.name: deque(maxlen=_WAITING) for dock in site.docks}
+        """By dock: records that the gauge is not up to yet, or that came before their task was known."""
+        self._refused: dict[str, Heard] = {}
+        """By dock: the last record that the robot did not sign for."""
         self._last: Attestation | None = None
         battery = topics.BATTERY_STATE
         # In the receiving thread: whoever hears of a record has heard of what the gauge showed before.
@@ -275,7 +275,7 @@ class Receipts:
             if self._begun == (task.id, task.registered):
                 return
             self._begun = task.id, task.registered
-            self._refused = None
+            self._refused.clear()
             self._account = ReceiptPolicy(
                 self._gauge, dock_of(self._site, task.params.get("dock")).name, self._robot.name, task.id
             )
@@ -287,10 +287,10 @@ class Receipts:
         not signed for is looked at again."""
         with self._lock:
             last = self._last
-            if self._refused is not None:
-                self._pending.append(self._refused)
-                self._refused = None
-                self._answer_pending()
+            for name, refused in self._refused.items():
+                self._pending[name].append(refused)
+            self._refused = {}
+            self._answer_pending()
         if last is not None:
             self._witness.publish(last)
         for listener in self._listeners:
@@ -330,28 +330,27 @@ class Receipts:
         if record.robot != self._robot.name:
             return  # who charges at another dock
         with self._lock:
-            self._pending.append(heard)
+            self._pending[record.device].append(heard)
             self._answer_pending()
 
     def _answer_pending(self) -> None:
-        account, later = self._account, []
-        while account is not None and self._pending:
-            heard = self._pending.popleft()
-            record = heard.statement
-            assert isinstance(record, MeterRecord)  # a meter states nothing else
-            early = record.task_id == account.task_id and record.until_s > self._gauge.time_s
-            if early or record.task_id > account.task_id:
-                later.append(heard)
-            else:
-                self._answer(account, heard, record)
-        self._pending.extend(later)
+        if (account := self._account) is None:
+            return
+        for pending in self._pending.values():
+            for heard in list(pending):
+                record = heard.statement
+                assert isinstance(record, MeterRecord)  # a meter states nothing else
+                early = record.task_id == account.task_id and record.until_s > self._gauge.time_s
+                if not early and record.task_id <= account.task_id:
+                    pending.remove(heard)
+                    self._answer(account, heard, record)
 
     def _answer(self, account: ReceiptPolicy, heard: Heard, record: MeterRecord) -> None:
         chain = self._witness.chain
         assert chain is not None  # `begin` waits for it
         reason = account.reason(record)
         if reason is None:
-            self._refused = heard
+            self._refused[record.device] = heard
             return
         signed = chain.sign(
             Receipt,

@@ -15,6 +15,7 @@ from rodeo.config import Site
 from rodeo.errors import InvalidRequest
 from rodeo.evidence.attestation import Attestation
 from rodeo.messages import DaoEvent, Status
+from rodeo.origin import statuses_at
 from rodeo.witness.statement import Scope
 from rodeo_cli.site import StatusWatcher
 from rodeo_testing.waiting import wait_until
@@ -149,3 +150,10 @@ def test_a_flood_of_nonsense_writes_few_lines(caplog: pytest.LogCaptureFixture) 
     for _ in range(2000):
         wire.hear(_sample("key", b"["))
     assert 0 < len(caplog.records) <= 21
+
+
+def test_who_answers_on_its_own_key_tells_of_itself_only() -> None:
+    wire = Wire()
+    wire.answers = [("rodeo/lab/status/charger", status("bridge")), ("rodeo/lab/status/bridge", status())]
+    found = list(statuses_at(Bus(wire), "rodeo/lab/status/*"))  # type: ignore[arg-type]
+    assert [(org, one.process) for org, one in found] == [("lab", "bridge")]

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("rodeo", "services", "rodeo_kinds", "rodeo_cli", "rodeo_testing", "rodeo_experiments", "deploy")
 LISTENS = re.compile(r"(?<!un)subscri|queryable|query_all", re.IGNORECASE)
-"""In the name of what is called. `serve` listens where a bus is what serves."""
+"""In the name of what is called. `serve` listens where a bus serves, and `get` where a session asks."""
 
 SIGNED = "the device whose key it is: the statement names it, and its registered key signed it"
 NAMED = "the process or event that the key names: the message must name the same"
@@ -49,6 +49,24 @@ ROWS: dict[Call, str] = {
         "Holder.__init__",
         "session.declare_subscriber(topics.CLOCK_MARK.name(org=org, to=to))",
     ): ONE,
+    ("rodeo/bus.py", "Bus.query", "self.session.get(selector)"): (
+        ONE + ": bridge, bin and so on, which a closed bus lets answer there"
+    ),
+    ("rodeo/bus.py", "Bus.query_all", "self.session.get(selector)"): HANDED_ON,
+    ("rodeo/origin.py", "statuses_at", "bus.session.get(key)"): NAMED,
+    (
+        "rodeo/ros2/service.py",
+        "Client.call",
+        "self._session.get(self._key)",
+    ): ONE,
+    ("rodeo/serving.py", "Claim._look", "self._session.liveliness().get(self._expression)"): TOKENS,
+    ("rodeo/sim_clock.py", "SimClock.__init__", "session.liveliness().get(graph)"): TOKENS,
+    ("services/robot_sim/holders.py", "Holders.__init__", "liveliness.get(self._everybody)"): TOKENS,
+    (
+        "services/robot_sim/holders.py",
+        "Holders._ask_who_is_there",
+        "self._asking.liveliness().get(self._everybody)",
+    ): TOKENS,
     ("rodeo/process.py", "Process.__enter__", "self.bus.serve(key)"): ASKED,
     (
         "rodeo/recording/pictures.py",
@@ -261,7 +279,8 @@ def listeners(source: str) -> Iterator[tuple[str, str]]:
 def _listens(called: str) -> bool:
     *whose, name = called.split(".")
     serves = name == "serve" and bool(whose) and whose[-1].lstrip("_") == "bus"
-    return serves or (LISTENS.search(name) is not None and name != "SubscribedHeads")
+    asks = re.search(r"(session|liveliness(\(\))?|_asking)\.get$", called) is not None
+    return serves or asks or (LISTENS.search(name) is not None and name != "SubscribedHeads")
 
 
 def test_each_listener_has_a_row_that_says_whose_key_it_accepts() -> None:
@@ -289,6 +308,8 @@ def test_each_listener_has_a_row_that_says_whose_key_it_accepts() -> None:
         "self.process.bus.serve(key, answer)",
         "session.declare_queryable(key, answer)",
         "Subscription(node, key)",
+        "bus.session.get(key)",
+        "session.liveliness().get(key)",
     ],
 )
 def test_a_new_listener_is_found_whatever_it_calls(call: str) -> None:

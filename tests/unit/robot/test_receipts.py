@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from math import nan
 from pathlib import Path
@@ -356,3 +357,20 @@ def test_a_task_of_the_same_number_on_another_chain_is_signed_for_from_its_begin
     robot.clock.time_s += 100
     robot.receipts.begin(JOB.model_copy(update={"registered": robot.clock.time_s}))
     assert robot.receipts._account._session is None
+
+
+def test_another_docks_records_push_none_of_this_one_out(
+    robot: Surroundings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    receipts = robot.receipts
+    account, receipts._account = receipts._account, None
+    receipts._pending["dock2"] = deque(maxlen=1)
+    robot.opens(lambda record: record.ocmf)
+    (heard,) = receipts._pending["dock1"]
+    foreign = heard.statement.model_copy(update={"device": "dock2", "task_id": 10**6})
+    monkeypatch.setattr("rodeo.robot.receipts.ocmf.check", lambda *_: None)
+    for _ in range(50):
+        receipts._on_record(heard._replace(statement=foreign))
+    receipts._account = account
+    receipts._answer_pending()
+    assert [one.reason for one in robot.signed] == ["opening"]
