@@ -27,7 +27,7 @@ RECORDER_REFUSED = Counter(
 """`what` is `message` or `statement`; reasons are those of `rodeo.recording.Refusal`."""
 HEADS_REFUSED = Counter(
     "rodeo_heads_refused_total",
-    "Seals and statements left out by a witness: on another device's key, badly signed, too many, or of a time "
-    "to come",
+    "Seals and statements left out by a witness: on another device's key, badly signed, too many, or of a "
+    "time to come",
 )
 SEALS_UNPUBLISHED = Counter("rodeo_seals_unpublished_total", "Seals that could not be published")
