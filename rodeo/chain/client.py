@@ -8,7 +8,7 @@ from typing import Any
 from eth_account.signers.local import LocalAccount
 from eth_typing import ChecksumAddress
 from eth_utils import to_checksum_address
-from web3 import HTTPProvider, Web3
+from web3 import Web3
 from web3.contract import Contract
 from web3.types import BlockIdentifier, TxReceipt
 
@@ -30,7 +30,8 @@ from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain
 from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls, Operation
-from rodeo.chain.logs import Log, decode_log, event_topics
+from rodeo.chain.logs import Log, decode_logs, event_topics
+from rodeo.chain.rpc import NodeProvider
 from rodeo.chain.translation import translated
 from rodeo.chain.types import Role, TimelockRole, kind_to_bytes32, value
 from rodeo.config import ChainConfig
@@ -45,7 +46,7 @@ _PAGE_BLOCKS = 2_000
 def connect(url: str, timeout_s: float = 10.0) -> Web3:
     """A node behind JSON-RPC over HTTP. Nothing is sent yet."""
     # Retrying is the caller's affair: it alone knows whether the answer still matters.
-    return Web3(HTTPProvider(url, request_kwargs={"timeout": timeout_s}, exception_retry_configuration=None))
+    return Web3(NodeProvider(url, timeout_s))
 
 
 def require_chain(w3: Web3, config: ChainConfig) -> None:
@@ -342,12 +343,10 @@ class ChainClient:
 
     def _view(self, contract: str, function: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
         bound = self._contracts[contract].functions[function]
+        outputs = bound.abi["outputs"]
         with translated(self.currency):
             raw = bound(*args).call(block_identifier=block)
-        outputs = bound.abi["outputs"]
-        if len(outputs) == 1:
-            return value(outputs[0], raw)
-        return tuple(map(value, outputs, raw))
+            return value(outputs[0], raw) if len(outputs) == 1 else tuple(map(value, outputs, raw))
 
     # -- events --------------------------------------------------------------------------------------------
 
@@ -372,17 +371,18 @@ class ChainClient:
                     "topics": [event_topics()],
                 }
             )
-        return sorted(map(decode_log, found), key=lambda log: (log.block, log.log_index))
+            return sorted(decode_logs(found), key=lambda log: (log.block, log.log_index))
 
     def logs_of(self, receipt: TxReceipt) -> list[Log]:
         """The contracts' events in a receipt, in order."""
         addresses = set(self.deployment.event_sources)
         topics = set(event_topics())
-        return [
-            decode_log(log)
+        ours = (
+            log
             for log in receipt["logs"]
-            if log["address"] in addresses and log["topics"][0].to_0x_hex() in topics
-        ]
+            if log["address"] in addresses and log["topics"] and log["topics"][0].to_0x_hex() in topics
+        )
+        return list(decode_logs(ours))
 
     # -- transactions --------------------------------------------------------------------------------------
 

@@ -3,6 +3,8 @@
 RodeoError
 └── ChainError
     ├── ChainUnavailable    the node does not answer
+    │   ├── InvalidAnswer   what it answers is no answer to what was asked
+    │   └── RateLimited     it limits how often it is asked
     ├── RpcFailed           the node answered with an error that is no revert
     ├── ContractReverted    a contract refused; `name` and `args` are its custom error's
     ├── TransactionFailed   mined without success for another reason than a revert (gas)
@@ -27,6 +29,20 @@ class ChainError(RodeoError):
 
 class ChainUnavailable(ChainError):
     """The node does not answer. Asking again later may help."""
+
+    @property
+    def code(self) -> str:
+        """One for all of them: whoever asked does the same, which is to ask again."""
+        return "chain_unavailable"
+
+
+class InvalidAnswer(ChainUnavailable):
+    """The node's answer cannot be used: `details` say what is wrong with it and quote its beginning, without
+    the parts of the node's URL that may be a key."""
+
+
+class RateLimited(ChainUnavailable):
+    """The node limits how often it is asked: `details["retry_after_s"]` is for how long, where it says so."""
 
 
 class RpcFailed(ChainError):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 from eth_abi.codec import ABIDecoder
 from eth_abi.decoding import StringDecoder
+from eth_abi.exceptions import DecodingError
 from eth_abi.registry import BaseEquals, registry
 from eth_utils.abi import collapse_if_tuple, event_abi_to_log_topic
 from web3.types import LogReceipt
@@ -26,6 +28,10 @@ def _lenient() -> ABIDecoder:
 
 
 _DECODER = _lenient()
+
+
+class UnlikeOurs(ValueError):
+    """A contract's event that is called like one of ours and laid out otherwise; tokens have such."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,12 @@ class _Declaration:
     names: tuple[str, ...]
 
     def decode(self, topics: Sequence[bytes], data: bytes) -> Event:
+        """Raises UnlikeOurs for another event of the same signature, and ValueError for too little data."""
+        expected = sum(1 for one in self.inputs if one["indexed"])
+        if len(topics) != expected:
+            raise UnlikeOurs(f"{self.record.__name__} has {len(topics)} indexed values, not {expected}")
+        if len(data) < 32 * (len(self.inputs) - expected):
+            raise ValueError(f"{self.record.__name__} has {len(data)} bytes of data")
         indexed = iter(topics)
         unindexed = iter(_decode([p for p in self.inputs if not p["indexed"]], data))
         raws = [_decode([p], next(indexed))[0] if p["indexed"] else next(unindexed) for p in self.inputs]
@@ -102,7 +114,8 @@ def event_topics() -> list[str]:
 
 
 def decode_log(log: LogReceipt) -> Log:
-    """The record of a raw log whose first topic is one of `event_topics()`. Raises KeyError for any other."""
+    """The record of a raw log whose first topic is one of `event_topics()`. Raises KeyError for any other,
+    and like `decode_event`."""
     return Log(
         event=_declarations()[bytes(log["topics"][0])].decode(log["topics"][1:], bytes(log["data"])),
         contract=checksummed(log["address"]),
@@ -113,11 +126,30 @@ def decode_log(log: LogReceipt) -> Log:
     )
 
 
+def decode_logs(logs: Iterable[LogReceipt]) -> Iterator[Log]:
+    """The same for many, without events that are UnlikeOurs."""
+    for log in logs:
+        with suppress(UnlikeOurs):
+            yield decode_log(log)
+
+
+def decode_event(log: Mapping[str, Any]) -> Event:
+    """The event of a log as JSON-RPC has it, in hex. Raises KeyError for one that has no record, UnlikeOurs,
+    and ValueError where its data cannot be read."""
+    topics = [bytes.fromhex(topic[2:]) for topic in log["topics"]]
+    if not topics:
+        raise KeyError("an anonymous event")
+    declaration = _declarations()[topics[0]]
+    try:
+        return declaration.decode(topics[1:], bytes.fromhex(log["data"][2:]))
+    except (DecodingError, LookupError, OverflowError) as error:
+        raise ValueError(f"{declaration.record.__name__}: {error!r}") from error
+
+
 def decode_json_log(log: Mapping[str, Any]) -> Log:
-    """The same for a log as JSON-RPC has it, all in hex."""
-    first, *indexed = (bytes.fromhex(topic[2:]) for topic in log["topics"])
+    """The same with its place. Raises like `decode_event`."""
     return Log(
-        event=_declarations()[first].decode(indexed, bytes.fromhex(log["data"][2:])),
+        event=decode_event(log),
         contract=checksummed(log["address"]),
         block=int(log["blockNumber"], 16),
         block_hash=log["blockHash"],

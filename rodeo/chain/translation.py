@@ -19,7 +19,7 @@ from eth_utils.abi import abi_to_signature, collapse_if_tuple, function_signatur
 from web3.exceptions import ContractLogicError, Web3Exception, Web3RPCError
 
 from rodeo.chain import artifacts
-from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed
+from rodeo.chain.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RpcFailed
 from rodeo.chain.types import values
 from rodeo.currency import IEC, Currency
 
@@ -29,6 +29,11 @@ _BUILT_IN: dict[bytes, dict[str, Any]] = {
 }
 """What Solidity itself reverts with: `require(condition, "sentence")`, and failed assertions."""
 
+
+_REVERTED = 3
+"""JSON-RPC error code of a revert, as geth set it."""
+
+NO_NODE = "the server there is not an Ethereum node"
 
 _LONGEST_REASON = 120
 """Characters of another library's sentence."""
@@ -54,9 +59,24 @@ def decode_revert(data: bytes, currency: Currency = IEC) -> ContractReverted:
         return ContractReverted("UnknownRevert", {"data": data})
     try:
         raws = decode([collapse_if_tuple(parameter) for parameter in error["inputs"]], data[4:])
-    except DecodingError:
+        named = values(error["inputs"], raws)
+    except (DecodingError, ValueError, OverflowError):
+        # Also a string that is no UTF-8, and an enum's value that it does not have.
         return ContractReverted("UnknownRevert", {"data": data})
-    return ContractReverted(error["name"], values(error["inputs"], raws), currency)
+    return ContractReverted(error["name"], named, currency)
+
+
+def is_revert(code: Any, message: str) -> bool:
+    """Whether a JSON-RPC error says that a contract refused."""
+    return code == _REVERTED or "revert" in message.lower()
+
+
+def revert_data(text: Any) -> bytes:
+    """What a node gives as the data of a revert; empty where that is no hex."""
+    try:
+        return to_bytes(hexstr=text) if isinstance(text, str) and text.startswith("0x") else b""
+    except ValueError:
+        return b""
 
 
 @contextmanager
@@ -69,6 +89,8 @@ def translated(currency: Currency = IEC) -> Iterator[None]:
     except Web3RPCError as error:
         reply = error.rpc_response.get("error") if error.rpc_response else None
         details = reply if isinstance(reply, dict) else {"message": str(error)}
+        if is_revert(details.get("code"), str(details.get("message"))):
+            raise decode_revert(revert_data(details.get("data")), currency) from error
         raise RpcFailed(
             "the node refused", rpc_code=details.get("code"), reason=details.get("message")
         ) from error
@@ -76,6 +98,11 @@ def translated(currency: Currency = IEC) -> Iterator[None]:
         raise RpcFailed("the node's answer is not valid", reason=str(error)) from error
     except (requests.RequestException, OSError) as error:
         raise ChainUnavailable("the node does not answer", reason=why_unanswered(error)) from error
+    except (ValueError, TypeError, OverflowError) as error:
+        # web3.py converts what it was answered without asking whether that can be done.
+        raise InvalidAnswer(
+            "the node's answer cannot be used", problem=repr(error)[:_LONGEST_REASON]
+        ) from error
 
 
 def why_unanswered(error: BaseException) -> str:
@@ -94,11 +121,10 @@ def why_unanswered(error: BaseException) -> str:
         if isinstance(cause, OSError) and cause.errno is not None:
             return os.strerror(cause.errno).lower()
         if isinstance(cause, ValueError) and not isinstance(cause, OSError | urllib3.exceptions.HTTPError):
-            return "the server there is not an Ethereum node"
+            return NO_NODE
     first = str(causes[-1]).partition("\n")[0]
     return first[:_LONGEST_REASON] or type(error).__name__
 
 
 def _revert_data(error: ContractLogicError) -> bytes:
-    data = error.data.get("data") if isinstance(error.data, dict) else error.data
-    return to_bytes(hexstr=data) if isinstance(data, str) and data.startswith("0x") else b""
+    return revert_data(error.data.get("data") if isinstance(error.data, dict) else error.data)

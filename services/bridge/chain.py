@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainUnavailable
+from rodeo.chain.errors import ChainUnavailable, InvalidAnswer
 from services.bridge.index import Index
 from services.bridge.journal import Journal
 from services.bridge.node import Call, Node
@@ -29,6 +29,10 @@ class Chain:
         the node is not on this chain any more.
         """
         *answers, genesis = self.node.batch([*calls, ("eth_getBlockByNumber", ["0x0", False])])
+        if isinstance(genesis, ChainUnavailable):
+            raise genesis
+        if genesis is None:
+            raise InvalidAnswer("the node has no first block")
         found = genesis.get("hash") if isinstance(genesis, dict) else None
         if found != self.deployment.genesis_hash:
             raise ChainUnavailable(

@@ -79,7 +79,9 @@ def _require_whole(
     shared: Collection[str],
     ordered: bool,
 ) -> None:
-    counts = _counts(node, addresses)
+    counts, unknown = _counts(node, addresses)
+    if unknown is not None:
+        raise ChainUnavailable("the node does not report a wallet's transaction count", reason=str(unknown))
     missing = _missing(journal, counts, addresses, sent)
     if missing:
         _take_over(journal, path, missing)
@@ -151,7 +153,9 @@ class Continuity:
         """`waiting` tells how many transactions of a wallet the bridge itself has on their way."""
         idle = {name: address for name, address in self._addresses.items() if not waiting(name)}
         try:
-            counts = _counts(self._node, idle)
+            counts, unknown = _counts(self._node, idle)
+            if unknown is not None:
+                log.info("cannot count yet what some wallets sent without the bridge: %s", unknown)
             new = {name: count for name, count in counts.items() if count > self._seen.get(name, -1)}
             if not new:
                 return
@@ -170,13 +174,11 @@ def _accounted(count: int, address: str, sent: Mapping[str, int]) -> Accounted:
     return Accounted(nonce=count, sent_without=sent.get(address, 0))
 
 
-def _counts(node: Node, addresses: Mapping[str, str]) -> dict[str, int]:
-    """Name -> transactions of the wallet that are mined. Raises ChainUnavailable."""
-    names: Iterable[str] = list(addresses)
+def _counts(node: Node, addresses: Mapping[str, str]) -> tuple[dict[str, int], ChainError | None]:
+    """Name -> transactions of the wallet that are mined, and why the node does not tell one of them. Raises
+    ChainUnavailable."""
+    names = list(addresses)
     answers = node.batch([("eth_getTransactionCount", [addresses[name], "latest"]) for name in names])
-    for answer in answers:
-        if isinstance(answer, ChainError):
-            raise ChainUnavailable(
-                "the node does not report a wallet's transaction count", reason=str(answer)
-            )
-    return {name: int(answer, 16) for name, answer in zip(names, answers, strict=True)}
+    unknown = next((answer for answer in answers if isinstance(answer, ChainError)), None)
+    told = zip(names, answers, strict=True)
+    return {name: int(answer, 16) for name, answer in told if not isinstance(answer, ChainError)}, unknown

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainError, RpcFailed
-from rodeo.chain.logs import decode_json_log, event_topics
+from rodeo.chain.errors import ChainError, InvalidAnswer, RpcFailed
+from rodeo.chain.logs import Log, decode_json_log, event_topics
 from rodeo.messages import DaoEvent
 from services.bridge.errors import ChainReorganized
 from services.bridge.heads import Header
@@ -50,6 +50,7 @@ class Follower:
     ) -> None:
         self._node = node
         self._deployment = deployment
+        self._foreign_token = deployment.address("IECoin").lower() if deployment.is_token_foreign else None
         self._index = index
         self._confirmations = confirmations
         self._publish = publish
@@ -111,7 +112,7 @@ class Follower:
             return False
         self.head = max(self.head, end.block)
         known = {_number(header): header for header in headers}
-        self._apply([one for logs in found for one in logs], known, headers[-1])
+        self._apply(self._readable(one for logs in found for one in logs), known, headers[-1])
         return True
 
     # -- all that there are --------------------------------------------------------------------------------
@@ -154,31 +155,51 @@ class Follower:
             self._reorganize("the next block does not follow the indexed one")
             return True
         known = {_number(header): header for header in headers}
-        near = [
-            number
-            for number in sorted({int(one["blockNumber"], 16) for one in found})
-            if number not in known and (number > self.head - KEPT_BLOCKS or "blockTimestamp" not in found[0])
-        ]
+        logs = self._readable(found)
+        # Nodes of before 2025 do not tell the time with a log.
+        near = sorted(
+            {
+                one.block
+                for one, time_s in logs
+                if one.block not in known and (time_s is None or one.block > self.head - KEPT_BLOCKS)
+            }
+        )
         answers = self._ask(*(("eth_getBlockByNumber", [hex(number), False]) for number in near))
         known |= dict(zip(near, answers, strict=True))
-        for one in found:
-            header = known.get(int(one["blockNumber"], 16))
-            if header is not None and header["hash"] != one["blockHash"]:
-                log.info("block %d was replaced while the bridge read it", _number(header))
-                return True  # again
         if None in known.values():
             return True
-        self._apply(found, known, headers[1])
+        for one, _ in logs:
+            header = known.get(one.block)
+            if header is not None and header["hash"] != one.block_hash:
+                log.info("block %d was replaced while the bridge read it", one.block)
+                return True  # again
+        self._apply(logs, known, headers[1])
         return True
 
-    def _apply(self, found: list[dict[str, Any]], known: dict[int, Header], end: Header) -> None:
-        def time_s(one: dict[str, Any]) -> int:
-            header = known.get(int(one["blockNumber"], 16), end)
-            # Nodes of before 2025 do not tell the time with a log.
-            at_block = header["number"] == one["blockNumber"]
-            return int(header["timestamp"] if at_block else one["blockTimestamp"], 16)
+    def _readable(self, found: Iterable[dict[str, Any]]) -> list[tuple[Log, int | None]]:
+        """The logs, each with the time of its block where the node says that. Raises InvalidAnswer."""
+        logs: list[tuple[Log, int | None]] = []
+        for one in found:
+            time = one.get("blockTimestamp")
+            try:
+                logs.append((decode_json_log(one), None if time is None else int(time, 16)))
+            except ValueError as error:
+                # A token that was there before may log anything. No event of our own contracts may be lost.
+                if one["address"].lower() != self._foreign_token:
+                    raise InvalidAnswer(
+                        "an event cannot be read", problem=str(error), contract=one["address"]
+                    ) from error
+                log.info("left out an event of %s: %s", one["address"], error)
+        return logs
 
-        logs = [TimedLog(decode_json_log(one), time_s(one)) for one in found]
+    def _apply(self, found: list[tuple[Log, int | None]], known: dict[int, Header], end: Header) -> None:
+        def time_s(one: Log, told_s: int | None) -> int:
+            if (header := known.get(one.block)) is not None:
+                return int(header["timestamp"], 16)
+            assert told_s is not None  # else its block was asked for
+            return told_s
+
+        logs = [TimedLog(one, time_s(one, told_s)) for one, told_s in found]
         logs.sort(key=lambda one: (one.log.block, one.log.log_index))
         applied = self._index.apply(logs, _position(end), head=self.head)
         if self._unpublished or not self._put_on_bus(applied):

@@ -10,9 +10,11 @@ from collections.abc import Callable
 from typing import Any, Protocol
 from urllib.parse import urlsplit, urlunsplit
 
+from pydantic_core import from_json
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
+from rodeo.chain import answers
 from rodeo.chain.errors import ChainUnavailable
 from rodeo.redaction import shown
 
@@ -26,6 +28,9 @@ OPEN_TIMEOUT_S = 3.0
 MAX_NOTICE_BYTES = 1 << 20
 MAX_NOTICES = 1024
 """That wait while something else is done; then the node's connection has to wait."""
+
+_EXCERPT = 120
+"""Characters of an answer that an error quotes."""
 
 _QUICKACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 """tcp(7); Linux alone has it."""
@@ -92,27 +97,30 @@ class SubscribedHeads:
             self._connection.send(
                 json.dumps({"jsonrpc": "2.0", "id": 1, "method": "eth_subscribe", "params": ["newHeads"]})
             )
-            reply = json.loads(self._connection.recv(timeout=OPEN_TIMEOUT_S))
+            reply = from_json(self._connection.recv(timeout=OPEN_TIMEOUT_S))
         except (OSError, TimeoutError, ValueError, WebSocketException) as error:
             raise ChainUnavailable("no subscription", url=shown(url), reason=str(error)) from error
-        if "result" not in reply:
+        if not isinstance(reply, dict) or not isinstance(reply.get("result"), str):
             self._connection.close()
-            raise ChainUnavailable("no subscription", url=shown(url), reason=str(reply.get("error")))
+            raise ChainUnavailable("no subscription", url=shown(url), reason=json.dumps(reply)[:_EXCERPT])
 
     def wait(self) -> list[Header]:
         headers: list[Header] = []
         timeout_s = SUBSCRIBED_CHECK_S
         try:
             while len(headers) < MAX_NOTICES:
-                notice = json.loads(self._connection.recv(timeout=timeout_s))
+                notice = from_json(self._connection.recv(timeout=timeout_s))
                 self._acknowledge()
                 if notice.get("method") == "eth_subscription":
-                    headers.append(notice["params"]["result"])
+                    headers.append(answers.header(notice["params"]["result"]))
                 timeout_s = 0.0  # what has come already
         except TimeoutError:
             return headers
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, WebSocketException) as error:
+        except (OSError, WebSocketException) as error:
             raise ChainUnavailable("the subscription ended", reason=str(error)) from error
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            log.info("asking for new blocks: the node's notice cannot be used: %s", str(error)[:_EXCERPT])
+            return []
         return headers
 
     def _acknowledge(self) -> None:

@@ -362,6 +362,10 @@ class Index:
             for row in self._rows(query.limit(limit))
         ]
 
+    def newest_transaction(self) -> str | None:
+        """The last one with events of the contracts that is still on the chain."""
+        return self._scalar(_NEWEST_TRANSACTION)
+
     def last_seq(self) -> int:
         return self._scalar(_NEWEST_SEQ) or 0
 
@@ -670,6 +674,12 @@ class Index:
 
 # Made once: what is asked at every block costs more to put together than to answer.
 _NEWEST_SEQ = select(func.max(schema.events.c.seq))
+_NEWEST_TRANSACTION = (
+    select(schema.events.c.tx_hash)
+    .where(~schema.events.c.undone)
+    .order_by(schema.events.c.seq.desc())
+    .limit(1)
+)
 _ADD_EVENTS = insert(schema.events)
 _MOVE_CURSOR = update(schema.cursor)
 _FORGET_BLOCKS = delete(schema.blocks).where(schema.blocks.c.number <= bindparam("final"))

@@ -265,6 +265,13 @@ class Journal:
             rows = connection.execute(select(_accounted)).all()
         return {row.wallet: Accounted(row.nonce, row.sent_without) for row in rows}
 
+    def newest_mined(self) -> bytes | None:
+        """The last transaction that was mined, as it was sent; None before there is one."""
+        c = _transactions.c
+        query = select(c.raw).where(c.state == "mined").order_by(c.id.desc()).limit(1)
+        with self._engine.connect() as connection:
+            return connection.scalar(query)
+
     def account_for(self, wallets: Mapping[str, Accounted]) -> None:
         """From now on the journal answers for so much; never for less than before."""
         before = self.accounted()

@@ -14,7 +14,7 @@ from eth_account.signers.local import LocalAccount
 from eth_utils import keccak
 
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import TransactionTimeout
+from rodeo.chain.errors import ChainError, InvalidAnswer, RateLimited, TransactionTimeout
 from rodeo.errors import RemoteError, RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import RequestIdReused, WalletElsewhere
@@ -24,6 +24,9 @@ from services.bridge.journal import Entry, nonce_of
 OUTCOME_S = 25.0
 """Wall time without progress after which the caller is told that the outcome is not known yet. Progress is
 that the transaction is sent, and before that, that another of its wallet is."""
+
+PATIENCE_S = 5.0
+"""Wall time for which an order waits for a node that answers badly before its caller is told so."""
 
 MAX_IN_FLIGHT = 64
 """Transactions of one wallet that wait to be mined; geth keeps as many of one account in its queue."""
@@ -86,6 +89,12 @@ class Job:
     """It is not sent before its task is assigned as it was; when the waiting for that ends."""
     undone: bool = False
     """It was mined before, in a block that a reorganization took away."""
+    trouble: ChainError | None = None
+    """Why the node's last answer does not tell what became of it."""
+    mined_block: int | None = None
+    """The block that it is mined in, as far as is known, though its outcome cannot be told yet."""
+    mined_s: float | None = None
+    """When that was seen for the first time."""
     ended: bool = False
     """Whether who waited was told the outcome."""
 
@@ -216,6 +225,17 @@ class Orders:
                 if not job.ended and not on_its_way:
                     wallet.queue.appendleft(job)
 
+    def postpone(self, jobs: Sequence[Job], error: ChainError) -> None:
+        """The node's answers do not let these be signed. Its caller is told after a while, or at once where
+        the node does not answer at all; what was promised before waits."""
+        patience_s = PATIENCE_S if isinstance(error, InvalidAnswer | RateLimited) else 0.0
+        now_s = time.monotonic()
+        for job in jobs:
+            waited_s = now_s - max((asked_s for _, asked_s in job.waiters), default=0.0)
+            if job.entry is None and waited_s >= patience_s:
+                self.end(job, error)
+        self.put_back(jobs)
+
     def take_up(self, entry: Entry, hold_s: float, undone: bool = False) -> None:
         """It was sent before; what is for an assignment is held for up to `hold_s`."""
         call = Call(entry.to, "0x" + entry.data.hex(), entry.command)  # type: ignore[arg-type]
@@ -284,12 +304,13 @@ class Orders:
                 late += [(one[0], job) for one, waits in zip(job.waiters, waiting, strict=True) if not waits]
                 job.waiters = [one for one, waits in zip(job.waiters, waiting, strict=True) if waits]
         for future, job in late:
+            why = job.trouble or failure
             future.set_exception(
                 TransactionTimeout(
-                    "not mined in time; ask again with the same request_id",
+                    f"{_known(job)}; ask again with the same request_id",
                     tx_hash=None if job.entry is None else job.entry.tx_hash,
                     waited_s=OUTCOME_S,
-                    reason=None if failure is None else str(failure),
+                    reason=None if why is None else str(why),
                 )
             )
 
@@ -326,3 +347,12 @@ class Orders:
             job.waiters.append((future, time.monotonic()))
         self.changed.set()
         return future
+
+
+def _known(job: Job) -> str:
+    """What became of it, as far as the node's answers tell."""
+    if job.mined_block is not None:
+        return f"mined in block {job.mined_block}, but the outcome cannot be read yet"
+    if job.trouble is not None:
+        return "the node's answers do not tell whether it is mined"
+    return "not mined in time"

@@ -8,13 +8,21 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rodeo.chain import events
-from rodeo.chain.errors import ChainError, ContractReverted, TransactionFailed
-from rodeo.chain.logs import decode_json_log, event_topics
+from rodeo.chain.errors import (
+    ChainError,
+    ChainUnavailable,
+    ContractReverted,
+    InvalidAnswer,
+    TransactionFailed,
+)
+from rodeo.chain.logs import UnlikeOurs, decode_event, event_topics
+from rodeo.chain.types import Event
 from rodeo.errors import RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import JournalUnwritable, TransactionDropped
 from services.bridge.journal import Entry
-from services.bridge.orders import Job, Orders, Reply
+from services.bridge.node import Call
+from services.bridge.orders import PATIENCE_S, Job, Orders, Reply
 from services.bridge.projection import operation_key, proposal_key
 from services.bridge.signer import Signer
 
@@ -33,6 +41,12 @@ _NONCES = 20
 """Times that a transaction is made whose nonce goes to another of its wallet. Two bridges that send with one
 wallet take nonces from each other, and each time one of them gets on. Without a limit a node that denies its
 receipts would have it made, and mined, for ever."""
+
+GIVE_UP_S = 25.0
+"""Wall time after which a transaction is refused by a node that says only that it failed itself."""
+
+_INTERNAL = -32603
+"""JSON-RPC's code for a node that failed itself."""
 
 _TOO_CHEAP = ("base fee", "underpriced")
 """What refusals of a fee say, of geth and of those that word theirs alike."""
@@ -61,6 +75,8 @@ class Outcomes:
         self._signer = signer
         self._stuck_s = stuck_s
         self._on_sent = on_sent
+        self.sending_trouble: ChainError | None = None
+        """Why it is not known that the node takes transactions."""
         self._seen: set[str] = set()
         self._undone_after: int | None = None
 
@@ -116,20 +132,38 @@ class Outcomes:
         A proof is bound to its assignment. What was assigned anew after a reorganization has another nonce:
         the old proof would be refused, and its executor would be the one who failed.
         """
-        for job in self._orders.jobs():
-            until_s, entry = job.held_until_s, job.entry
-            if until_s is None or entry is None or entry.task_id is None or entry.attempt is None:
-                continue
-            task, late = self._index.task(entry.task_id), time.monotonic() > until_s
-            nonce = None if task is None else task["nonce"]
-            # An index that is being read anew may tell of an earlier attempt.
-            other = task is not None and nonce is not None and task["attempt"] >= entry.attempt
+        held = [job for job in self._orders.jobs() if job.held_until_s is not None]
+        if held:
             self._chain.ask()  # whether it is this chain still
-            if nonce == entry.assignment or (late and not job.undone and not other):
-                job.held_until_s = None
-                self.send([job])
-            elif other or late:
-                self._take_back(job)
+            self._each_alone(held, self._look_at_held)
+
+    def _look_at_held(self, job: Job) -> None:
+        until_s, entry = job.held_until_s, job.entry
+        if until_s is None or entry is None or entry.task_id is None or entry.attempt is None:
+            return
+        task, late = self._index.task(entry.task_id), time.monotonic() > until_s
+        nonce = None if task is None else task["nonce"]
+        # An index that is being read anew may tell of an earlier attempt.
+        other = task is not None and nonce is not None and task["attempt"] >= entry.attempt
+        if nonce == entry.assignment or (late and not job.undone and not other):
+            job.held_until_s = None
+            self.send([job])
+        elif other or late:
+            self._take_back(job)
+
+    def _each_alone(self, jobs: Iterable[Job], do: Callable[[Job], None]) -> None:
+        """`do` for each of them: what fails for one is noted, and tried again at the next look. Raises
+        JournalUnwritable, which is everybody's."""
+        for job in jobs:
+            try:
+                do(job)
+            except JournalUnwritable:
+                raise
+            except ChainError as error:
+                job.trouble = error
+                log.info("%s: %s: %s", job.order.wallet, job.order.command, error, extra=job.log_fields())
+            except Exception:
+                log.exception("%s: %s failed", job.order.wallet, job.order.command, extra=job.log_fields())
 
     def _take_back(self, job: Job) -> None:
         entry = job.signed
@@ -157,14 +191,33 @@ class Outcomes:
                 job.first_sent_s = self._orders.wallet_of(job).sent_s = now_s
             job.last_sent_s = now_s
             job.due_s = now_s + FIRST_LOOK_S
-        answers = self._node.batch(
-            [("eth_sendRawTransaction", ["0x" + job.signed.raw.hex()]) for job in jobs]
-        )
-        # The newest first: one that is refused leaves no gap behind if nothing was sent after it.
-        for job, answer in reversed(list(zip(jobs, answers, strict=True))):
-            if isinstance(answer, ChainError):
-                self._was_refused(job, answer)
+        try:
+            answers = self._node.batch([_sending(job.signed.raw) for job in jobs])
+        except ChainUnavailable as error:
+            self.sending_trouble = error
+            raise
         self._on_sent()
+        # The newest first: one that is refused leaves no gap behind if nothing was sent after it.
+        refused = [
+            (job, answer)
+            for job, answer in reversed(list(zip(jobs, answers, strict=True)))
+            if isinstance(answer, ChainError)
+        ]
+        troubles = [answer for _, answer in refused if is_trouble(answer)]
+        self.sending_trouble = troubles[0] if troubles else None
+        reasons = {job.signed.id: answer for job, answer in refused}
+        self._each_alone(
+            (job for job, _ in refused), lambda job: self._was_refused(job, reasons[job.signed.id])
+        )
+
+    def can_send(self) -> bool:
+        """Whether the node takes transactions, as far as is known. After it answered badly to one, it is sent
+        one that was mined before, which changes nothing. Raises ChainUnavailable."""
+        if self.sending_trouble is not None:
+            (answer,) = self._chain.ask(_sending(self._journal.newest_mined() or b""))
+            if not (isinstance(answer, ChainError) and is_trouble(answer)):
+                self.sending_trouble = None
+        return self.sending_trouble is None
 
     def _was_refused(self, job: Job, error: ChainError) -> None:
         reason = str(error.details.get("reason", error)).lower()
@@ -173,6 +226,10 @@ class Outcomes:
         if "nonce too low" in reason:
             # Mined already, or its nonce went to another one: the receipt tells.
             job.due_s = job.last_sent_s = 0.0
+            return
+        waited_s = time.monotonic() - job.first_sent_s
+        if isinstance(error, ChainUnavailable) or (is_trouble(error) and waited_s < GIVE_UP_S):
+            # That is nothing about this transaction, which may have been taken: it is sent again.
             return
         known = self._node.batch([("eth_getTransactionByHash", [tx_hash]) for tx_hash in entry.hashes])
         is_last = entry.nonce == self._orders.wallet_of(job).after - 1
@@ -206,13 +263,23 @@ class Outcomes:
         asked = [(job, tx_hash) for job in jobs for tx_hash in job.signed.hashes]
         if not asked:
             return
-        receipts = self._node.batch([("eth_getTransactionReceipt", [tx_hash]) for _, tx_hash in asked])
+        try:
+            receipts = self._node.batch([("eth_getTransactionReceipt", [tx_hash]) for _, tx_hash in asked])
+        except ChainUnavailable as error:
+            for job in jobs:
+                job.trouble = error
+            raise
         mined: dict[int, dict[str, Any]] = {}
+        for job in jobs:
+            job.trouble = job.mined_block = None
         for (job, _), receipt in zip(asked, receipts, strict=True):
             if isinstance(receipt, dict):
                 mined[job.signed.id] = receipt
+                job.mined_block, job.mined_s = int(receipt["blockNumber"], 16), job.mined_s or now_s
+            elif isinstance(receipt, ChainError):
+                job.trouble = receipt
         indexed = self._index.position.block
-        done = [job for job in jobs if _block_of(mined.get(job.signed.id)) <= indexed]
+        done = [job for job in jobs if job.mined_block is not None and job.mined_block <= indexed]
         self._conclude([(job, mined[job.signed.id]) for job in done])
         missing = [
             job
@@ -221,45 +288,48 @@ class Outcomes:
             and job.held_until_s is None
             and now_s - job.last_sent_s >= REBROADCAST_S
         ]
-        if missing:
-            self._send_again(missing, now_s)
-        for job in jobs:
-            if job.due_s <= now_s:
-                # Twice as long as it has waited until now.
-                job.due_s = now_s + min(max(now_s - job.last_sent_s, FIRST_LOOK_S), REBROADCAST_S)
+        try:
+            if missing:
+                self._send_again(missing, now_s)
+        finally:
+            for job in jobs:
+                if job.due_s <= now_s:
+                    # Twice as long as it has waited until now.
+                    job.due_s = now_s + min(max(now_s - job.last_sent_s, FIRST_LOOK_S), REBROADCAST_S)
 
     def _conclude(self, mined: Sequence[tuple[Job, dict[str, Any]]]) -> None:
-        outcomes: list[dict[str, Any]] = []
+        receipts = {job.signed.id: receipt for job, receipt in mined}
         results: list[tuple[Job, Reply | RodeoError]] = []
-        for job, receipt in mined:
-            entry = job.signed
-            result: Reply | RodeoError
-            if int(receipt["status"], 16) == 1:
-                result = self._reply(receipt)
-                log.info(
-                    "%s: %s in block %d",
-                    entry.wallet,
-                    entry.command,
-                    result["block"],
-                    extra=job.log_fields(result),
-                )
-            else:
-                result = self._reason(entry, receipt)
-                log.warning("%s: %s failed: %s", entry.wallet, entry.command, result, extra=job.log_fields())
-            outcomes.append(
-                {
-                    "entry_id": entry.id,
-                    "state": "failed" if isinstance(result, RodeoError) else "mined",
-                    "outcome": result.to_json() if isinstance(result, RodeoError) else result,
-                    "block": int(receipt["blockNumber"], 16),
-                    "fee": int(receipt["gasUsed"], 16) * int(receipt.get("effectiveGasPrice", "0x0"), 16),
-                }
-            )
-            results.append((job, result))
-        self._journal.finish(outcomes)
+
+        def read(job: Job) -> None:
+            results.append((job, self._result(job, receipts[job.signed.id])))
+
+        self._each_alone((job for job, _ in mined), read)
+        self._journal.finish(
+            {
+                "entry_id": job.signed.id,
+                "state": "failed" if isinstance(result, RodeoError) else "mined",
+                "outcome": result.to_json() if isinstance(result, RodeoError) else result,
+                "block": int(receipts[job.signed.id]["blockNumber"], 16),
+                "fee": _fee(job.signed, receipts[job.signed.id]),
+            }
+            for job, result in results
+        )
         for job, result in results:
             self._orders.release(job)
             self._orders.end(job, result)
+
+    def _result(self, job: Job, receipt: dict[str, Any]) -> Reply | RodeoError:
+        """What its caller is told. Raises ChainError where that cannot be read now."""
+        entry = job.signed
+        if int(receipt["status"], 16) == 1:
+            reply = self._reply(receipt)
+            place = entry.wallet, entry.command, reply["block"]
+            log.info("%s: %s in block %d", *place, extra=job.log_fields(reply))
+            return reply
+        reason = self._reason(job, receipt)
+        log.warning("%s: %s failed: %s", entry.wallet, entry.command, reason, extra=job.log_fields())
+        return reason
 
     def _send_again(self, jobs: Sequence[Job], now_s: float) -> None:
         """They are not mined. Perhaps the node forgot them, or asks for more, or their nonces are gone."""
@@ -269,23 +339,29 @@ class Outcomes:
             *(("eth_getTransactionCount", [self._orders.wallets[name].address, at]) for name in wallets)
         )
         used = {
-            name: 0 if isinstance(count, ChainError) else int(count, 16)
+            name: None if isinstance(count, ChainError) else int(count, 16)
             for name, count in zip(wallets, counts, strict=True)
         }
         again: list[Job] = []
-        for job in jobs:
+
+        def look_at(job: Job) -> None:
             entry, wallet = job.signed, self._orders.wallet_of(job)
-            if entry.nonce < used[wallet.name]:
+            mined = used[wallet.name]
+            if mined is not None and entry.nonce < mined:
                 # Asked again: it may have been mined since the receipts were asked for. An error does not
                 # tell that it was not.
                 asked = [("eth_getTransactionReceipt", [tx_hash]) for tx_hash in entry.hashes]
                 if all(receipt is None for receipt in self._node.batch(asked)):
                     self._nonce_went_elsewhere(job)
-                continue
-            oldest = entry.nonce == min(one.signed.nonce for one in wallet.in_flight.values())
-            if oldest and job.sent_s and now_s - job.sent_s > self._stuck_s and wallet.account is not None:
-                self._signer.raise_fee(job)
+                return
             again.append(job)
+            oldest = entry.nonce == min(one.signed.nonce for one in wallet.in_flight.values())
+            is_late = bool(job.sent_s) and now_s - job.sent_s > self._stuck_s
+            # A higher fee helps one that waits, not one of which the node does not tell whether it does.
+            if oldest and is_late and wallet.account is not None and mined is not None and not job.trouble:
+                self._signer.raise_fee(job)
+
+        self._each_alone(jobs, look_at)
         if again:
             self.send(again)
 
@@ -308,8 +384,9 @@ class Outcomes:
         reply: Reply = {"tx_hash": receipt["transactionHash"], "block": int(receipt["blockNumber"], 16)}
         topics = set(event_topics())
         for one in receipt["logs"]:
-            if one["topics"][0] in topics and one["address"].lower() in self._contracts:
-                event = decode_json_log(one).event
+            # Of anybody's contract, and anonymous ones have no topics.
+            if one["topics"] and one["topics"][0] in topics and one["address"].lower() in self._contracts:
+                event = self._event(one)
                 if isinstance(event, events.TaskRegistered):
                     reply["task_id"] = event.task_id
                 elif isinstance(event, events.ServiceRegistered):
@@ -320,20 +397,50 @@ class Outcomes:
                     reply["proposal"] = self._index.proposal_number(operation_key(event.id))
         return reply
 
-    def _reason(self, entry: Entry, receipt: dict[str, Any]) -> RodeoError:
-        """Why the mined transaction failed: ContractReverted if it still does, else TransactionFailed."""
+    def _event(self, one: dict[str, Any]) -> Event | None:
+        """None for an event of a token that lays it out otherwise. Raises InvalidAnswer."""
+        try:
+            return decode_event(one)
+        except UnlikeOurs:
+            return None
+        except ValueError as error:
+            raise InvalidAnswer(
+                "an event cannot be read", problem=str(error), contract=one["address"]
+            ) from error
+
+    def _reason(self, job: Job, receipt: dict[str, Any]) -> RodeoError:
+        """Why the mined transaction failed: ContractReverted if it still does, else TransactionFailed. Raises
+        ChainUnavailable for a while where the node does not tell."""
+        entry = job.signed
         message = {
             "from": self._orders.wallets[entry.wallet].address,
             "to": entry.to,
             "data": "0x" + entry.data.hex(),
         }
-        (answer,) = self._node.batch([("eth_call", [message, receipt["blockNumber"]])])
-        if isinstance(answer, ContractReverted):
-            return answer
+        try:
+            self._node.call("eth_call", message, receipt["blockNumber"])
+        except ContractReverted as reverted:
+            return reverted
+        except ChainUnavailable:
+            if time.monotonic() - (job.mined_s or 0.0) < PATIENCE_S:
+                raise
+        except ChainError as error:
+            log.info("%s: the node does not tell why it failed: %s", entry.wallet, error)
         return TransactionFailed(
             "mined without success", tx_hash=entry.tx_hash, gas_used=int(receipt["gasUsed"], 16)
         )
 
 
-def _block_of(receipt: dict[str, Any] | None) -> float:
-    return float("inf") if receipt is None else int(receipt["blockNumber"], 16)
+def _fee(entry: Entry, receipt: dict[str, Any]) -> int:
+    """What it cost; at most, where the node does not tell the price of its gas."""
+    price = receipt.get("effectiveGasPrice")
+    return int(receipt["gasUsed"], 16) * (entry.max_fee or 0 if price is None else int(price, 16))
+
+
+def _sending(raw: bytes) -> Call:
+    return "eth_sendRawTransaction", ["0x" + raw.hex()]
+
+
+def is_trouble(error: ChainError) -> bool:
+    """Whether the answer to a transaction is about the node and not about the transaction."""
+    return isinstance(error, ChainUnavailable) or error.details.get("rpc_code") == _INTERNAL

@@ -24,7 +24,15 @@ from rodeo import keystores, rulings, topics, wallets
 from rodeo.bus import Request
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainError, ChainUnavailable, DeploymentMismatch, NotDeployed, RpcFailed
+from rodeo.chain.errors import (
+    ChainError,
+    ChainUnavailable,
+    DeploymentMismatch,
+    InvalidAnswer,
+    NotDeployed,
+    RateLimited,
+    RpcFailed,
+)
 from rodeo.config import BRIDGE, Site, WalletLimits, bridge_process, bridge_wallets
 from rodeo.deploying import deployment_under_way
 from rodeo.errors import ClockUnavailable, KeystoreMissing, RodeoError, WalletError
@@ -48,12 +56,13 @@ from services.bridge.errors import (
 from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
 from services.bridge.handback import HandBack
-from services.bridge.heads import SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
-from services.bridge.index import Index, Position, sqlite_url
+from services.bridge.heads import POLL_MIN_S, SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
+from services.bridge.index import Index, sqlite_url
 from services.bridge.inspection import Inspector
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.node import Node
 from services.bridge.queries import Queries
+from services.bridge.readiness import Probe, why_late
 from services.bridge.transactions import Transactions
 
 log = logging.getLogger(__name__)
@@ -105,6 +114,7 @@ class _Attachment:
     wallets: dict[str, Wallet]
     continuity: Continuity
     handback: HandBack
+    probe: Probe
     compared: bool = False
     """Whether the index was compared with the contracts since it was opened or made anew."""
     made_anew: bool = False
@@ -161,7 +171,8 @@ class Bridge:
                 missing = self._without_contracts("deployment record does not match the chain")
                 self._not_ready(f"{missing} ({error})")
             except (ChainUnavailable, RpcFailed) as error:
-                reason = error.details.get("reason") or error.message
+                is_answer = isinstance(error, InvalidAnswer | RateLimited)
+                reason = str(error) if is_answer else error.details.get("reason") or error.message
                 self._not_ready(f"no node at {self._site.chain.shown_url}: {reason}")
             except KeystoreMissing as error:
                 self._not_ready(str(error))
@@ -179,6 +190,10 @@ class Bridge:
                     # Opened again, its file is set aside.
                     self._attachment.close()
                     self._attachment = None
+            except Exception as error:
+                # One thing that nobody thought of may not end everybody's work for good.
+                log.exception("following the chain failed; trying again")
+                self._not_ready(f"following the chain failed: {error!r}")
             self._stop.wait(_RETRY_S)
         if self._attachment is not None:
             self._attachment.close()
@@ -284,6 +299,11 @@ class Bridge:
             wallets={name: wallet(name) for name in self._threads},
             continuity=Continuity(journal, node, addresses, deployment.sent),
             handback=HandBack(held, names, self._accounts),
+            probe=Probe(
+                held,
+                {name: account.address for name, account in self._accounts.items()},
+                transactions.outcomes,
+            ),
         )
         # Asked when somebody looks: also of a bridge that is not ready.
         INDEXED_BLOCK.set_function(lambda: index.position.block)
@@ -318,13 +338,21 @@ class Bridge:
                 if attachment.inspector.found is not None:
                     self._make_index_anew(attachment, attachment.inspector.found)
                     headers = []
-                if self._step(attachment, headers):
-                    headers = []
-                    behind = attachment.follower.behind
-                    if behind and time.monotonic() - current_s > self._config.max_behind_s:
+                before = attachment.chain.index.position
+                again = self._step(attachment, headers)
+                headers = []
+                if behind := attachment.follower.behind:
+                    if time.monotonic() - current_s > self._config.max_behind_s:
                         self._not_ready(f"{behind} blocks behind the node")
+                else:
+                    current_s = time.monotonic()
+                if again:
+                    if attachment.chain.index.position == before:
+                        self._stop.wait(POLL_MIN_S)  # there was nothing to go on with
                     continue
-                current_s = time.monotonic()
+                if behind:
+                    headers = heads.wait()
+                    continue
                 if not attachment.compared:
                     problem = attachment.inspector.compare()
                     if problem is not None and attachment.made_anew:
@@ -340,6 +368,7 @@ class Bridge:
                 late = why_late(position, chain.max_block_age_s, time.time(), elsewhere)
                 if late is None and attachment.transactions.failure is not None:
                     late = str(attachment.transactions.failure)
+                late = late or attachment.probe.problem()
                 if late is None:
                     self._ready(attachment)
                     self._note_strangers(attachment)
@@ -516,24 +545,6 @@ class Bridge:
                 if key not in self._given_back:
                     self._given_back.add(key)
                     self._process.warn(f"task {task['id']} is returned unfinished: {reason}")
-
-
-MAX_BLOCK_AHEAD_S = 5.0
-"""Of a chain elsewhere: a node's clock may be off a little, and who records in another time than that of the
-blocks is not paid (the oracle's `recorded_in_assignment`)."""
-
-
-def why_late(
-    position: Position, max_block_age_s: float | None, now_s: float, elsewhere: bool = False
-) -> str | None:
-    """Why an index that is where the node is does not tell of now; None where it does. `elsewhere`: the chain
-    has a clock of its own."""
-    ahead_s = position.block_time_s - now_s
-    if elsewhere and ahead_s > MAX_BLOCK_AHEAD_S:
-        return f"clock {ahead_s:.0f} s behind the chain's newest block"
-    if max_block_age_s is None or now_s - position.block_time_s <= max_block_age_s:
-        return None
-    return f"the node is behind: its newest block is older than {max_block_age_s:g} s"
 
 
 def _command_of(key: str) -> tuple[str, str]:

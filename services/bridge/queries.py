@@ -238,7 +238,7 @@ class Queries:
         return {"transactions": [transaction_json(row, self._names) for row in rows], "total": total}
 
     def _receipts(self, hashes: Iterable[str]) -> list[Json]:
-        """What the node says that the transactions cost; those that it does not know are left out."""
+        """What the node says that the transactions cost, where it says all of that."""
         found = self._node.batch([("eth_getTransactionReceipt", [tx_hash]) for tx_hash in hashes])
         return [
             {
@@ -249,7 +249,7 @@ class Queries:
                 "gas_price": int(receipt["effectiveGasPrice"], 16),
             }
             for receipt in found
-            if isinstance(receipt, dict)
+            if isinstance(receipt, dict) and receipt.get("from") and receipt.get("effectiveGasPrice")
         ]
 
     def _history(self, request: Request) -> Json:

@@ -11,7 +11,7 @@ from eth_typing import HexStr
 from eth_utils import to_checksum_address
 
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainError, ChainUnavailable, TransactionTimeout
+from rodeo.chain.errors import ChainError, ChainUnavailable, InvalidAnswer, TransactionTimeout
 from rodeo.errors import RequestError, RodeoError
 from services.bridge.chain import Chain
 from services.bridge.fees import GAS_MARGIN, Fees, Market
@@ -83,17 +83,26 @@ class Signer:
             *(("eth_getTransactionCount", [wallet.address, "pending"]) for wallet in wallets.values()),
         )
         next_nonces: dict[str, int] = {}
+        unanswered: dict[str, ChainError] = {}
         for wallet, nonce in zip(wallets.values(), answers[len(jobs) :], strict=True):
             if isinstance(nonce, ChainError):
-                raise ChainUnavailable("the node does not report the nonce", reason=str(nonce))
-            next_nonces[wallet.name] = max(int(nonce, 16), wallet.after)
+                unanswered[wallet.name] = nonce
+            else:
+                next_nonces[wallet.name] = max(int(nonce, 16), wallet.after)
         made_s = float(self._index.position.block_time_s)
         accepted: list[Job] = []
         rows: list[dict[str, Any]] = []
         again = [job.entry.id for job in jobs if job.entry is not None]
         spent = {name: self._spent(wallet, again) for name, wallet in wallets.items()}
+        postponed: list[Job] = []
         for job, estimate in zip(jobs, answers[: len(jobs)], strict=True):
             order, wallet = job.order, wallets[job.order.wallet]
+            if isinstance(estimate, ChainUnavailable):
+                unanswered.setdefault(wallet.name, estimate)
+            if wallet.name in unanswered:
+                # With all that comes after it: a wallet's transactions stay in their order.
+                postponed.append(job)
+                continue
             try:
                 if isinstance(estimate, ChainError):
                     raise estimate
@@ -116,6 +125,9 @@ class Signer:
             with self._orders.lock:
                 job.entry = entry
                 wallets[entry.wallet].in_flight[entry.id] = job
+        for name, trouble in unanswered.items():
+            log.info("%s: nothing is signed for now: %s", name, trouble)
+            self._orders.postpone([job for job in postponed if job.order.wallet == name], trouble)
         return accepted
 
     def raise_fee(self, job: Job) -> None:
@@ -128,6 +140,8 @@ class Signer:
         # It is the wallet's oldest, so the newest block decides about it. One that would fail has to be mined
         # as well: what the wallet sent after it waits for its nonce.
         (answer,) = self._node.batch([("eth_estimateGas", [_message(wallet, job.order.call), "latest"])])
+        if isinstance(answer, ChainUnavailable):
+            raise answer
         fails = isinstance(answer, ChainError)
         estimate = int(decoded(entry.raw)["gas"] / GAS_MARGIN) if fails else int(answer, 16)
         try:
@@ -207,11 +221,14 @@ class Signer:
         header, tip = self._node.batch(
             [("eth_getBlockByNumber", ["latest", False]), ("eth_maxPriorityFeePerGas", [])]
         )
+        for answer in (header, tip):
+            if isinstance(answer, ChainUnavailable):
+                raise answer
         if not isinstance(header, dict):
-            raise ChainUnavailable("the node does not report its fees", reason=str(header))
+            raise InvalidAnswer("the node does not report its fees", answer=str(header))
         # Not every node advises a tip; then there is no need of one.
         priority_fee = 0 if isinstance(tip, ChainError) else int(tip, 16)
-        market = Market(int(header.get("baseFeePerGas", "0x0"), 16), priority_fee)
+        market = Market(int(header.get("baseFeePerGas") or "0x0", 16), priority_fee)
         self._market = (now_s, market)
         return market
 

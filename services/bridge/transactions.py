@@ -74,23 +74,36 @@ class Transactions:
                     log.error("not sending transactions for now: %s", error)
                 self.failure = error
                 self._stop.wait(_TICK_S)
-            except Exception:
-                # What is journaled must be sent: one fault, said here, may not end everybody's transactions.
-                log.exception("sending failed; continuing")
+            except Exception as error:
+                log.debug("trying again: %r", error, exc_info=True)  # `step` has said it
                 self._stop.wait(_TICK_S)
             self.orders.changed.wait(_TICK_S)
             self.orders.changed.clear()
 
     def step(self) -> None:
-        """Whatever is to be done now. Raises ChainUnavailable or JournalUnwritable, losing nothing."""
-        try:
-            self.outcomes.reopen_undone()
-            self.outcomes.look_at_held()
-            self.send_queued()
-            self.outcomes.look()
-            self.failure = None
-        finally:
-            self.orders.give_up_late(self.failure)
+        """Whatever is to be done now, each duty whatever becomes of the others. Raises ChainUnavailable or
+        JournalUnwritable afterwards, losing nothing."""
+        failures: list[Exception] = []
+        duties = (
+            self.outcomes.reopen_undone,
+            self.outcomes.look_at_held,
+            self.send_queued,
+            self.outcomes.look,
+        )
+        for duty in duties:
+            try:
+                duty()
+            except (ChainUnavailable, JournalUnwritable) as error:
+                failures.append(error)
+            except Exception as error:
+                # What is journaled must be sent: one fault, said here, may not end everybody's transactions.
+                log.exception("sending failed; continuing")
+                failures.append(error)
+        unwritable = next((one for one in failures if isinstance(one, JournalUnwritable)), None)
+        self.orders.give_up_late(self.failure or unwritable or self.outcomes.sending_trouble)
+        if failures:
+            raise unwritable or failures[0]
+        self.failure = None
 
     def send_queued(self) -> None:
         """Sign and send what waits, as far as there is room."""
@@ -100,10 +113,7 @@ class Transactions:
         try:
             signed = self.signer.sign(jobs)
         except ChainUnavailable as error:
-            for job in jobs:
-                if job.entry is None:
-                    self.orders.end(job, error)
-            self.orders.put_back([job for job in jobs if job.entry is not None])  # they were promised before
+            self.orders.postpone(jobs, error)
             return
         except BaseException:
             self.orders.put_back(jobs)

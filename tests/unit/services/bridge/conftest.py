@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from deploy.chain.server import RpcServer
 from rodeo.chain.deployment import Deployment
 from rodeo.config import Site
+from services.bridge import orders, outcomes, signer
+from tests.support.bridge_wallet import Robot
 from tests.support.chain import CHAIN_ID, EmbeddedChain, FaultyNode
 from tests.support.deployed import DeployedChain
 from tests.support.site import write_site
@@ -33,3 +37,14 @@ def chain(deployed: DeployedChain) -> Iterator[DeployedChain]:
     deployed.node.calls.clear()
     yield deployed
     deployed.node.fault = None
+
+
+@pytest.fixture
+def robot(chain: DeployedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
+    monkeypatch.setattr(outcomes, "REBROADCAST_S", 0.05)
+    monkeypatch.setattr(outcomes, "FIRST_LOOK_S", 0.01)
+    made = Robot(chain, tmp_path)
+    for module in (orders, outcomes, signer):
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: made.wall_s))
+    yield made
+    made.transactions.close()

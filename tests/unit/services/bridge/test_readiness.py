@@ -11,7 +11,8 @@ import pytest
 from rodeo.config import Site
 from rodeo.rulings import GRACE_S
 from services.bridge.index import Position
-from services.bridge.process import Bridge, late_verdicts, own_rulings, why_late
+from services.bridge.process import Bridge, late_verdicts, own_rulings
+from services.bridge.readiness import why_late
 from tests.support.site import write_site
 from tests.support.tasks import UNTIL_S, ruled
 

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import sqlalchemy
 
 from deploy.chain.errors import InternalError, TransactionRejected
-from rodeo import keystores, wallets
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
 from rodeo.config import WalletLimits
 from rodeo.currency import ETHER, IEC
 from rodeo.errors import RemoteError
-from rodeo_testing.waiting import HANG_S
 from services.bridge import orders, outcomes, signer
-from services.bridge.chain import Chain
 from services.bridge.errors import (
     BridgeNotReady,
     DailyLimitReached,
@@ -33,100 +28,14 @@ from services.bridge.errors import (
     TransactionDropped,
 )
 from services.bridge.fees import Limits
-from services.bridge.follower import Follower
-from services.bridge.index import NOWHERE, Index, Page, sqlite_url
-from services.bridge.journal import Journal, decoded
-from services.bridge.node import Node
+from services.bridge.index import NOWHERE, Page
+from services.bridge.journal import decoded
 from services.bridge.orders import Order
-from services.bridge.transactions import Transactions
+from tests.support.bridge_wallet import Robot
 from tests.support.chain import Answer
-from tests.support.deployed import DeployedChain
 from tests.support.site import free_port
 
 SEND = "eth_sendRawTransaction"
-
-
-class Robot:
-    """panther1's wallet, as one process of the bridge after the other has it, stepped by the test."""
-
-    def __init__(self, chain: DeployedChain, folder: Path) -> None:
-        self.wall_s = 1_000.0
-        """The clock by which the bridge sends again and gives up (monotonic)."""
-        self.chain = chain
-        self.account = wallets.load(chain.site, "panther1")
-        self.client = chain.client()
-        self.oracle = keystores.address(chain.site, "oracle")
-        self.folder = folder
-        self.url = chain.site.chain.url
-        self.limits = Limits(WalletLimits(), IEC)
-        self.restart()
-
-    def restart(self, **options: Any) -> None:
-        """A new process finds index and journal as the last one left them."""
-        deployment = self.chain.deployment
-        self.node = Node(self.url, timeout_s=HANG_S)
-        self.journal = Journal(self.folder / "journal.sqlite")
-        self.index = Index(
-            sqlite_url(self.folder / "index.sqlite"),
-            deployment.chain_id,
-            deployment.genesis_hash,
-            deployment.contracts,
-        )
-        self.transactions = Transactions(Chain(deployment, self.node, self.index, self.journal), **options)
-        self.transactions.orders.add("panther1", self.account.address, self.account, self.limits)
-        self.follower = Follower(
-            self.node,
-            deployment,
-            self.index,
-            0,
-            lambda _event: True,
-            on_indexed=self.transactions.outcomes.indexed,
-            on_undone=self.transactions.outcomes.undone,
-        )
-        self.transactions.outcomes.take_up(self.journal.unfinished())
-
-    def order(self, amount: int = 5, request_id: str | None = None) -> Order:
-        call = self.client.calls.transfer(self.oracle, amount)
-        return Order("panther1", "transfer", call, request_id, str(amount), spends=amount)
-
-    def pay(self, amount: int = 5, request_id: str | None = None) -> dict[str, Any]:
-        return self.outcome(self.transactions.orders.submit(self.order(amount, request_id)))
-
-    def outcome(self, future: Future[dict[str, Any]]) -> dict[str, Any]:
-        self.until(future.done)
-        return future.result()
-
-    def until(self, condition: Any) -> None:
-        """Step until it holds; each step takes 10 ms on the bridge's clock."""
-        for _ in range(10_000):
-            if condition():
-                return
-            self.step()
-            self.wall_s += 0.01
-        raise AssertionError("it did not come to that")
-
-    def step(self) -> None:
-        self.transactions.step()
-        while self.follower.step([]):
-            pass
-        self.transactions.step()
-
-    def paid(self) -> int:
-        return self.client.balance(self.oracle)
-
-    def waiting(self) -> int:
-        return len(self.journal.unfinished())
-
-
-@pytest.fixture
-def robot(chain: DeployedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
-    monkeypatch.setattr(outcomes, "REBROADCAST_S", 0.05)
-    monkeypatch.setattr(outcomes, "FIRST_LOOK_S", 0.01)
-    made = Robot(chain, tmp_path)
-    for module in (orders, outcomes, signer):
-        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: made.wall_s))
-    yield made
-    made.transactions.close()
 
 
 def lose(method: str, params: Sequence[Any], answer: Answer) -> Any:

@@ -1,0 +1,194 @@
+"""Whatever a node answers, only answers to what was asked come in. All else is an error that says why."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from email.utils import formatdate
+from typing import Any
+
+import pytest
+
+from rodeo import redaction
+from rodeo.chain import rpc
+from rodeo.chain.client import connect
+from rodeo.chain.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RateLimited
+from rodeo.chain.rpc import Refusal, Rpc
+from rodeo.chain.translation import translated
+from tests.support.bad_answers import (
+    BAD_BODIES,
+    FILTER,
+    GOOD,
+    LOG,
+    RECEIPT,
+    BadNode,
+    Reply,
+    bad_results,
+    json_reply,
+)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[BadNode]:
+    with BadNode() as node:
+        yield node
+
+
+@pytest.fixture
+def node(server: BadNode) -> BadNode:
+    server.answer = None
+    server.asked.clear()
+    server.headers.clear()
+    return server
+
+
+CHAIN_ID = ("eth_chainId", GOOD["eth_chainId"][0])
+
+
+def failure(door: Rpc, requests: int) -> InvalidAnswer | RateLimited:
+    """Why there is no answer to as many requests: raised, or in its place."""
+    try:
+        (found,) = door.batch([CHAIN_ID] * requests)
+    except (InvalidAnswer, RateLimited) as error:
+        return error
+    assert isinstance(found, InvalidAnswer | RateLimited)
+    return found
+
+
+def test_good_answers_come_in_as_they_are(node: BadNode) -> None:
+    calls = [(method, params) for method, (params, _) in GOOD.items()]
+    assert Rpc(node.url).batch(calls) == [good for _, good in GOOD.values()]
+
+
+@pytest.mark.parametrize("method", GOOD)
+def test_a_bad_result_of_any_method_fails_alone(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    door, bad = Rpc("http://127.0.0.1:1"), list(bad_results(method))
+    told = iter(bad)
+
+    def post(body: str, _requests: int) -> Any:
+        first, second = json.loads(body)
+        good = {"id": second["id"], "result": GOOD["eth_chainId"][1]}
+        return [good, {"id": first["id"], "result": next(told)}]
+
+    monkeypatch.setattr(door, "_post", post)
+    assert len(bad) > 10
+    for result in bad:
+        spoilt, good = door.batch([(method, GOOD[method][0]), CHAIN_ID])
+        assert good == GOOD["eth_chainId"][1]
+        assert isinstance(spoilt, InvalidAnswer), result
+        assert (spoilt.code, spoilt.details["method"]) == ("chain_unavailable", method)
+        assert spoilt.details["problem"] and len(spoilt.details["answer"]) <= 120
+        json.dumps(spoilt.to_json(), allow_nan=False).encode()
+    assert door.bad == len(bad)
+
+
+@pytest.mark.parametrize("kind", BAD_BODIES)
+@pytest.mark.parametrize("requests", [1, 2])
+def test_an_answer_that_is_none_is_an_error_of_its_own(
+    kind: str, requests: int, node: BadNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rpc, "_pause", lambda _url: rpc._Pause())
+    door = Rpc(node.url)
+    node.answer = lambda _payload, good: BAD_BODIES[kind](good)
+    error = failure(door, requests)
+    assert isinstance(error, RateLimited) == any(word in kind for word in ("429", "503", "string error"))
+    json.dumps(error.to_json(), allow_nan=False).encode()
+    with pytest.raises(ChainUnavailable), translated():
+        # web3.py uses the same door.
+        connect(node.url).eth.chain_id  # noqa: B018
+    node.answer = None
+    assert door.batch([CHAIN_ID] * requests) == ["0x7a69"] * requests
+
+
+def test_what_a_batch_lacks_and_what_it_has_twice_fails_alone(node: BadNode) -> None:
+    node.answer = lambda _payload, good: json_reply([good[2], good[0], good[2], {"id": 99, "result": "0x1"}])
+    first, second, third = Rpc(node.url).batch([CHAIN_ID] * 3)
+    assert first == "0x7a69"
+    assert second.details["problem"] == "it has 0 answers" and third.details["problem"] == "it has 2 answers"
+
+
+def test_a_refusal_is_no_bad_answer(node: BadNode) -> None:
+    node.answer = lambda payload, _good: json_reply(
+        {"id": payload["id"], "error": {"code": -32000, "message": "nonce too low"}}
+    )
+    door = Rpc(node.url)
+    assert door.batch([CHAIN_ID]) == [Refusal(-32000, "nonce too low")] and door.bad == 0
+
+
+@pytest.mark.parametrize("data", ["0xzz", 7, {"data": None}, "0x08c379a0" + "00" * 31 + "20" + "ff" * 40])
+def test_revert_data_that_cannot_be_read_is_an_unknown_revert(data: Any, node: BadNode) -> None:
+    node.answer = lambda payload, _good: json_reply(
+        {"id": payload["id"], "error": {"code": 3, "message": "execution reverted", "data": data}}
+    )
+    with pytest.raises(ContractReverted, match="UnknownRevert"), translated():
+        connect(node.url).eth.call({"to": "0x" + "12" * 20})
+
+
+@pytest.mark.parametrize("date", [False, True])
+def test_a_node_is_left_alone_for_as_long_as_it_asks(
+    date: bool, node: BadNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 1_700_000_000.0
+    pause = rpc._Pause()
+    monkeypatch.setattr(rpc, "_pause", lambda _url: pause)
+    monkeypatch.setattr(rpc.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(rpc.time, "time", lambda: now_s)
+    after = formatdate(now_s + 7, usegmt=True) if date else "7"
+    node.answer = lambda _payload, _good: json_reply({"error": "rate limited"}, 429, retry_after=after)
+    with pytest.raises(RateLimited) as limited:
+        Rpc(node.url).batch([CHAIN_ID])
+    assert limited.value.details["retry_after_s"] == 7.0
+    node.answer = None
+    now_s += 6.5
+    with pytest.raises(RateLimited):
+        Rpc(node.url).batch([CHAIN_ID])
+    with pytest.raises(RateLimited), translated():
+        connect(node.url).eth.chain_id  # noqa: B018
+    assert len(node.asked) == 1
+    now_s += 0.6
+    assert Rpc(node.url).batch([CHAIN_ID]) == ["0x7a69"]
+
+
+def test_nobody_is_left_alone_for_longer_than_a_minute(
+    node: BadNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rpc, "_pause", lambda _url: rpc._Pause())
+    for after, pause_s in (("9" * 30, 60.0), ("-5", None), ("soon", None)):
+        node.answer = lambda _payload, _good, after=after: json_reply({}, 429, retry_after=after)
+        with pytest.raises(RateLimited) as limited:
+            Rpc(node.url).batch([CHAIN_ID])
+        assert limited.value.details["retry_after_s"] == pause_s
+
+
+def test_an_error_does_not_quote_the_keys_of_the_url(node: BadNode) -> None:
+    url = node.url.replace("//", "//user:hunter22@") + "/v2/0123456789abcdef?key=s3cr%65t-token"
+    redaction.learn(url, path_is_secret=True)  # as a site's settings do
+    node.answer = lambda _payload, _good: Reply(b"no key 0123456789abcdef s3cret-token hunter22 here", 403)
+    with pytest.raises(InvalidAnswer) as bad:
+        Rpc(url).batch([CHAIN_ID])
+    assert bad.value.details["answer"] == '"no key *** *** *** here"'
+    assert node.headers[0]["authorization"].startswith("Basic ")
+
+
+def test_a_body_without_end_is_not_read(node: BadNode, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rpc, "MAX_ANSWER_BYTES", 1_000)
+    node.answer = lambda _payload, _good: Reply(b" " * 100_000)
+    with pytest.raises(InvalidAnswer) as bad:
+        Rpc(node.url).batch([CHAIN_ID])
+    assert bad.value.details["problem"] == "it is too long"
+
+
+def test_of_logs_those_count_that_were_asked_for(node: BadNode) -> None:
+    anonymous = {**LOG, "topics": []}
+    strange = {**LOG, "topics": ["0x" + "ef" * 32]}
+    stranger = {**LOG, "address": "0x" + "34" * 20, "blockNumber": None}
+    node.answer = lambda payload, _good: json_reply(
+        {"id": payload["id"], "result": [anonymous, LOG, strange, stranger]}
+    )
+    assert Rpc(node.url).batch([("eth_getLogs", [FILTER])]) == [[LOG]]
+
+
+def test_a_receipt_tells_what_became_of_it_without_a_price_and_with_anonymous_events(node: BadNode) -> None:
+    lean = {**RECEIPT, "effectiveGasPrice": None, "logs": [{**LOG, "topics": [], "blockNumber": None}]}
+    node.answer = lambda payload, _good: json_reply({"id": payload["id"], "result": lean})
+    assert Rpc(node.url).batch([("eth_getTransactionReceipt", [RECEIPT["transactionHash"]])]) == [lean]
