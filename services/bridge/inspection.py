@@ -88,10 +88,11 @@ class Inspector:
         header = answers.pop()
         if not isinstance(header, dict) or header["hash"] != said.position.block_hash:
             return None  # reorganized, which the follower notices
-        for (what, value), answer in zip(expected, answers, strict=True):
-            if isinstance(answer, ChainError) or answer == _NO_CONTRACT:
+        for (what, value), call, answer in zip(expected, calls, answers, strict=True):
+            if isinstance(answer, ChainError) or answer == _NO_CONTRACT or int(answer, 16) == value:
                 continue
-            if int(answer, 16) != value:
+            # One wrong answer is not worth reading the whole chain again.
+            if self._node.batch([call]) == [answer]:
                 return f"{what} is {int(answer, 16)} on chain and {value} in the index, at block {block}"
         return None
 

@@ -42,7 +42,7 @@ _NONCES = 20
 wallet take nonces from each other, and each time one of them gets on. Without a limit a node that denies its
 receipts would have it made, and mined, for ever."""
 
-GIVE_UP_S = 25.0
+GIVE_UP_S = 20.0
 """Wall time after which a transaction is refused by a node that says only that it failed itself."""
 
 _INTERNAL = -32603

@@ -11,6 +11,7 @@ import pytest
 from eth_utils import keccak, to_checksum_address
 
 from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import InvalidAnswer
 from rodeo.messages import DaoEvent
 from services.bridge.follower import Follower
 from services.bridge.heads import Header
@@ -108,11 +109,13 @@ def bus() -> Bus:
     return Bus()
 
 
-def follow(chain: Chain, bus: Bus, folder: Path, confirmations: int = 0) -> Follower:
+def follow(chain: Chain, bus: Bus, folder: Path, confirmations: int = 0, foreign: bool = False) -> Follower:
     """A bridge that starts, with what the one before it left in `folder`."""
     genesis = chain.blocks[0][0]["hash"]
     contracts = {"IECoin": CONTRACT}
-    deployment = Deployment(chain_id=1, genesis_hash=genesis, block=0, contracts=contracts)
+    deployment = Deployment(
+        chain_id=1, genesis_hash=genesis, block=0, contracts=contracts, is_token_foreign=foreign
+    )
     index = Index(sqlite_url(folder / "index.sqlite"), 1, genesis, contracts)
     return Follower(chain, deployment, index, confirmations, bus.publish)  # type: ignore[arg-type]
 
@@ -232,3 +235,33 @@ def test_a_new_bridge_publishes_what_the_one_before_it_did_not(
     assert bus.told() == ["1", "2"]
     settle(follow(chain, bus, tmp_path))
     assert bus.told() == ["1", "2"]
+
+
+@pytest.mark.parametrize("spoilt", [{"topics": [APPROVAL]}, {"data": "0x"}, {"data": "0x" + "00" * 31}])
+@pytest.mark.parametrize("foreign", [True, False])
+def test_an_event_that_cannot_be_read_is_left_out_only_of_a_token_that_was_there_before(
+    spoilt: dict[str, Any], foreign: bool, chain: Chain, bus: Bus, tmp_path: Path
+) -> None:
+    follower = follow(chain, bus, tmp_path, foreign=foreign)
+    chain.mine(1, 2, 3)
+    whole = dict(chain.blocks[-1][1][1])
+    chain.blocks[-1][1][1].update(spoilt)
+    if foreign:
+        settle(follower)
+        assert bus.told() == ["1", "3"]
+        return
+    for _ in range(5):
+        with pytest.raises(InvalidAnswer):
+            settle(follower)
+    assert bus.told() == []
+    chain.blocks[-1][1][1].update(whole)
+    settle(follower)
+    assert bus.told() == ["1", "2", "3"]
+
+
+def test_a_block_without_the_time_of_its_logs_is_asked_for_it(chain: Chain, bus: Bus, tmp_path: Path) -> None:
+    for number in range(3):
+        chain.mine(number)
+        chain.blocks[-1][1][0]["blockTimestamp"] = [None, "0x6553f102", None][number]
+    settle(follow(chain, bus, tmp_path))
+    assert [event.time_s for event in bus.heard] == [1_700_000_001, 1_700_000_002, 1_700_000_003]

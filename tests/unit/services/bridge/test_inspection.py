@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,6 +16,7 @@ from services.bridge.follower import Follower
 from services.bridge.index import NOWHERE, Index, Position, sqlite_url
 from services.bridge.inspection import Inspector
 from services.bridge.node import Node
+from tests.support.chain import Answer
 from tests.support.deployed import DeployedChain
 
 
@@ -54,6 +56,20 @@ def test_a_balance_that_the_token_does_not_know_is_found_even_with_a_digest_that
     assert found is not None and address in found and str(said.balances[address]) in found
     # Asked for one after the other, its turn comes.
     assert any(inspector.compare(most=1) for _ in said.balances)
+
+
+def test_one_wrong_answer_of_the_node_does_not_condemn_the_index(chain: DeployedChain, index: Index) -> None:
+    wrong = 1
+
+    def err(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        nonlocal wrong
+        if method == "eth_call" and wrong:
+            wrong -= 1
+            return "0x" + "ff" * 32
+        return answer(method, params)
+
+    chain.node.fault = err
+    assert Inspector(index, Node(chain.site.chain.url), chain.deployment).compare() is None and not wrong
 
 
 @pytest.mark.parametrize("blocks", [-1, 0], ids=["nowhere", "while it is founded"])
