@@ -133,7 +133,7 @@ def _no_nonces(counts: Mapping[str, Any]) -> str | None:
     """One wallet whose nonce cannot be read holds up nobody else."""
     errors = {name: count for name, count in counts.items() if isinstance(count, ChainError)}
     for name, error in errors.items():
-        log.warning("%s cannot send: the node does not tell its nonce: %s", name, error)
+        log.info("%s cannot send: the node does not tell its nonce: %s", name, error)
     return _badly(next(iter(errors.values()))) if counts and len(errors) == len(counts) else None
 
 
