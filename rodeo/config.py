@@ -1084,6 +1084,10 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     told += [(("bridge", "limits", name), name) for name in site.bridge.limits]
     if site.governance.guardian is not None:
         told.append((("governance", "guardian"), site.governance.guardian))
+    elsewhere = {one.name for one in site.participants if one.address is not None}
+    for name, limits in site.bridge.limits.items():
+        if name in elsewhere and (limits.daily_iec, limits.daily_fee_eth) != (None, None):
+            yield ("bridge", "limits", name), f"{name} signs for itself, so no bridge limits what it spends"
     for place, name in told:
         if name not in known:
             yield place, f"nobody on this site is called {name}{close(name, known)}"

@@ -174,11 +174,17 @@ class Signer:
         nothing = Order(
             entry.wallet, "nothing", Call(to_checksum_address(wallet.address), HexStr("0x"), "nothing")
         )
-        market = self._current_market(now=True)
+        market, gas = self._current_market(now=True), int(decoded(entry.raw)["gas"])
         fees = market.fees()
         if entry.max_fee is not None and entry.priority_fee is not None:
-            fees = market.bumped(Fees(entry.max_fee, entry.priority_fee))
-        signed = self._signed(wallet, nothing, entry.nonce, int(decoded(entry.raw)["gas"]), fees)
+            before = Fees(entry.max_fee, entry.priority_fee)
+            _, spent = self._spent(wallet, [entry.id])
+            try:
+                _, fees = wallet.limits.offer(market.bumped(before), market, int(gas / GAS_MARGIN), spent)
+            except RequestError as error:
+                log.warning("%s: %s keeps its fee: %s", entry.wallet, entry.command, error)
+                fees = before
+        signed = self._signed(wallet, nothing, entry.nonce, gas, fees)
         replaced = self._journal.replace(entry, **signed)
         self._orders.end(job, lost)
         with self._orders.lock:

@@ -155,6 +155,13 @@ WRONG = [
         'bridge.limits.pantehr1: nobody on this site is called pantehr1; is "panther1" meant?',
     ),
     (
+        'participants = [{ name = "alice", address = "0x'
+        + "a" * 40
+        + '" }]\n[bridge.limits.alice]\ndaily_iec = 1\n',
+        4,
+        "bridge.limits.alice: alice signs for itself, so no bridge limits what it spends",
+    ),
+    (
         '[bridge]\nshared_wallets = ["organization", "pantehr1"]\n',
         4,
         'bridge.shared_wallets.1: nobody on this site is called pantehr1; is "panther1" meant?',

@@ -573,6 +573,9 @@ def test_a_proof_that_was_undone_is_sent_again_where_its_task_is_assigned_as_it_
 def test_a_proof_that_was_undone_is_taken_back_where_its_task_is_assigned_anew(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    limit = int(robot.transactions.signer.cost(robot.order())["max_fee_per_gas_wei"])
+    robot.limits = Limits(WalletLimits(max_fee_per_gas_gwei=Decimal(limit) / 10**9), IEC)
+    robot.restart()
     monkeypatch.setattr(robot.index, "task", lambda _id: {"nonce": OTHER, "attempt": 1})
     reply = robot.outcome(robot.transactions.orders.submit(proof(robot)))
     undo(robot, reply)
@@ -581,6 +584,7 @@ def test_a_proof_that_was_undone_is_taken_back_where_its_task_is_assigned_anew(
     (instead,) = robot.journal.unfinished()
     assert (instead.command, instead.data, instead.to) == ("nothing", b"", robot.account.address)
     assert instead.nonce == nonce == decoded(instead.raw)["nonce"]
+    assert decoded(instead.raw)["maxFeePerGas"] == instead.max_fee <= limit
     # What the wallet sends later does not wait for a nonce that nobody uses.
     robot.until(lambda: robot.waiting() == 0)
     assert robot.pay(7)["tx_hash"]
