@@ -289,7 +289,7 @@ def middle_s(take: Take, share: float = 0.5) -> float:
     return take.start_s + share * (take.end_s - take.start_s)
 
 
-def with_joints(sample: Sample, **columns: np.ndarray) -> Sample:
+def with_joints(sample: Sample, **columns: Any) -> Sample:
     return replace(sample, message=replace(sample.message, **columns))
 
 

@@ -31,6 +31,8 @@ class Recorded(NamedTuple):
 
     attestation: Attestation
     log_s: float
+    data: bytes
+    """Its JSON."""
 
 
 class Said(NamedTuple):
@@ -89,16 +91,15 @@ def _apart(before: Testimony, after: Testimony) -> str | None:
     return None
 
 
-def recorded(proof: Proof, signers: Collection[str] | None) -> list[Recorded]:
+def recorded(proof: Proof, signers: Collection[str] | None) -> Iterator[Recorded]:
     """The statements said to be by one of `signers` (lower-case addresses; None: by anybody), in file order.
 
     What is no statement, or by somebody else, is passed over: anybody may have put it there.
     """
     column = proof.topics.get(ATTESTATION_CHANNEL)
     if column is None:
-        return []
+        return
     wanted = None if signers is None else [address.encode() for address in signers]
-    found = []
     for data, log_ns in zip(column.data, column.log_ns, strict=True):
         if wanted is not None:
             lowered = data.lower()
@@ -109,8 +110,7 @@ def recorded(proof: Proof, signers: Collection[str] | None) -> list[Recorded]:
         except ValueError:
             continue
         if signers is None or attestation.signer.lower() in signers:
-            found.append(Recorded(attestation, log_ns * 1e-9))
-    return found
+            yield Recorded(attestation, log_ns * 1e-9, data)
 
 
 def testimonies(statements: Iterable[Recorded]) -> dict[str, Testimony]:
@@ -126,13 +126,15 @@ def testimonies(statements: Iterable[Recorded]) -> dict[str, Testimony]:
 class _Link(NamedTuple):
     statement: Statement
     digest: str
-    recorded: Recorded
+    log_s: float
+    data: bytes
+    """Not the attestation: as objects a proof's statements would take a gigabyte."""
 
 
 def _link(one: Recorded) -> _Link | None:
     try:
         statement = parse(one.attestation.payload)
-        return _Link(statement, payload_digest(one.attestation.payload), one)
+        return _Link(statement, payload_digest(one.attestation.payload), one.log_s, one.data)
     except (BadStatement, BadAttestation, ValidationError):
         return None
 
@@ -152,7 +154,7 @@ def _testimony(address: str, links: list[_Link]) -> Testimony:
             if named != (number, link.digest):
                 if bad >= MAX_BAD_SIGNATURES:
                     break
-                if not _genuine(link.recorded.attestation):
+                if not _genuine(Attestation.model_validate(read_json(link.data))):
                     bad += 1
                     continue
             signed.append(link)
@@ -161,7 +163,7 @@ def _testimony(address: str, links: list[_Link]) -> Testimony:
         first = signed[0]
         if len(signed) > 1 or (named[0] == number and named[1] != first.digest):
             twice = number
-        said.append(Said(first.statement, first.digest, first.recorded.log_s))
+        said.append(Said(first.statement, first.digest, first.log_s))
         named = number - 1, first.statement.previous
     said.reverse()
     return Testimony(address, said, twice)

@@ -43,6 +43,8 @@ _CHUNK = struct.Struct("<QQQII")
 _LENGTH = struct.Struct("<Q")
 _ENCODINGS = {"json": None, "cdr": "ros2msg"}
 """Message encoding -> schema encoding; JSON channels have no schema."""
+_MOST_RECORDS = 2_000_000
+"""That are counted before the first chunk is decompressed; more are counted as they are read."""
 _ZSTD_WINDOW_BYTES = 8 * 1024**2
 """Decoders may refuse a larger window than this (RFC 8878, 3.1.1.1.2), unless the content is larger."""
 
@@ -54,10 +56,13 @@ class Limits:
     file_bytes: int = 512 * 1024**2
     uncompressed_bytes: int = 1024**3
     chunk_bytes: int = 64 * 1024**2
+    json_bytes: int = 1024**2
+    """Of one JSON message. Its objects take up to 24 times as much."""
     messages: int = 5_000_000
     chunks: int = 500_000
     channels: int = 256
-    schema_bytes: int = 1024**2
+    declaration_bytes: int = 1024**2
+    """Of a schema, of a channel, and of the header."""
     earliest_ns: int = 946_684_800 * 10**9
     """2000-01-01, before any site of ours."""
     latest_ns: int = 4_102_444_800 * 10**9
@@ -103,6 +108,7 @@ class Container:
                 raise CorruptProof("the file does not begin with the MCAP magic bytes", offset=0)
             self.valid_bytes = len(MCAP0_MAGIC)
             self._read_header(mapped)
+            self._count_stated_bytes(mapped)
             summary = SummaryOf()
             uncompressed = 0
             while True:
@@ -136,10 +142,23 @@ class Container:
         opcode, body, end = self._record(mapped, self.valid_bytes)
         if opcode != Opcode.HEADER:
             raise CorruptProof("the file does not begin with a header", opcode=opcode)
+        _limit("declaration_bytes", len(body), self.limits.declaration_bytes)
         header = _parse(Header.read, body)
         if header.profile != "ros2":
             raise CorruptProof("the MCAP profile is not ros2", profile=header.profile[:100])
         self.valid_bytes = end
+
+    def _count_stated_bytes(self, mapped: mmap.mmap) -> None:
+        """Before anything is decompressed: what the chunks say that they hold. Each is held to it later."""
+        offset, stated = self.valid_bytes, 0
+        for _ in range(_MOST_RECORDS):
+            if offset + _RECORD.size + _CHUNK.size > len(mapped) or mapped[offset] == Opcode.DATA_END:
+                return
+            opcode, length = _RECORD.unpack_from(mapped, offset)
+            if opcode == Opcode.CHUNK:
+                stated += _CHUNK.unpack_from(mapped, offset + _RECORD.size)[2]
+                _limit("uncompressed_bytes", stated, self.limits.uncompressed_bytes)
+            offset += _RECORD.size + length
 
     def _check_chunk(
         self,
@@ -290,6 +309,7 @@ class Container:
         begin, end = offset + _RECORD.size, offset + _RECORD.size + length
         if end > len(chunk):
             raise CorruptProof("a record is longer than its chunk", length=length, offset=self.valid_bytes)
+        _limit("declaration_bytes", length, self.limits.declaration_bytes)
         if opcode == Opcode.SCHEMA:
             self._declare_schema(_parse(Schema.read, chunk[begin:end]))
         elif opcode == Opcode.CHANNEL:
@@ -301,7 +321,6 @@ class Container:
         return end
 
     def _declare_schema(self, schema: Schema) -> None:
-        _limit("schema_bytes", len(schema.data), self.limits.schema_bytes)
         if schema.id == 0:
             raise CorruptProof("a schema has the ID 0, which MCAP reserves", name=schema.name[:200])
         if schema.id in self.schemas:

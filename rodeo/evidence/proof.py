@@ -14,7 +14,7 @@ from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import Binding
-from rodeo.evidence.series import Table, table
+from rodeo.evidence.series import Payloads, Table, table
 from rodeo.strict_json import read_json
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 
@@ -29,7 +29,7 @@ class TopicMessages:
         self.log_ns = array("Q")
         self.publish_ns = array("Q")
         self.sequence = array("I")
-        self.data: list[bytes] = []
+        self.data = Payloads()
         self._table: Table | None = None
 
     def __len__(self) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rodeo.evidence.container import Container, Limits, RawMessage
-from rodeo.evidence.errors import BrokenSeal
+from rodeo.evidence.errors import BrokenSeal, ProofTooLarge
 from rodeo.evidence.seal import RunningHash, SealAudit, channel_digest
 from rodeo.topics import SEAL_CHANNEL
 
@@ -34,6 +34,13 @@ class SealedReader:
             if channel is None:
                 channel = channels[message.channel_id] = self._channel(message.channel_id)
             topic, schema_name, digest = channel
+            if not schema_name and len(message.data) > self._container.limits.json_bytes:
+                raise ProofTooLarge(
+                    "a JSON message is larger than allowed",
+                    limit="json_bytes",
+                    value=len(message.data),
+                    allowed=self._container.limits.json_bytes,
+                )
             if topic == SEAL_CHANNEL:
                 unsealed_ns = 0 if unsealed_since_ns is None else last_ns - unsealed_since_ns
                 self.audit.see(message.data, self.running, unsealed_ns)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rodeo.clock import TimeSource
+from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import (
     BrokenSeal,
     ContainerError,
@@ -45,6 +46,7 @@ UNREADABLE = "unreadable"
 RESUMED = "recording_resumed"
 """Event of a recorder that goes on after a cut."""
 _JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
+_MOST_JSON_BYTES = Limits().json_bytes
 _IDLE_SEAL_S = 1.0
 """Wall time after which messages are sealed although no further one came."""
 _AT_ONCE_NS = 100_000_000
@@ -240,6 +242,8 @@ class Recorder:
             raise ValueError(f"no such JSON channel: {channel}")
         try:
             data = write_json(payload)
+            if len(data) > _MOST_JSON_BYTES:
+                raise ValueError(f"{len(data)} bytes are more than {_MOST_JSON_BYTES}")
         except ValueError as error:
             log.warning("left out of the recording what nobody could read: %s", error)
             left_out = {

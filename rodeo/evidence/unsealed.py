@@ -7,12 +7,16 @@ binding and signer. What a recording of ours holds on a JSON channel is in a bag
 
 from __future__ import annotations
 
+import os
+import struct
 from array import array
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
+from typing import IO
 
 from mcap.reader import make_reader
+from mcap.writer import MCAP0_MAGIC
 from rosbags.convert.converter import is_same_wireformat, migrate_bytes
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys.store import Typestore
@@ -25,6 +29,9 @@ from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
 _JSON = {"/" + channel: channel for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)}
 _STRING = "std_msgs/msg/String"
+_FOOTER = struct.Struct("<QQI")
+_MOST_SUMMARY_BYTES = 16 * 1024**2
+"""Its reader makes an object of every record in it, which takes ten times as much, and its time."""
 _Convert = Callable[[bytes], bytes]
 
 
@@ -37,11 +44,21 @@ def is_never_sealed(path: Path) -> bool:
     """Whether an MCAP file that is no proof is a recording by another tool rather than a spoilt proof."""
     try:
         with path.open("rb") as file:
+            if _summary_bytes(file) > _MOST_SUMMARY_BYTES:
+                return False
+            file.seek(0)
             summary = make_reader(file).get_summary()
     except Exception:  # noqa: BLE001 - the reader raises a dozen unrelated types for what is malformed
         return False
     topics = [channel.topic for channel in summary.channels.values()] if summary else []
     return bool(topics) and SEAL_CHANNEL not in topics
+
+
+def _summary_bytes(file: IO[bytes]) -> int:
+    """How much is in an MCAP file behind its data section, by its footer."""
+    end = file.seek(-_FOOTER.size - len(MCAP0_MAGIC), os.SEEK_END)
+    start, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
+    return end - int(start) if start else 0
 
 
 def open_bag(path: Path, limits: Limits | None = None) -> Proof:

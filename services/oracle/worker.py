@@ -48,8 +48,8 @@ from services.oracle.away import FAULT
 
 log = logging.getLogger(__name__)
 
-MEMORY_BYTES = 4 << 30
-"""Address space of one verification: several times what the largest allowed proof needs."""
+MEMORY_BYTES = 6 << 30
+"""Address space of one verification: twice what the largest allowed proof was measured to need."""
 ATTEMPTS = 2
 """A verification that ended without a report is tried once more: the machine may have been the reason."""
 

@@ -161,6 +161,34 @@ def decompression_bomb(shop: CleaningWorkshop) -> Submission:
     return _file(shop, "bomb", MCAP0_MAGIC + records)
 
 
+@HARNESS.forgery("readable_and_sealed", "more uncompressed_bytes than allowed", role="executor")
+def decompression_bombs(shop: CleaningWorkshop) -> Submission:
+    """Many chunks of some kilobytes, of which each may be as large as it is, and all together are not."""
+    size, zeros = 60 << 20, zstandard.compress(bytes(60 << 20))
+    body = struct.pack("<QQQII", 0, 0, size, 0, 4) + b"zstd" + struct.pack("<Q", len(zeros)) + zeros
+    header = struct.pack("<I", 4) + b"ros2" + struct.pack("<I", 0)
+    chunk = struct.pack("<BQ", 6, len(body)) + body
+    return _file(shop, "bombs", MCAP0_MAGIC + struct.pack("<BQ", 1, len(header)) + header + 18 * chunk)
+
+
+@HARNESS.forgery("within_counts", "more bytes per message", role="executor")
+def thousands_of_joints(shop: CleaningWorkshop) -> Submission:
+    """The robot has 1,700 joints more, which pack well: memory for the tables that checks make of them."""
+    names, zeros = [f"joint{number}" for number in range(1_700)], np.zeros(1_700)
+
+    def wide(sample: Sample) -> Sample | None:
+        said = sample.message
+        if sample.time_ns % 10**9 >= 10**8:
+            return None  # a tenth of them is a hundred megabytes less, and is enough
+        columns = {name: np.concatenate([getattr(said, name), zeros]) for name in _COLUMNS}
+        return with_joints(sample, name=[*said.name, *names], **columns)
+
+    return shop.submitted(shop.take.edited(JOINT_STATES, wide))
+
+
+_COLUMNS = ("position", "velocity", "effort")
+
+
 @HARNESS.forgery("readable_and_sealed", "proof_too_large", role="executor")
 def millions_of_topics(shop: CleaningWorkshop) -> Submission:
     """Twenty thousand channels. The oracle stops reading before the end."""

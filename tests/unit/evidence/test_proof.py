@@ -6,11 +6,13 @@ import io
 import json
 import random
 import struct
+import tracemalloc
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zstandard
 from eth_account import Account
@@ -32,7 +34,7 @@ from rodeo.evidence.errors import (
     TruncatedProof,
     UnsealedProof,
 )
-from rodeo.evidence.proof import open_proof
+from rodeo.evidence.proof import TopicMessages, open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.ros2.types import new, serialize
@@ -299,6 +301,52 @@ def test_many_small_chunks_count_together(tmp_path: Path) -> None:
         list(Container(path, Limits(uncompressed_bytes=10 * 1024**2)).messages())
 
 
+def test_what_chunks_state_is_counted_before_any_is_decompressed(
+    recorded: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(Container, "_decompressed")
+    with pytest.raises(ProofTooLarge) as caught:
+        open_proof(recorded(), Limits(uncompressed_bytes=50_000))
+    assert caught.value.details["limit"] == "uncompressed_bytes"
+
+
+@pytest.mark.parametrize(("odd", "times"), [("length", 1.5), ("name", 0.5)])
+def test_a_table_takes_the_memory_of_its_messages_at_most_once_more(odd: str, times: float) -> None:
+    """However few messages are odd, and however often some are left out of it."""
+    names = [f"joint{number}" for number in range(200)]
+    plain, other = (
+        serialize(new("sensor_msgs/msg/JointState", name=[first, *names[1:]], position=np.zeros(200)))
+        for first in ("joint0", "other0")
+    )
+    column = TopicMessages("/joint_states", "sensor_msgs/msg/JointState")
+    for number in range(16_000):
+        strange = other if odd == "name" else plain + bytes(4)
+        column.data.append(strange if number in (7, 2_000, 15_990) else plain)
+        column.log_ns.append(number)
+    tracemalloc.start()
+    try:
+        table = column.table()
+        left = table.only(np.arange(len(table)) != 5).only(np.arange(len(table) - 1) != 5)
+        assert left.named("position", ["joint3", "joint199"]).shape == (15_995, 2)
+        assert tracemalloc.get_traced_memory()[1] < times * column.data.size_bytes
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_json_message_is_not_larger_than_it_may_be(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    """What is recorded honestly and is larger is left out, with a note."""
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    recorder.write_json("rodeo/event", {"name": "TaskRegistered", "params": "x" * Limits().json_bytes})
+    path = recorder.close().path
+    (note,) = (one for one in open_proof(path).events() if one["event"] == "unreadable")
+    assert note["name"] == "TaskRegistered"
+    with pytest.raises(ProofTooLarge) as caught:
+        open_proof(path, Limits(json_bytes=100))
+    assert caught.value.details["limit"] == "json_bytes"
+
+
 @pytest.mark.parametrize(
     ("limits", "limit"),
     [
@@ -306,7 +354,7 @@ def test_many_small_chunks_count_together(tmp_path: Path) -> None:
         (Limits(chunks=2), "chunks"),
         (Limits(file_bytes=1000), "file_bytes"),
         (Limits(channels=2), "channels"),
-        (Limits(schema_bytes=100), "schema_bytes"),
+        (Limits(declaration_bytes=100), "declaration_bytes"),
         (Limits(latest_ns=START_NS), "times"),
         (Limits(uncompressed_bytes=50_000), "uncompressed_bytes"),
     ],
