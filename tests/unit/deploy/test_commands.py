@@ -79,10 +79,12 @@ def used(tree: ast.AST) -> set[str]:
 @cache
 def shared() -> dict[str, set[str]]:
     """Functions and classes of the shared package, methods of `Participant` -> the commands they send."""
-    units: dict[str, ast.AST] = {}
+    sends: dict[str, set[str]] = {}
+    uses: dict[str, set[str]] = {}
     for path in sorted((ROOT / "rodeo").rglob("*.py")):
         if path.parent.name == "chain" or path.name == "payloads.py":
             continue  # what a contract is called with, and documentation
+        units: dict[str, ast.AST] = {}
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef) and node.name == "Participant":
                 methods = {one.name: one for one in node.body if isinstance(one, ast.FunctionDef)}
@@ -90,12 +92,16 @@ def shared() -> dict[str, set[str]]:
                 units |= {f".{name}": method for name, method in methods.items()}
             elif isinstance(node, ast.FunctionDef | ast.ClassDef):
                 units[node.name] = node
-    sends = {name: literals(unit) for name, unit in units.items()}
-    methods_called = {name: used(unit) & sends.keys() for name, unit in units.items()}
-    sends = {
-        name: found.union(*(sends[one] for one in methods_called[name])) for name, found in sends.items()
-    }
-    return {name: found for name, found in sends.items() if found}
+        for name, unit in units.items():
+            beside = {one.id for one in ast.walk(unit) if isinstance(one, ast.Name)} & units.keys()
+            sends[name], uses[name] = literals(unit), used(unit) | beside
+    while True:
+        more = {
+            name: own.union(*(sends[one] for one in uses[name] & sends.keys())) for name, own in sends.items()
+        }
+        if more == sends:
+            return {name: found for name, found in sends.items() if found}
+        sends = more
 
 
 def sent_by(process: str) -> set[str]:
