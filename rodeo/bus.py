@@ -42,7 +42,7 @@ from rodeo.messages import DaoEvent, Status
 from rodeo.metrics import REQUESTS
 from rodeo.receiving import direct
 from rodeo.redaction import redacted_json
-from rodeo.strict_json import read_json
+from rodeo.strict_json import encode, read_json
 from rodeo.tls import Identity
 
 log = logging.getLogger(__name__)
@@ -195,7 +195,7 @@ class Bus:
 
     def put_json(self, key: str, value: BaseModel | dict[str, Any]) -> None:
         """Publish `value` reliably: the publisher waits rather than drops."""
-        self.put_bytes(key, _encode(value))
+        self.put_bytes(key, encode(value))
 
     def put_bytes(self, key: str, payload: bytes) -> None:
         """The same with a payload that is encoded already. Raises zenoh.ZError when the session is closed."""
@@ -267,7 +267,7 @@ class Bus:
         selector = key
         if parameters:
             selector += "?" + ";".join(f"{name}={_escaped(value)}" for name, value in parameters.items())
-        body = payload if isinstance(payload, bytes | None) else _encode(payload)
+        body = payload if isinstance(payload, bytes | None) else encode(payload)
         try:
             replies = self.session.get(selector, payload=body, timeout=timeout_s)
         except zenoh.ZError as refusal:
@@ -370,13 +370,13 @@ class Bus:
                     reply = done.result()
                 except RodeoError as error:
                     outcome = error.code
-                    query.reply_err(_encode(redacted_json(error.to_json())))
+                    query.reply_err(encode(redacted_json(error.to_json())))
                 except Exception as error:
                     outcome = "internal"
                     log.exception("the handler of %s failed", query.key_expr)
-                    query.reply_err(_encode(redacted_json(_internal(error))))
+                    query.reply_err(encode(redacted_json(_internal(error))))
                 else:
-                    query.reply(own_key or query.key_expr, _encode(reply))
+                    query.reply(own_key or query.key_expr, encode(reply))
             REQUESTS.labels(key, outcome).observe(time.perf_counter() - started_s)
 
         def on_query(query: zenoh.Query) -> None:
@@ -561,9 +561,3 @@ def _escaped(value: Any) -> str:
 
 def _internal(error: Exception) -> dict[str, Any]:
     return {"code": "internal", "message": repr(error), "details": {}}
-
-
-def _encode(value: BaseModel | dict[str, Any]) -> bytes:
-    if isinstance(value, BaseModel):
-        return value.model_dump_json().encode()
-    return json.dumps(value, default=str, separators=(",", ":")).encode()

@@ -33,6 +33,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rodeo.errors import PortUnavailable, RodeoError, snake_case
 from rodeo.redaction import redacted, redacted_json
+from rodeo.strict_json import finite
 
 _KEEP_ALIVE_S = 5
 _MAX_HEAD_BYTES = 16 << 10
@@ -94,7 +95,7 @@ def problem(
         status=status,
         detail=redacted(detail),
         code=code,
-        details=redacted_json(plain),
+        details=finite(redacted_json(plain)),
     )
     return _ProblemResponse(said.model_dump(), status, headers)
 

@@ -11,6 +11,7 @@ import math
 import re
 from typing import Any
 
+from pydantic import BaseModel
 from pydantic_core import from_json
 
 DEPTH = 201
@@ -36,6 +37,33 @@ def write_json(value: Any, indent: int | None = None) -> bytes:
     data = text.encode()
     _check(data)
     return data
+
+
+def encode(value: BaseModel | dict[str, Any]) -> bytes:
+    """A message or an answer of the bus. Numbers that are not finite are null, which is unknown; what else
+    JSON does not know is written as text."""
+    if isinstance(value, BaseModel):
+        return value.model_dump_json().encode()
+    try:
+        return _compact(value)
+    except ValueError:
+        return _compact(finite(value))
+
+
+def finite(value: Any) -> Any:
+    """`value` with None for each number that is not finite."""
+    match value:
+        case float() if not math.isfinite(value):
+            return None
+        case dict():
+            return {key: finite(one) for key, one in value.items()}
+        case list() | tuple():
+            return [finite(one) for one in value]
+    return value
+
+
+def _compact(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, default=str, separators=(",", ":"), allow_nan=False).encode()
 
 
 def plain(value: Any) -> Any:

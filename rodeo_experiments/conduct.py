@@ -33,6 +33,7 @@ from rodeo.files import replace_file
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.messages import DaoEvent, Deposit, RegisterTask
 from rodeo.person.statement import Executor, judge
+from rodeo.readings import unknown_charge, unknown_power
 from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 from rodeo.stamps import stamp_s
@@ -102,6 +103,8 @@ class Meters:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def on_gauge(self, robot: str, message: Any, _info: Any) -> None:
+        if unknown_charge(message) or unknown_power(message):
+            return
         time_s, soc = stamp_s(message.header.stamp), float(message.percentage)
         with self.lock:
             before = next((one for one in reversed(self.battery) if one.robot == robot), None)
@@ -112,6 +115,8 @@ class Meters:
                 )
 
     def on_output(self, dock: str, message: Any, _info: Any) -> None:
+        if unknown_power(message):
+            return
         time_s = stamp_s(message.header.stamp)
         power_w = float(message.voltage) * float(message.current)
         with self.lock:

@@ -15,6 +15,7 @@ from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose
 from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, dock_parking
+from rodeo.readings import unknown_pose
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
 from rodeo.ros2 import types
@@ -55,7 +56,8 @@ class Lab:
             )
 
     def _on_pose(self, robot: str, message: Any, _info: Any) -> None:
-        self._poses[robot] = message.pose.position
+        if not unknown_pose(message.pose):
+            self._poses[robot] = message.pose.position
 
     def wait_ready(self) -> None:
         """Raises ExperimentFailed when nobody places items."""

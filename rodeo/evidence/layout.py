@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from rodeo.evidence.errors import LayoutChanged
+from rodeo.readings import is_rotation
 from rodeo.ros2.definitions import ARRAY, BASE, NAME, definition
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
@@ -150,6 +151,11 @@ class Layout:
             for one in wanted
             if one.code in _FLOATS
         )
+        self._rotations = [
+            struct.Struct(f"<{one.offset}x4d")
+            for path, one in walk.numbers.items()
+            if path.startswith(numbers) and path.endswith("orientation.x")
+        ]
 
     def fits(self, message: bytes) -> bool:
         """Whether `message` can be read as the first one was: same length, names and counts."""
@@ -160,6 +166,10 @@ class Layout:
         numbers = self._numbers.unpack_from(message)
         # A sum shows any that is not in a fourth of the time. One of finite numbers may still be too large.
         return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))
+
+    def turned(self, message: bytes) -> bool:
+        """Whether the orientations of a message that fits are rotations."""
+        return all(is_rotation(*one.unpack_from(message)) for one in self._rotations)
 
 
 def _fields_at(fields: Iterable[tuple[int, str]]) -> struct.Struct:

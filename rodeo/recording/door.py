@@ -35,6 +35,7 @@ class Refusal(StrEnum):
     MALFORMED = "malformed"
     """It cannot be read, or not as those before it."""
     NOT_A_NUMBER = "not_a_number"
+    """Or an orientation is no rotation."""
     MISADDRESSED = "misaddressed"
     """It names another frame, device, organization or chain than those that belong on this key."""
     DOUBLED = "doubled"
@@ -170,7 +171,7 @@ class MessageDoor:
                 return Refusal.MISADDRESSED
         elif not layout.fits(cdr):
             return self._misfit(layout, cdr)
-        if not layout.finite(cdr):
+        if not layout.finite(cdr) or not layout.turned(cdr):
             return Refusal.NOT_A_NUMBER
         self._layout = layout
         return None

@@ -119,15 +119,17 @@ class EnergyMeter:
 
     def reading(self, time_s: float, voltage_v: float, current_a: float) -> None:
         """`current_a` is negative while it discharges, as sensor_msgs/BatteryState says."""
-        power_w = max(0.0, -voltage_v * current_a)
-        if self._last is not None and math.isfinite(power_w):
+        power_w = -voltage_v * current_a
+        if not math.isfinite(power_w):
+            return
+        power_w = max(0.0, power_w)
+        if self._last is not None:
             last_s, last_w = self._last
             step_s = time_s - last_s
             if 0 < step_s <= _LONGEST_GAP_S:
                 self.energy_wh += (power_w + last_w) / 2 * step_s / 3600
                 self.duration_s += step_s
-        if math.isfinite(power_w):
-            self._last = time_s, power_w
+        self._last = time_s, power_w
 
 
 def battery_suffices(soc: float, battery: BatteryConfig, task_wh: float, home_wh: float) -> bool:

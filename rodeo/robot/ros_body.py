@@ -20,6 +20,7 @@ from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.geometry import on_plane
 from rodeo.lab.layout import on_contacts
 from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
+from rodeo.readings import unknown_charge, unknown_joints, unknown_pose
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
@@ -83,12 +84,26 @@ class _Arrival(NamedTuple):
 
 
 class Latest:
-    """The newest message of one topic; decoded when it is asked for."""
+    """The newest message of one topic; decoded when it is asked for.
+
+    Args:
+        unknown: why a message cannot be used, "" if it can.
+    """
 
     def __init__(
-        self, node: Node, topic: str, typename: str, clock: Clock, interrupts: Interrupts, simulated: bool
+        self,
+        node: Node,
+        topic: str,
+        typename: str,
+        clock: Clock,
+        interrupts: Interrupts,
+        simulated: bool,
+        unknown: Callable[[Any], str] = lambda _message: "",
     ) -> None:
         self.topic = topic
+        self.problem = ""
+        """Why the message that was decoded last cannot be used."""
+        self._unknown = unknown
         self._simulated = simulated
         self._interrupts = interrupts
         types.prepare(typename)
@@ -103,8 +118,8 @@ class Latest:
         self._newest = _Arrival(info.cdr, self._newest.number + 1, time.monotonic(), self._clock.now_s())
 
     def recent(self) -> Any:
-        """The newest message without waiting, None when it is older than `_SILENT_AFTER_S`. While the site's
-        clock stands nobody says more, and it gets no older."""
+        """The newest message without waiting, None when it cannot be used or is older than `_SILENT_AFTER_S`.
+        While the site's clock stands nobody says more, and it gets no older."""
         newest = self._newest
         age_s = min(time.monotonic() - newest.wall_s, self._clock.now_s() - newest.site_s)
         return self._decoded(newest.cdr) if age_s < _SILENT_AFTER_S else None
@@ -140,7 +155,7 @@ class Latest:
         return newest.site_s
 
     def next(self) -> Any:
-        """The first message that arrives from now on. Raises BodySilent."""
+        """The first message that arrives from now on and can be used. Raises BodySilent."""
         patience = Patience(self._clock, _SILENT_AFTER_S)
         seen = self._newest
         while not patience.is_over:
@@ -150,14 +165,21 @@ class Latest:
             if seen.number != before.number and (message := self._decoded(seen.cdr)) is not None:
                 return message
             self._interrupts.check()
-        raise BodySilent("no fresh message", topic=self.topic, silent_s=_SILENT_AFTER_S)
+        said = f"no fresh message on {self.topic}" + (f" can be used: {self.problem}" if self.problem else "")
+        raise BodySilent(said, topic=self.topic, silent_s=_SILENT_AFTER_S)
 
     def _decoded(self, cdr: bytes) -> Any:
         try:
-            return types.deserialize(cdr, self._typename)
+            message = types.deserialize(cdr, self._typename)
+            problem = self._unknown(message)
         except MalformedMessage as error:
-            log.warning("ignored a message on %s: %s", self.topic, error)
-            return None
+            message, problem = None, str(error)
+        if problem and not self.problem:
+            log.warning("ignored a message on %s: %s", self.topic, problem)
+        elif self.problem and not problem:
+            log.info("messages on %s can be used again", self.topic)
+        self.problem = problem
+        return None if problem else message
 
 
 class RosBody:
@@ -173,14 +195,18 @@ class RosBody:
         self.interrupts = interrupts
         names, simulated = {"ns": robot.namespace}, site.clock.source == "sim"
 
-        def latest(name: str, topic: topics.Topic) -> Latest:
-            return Latest(node, name, topic.type, clock, interrupts, simulated)
+        def latest(name: str, topic: topics.Topic, unknown: Callable[[Any], str]) -> Latest:
+            return Latest(node, name, topic.type, clock, interrupts, simulated, unknown)
 
-        self._joint_states = latest(topics.JOINT_STATES.name(**names), topics.JOINT_STATES)
-        self._battery = latest(topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE)
+        arm = self._arm_model = arm_model(robot.kinematics)
+        self._joint_states = latest(
+            topics.JOINT_STATES.name(**names),
+            topics.JOINT_STATES,
+            lambda state: unknown_joints(state, (*arm.joints, *arm.fingers)),
+        )
+        self._battery = latest(topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE, unknown_charge)
         pose = topics.MOCAP_POSE.name(body=robot.name) if site.lab.mocap else topics.POSE.name(**names)
-        self._pose = latest(pose, topics.MOCAP_POSE)
-        self._arm_model = arm_model(robot.kinematics)
+        self._pose = latest(pose, topics.MOCAP_POSE, lambda message: unknown_pose(message.pose))
         self._clock = clock
         self._docks = site.docks
         self._navigate, self._follow, self._grip = (
@@ -214,18 +240,27 @@ class RosBody:
         """Raises BodySilent."""
         # At 1 Hz a recent one is as good as the next, and an assignment need not wait for it.
         message = self._battery.recent() or self._battery.next()
-        return Battery(float(message.percentage), message.power_supply_status == 1)
+        return Battery(min(float(message.percentage), 1.0), message.power_supply_status == 1)
 
     def vitals(self) -> dict[str, Any]:
-        """State of charge and whether the robot is docked, as far as recently heard, for its status."""
+        """State of charge and whether the robot is docked, as far as recently heard, and what is unknown
+        because of what the body says, for the robot's status."""
         heard: dict[str, Any] = {}
         battery, pose = self._battery.recent(), self._pose.recent()
         if battery is not None:
-            heard["soc"] = round(float(battery.percentage), 3)
+            heard["soc"] = round(min(float(battery.percentage), 1.0), 3)
         if pose is not None:
             base = on_plane(pose.pose)
             heard["docked"] = any(on_contacts(dock, base) for dock in self._docks)
+        if unknown := self.unknown:
+            heard["unknown"] = unknown
         return heard
+
+    @property
+    def unknown(self) -> str:
+        """What the body says that cannot be used, and why; "" if there is none."""
+        heard = (self._battery, self._pose, self._joint_states)
+        return "; ".join(f"{one.topic}: {one.problem}" for one in heard if one.problem)
 
     def recent_base_pose(self) -> Pose2 | None:
         """Where the base stood a moment ago, None when nobody says so."""
@@ -294,6 +329,8 @@ class RosBody:
         command = types.new("control_msgs/msg/GripperCommand", position=position_m, max_effort=force_n)
         goal = types.new(f"{topics.GRIPPER_CMD.type}_Goal", command=command)
         result = self._execute(self._grip, lambda: goal)
+        if not math.isfinite(result.position):
+            raise MotionFailed("the gripper does not say where its fingers are", position=result.position)
         return Grip(float(result.position), bool(result.stalled))
 
     def _execute(
@@ -334,7 +371,7 @@ class RosBody:
 
 
 def _joints(message: Any, arm: ArmModel) -> Joints:
-    position = dict(zip(message.name, message.position, strict=True))
+    position = dict(zip(message.name, message.position, strict=False))
     left, right = (position[name] for name in arm.fingers)
     return Joints(np.array([position[name] for name in arm.joints]), float(left - right) / 2)
 

@@ -64,6 +64,8 @@ class WristCamera:
             node.close()
         position_m, rotation = self._pose()
         matrix = np.array(info.k, float).reshape(3, 3)
+        if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
+            raise NoAnswer("the wrist camera does not say its focal lengths", k=matrix.ravel().tolist())
         try:
             return [View(depth_image(frame), matrix, position_m, rotation) for frame in frames]
         except MalformedMessage as error:

@@ -20,6 +20,7 @@ from rodeo.redaction import redacted_json
 from rodeo.ros2 import wire
 from rodeo.ros2.definitions import definition
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
+from rodeo.strict_json import encode
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +85,7 @@ class PendingRequest:
 def _reply_error(query: zenoh.Query, error: RodeoError) -> None:
     # A query is finished when its object goes, which a traceback may keep alive: finish it explicitly.
     with query:
-        query.reply_err(json.dumps(redacted_json(error.to_json()), default=str).encode())
+        query.reply_err(encode(redacted_json(error.to_json())))
 
 
 class DeferredService:

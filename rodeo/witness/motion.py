@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rodeo.evidence.errors import BadStatement
+from rodeo.readings import is_rotation
 from rodeo.witness.poses import LARGEST_M, REST_M, REST_PERIOD_US, REST_RAD, pack, unpack_all
 from rodeo.witness.statement import MAX_STALLS, Motion
 
@@ -131,6 +132,13 @@ class _Body:
             self.add(one)
 
 
+def _can_be_signed(sample: Sample) -> bool:
+    """Whether the position is finite and near enough, and the orientation a rotation."""
+    x_m, y_m, z_m = sample.position_m
+    near = abs(x_m) < LARGEST_M and abs(y_m) < LARGEST_M and abs(z_m) < LARGEST_M  # False for NaN
+    return near and is_rotation(*sample.quaternion)
+
+
 def _same(one: Sample, other: Sample) -> bool:
     return one.position_m == other.position_m and one.quaternion == other.quaternion
 
@@ -160,16 +168,15 @@ class MotionLog:
             body.stood_still(from_us, to_us)
 
     def add(self, body: str, sample: Sample) -> None:
-        """A pose. One that is not later than the one before, or too far away to be signed, counts as not
-        seen."""
-        if max(map(abs, sample.position_m)) < LARGEST_M:
+        """A pose. One that is not later than the one before, or cannot be signed, counts as not seen."""
+        if _can_be_signed(sample):
             self._bodies[body].add(sample)
         else:
             self._bodies[body].taken = False
 
     def add_all(self, body: str, samples: list[Sample]) -> None:
         """Poses at rising times; like `add`, and faster for a moving body."""
-        if all(max(map(abs, sample.position_m)) < LARGEST_M for sample in samples):
+        if all(map(_can_be_signed, samples)):
             self._bodies[body].add_all(samples)
         else:
             for sample in samples:

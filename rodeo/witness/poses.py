@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rodeo.evidence.errors import BadStatement
+from rodeo.readings import UNIT_SLACK
 
 Array = np.ndarray[Any, Any]
 
@@ -41,14 +42,20 @@ assert _RECORD.itemsize == POSE_BYTES
 
 
 def pack(offset_us: Array, position_m: Array, quaternion: Array) -> str:
-    """Poses (n,), (n, 3) and (n, 4) w, x, y, z as text. Raises ValueError beyond `LARGEST_M`."""
+    """Poses (n,), (n, 3) and (n, 4) w, x, y, z as text.
+
+    Raises ValueError beyond `LARGEST_M`, and for an orientation that is no unit quaternion.
+    """
     steps = np.rint(np.asarray(position_m, float) / STEP_M)
     if not (np.abs(steps) < 2**23).all():
         raise ValueError(f"a position is beyond {LARGEST_M:.0f} m")
     records = np.zeros(len(steps), _RECORD)
     records["offset_us"] = offset_us
     records["position"] = steps.astype("<i4").view("u1").reshape(-1, 3, 4)[..., :3]
-    unit = np.asarray(quaternion, float) / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    if not (np.abs(norm - 1) <= UNIT_SLACK).all():
+        raise ValueError("an orientation is no unit quaternion")
+    unit = np.asarray(quaternion, float) / norm
     largest = np.abs(unit).argmax(axis=1)
     rows = np.arange(len(unit))
     unit *= np.where(unit[rows, largest] < 0, -1.0, 1.0)[:, None]

@@ -194,7 +194,9 @@ class Delivery:
         with self._step():
             if not self._let_in(self._output_topic, topics.DOCK_OUTPUT.type, info):
                 return
-            reading = Reading(stamp_s(message.header.stamp), float(message.voltage), float(message.current))
+            # Noise around 0 V is no negative voltage, which a record cannot say.
+            voltage_v = max(float(message.voltage), 0.0)
+            reading = Reading(stamp_s(message.header.stamp), voltage_v, float(message.current))
             since_s, risen_w = reading.time_s - self._last_time_s, reading.power_w - self.power_w
             self._power_rises_w_s = risen_w / since_s if since_s > 0 and self.power_w > 0 else 0.0
             self._last_time_s = reading.time_s

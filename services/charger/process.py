@@ -36,6 +36,7 @@ from rodeo.lab.config import DockConfig
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.process import Process
+from rodeo.readings import unknown_power
 from rodeo.recording.door import stamp_slack_s
 from rodeo.recording.seals import SealPublisher
 from rodeo.recording.statements import StatementDoor, StatementListener
@@ -101,6 +102,8 @@ class Charger:
         self._events_lock = threading.Lock()
         self._heard_s = -math.inf
         """Wall (monotonic) time of the dock's last reading."""
+        self._unusable = ""
+        """Why the newest reading cannot be used."""
         self._node = PlainNode(
             process.bus.session, f"{dock.name}_meter", "", site.bus.domain_id, process.clock
         )
@@ -130,6 +133,9 @@ class Charger:
     # -- bus -------------------------------------------------------------------------------------------
 
     def _on_output(self, message: Any, info: MessageInfo) -> None:
+        self._unusable = unknown_power(message)
+        if self._unusable:
+            return
         self._heard_s = time.monotonic()
         delivery = self._delivery
         if delivery is not None:
@@ -538,7 +544,8 @@ class Charger:
 
     def _update_readiness(self) -> None:
         if time.monotonic() - self._heard_s > _SILENCE_S:
-            self._process.not_ready(f"no readings from {topics.DOCK_OUTPUT.name(dock=self._dock.name)}")
+            why = f" can be used: {self._unusable}" if self._unusable else ""
+            self._process.not_ready(f"no readings from {topics.DOCK_OUTPUT.name(dock=self._dock.name)}{why}")
         else:
             self._process.ready()
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -28,6 +29,7 @@ from rodeo.lab.geometry import on_plane
 from rodeo.messages import DaoEvent, Status, Task
 from rodeo.person.pace import Pace
 from rodeo.processes import processes_of
+from rodeo.readings import unknown_charge, unknown_joints, unknown_pose
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
 from services.console.queries import Queries
@@ -55,10 +57,11 @@ _MOST_PROCESSES = 500
 
 
 class Newest:
-    """The newest message of a ROS topic."""
+    """The newest message of a ROS topic that can be used."""
 
     def __init__(self, session: zenoh.Session, domain_id: int, topic: str, typename: str) -> None:
         self._typename = typename
+        self._unknown = _UNKNOWN.get(typename, lambda _message: "")
         key = wire.data_key(domain_id, topic, typename)
         self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
         self.message: Any = None
@@ -71,10 +74,13 @@ class Newest:
         if sample is None:
             return
         try:
-            self.message = types.deserialize(sample.payload.to_bytes(), self._typename)
+            message = types.deserialize(sample.payload.to_bytes(), self._typename)
         except MalformedMessage as error:
             log.warning("ignored a message on %s: %s", sample.key_expr, error)
             return
+        if self._unknown(message):
+            return  # what was known before grows old
+        self.message = message
         self.heard_s = time.monotonic()
 
     @property
@@ -83,6 +89,15 @@ class Newest:
 
     def close(self) -> None:
         self._subscriber.undeclare()
+
+
+_UNKNOWN: dict[str, Callable[[Any], str]] = {
+    topics.MOCAP_POSE.type: lambda message: unknown_pose(message.pose),
+    topics.ODOM.type: lambda message: unknown_pose(message.pose.pose),
+    topics.BATTERY_STATE.type: unknown_charge,
+    topics.PLAN.type: lambda path: next(filter(None, (unknown_pose(one.pose) for one in path.poses)), ""),
+}
+"""Why a message cannot be drawn. Joints are looked at one by one."""
 
 
 @dataclass(frozen=True)
@@ -345,9 +360,9 @@ class Live:
         elif odom.message is not None:
             state |= _pose(odom.message.pose.pose) | {"fresh": odom.fresh, "source": "wheel odometry"}
         if joints.message is not None and joints.fresh:
-            angles = dict(zip(joints.message.name, joints.message.position, strict=False))
             arm = arm_drawing(robot.kinematics)
-            if all(joint in angles for joint in arm.joints):
+            if not unknown_joints(joints.message, arm.joints):
+                angles = dict(zip(joints.message.name, joints.message.position, strict=False))
                 state["arm"] = arm.points(np.array([angles[joint] for joint in arm.joints]))
         if battery.message is not None and battery.fresh:
             state["soc"] = round(float(battery.message.percentage), 3)
@@ -368,4 +383,5 @@ def _mm(value_m: float) -> float:
 
 
 def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if known else None

@@ -118,8 +118,9 @@ def _yaw(table: Table, path: str, rows: Array) -> Array:
     return yaws_of(np.stack([table[f"{path}.{axis}"][rows] for axis in "wxyz"], axis=1))
 
 
-def _rounded(values: Array, digits: int = 3) -> list[float]:
-    return [round(float(value), digits) for value in values]
+def _rounded(values: Array, digits: int = 3) -> list[float | None]:
+    """None for what is no number."""
+    return [round(float(value), digits) if np.isfinite(value) else None for value in values]
 
 
 def _marks(proof: Proof, start_ns: int) -> list[Json]:

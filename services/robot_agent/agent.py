@@ -568,7 +568,9 @@ class Agent:
             left_s = self._expected_s * (1 - progress)
         eta = {} if left_s is None else {"eta_s": round(left_s)}
         self._doing = {"activity": text, "progress": progress, **eta}
-        self._process.activity(text, progress, **eta, **self._body.vitals(), **self._upkeep.state())
+        vitals = self._body.vitals()
+        self._process.concern("body", self._body.unknown)
+        self._process.activity(text, progress, **eta, **vitals, **self._upkeep.state())
 
     def _name_payout(self) -> None:
         """Before the first offer: whoever takes this machine's key later does not get what it earns."""

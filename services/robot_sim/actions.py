@@ -13,6 +13,7 @@ from rodeo import topics
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import on_plane
+from rodeo.readings import unknown_pose
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionServer, ServerGoal
 from rodeo.ros2.node import Node
@@ -266,12 +267,12 @@ class Actions:
 
 def _goal_pose(target: Any) -> Pose2:
     """Raises UnknownFrame, GoalOutsideMap."""
-    frame, pose = target.header.frame_id, on_plane(target.pose)
+    frame = target.header.frame_id
     if frame not in ("", "map"):
         raise UnknownFrame(202, "the goal must be in the frame map", frame=frame)
-    if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
-        raise GoalOutsideMap(204, "the goal is not a finite pose", x=pose.x_m, y=pose.y_m, yaw=pose.yaw_rad)
-    return pose
+    if problem := unknown_pose(target.pose):
+        raise GoalOutsideMap(204, f"the goal is no pose: {problem}")
+    return on_plane(target.pose)
 
 
 def _motion(goal: ServerGoal, arm: ArmModel) -> Motion:

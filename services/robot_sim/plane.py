@@ -12,6 +12,7 @@ from rodeo import topics
 from rodeo.lab.body import Twist2, joint_names
 from rodeo.lab.config import BinConfig
 from rodeo.lab.world import CAMERA_SITE
+from rodeo.readings import is_rotation
 from rodeo.ros2 import types
 from rodeo.ros2.base import MessageInfo, Publisher
 from rodeo.ros2.node import Node
@@ -225,12 +226,12 @@ def _entity_state(state: Any) -> EntityState | None:
     """From a simulation_interfaces/EntityState; None for what is none."""
     at, turn, twist, stamp = state.pose.position, state.pose.orientation, state.twist, state.header.stamp
     quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
-    norm = float(np.linalg.norm(quat_wxyz))
     position_m, linear_m_s, angular_rad_s = vectors = np.array([
         [vector.x, vector.y, vector.z] for vector in (at, twist.linear, twist.angular)
     ])  # fmt: skip
-    if not (np.isfinite(vectors).all() and math.isfinite(norm) and norm > 0):
+    if not np.isfinite(vectors).all() or not is_rotation(*quat_wxyz):
         return None
+    norm = float(np.linalg.norm(quat_wxyz))
     time_ns = stamp_ns(stamp)
     return EntityState(position_m, quat_wxyz / norm, linear_m_s, angular_rad_s, time_ns)
 

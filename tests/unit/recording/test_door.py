@@ -16,6 +16,7 @@ from rodeo.topics import Plane, Topic
 
 START_NS = 1_800_000_000 * 10**9
 PERIOD_NS = 20_000_000
+UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 BODY, OTHER = b"b" * 16, b"o" * 16
 
 
@@ -39,6 +40,9 @@ class Entrance:
         if self._topic.type == "sensor_msgs/msg/JointState":
             fields = {"name": ["waist"], "position": [0.1], "velocity": [0.0], "effort": [0.0]} | fields
             fields = {name: value if name == "name" else np.array(value) for name, value in fields.items()}
+        elif self._topic.type == "geometry_msgs/msg/PoseStamped":
+            orientation = types.new("geometry_msgs/msg/Quaternion", **(UPRIGHT | fields))
+            fields = {"pose": types.new("geometry_msgs/msg/Pose", orientation=orientation)}
         return types.serialize(types.new(self._topic.type, header=header, **fields))
 
     def say(self, cdr: bytes, sequence: int | None = None, gid: bytes = BODY) -> Refusal | None:
@@ -102,6 +106,15 @@ def test_a_pose_that_is_not_in_the_map_is_misaddressed_also_as_the_first() -> No
     entrance = Entrance(topics.POSE)
     assert entrance.next(frame="odom") is Refusal.MISADDRESSED
     assert entrance.next(frame="map") is None
+
+
+@pytest.mark.parametrize("w", [0.0, 0.5, 2.0, float("nan"), float("inf")])
+def test_an_orientation_that_is_no_rotation_is_left_out(w: float) -> None:
+    entrance = Entrance(topics.POSE)
+    assert entrance.next(frame="map", w=w) is Refusal.NOT_A_NUMBER
+    assert entrance.next(frame="map") is None
+    assert entrance.next(frame="map", w=w) is Refusal.NOT_A_NUMBER
+    assert entrance.next(frame="map", w=0.6, z=-0.8) is None
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

@@ -116,6 +116,8 @@ class Lab:
         sec, nanosec = divmod(self.clock.now_ns(), 10**9)
         for publisher, type_ in zip(self._said, self._types, strict=True):
             message = types.new(type_)
+            if type_ == topics.ODOM.type:
+                message.pose.pose.orientation.w = 1.0
             message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
             publisher.publish(message)
 

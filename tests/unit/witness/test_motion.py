@@ -48,6 +48,33 @@ def moving(t: float) -> float:
     return 0.3 * min(max(t - 4.0, 0.0), 6.0)
 
 
+@pytest.mark.parametrize("together", [False, True])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        *(((x_m, 1.0, 0.1), (1.0, 0.0, 0.0, 0.0)) for x_m in (math.nan, math.inf, -math.inf)),
+        *(((0.0, 1.0, math.nan), (w, 0.0, 0.0, 0.0)) for w in (1.0, math.nan)),
+        *(((1.0, 1.0, 0.1), (w, 0.0, 0.0, 0.0)) for w in (0.0, 0.5, 2.0, math.nan, math.inf)),
+    ],
+)
+def test_what_is_no_pose_is_not_signed_and_the_next_pose_is(bad: Any, together: bool) -> None:
+    log = MotionLog(["item1"], START_US)
+    samples = [Sample(START_US + STEP_US * number, *bad) for number in range(1, 4)]
+    good = at(START_US + 4 * STEP_US, 1.0)
+    if together:
+        log.add_all("item1", [*samples, good])
+    else:
+        for sample in (*samples, good):
+            log.add("item1", sample)
+    statement = Motion(**HEADER, seq=1, **log.take(good.time_us, 1)._asdict())
+    seen = track([statement], "item1")
+    assert seen is not None and seen.time_us.tolist() == [good.time_us]
+    assert seen.position_m == pytest.approx(np.array([good.position_m]), abs=1e-4)
+    only_bad = MotionLog(["item1"], START_US)
+    only_bad.add_all("item1", samples)
+    assert only_bad.take(good.time_us, 1).tracks == {}
+
+
 def test_everything_at_rest_is_signed_once_in_ten_seconds() -> None:
     statements = filmed(lambda _t: 0.5, 40.0)
     assert len(statements) == 5, "one for the first poses, then one at each ten seconds"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 
 import numpy as np
 import pytest
@@ -32,6 +33,18 @@ def test_orientations_on_the_edge_keep_their_sign(quaternion: tuple[float, ...])
     unit = np.array([quaternion]) / np.linalg.norm(quaternion)
     _, _, found = unpack(pack(np.array([0]), np.zeros((1, 3)), unit))
     assert abs(float((found * unit).sum())) == pytest.approx(1.0, abs=1e-8)
+
+
+@pytest.mark.parametrize("w", [0.0, 0.5, 2.0, math.nan, math.inf])
+def test_an_orientation_that_is_no_rotation_is_refused(w: float) -> None:
+    with pytest.raises(ValueError, match="unit quaternion"):
+        pack(np.array([0, 1]), np.zeros((2, 3)), np.array([[1.0, 0, 0, 0], [w, 0, 0, 0]]))
+
+
+@pytest.mark.parametrize("x_m", [math.nan, math.inf, -math.inf])
+def test_a_position_that_is_not_finite_is_refused(x_m: float) -> None:
+    with pytest.raises(ValueError, match="beyond"):
+        pack(np.array([0]), np.array([[0.0, x_m, 0.0]]), np.array([[1.0, 0, 0, 0]]))
 
 
 def test_a_position_that_does_not_fit_is_refused() -> None:

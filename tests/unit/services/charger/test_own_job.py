@@ -76,7 +76,8 @@ def charger(tmp_path: Path) -> Charger:
     )
     made._job_path = tmp_path / "job.json"
     made._offered_on = None
-    made._heard_s = 0.0
+    made._heard_s, made._unusable = 0.0, ""
+    made._rulings = SimpleNamespace(on_event=lambda _event: None)
     made.switched = []
     made._command_contactor = made.switched.append
     job = Job(

@@ -37,6 +37,7 @@ def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_numbe
     agent: Any = Agent.__new__(Agent)
     agent._events, agent._events_lock = deque(maxlen=10), threading.Lock()
     agent._recording, agent._wake, agent._clock = None, threading.Event(), WallClock()
+    agent._rulings = SimpleNamespace(on_event=lambda _event: None)
 
     def event(seq: int, chain: str) -> DaoEvent:
         where = {"block": seq, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}
@@ -347,7 +348,7 @@ def refused(error: Exception, clock: ClockConfig) -> Pauses:
     """How a mind waits to which `error` happens."""
     agent = Night(at(10)).mind()
     agent._site.clock, agent._complaint = clock, ""
-    closing = ("_orders", "_copies", "_dao_events", "_receipts", "_witness", "_node")
+    closing = ("_orders", "_copies", "_dao_events", "_rulings", "_receipts", "_witness", "_node")
     for name in closing:
         setattr(agent, name, SimpleNamespace(close=lambda: None, standing=Standing()))
     agent._bins = {}
