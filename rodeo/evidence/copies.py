@@ -11,6 +11,7 @@ import logging
 import os
 import re
 import threading
+import time
 from collections.abc import Callable
 from hashlib import file_digest
 from pathlib import Path
@@ -34,6 +35,8 @@ PART_BYTES = 512 << 10
 PUT_WALL_S = 60.0
 """How long a device may take to put its copy into a slow store."""
 _PART_WALL_S = 10.0
+_WHOLE_WALL_S = 300.0
+"""How long a device may take to send a whole copy, which are megabytes: then another one is asked."""
 _MOST_ANSWERS = 16
 
 
@@ -116,10 +119,12 @@ def hand_over(bus: Bus, org: str, wanted: str, path: Path, max_bytes: int) -> bo
 
 
 def _read_parts(bus: Bus, key: str, wanted: str, size_bytes: int, file: IO[bytes]) -> None:
-    while (offset := file.tell()) < size_bytes:
+    end_s = time.monotonic() + _WHOLE_WALL_S
+    while (offset := file.tell()) < size_bytes and time.monotonic() < end_s:
         for part in _asked(bus, key, {"sha256": wanted, "offset": offset}, _PART_WALL_S, most=1):
             file.write(part.data)
-        if file.tell() == offset:
+        # Whoever sends less holds up those who have it all.
+        if file.tell() < min(offset + PART_BYTES, size_bytes):
             return
 
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import json
+from collections import Counter
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,8 +17,9 @@ from eth_account import Account
 from rodeo.bus import Bus, DaoEvents, heard_status
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest
+from rodeo.evidence import copies
 from rodeo.evidence.attestation import Attestation
-from rodeo.messages import DaoEvent, Status
+from rodeo.messages import DaoEvent, ProofCopy, Status
 from rodeo.origin import statuses_at
 from rodeo.witness.statement import Scope
 from rodeo_cli.site import StatusWatcher
@@ -157,3 +162,36 @@ def test_who_answers_on_its_own_key_tells_of_itself_only() -> None:
     wire.answers = [("rodeo/lab/status/charger", status("bridge")), ("rodeo/lab/status/bridge", status())]
     found = list(statuses_at(Bus(wire), "rodeo/lab/status/*"))  # type: ignore[arg-type]
     assert [(org, one.process) for org, one in found] == [("lab", "bridge")]
+
+
+class Holders:
+    """A bus on which `slow` sends a proof byte by byte, and `whole` as asked."""
+
+    def __init__(self, proof: bytes) -> None:
+        self._proof = proof
+        self.asked: Counter[str] = Counter()
+
+    def query_all(self, key: str, *, parameters: dict[str, Any], **_limits: Any) -> list[dict[str, Any]]:
+        return [self._answer(one, parameters) for one in ("slow", "whole") if key.endswith((one, "**"))]
+
+    def _answer(self, device: str, parameters: dict[str, Any]) -> dict[str, Any]:
+        self.asked[device] += 1
+        size = 1 if device == "slow" else copies.PART_BYTES
+        part = self._proof[parameters["offset"] :][:size]
+        copy = ProofCopy(
+            device=device,
+            sha256=parameters["sha256"],
+            size_bytes=len(self._proof),
+            offset=parameters["offset"],
+            data=base64.b64encode(part),
+        )
+        return copy.model_dump(mode="json")
+
+
+def test_whoever_sends_a_copy_byte_by_byte_holds_up_nobody(tmp_path: Path) -> None:
+    proof = bytes(range(256)) * 4000
+    holders = Holders(proof)
+    wanted = "0x" + sha256(proof).hexdigest()
+    assert copies.hand_over(holders, "lab", wanted, tmp_path / "copy", 1 << 30)  # type: ignore[arg-type]
+    assert (tmp_path / "copy").read_bytes() == proof
+    assert holders.asked == {"slow": 2, "whole": 3}
