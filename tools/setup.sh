@@ -120,7 +120,7 @@ has_node() {
         && [ "$major" -ge "$node_major" ]
 }
 has_postgresql() { command -v initdb >/dev/null || ls "$root"/usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1; }
-has_chromium() { command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null
+has_chromium() { command -v chromium-headless-shell || command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null
 
 check_optional() { # $1 site or dev
     has_egl || note "libEGL, for pictures: without it the bin's camera shows checked-in ones (apt-get install libegl1, 40 MB)"
@@ -156,7 +156,7 @@ system() {
     command -v node >/dev/null || want nodejs
     command -v npm >/dev/null || want npm
     has_postgresql || want postgresql
-    has_chromium || want chromium
+    has_chromium || want chromium-headless-shell
     if [ -n "$packages" ]; then
         if ! command -v apt-get >/dev/null; then
             say "There is no apt-get here. Install with this system's own package manager (Debian's names):$packages"

@@ -138,6 +138,7 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
     running.stop()
 
 
+@pytest.mark.long
 def test_an_idle_robot_explores(organization: Organization) -> None:
     running = organization.running
     organization.wait_for_activity("exploring")
@@ -153,6 +154,7 @@ def test_an_idle_robot_explores(organization: Organization) -> None:
     wait_until(lambda: moved_m() > 0.3, "it did not move")
 
 
+@pytest.mark.long
 def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
     organization: Organization,
 ) -> None:

@@ -26,7 +26,8 @@ from tests.support import command
 from tests.support.site import RunningSite, free_port, write_site
 
 RODEO = (sys.executable, "-m", "rodeo_cli")
-QUIET = "clock.speed = 1.0\nagent.explore_when_idle = false"
+QUIET = "clock.speed = 1.0\nclock.idle_speed = 20\nagent.explore_when_idle = false"
+"""Time passes slowly: a site that simulates what it can keeps every core busy while commands are tested."""
 
 
 def environment(site: Path) -> dict[str, str]:
@@ -135,7 +136,10 @@ def test_a_file_that_is_no_proof_is_rejected(site_path: Path) -> None:
 # -- starting and stopping -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.long) for one in (signal.SIGTERM, signal.SIGHUP))],
+)
 def test_up_tells_each_change_and_ends_with_all_it_started(site_path: Path, number: int) -> None:
     with subprocess.Popen(
         [*RODEO, "up", "router"], env=environment(site_path), stdout=subprocess.PIPE, text=True
@@ -148,6 +152,7 @@ def test_up_tells_each_change_and_ends_with_all_it_started(site_path: Path, numb
     assert holders(site_path) == []
 
 
+@pytest.mark.long
 def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> None:
     port = free_port()
     with site_path.open("a") as file:
@@ -220,6 +225,7 @@ def test_a_second_launcher_is_refused(up: Path) -> None:
     assert "already_running" in done.stderr and "rodeo down" in done.stderr
 
 
+@pytest.mark.long
 def test_a_killed_process_is_seen_and_comes_back(up: Path) -> None:
     killed = processes(up)["oracle"]["pid"]
     os.kill(killed, signal.SIGKILL)
@@ -301,6 +307,7 @@ def test_a_task_that_cannot_be_posted_says_why(
     assert all(word in done.stderr for word in words), done.stderr
 
 
+@pytest.mark.long
 def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def organization(*arguments: str, status: int = 0) -> str:
         # In this process: the same code, without a second for each start of an interpreter.
@@ -392,6 +399,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.M
     assert "unknown_service" in organization("reinstate", "12345", status=1)
 
 
+@pytest.mark.long
 def test_a_task_names_one_of_its_kinds_current_rules(up: Path) -> None:
     def shown() -> tuple[list[str], bool]:
         found = json.loads(rodeo(up, "kind", "show", "waste_disposal", "--json").stdout)

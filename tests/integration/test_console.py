@@ -99,6 +99,7 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     page.close()
 
 
+@pytest.mark.long
 def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_approves(desk: Desk) -> None:
     with desk.client("ada") as ada, desk.client("eva") as eva:
         for client, action, request in (
@@ -166,6 +167,7 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     auditor.close()
 
 
+@pytest.mark.long
 def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(desk: Desk) -> None:
     page = desk.page("ada")
     for path in PAGES:
@@ -178,6 +180,7 @@ def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(d
     page.close()
 
 
+@pytest.mark.long
 def test_an_operator_pauses_a_robot_stops_everything_and_sends_it_charging(desk: Desk) -> None:
     page = desk.page("ada")
     open_page(page, "/operator")

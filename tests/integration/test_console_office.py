@@ -100,6 +100,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterat
         running.stop()
 
 
+@pytest.mark.long
 def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowed_down(desk: Office) -> None:
     page = desk.page(None)
     assert page.url == f"{desk.origin}/login?next=/"
@@ -203,6 +204,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     page.close()
 
 
+@pytest.mark.long
 def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) -> None:
     # The bridge lets a robot offer one service of a kind; the contracts know of no robots.
     client = ChainClient(desk.dao.site.chain.url, Deployment.load(desk.dao.site.data_dir, LOCAL_CHAIN_ID))
@@ -236,6 +238,7 @@ def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) 
     page.close()
 
 
+@pytest.mark.long
 def test_what_is_typed_before_a_page_listens_stays(desk: Office) -> None:
     page = desk.page("ada")
     for _ in range(3):
@@ -248,6 +251,7 @@ def test_what_is_typed_before_a_page_listens_stays(desk: Office) -> None:
     page.close()
 
 
+@pytest.mark.long
 def test_the_focus_stays_on_a_button_that_is_drawn_again(desk: Office) -> None:
     desk.dao.command("organization", "allow_kind", kind="window_cleaning", review="auditor")
     offer = {"kind": "window_cleaning", "price_iec": "1000", "description": "dear"}
@@ -293,6 +297,7 @@ def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> No
     page.close()
 
 
+@pytest.mark.long
 def test_a_session_that_was_ended_elsewhere_ends_at_the_next_click(desk: Office) -> None:
     operator = desk.somebody(Role.OPERATOR)
     page = desk.page(operator)
@@ -411,6 +416,7 @@ def test_an_auditor_pays_a_part_of_what_the_oracle_could_not_decide(desk: Office
     page.close()
 
 
+@pytest.mark.long
 def test_an_auditor_says_that_nobody_could_do_a_task(desk: Office) -> None:
     task_id = desk.dao.post("120")
     desk.dao.prove(task_id)
@@ -430,6 +436,7 @@ def test_an_auditor_says_that_nobody_could_do_a_task(desk: Office) -> None:
     page.close()
 
 
+@pytest.mark.long
 def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     def current() -> list[str]:
         kinds = {one["kind"]: one for one in desk.dao.state("organization")["kinds"]}
@@ -471,6 +478,7 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     page.close()
 
 
+@pytest.mark.long
 def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) -> None:
     page = desk.page("ada")
     open_page(page, "/services")
@@ -505,6 +513,7 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
     page.close()
 
 
+@pytest.mark.long
 def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_tell_why(desk: Office) -> None:
     page = desk.page("ada")
     open_page(page, "/treasury")
@@ -539,6 +548,7 @@ def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_t
     page.close()
 
 
+@pytest.mark.long
 def test_the_treasury_shows_what_everybody_earned_and_spent_by_week(desk: Office) -> None:
     task_id = desk.dao.post(reward_iec="100")
     desk.dao.prove(task_id)
@@ -642,7 +652,9 @@ def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Offi
     page.close()
 
 
-@pytest.mark.parametrize("process", ["bridge", "router", "console"])
+@pytest.mark.parametrize(
+    "process", ["bridge", *(pytest.param(one, marks=pytest.mark.long) for one in ("router", "console"))]
+)
 def test_an_open_page_says_that_it_is_not_current_and_recovers_by_itself(desk: Office, process: str) -> None:
     task_id = desk.dao.post("1", allow_wait=True)
     page = desk.page("ada")

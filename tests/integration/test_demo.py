@@ -84,9 +84,9 @@ def test_the_demo_settles_both_tasks_and_its_summary_adds_up(tmp_path: Path, cha
     ("running", "number", "options"),
     [
         (0, signal.SIGINT, ()),
-        (1, signal.SIGHUP, ()),
+        pytest.param(1, signal.SIGHUP, (), marks=pytest.mark.long),
         (4, signal.SIGTERM, ("--keep",)),
-        (len(PROCESSES), signal.SIGINT, ()),
+        pytest.param(len(PROCESSES), signal.SIGINT, (), marks=pytest.mark.long),
     ],
 )
 def test_a_demo_that_is_stopped_leaves_no_process_behind_and_can_be_run_again(

@@ -153,6 +153,7 @@ def organization(dao: Dao, *arguments: str, status: int = 0) -> str:
     return done.output
 
 
+@pytest.mark.long
 def test_oracles_that_agree_leave_time_to_object(dao: Dao, tmp_path: Path) -> None:
     """Real oracles, real work."""
     dao.running.start("oracle.olga", "oracle.otto")
@@ -235,6 +236,7 @@ def test_a_verdict_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path)
     assert "no verdict on this task waits" in rodeo(dao, "show", str(task_id), status=1)
 
 
+@pytest.mark.long
 def test_an_appeal_overturns_the_judges_of_challenges(
     dao: Dao, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -269,6 +271,7 @@ def test_an_appeal_overturns_the_judges_of_challenges(
     decided(dao, task_id)
 
 
+@pytest.mark.long
 def test_a_judge_who_takes_its_stake_back_holds_up_no_other(dao: Dao, tmp_path: Path) -> None:
     """The contract's error names its seat, and refuses all votes that come with its own."""
     task_id = proven(dao)

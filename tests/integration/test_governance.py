@@ -148,6 +148,7 @@ def budget_vote(dao: Dao, number: int) -> dict[str, Any]:
     return found  # type: ignore[no-any-return]
 
 
+@pytest.mark.long
 def test_the_members_split_an_amount_of_the_treasury_and_everybody_is_paid(dao: Dao) -> None:
     now_s = float(dao.client().w3.eth.get_block("pending")["timestamp"])
 
@@ -262,6 +263,7 @@ def split(dao: Dao, page: Page, reader: Page, number: int, pass_time: Callable[[
     assert "There is nothing to pay of budget vote 0." in rodeo(dao, "pay-budget", "0")
 
 
+@pytest.mark.long
 def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) -> None:
     now_s = float(owned.client().w3.eth.get_block("latest")["timestamp"])
 
@@ -307,6 +309,7 @@ def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) 
     assert owned.state("services")["services"][0]["price_iec"] == "8"
 
 
+@pytest.mark.long
 def test_what_an_administrator_who_waits_proposes_is_executed_after_the_delay(waiting: Dao) -> None:
     now_s = float(waiting.client().w3.eth.get_block("latest")["timestamp"]) + 10
     waiting.set_clock(now_s)

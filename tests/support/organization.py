@@ -100,6 +100,7 @@ class Organization:
 def running_chain(backend: str, folder: Path, now_s: Callable[[], int] = lambda: GENESIS_S) -> Iterator[Site]:
     """A site whose chain of that backend runs until the end of the block; `now_s` is its clock."""
     site = Site.load(write_site(folder, backend))
+    give_wallets(site)
     with ExitStack() as stack:
         if backend == "anvil":
             stack.enter_context(Anvil(site.chain.url, folder, CHAIN_ID, GENESIS_S, now_s))

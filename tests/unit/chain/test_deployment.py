@@ -233,6 +233,7 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         assert client.has_role(Role.ORACLE, client.committee) and not client.has_role(Role.ORACLE, disputes)
 
 
+@pytest.mark.long
 def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
         names = ("alice", "bob", "carl", "dora")
@@ -279,6 +280,7 @@ def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
         assert client.w3.eth.block_number == block
 
 
+@pytest.mark.long
 def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
         alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
@@ -300,6 +302,7 @@ def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_
         assert client.instances(kind)[0].judge_stake == client.stake(0)
 
 
+@pytest.mark.long
 def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -410,7 +413,7 @@ def test_every_contract_fits_the_limit_of_eip_170() -> None:
 def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "known to everybody")
     with running_chain("eth-tester", tmp_path) as local:
         site = local.model_copy(update={"chain": local.chain.model_copy(update={"backend": "external"})})
         wallets.make_missing(site, scrypt_n=2)

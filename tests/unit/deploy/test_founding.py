@@ -226,6 +226,7 @@ def test_where_contracts_count_other_blocks_than_the_node_those_of_the_node_are_
     assert record(site).block == block
 
 
+@pytest.mark.long
 def test_a_role_that_was_revoked_on_chain_is_not_given_back(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -284,10 +285,9 @@ def test_addresses_are_the_same_on_every_chain(site: Site, tmp_path: Path) -> No
 def test_without_the_proxy_a_registry_is_put_on_the_chain_and_others_name_it(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "known to everybody")
     w3, first = connect(site.chain.url), as_elsewhere(site)
     second = as_elsewhere(another(site, tmp_path / "second"))
-    wallets.make_missing(first, scrypt_n=2)
     wallets.make_missing(second, scrypt_n=2)
     for one in (first, second):
         for name in keystores.wallet_names(one):

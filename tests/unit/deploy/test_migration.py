@@ -230,6 +230,7 @@ def _windows(rules: KindRules) -> tuple[object, ...]:
     return rules.min_window, *verdict, rules.audit_window, rules.silence
 
 
+@pytest.mark.long
 def test_many_members_move_in_as_many_transactions_as_they_take(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,6 +264,7 @@ def judged(tmp_path: Path) -> Iterator[Lab]:
         yield Lab(organization.site)
 
 
+@pytest.mark.long
 def test_an_organization_does_not_move_with_a_key_that_its_judge_has_no_more(judged: Lab) -> None:
     """Somebody else may have it."""
     old = judged.client
@@ -288,6 +290,7 @@ def test_a_judge_that_takes_a_revoked_devices_key_makes_it_no_good_one(judged: L
         judged.migrate()
 
 
+@pytest.mark.long
 def test_a_judge_that_was_unseated_for_one_kind_does_not_judge_it_again(judged: Lab) -> None:
     old = judged.client
     now = old.quorum(KIND)
@@ -315,6 +318,7 @@ def test_a_judge_that_was_unseated_does_not_judge_again_in_the_new_organization(
     assert judged.new().quorum(KIND).count == 2
 
 
+@pytest.mark.long
 def test_nobody_who_alone_judged_does_so_where_several_oracles_have_to_agree(lab: Lab) -> None:
     lab.send(lab.operator, lab.client.organization_calls.grant_role(Role.ORACLE, lab.stranger.address))
     lab.judge()
@@ -372,6 +376,7 @@ def test_an_organization_does_not_move_with_a_key_that_it_revoked(lab: Lab) -> N
     assert lab.new().device(keystores.address(lab.site, "itrash-device")).revoked_at == 0
 
 
+@pytest.mark.long
 def test_what_the_token_once_refused_to_the_treasury_moves_with_it(tmp_path: Path) -> None:
     with running_chain("anvil", tmp_path) as site:
         lab = Lab(site)
@@ -468,6 +473,7 @@ def waiting(lab: Lab) -> Lab:
     return lab
 
 
+@pytest.mark.long
 def test_a_task_that_waits_is_not_taken_where_nobody_judges_any_more(waiting: Lab) -> None:
     """Its provider would prove nothing, and be paid by silence."""
     old, stranger = waiting.client, waiting.stranger
@@ -485,6 +491,7 @@ def test_a_task_that_waits_is_not_taken_where_nobody_judges_any_more(waiting: La
     assert not waiting.new().is_suspended(stranger.address)
 
 
+@pytest.mark.long
 def test_a_task_that_is_taken_at_the_last_moment_ends_first(
     waiting: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -637,6 +644,7 @@ def patient(opened: Path, tmp_path: Path) -> Iterator[Patient]:
         yield Patient(Lab(site), clock)
 
 
+@pytest.mark.long
 def test_an_administrator_who_waits_moves_the_organization_by_what_it_proposes(patient: Patient) -> None:
     lab, old = patient.lab, patient.lab.client
     assert "no new tasks" in patient.waits()
@@ -669,6 +677,7 @@ def test_an_administrator_who_waits_moves_the_organization_by_what_it_proposes(p
         assert (there.amount, there.period) == (budget.amount, budget.period)
 
 
+@pytest.mark.long
 def test_what_is_not_needed_any_more_is_withdrawn(patient: Patient) -> None:
     lab, old = patient.lab, patient.lab.client
     patient.waits()
@@ -680,6 +689,7 @@ def test_what_is_not_needed_any_more_is_withdrawn(patient: Patient) -> None:
     assert old.is_kind_allowed(KIND) and lab.record().is_same(old.deployment)
 
 
+@pytest.mark.long
 def test_nobody_executes_later_what_was_proposed_before_the_organization_moved(patient: Patient) -> None:
     """Its provider would take a task that waits, prove nothing, and be paid by silence."""
     lab, old = patient.lab, patient.lab.client
@@ -701,6 +711,7 @@ def test_nobody_executes_later_what_was_proposed_before_the_organization_moved(p
     assert lab.new().deployment.follows == old.organization
 
 
+@pytest.mark.long
 def test_what_is_executed_while_others_are_withdrawn_is_seen(
     patient: Patient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -729,6 +740,7 @@ def test_what_is_executed_while_others_are_withdrawn_is_seen(
     assert not old.is_kind_allowed("washing")
 
 
+@pytest.mark.long
 def test_only_who_proposes_moves_an_organization_whose_administrator_waits(
     patient: Patient, tmp_path: Path
 ) -> None:

@@ -88,6 +88,7 @@ def test_a_site_on_a_chain_elsewhere_is_prepared_with_the_amounts_that_it_names(
     assert said[0].startswith("keystores: all present in ")
 
 
+@pytest.mark.long
 def test_a_participant_for_whom_others_send_needs_no_gas_money(elsewhere: Path) -> None:
     with elsewhere.open("a") as file:
         file.write('\n[[participants]]\nname = "alice"\n')
@@ -127,6 +128,7 @@ def test_an_organization_of_another_release_is_not_replaced_by_another_one(
     assert Deployment.load(site.data_dir, CHAIN_ID) == other and w3.eth.block_number == block
 
 
+@pytest.mark.long
 def test_it_waits_for_the_money_where_that_is_wanted(
     elsewhere: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

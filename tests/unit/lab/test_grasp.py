@@ -15,7 +15,13 @@ from rodeo_testing.operator import Operator
 from tests.support.site import LAB
 
 GRAVITY = 9.81
-SHAPES_OF_CLASSES = [(item_class, shape) for item_class, shapes in SHAPES.items() for shape in shapes]
+SHAPES_OF_CLASSES = [
+    pytest.param(item_class, shape, marks=pytest.mark.long if number % 3 else [])
+    for number, (item_class, shape) in enumerate(
+        (one, shape) for one, shapes in SHAPES.items() for shape in shapes
+    )
+]
+"""Every third of them carried takes long enough."""
 
 
 def lab_with(item: ItemConfig) -> tuple[Site, Operator]:

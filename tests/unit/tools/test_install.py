@@ -126,7 +126,11 @@ def test_a_larger_extra_that_is_there_is_kept_up_to_date(
     installed: list[list[str]] = []
     monkeypatch.setattr(install, "VENV", tmp_path)
     monkeypatch.setattr(install.Environment, "install", lambda _, what, __: installed.append(what))
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "__init__.py").touch()
+    monkeypatch.chdir(tmp_path)
     install.install_extra("site")
+    assert list(tmp_path.glob("own/__pycache__/*.pyc")), "the sources are compiled"
     assert not (tmp_path / "installed-dev").exists()
     install.install_extra("dev")
     install.install_extra("site")

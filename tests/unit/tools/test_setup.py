@@ -154,7 +154,7 @@ def test_system_installs_with_apt_get_only_what_is_missing(machine: Machine) -> 
     machine.has("npm")
     machine.has("initdb")
     status, _, said = machine.setup("system")
-    assert "apt-get install chromium" in said and "chromium" in done.read_text()
+    assert "apt-get install chromium-headless-shell" in said and "chromium" in done.read_text()
     assert "postgresql" not in done.read_text() and "nodejs" not in done.read_text()
     assert status == 1 and "Still missing" in said and "Chromium" in said
     machine.has("chromium")
@@ -167,7 +167,8 @@ def test_system_tells_people_who_may_not_install_what_root_types(machine: Machin
     machine.has("id", "echo 1000")
     machine.has("apt-get", "exit 1")
     status, _, said = machine.setup("system")
-    assert status == 1 and "Type as root: apt-get install nodejs npm postgresql chromium" in said
+    wanted = "nodejs npm postgresql chromium-headless-shell"
+    assert status == 1 and f"Type as root: apt-get install {wanted}" in said
 
 
 def test_an_old_node_does_not_do(machine: Machine) -> None:

@@ -131,7 +131,13 @@ def test_what_tips_over_in_the_bin_late_is_nobodys_work_unless_it_rises(
     assert outcome == "accepted" or failed(report) == "stays_in_bin"
 
 
-@pytest.mark.parametrize("item_class", [ItemClass.PLASTIC, ItemClass.PAPER, ItemClass.GLASS])
+@pytest.mark.parametrize(
+    "item_class",
+    [
+        ItemClass.PLASTIC,
+        *(pytest.param(one, marks=pytest.mark.long) for one in (ItemClass.PAPER, ItemClass.GLASS)),
+    ],
+)
 def test_every_kind_of_item_can_be_carried(site: Site, judge: Judge, item_class: ItemClass) -> None:
     from rodeo.lab.items import SHAPES
 

@@ -125,6 +125,7 @@ def test_a_verification_that_hangs_is_undecided(site: Site, cleaning: Take, tmp_
     assert "hung for 0.05 s" in undecided_by_the_oracle(report)
 
 
+@pytest.mark.long
 def test_a_verification_that_uses_up_its_cpu_time_is_undecided(
     site: Site, cleaning: Take, tmp_path: Path
 ) -> None:
