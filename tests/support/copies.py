@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from rodeo.evidence.copies import PART_BYTES
 from rodeo.evidence.store import Store
 from rodeo.messages import ProofCopy
 
@@ -30,5 +31,5 @@ class CopyBus:
             said["uri"] = self.store.put(path)
         offset = int(parameters.get("offset", 0))
         made = ProofCopy(size_bytes=len(self.copy), offset=offset, **said)
-        part = self.copy[offset : offset + 100_000]
+        part = self.copy[offset : offset + PART_BYTES]
         return [made.model_copy(update={"data": part}).model_dump(mode="json")]
