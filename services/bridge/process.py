@@ -122,6 +122,7 @@ class _Attachment:
 
     def close(self) -> None:
         self.inspector.close()
+        self.probe.close()
         self.transactions.close()
         self.chain.close()
 
@@ -312,6 +313,7 @@ class Bridge:
             QUEUE.labels(name).set_function(partial(transactions.orders.waiting, name))
         transactions.start()
         opened.inspector.start()
+        opened.probe.start()
         return opened
 
     def _on_indexed(self, transactions: Transactions, tx_hashes: set[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -53,7 +54,8 @@ def why_late(
 
 
 class Probe:
-    """Asks the node whatever sending and reading an outcome need, and checks that it answers."""
+    """Asks the node whatever sending and reading an outcome need, and checks that it answers. While it does,
+    a thread of its own asks, so that blocks are published without waiting for it."""
 
     def __init__(self, chain: Chain, addresses: Mapping[str, str], outcomes: Outcomes) -> None:
         """`addresses`: name -> address of the wallets that sign here."""
@@ -61,26 +63,52 @@ class Probe:
         self._addresses = dict(addresses)
         self._outcomes = outcomes
         self._turn = 0
-        self._asked_s = self._due_s = 0.0
+        self._due_s = 0.0
         self._bad = 0
-        self._problem: str | None = None
+        self._problem: str | None = "the node was not asked yet"
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="probe", daemon=True)
         deployment = chain.deployment
         self._task_manager = deployment.address("TaskManager")
         self._filter = {"address": deployment.event_sources, "topics": [event_topics()]}
 
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        self._closed.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
     def problem(self) -> str | None:
-        """Why no transaction could be sent now, or its outcome not be read; None where both can. Asks the
-        node when that is due, and soon after an answer that could not be used."""
-        now_s = time.monotonic()
-        is_news = self._chain.node.bad != self._bad and now_s >= self._asked_s + RETRY_S
-        if now_s >= self._due_s or is_news:
+        """Why no transaction could be sent now, or its outcome not be read; None where both can."""
+        if self._problem is not None and time.monotonic() >= self._due_s:
+            self._look_now()
+        return self._problem
+
+    def watch(self) -> None:
+        """Ask again when that is due, and after an answer that could not be used."""
+        is_due = time.monotonic() >= self._due_s or self._chain.node.bad != self._bad
+        if self._problem is None and is_due:
+            self._look_now()
+
+    def _run(self) -> None:
+        while not self._closed.wait(RETRY_S):
+            self.watch()
+
+    def _look_now(self) -> None:
+        with self._lock:
+            now_s = time.monotonic()
             try:
                 self._problem = self._look()
             except ChainUnavailable as error:
                 self._problem = _badly(error)
-            self._asked_s, self._bad = now_s, self._chain.node.bad
+            except Exception as error:
+                log.exception("cannot tell whether the node answers well")
+                self._problem = f"cannot tell whether the node answers well: {error!r}"
+            self._bad = self._chain.node.bad
             self._due_s = now_s + (PERIOD_S if self._problem is None else RETRY_S)
-        return self._problem
 
     def _look(self) -> str | None:
         """Raises ChainUnavailable."""

@@ -16,12 +16,19 @@ from eth_account import Account
 
 from deploy.chain.errors import RpcError
 from rodeo import wallets
-from rodeo.chain.errors import ChainError, ContractReverted, TransactionFailed, TransactionTimeout
+from rodeo.chain.errors import (
+    ChainError,
+    ChainUnavailable,
+    ContractReverted,
+    TransactionFailed,
+    TransactionTimeout,
+)
 from rodeo_testing.waiting import wait_until
 from services.bridge import orders, process, readiness
 from services.bridge.chain import Chain
 from services.bridge.orders import Order
 from services.bridge.process import Bridge
+from services.bridge.queries import Queries
 from services.bridge.readiness import Probe
 from tests.support.bad_answers import BAD_BODIES, BadNode, json_reply
 from tests.support.bridge_wallet import Robot
@@ -72,12 +79,18 @@ def go_on(robot: Robot, steps: int, step_s: float = 0.6) -> None:
         robot.wall_s += step_s
 
 
+def found(probe: Probe) -> str | None:
+    """What it finds at its next look."""
+    probe.watch()
+    return probe.problem()
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_while_a_method_is_answered_badly_the_bridge_is_not_ready_and_each_outcome_comes_afterwards(
     method: str, robot: Robot, probe: Probe
 ) -> None:
     robot.pay()
-    assert probe.problem() is None
+    assert found(probe) is None
     before = robot.paid()
     for number, bad in enumerate([*BAD, *([] if method == RECEIPT else [None])], start=1):
         future = robot.transactions.orders.submit(robot.order(request_id=f"{number}"))
@@ -85,13 +98,13 @@ def test_while_a_method_is_answered_badly_the_bridge_is_not_ready_and_each_outco
             bad if asked == method else answer(asked, params)
         )
         go_on(robot, steps=6)
-        problem = probe.problem()
+        problem = found(probe)
         assert problem is not None and ("answer" in problem or "newest block" in problem), bad
         robot.chain.node.fault = None
         robot.wall_s += 1.0
         robot.outcome(future)
         robot.wall_s += 1.0
-        assert probe.problem() is None
+        assert found(probe) is None
         assert robot.paid() == before + 5 * number and robot.waiting() == 0
 
 
@@ -121,7 +134,7 @@ def test_what_is_answered_badly_about_one_wallet_holds_up_no_other(
         go_on(robot, steps=6)
         assert theirs.result(timeout=0)["tx_hash"] and not ours.done()
         if method != COUNT:
-            assert probe.problem() is None  # others can send
+            assert found(probe) is None  # others can send
         robot.chain.node.fault = None
         robot.wall_s += 1.0
         robot.outcome(ours)
@@ -216,16 +229,39 @@ def test_what_is_mined_is_not_told_to_be_not_mined_while_the_index_cannot_follow
     assert robot.pay(request_id="r")["block"] == block
 
 
+@pytest.mark.parametrize("error", [ChainUnavailable("gone"), KeyError("not foreseen")])
+@pytest.mark.parametrize("duty", ["reopen_undone", "look_at_held"])
+def test_a_duty_that_fails_keeps_nobody_from_the_others(
+    duty: str, error: Exception, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise error
+
+    monkeypatch.setattr(robot.transactions.outcomes, duty, fail)
+    future = robot.transactions.orders.submit(robot.order())
+    for _ in range(3):
+        with pytest.raises(type(error)):
+            robot.transactions.step()
+        while robot.follower.step([]):
+            pass
+        robot.wall_s += 0.6
+    assert future.result(timeout=0)["block"]
+
+
 @pytest.mark.parametrize("cured", [True, False])
-def test_why_a_transaction_failed_is_asked_again_for_a_while(cured: bool, robot: Robot) -> None:
+def test_why_a_transaction_failed_is_asked_again_for_a_while(
+    cured: bool, robot: Robot, other: Callable[[], Any]
+) -> None:
     most = robot.client.balance(robot.account.address) * 2 // 3
     submit = robot.transactions.orders.submit
     first, second = (submit(robot.order(most, request)) for request in ("first", "second"))
     robot.chain.node.fault = lambda method, params, answer: (
         "zz" if method == "eth_call" else answer(method, params)
     )
-    go_on(robot, steps=4)
-    assert first.done() and not second.done()
+    go_on(robot, steps=1)
+    theirs = other()
+    go_on(robot, steps=3)
+    assert first.done() and theirs.done() and not second.done()
     if cured:
         robot.chain.node.fault = None
     go_on(robot, steps=10)
@@ -288,6 +324,7 @@ class Told:
         clock.acting = clock.hold = self._nothing
         self.clock = clock
         self.reason: str | None = "starting"
+        self.reasons: list[str] = []
 
     @contextmanager
     def _nothing(self) -> Iterator[None]:
@@ -301,19 +338,54 @@ class Told:
 
     def not_ready(self, reason: str) -> None:
         self.reason = reason
+        self.reasons.append(reason)
 
     def activity(self, *_args: Any, **_details: Any) -> None:
         """Nobody looks."""
 
-    warn = activity
+    warn = concern = activity
+
+
+def spoilt(payload: Any, good: Any, method: str) -> Any:
+    """`good` with another result of this method."""
+    if isinstance(payload, list):
+        return [spoilt(one, answer, method) for one, answer in zip(payload, good, strict=True)]
+    return {**good, "result": 5} if payload["method"] == method else good
+
+
+def unforeseen(step: Callable[..., bool]) -> Callable[..., bool]:
+    """Fails three times in a way that nobody thought of."""
+    failures = iter([KeyError("oops")] * 3)
+
+    def fail_first(*args: Any) -> bool:
+        for error in failures:
+            raise error
+        return step(*args)
+
+    return fail_first
+
+
+def test_a_price_that_the_node_does_not_tell_is_left_out_of_what_is_shown(robot: Robot) -> None:
+    hashes = [robot.pay()["tx_hash"] for _ in range(3)]
+
+    def without_price(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        found = answer(method, params)
+        if method == RECEIPT and params[0] in hashes[:2]:
+            return {**found, ("effectiveGasPrice", "from")[hashes.index(params[0])]: None}
+        return found
+
+    robot.chain.node.fault = without_price
+    queries = SimpleNamespace(_node=robot.node, _names=SimpleNamespace(address=str))
+    shown = Queries._receipts(queries, hashes)  # type: ignore[arg-type]
+    assert [one["tx_hash"] for one in shown] == hashes[2:]
 
 
 def test_the_bridge_outlives_every_kind_of_answer_and_is_ready_only_before_and_after(
     chain: DeployedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(process, "_RETRY_S", 0.01)
-    monkeypatch.setattr(readiness, "RETRY_S", 0.01)
-    monkeypatch.setattr(readiness, "PERIOD_S", 0.01)
+    monkeypatch.setattr(readiness, "RETRY_S", 0.05)
+    monkeypatch.setattr(readiness, "PERIOD_S", 0.1)
     with BadNode(forward(chain.site.chain.url)) as node:
         told = Told(chain, node.url, tmp_path)
         (tmp_path / "new-journal").touch()  # the wallets have sent in other tests
@@ -328,6 +400,19 @@ def test_the_bridge_outlives_every_kind_of_answer_and_is_ready_only_before_and_a
                 node.answer = lambda _payload, good, spoil=BAD_BODIES[kind]: spoil(good)
                 wait_until(lambda: told.reason is not None, f"ready while the node gives {kind}")
                 assert bridge.is_alive() and "node" in (told.reason or "node")
+            for method in ("eth_maxPriorityFeePerGas", RECEIPT, "eth_call"):
+                node.answer = None
+                wait_until(lambda: told.reason is None, lambda: f"not ready: {told.reason}")
+                node.answer = lambda payload, good, bad=method: json_reply(spoilt(payload, good, bad))
+                wait_until(lambda: told.reason is not None, f"ready while {method} is answered badly")
+            node.answer = None
+            wait_until(lambda: told.reason is None, lambda: f"not ready: {told.reason}")
+            monkeypatch.setattr(Bridge, "_step", unforeseen(Bridge._step))
+            wait_until(
+                lambda: any("KeyError" in one for one in told.reasons),
+                "it does not say what it did not foresee",
+            )
+            wait_until(lambda: told.reason is None, lambda: f"not ready: {told.reason}")
         finally:
             told.stop.set()
             bridge.join()

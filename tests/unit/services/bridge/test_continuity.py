@@ -21,6 +21,7 @@ class Bridge:
     """panther1's wallet on a real chain, and its journal as one bridge after the other opens it."""
 
     def __init__(self, chain: DeployedChain, folder: Path) -> None:
+        self.chain = chain
         self.site: Site = chain.site.model_copy(update={"data_dir": folder})
         self.account: LocalAccount = wallets.load(chain.site, "panther1")
         self.addresses = {"panther1": self.account.address}
@@ -207,4 +208,17 @@ def test_a_wallet_that_another_bridge_of_the_site_served_brings_its_requests_alo
     assert asked.request_id is not None
     found = journal.find("panther1", asked.request_id)
     assert found is not None and found.tx_hash == asked.tx_hash
+    journal.close()
+
+
+def test_one_wallet_that_cannot_be_counted_does_not_hide_what_others_sent(bridge: Bridge) -> None:
+    journal = bridge.open()
+    other = "0x" + "34" * 20
+    continuity = Continuity(journal, bridge.node, {"other": other, **bridge.addresses}, bridge.sent)
+    bridge.send(None)
+    bridge.chain.node.fault = lambda method, params, answer: (
+        None if params and params[0] == other else answer(method, params)
+    )
+    continuity.note(lambda _name: 0)
+    assert set(journal.accounted()) == {"panther1"} and journal.accounted()["panther1"].nonce == bridge.nonce
     journal.close()
