@@ -18,6 +18,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import UNREADABLE, Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.lab.body import joint_names
 from rodeo.lab.config import BinConfig, ItemClass, Pose2
@@ -30,7 +31,17 @@ from rodeo.witness.statement import Claimant
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
 from rodeo_testing.assignments import BIN, BINDING, MOCAP, ROBOT
-from rodeo_testing.recordings import SIGNED, Sample, Take, Witnesses, later, moved, seal, shifted_by
+from rodeo_testing.recordings import (
+    SIGNED,
+    Sample,
+    Take,
+    TakeClock,
+    Witnesses,
+    later,
+    moved,
+    seal,
+    shifted_by,
+)
 from rodeo_testing.workshop import told
 from tests.support.site import LAB
 from tests.unit.conftest import Judge, failed
@@ -360,6 +371,22 @@ def test_what_the_creator_posts_as_nonsense_is_not_the_executors_failure(
     report = judge(Take([*cleaning.samples, *failing]), chain.model_copy(update={"task": task}))
     assert report.outcome == ("impossible" if gives_up else "undecided"), report.reason
     assert report.fault == "the task's creator"
+
+
+def test_others_words_that_the_recorder_left_out_cost_the_robot_nothing(
+    cleaning: Take, judge: Judge, tmp_path: Path
+) -> None:
+    """Half a character in the parameters of a task that was posted past the bridge, and in an event."""
+    clock = TakeClock(cleaning.samples[-1].time_ns)
+    recorder = Recorder(tmp_path / "own.mcap", BINDING, ROBOT, clock)
+    recorder.write_json(topics.EVENT_CHANNEL, {"event": "TaskRegistered", "args": {"params": "\ud800"}})
+    recorder.close()
+    (noted,) = (one for one in open_proof(tmp_path / "own.mcap").events() if one["event"] == UNREADABLE)
+    said = Sample(topics.EVENT_CHANNEL, "", noted, clock.time_ns)
+    chain = cleaning_chain_record(cleaning)
+    task = chain.task.model_copy(update={"description": "half a character: \ufffd"})
+    report = judge(Take([*cleaning.samples, said]), chain.model_copy(update={"task": task}))
+    assert report.accepted, report.reason
 
 
 def test_an_item_that_the_site_does_not_have_is_the_one_reason(cleaning: Take, judge: Judge) -> None:
