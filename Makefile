@@ -7,8 +7,8 @@ SOLVER := .venv-symbolic
 # So do Sphinx's.
 SPHINX := .venv-docs
 CHAIN ?= eth-tester
-# Test files that run at the same time.
-JOBS ?= 2
+# Test files that run at the same time: those of sites wait for processes, so three keep two cores busy.
+JOBS ?= 3
 
 .PHONY: help setup system node-packages demo test test-contracts test-python test-long symbolic check experiment bench lint docs release contracts clean
 

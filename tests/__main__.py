@@ -104,7 +104,7 @@ def main() -> int:
     )
     parser.add_argument("--fast", action="store_true", help="the fast unit tests only")
     parser.add_argument("--only", choices=("python", "contracts"), help="one part")
-    parser.add_argument("--jobs", type=int, default=2, help="test files that run at the same time")
+    parser.add_argument("--jobs", type=int, default=3, help="test files that run at the same time")
     parser.add_argument("--chain", default="eth-tester", help="which local chain sites of tests run on")
     asked = parser.parse_args()
     os.chdir(ROOT)
