@@ -163,6 +163,7 @@ class Outcomes:
                 job.trouble = error
                 log.info("%s: %s: %s", job.order.wallet, job.order.command, error, extra=job.log_fields())
             except Exception:
+                # What nobody thought of in one job must not keep the others' outcomes from being told.
                 log.exception("%s: %s failed", job.order.wallet, job.order.command, extra=job.log_fields())
 
     def _take_back(self, job: Job) -> None:
