@@ -112,7 +112,6 @@ class Probe:
 
     def _look(self) -> str | None:
         """Raises ChainUnavailable."""
-        block = hex(max(self._chain.index.position.block, 0))
         names = sorted(self._addresses)
         first = self._turn % max(1, len(names))
         names = (names[first:] + names[:first])[:MOST_WALLETS]
@@ -125,7 +124,8 @@ class Probe:
             ("eth_maxPriorityFeePerGas", []),
             ("eth_estimateGas", [{"from": sender, "to": sender}, "pending"]),
             ("eth_call", [{"to": self._task_manager, "data": _TASK_COUNT}, "latest"]),
-            ("eth_getLogs", [{**self._filter, "fromBlock": block, "toBlock": block}]),
+            # Not of the block that was read last: a node that went back to a shorter chain has none of it.
+            ("eth_getLogs", [{**self._filter, "fromBlock": "latest", "toBlock": "latest"}]),
             *([("eth_getTransactionReceipt", [known])] if known else []),
         ]
         nonces: list[Call] = [

@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
+from rodeo.chain.errors import RpcFailed
 from rodeo.config import Site
 from rodeo.rulings import GRACE_S
 from services.bridge.index import Position
 from services.bridge.process import Bridge, late_verdicts, own_rulings
-from services.bridge.readiness import why_late
+from services.bridge.readiness import Probe, why_late
 from tests.support.site import write_site
 from tests.support.tasks import UNTIL_S, ruled
 
@@ -67,6 +68,28 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
     assert bridge._expire_overdue(attachment) is None
     assert sent == [("close_dispute", {"task_id": 7})]
     assert "task 7" in concerns["verdicts"]
+
+
+def test_a_node_that_went_back_to_a_shorter_chain_answers_well() -> None:
+    """Anvil, geth and others refuse logs of a block that they do not have."""
+    head, chain_id = 9, 31337
+
+    def answer(method: str, params: list[Any]) -> Any:
+        if method == "eth_getLogs":
+            named = [params[0][bound] for bound in ("fromBlock", "toBlock")]
+            beyond = any(one.startswith("0x") and int(one, 16) > head for one in named)
+            return RpcFailed("block height is 9", rpc_code=-32602) if beyond else []
+        answers = {"eth_chainId": hex(chain_id), "eth_getBlockByNumber": {}, "eth_call": "0x" + "0" * 64}
+        return answers.get(method, "0x0")
+
+    chain: Any = SimpleNamespace(
+        ask=lambda *calls: [answer(*one) for one in calls],
+        node=SimpleNamespace(bad=0),
+        index=SimpleNamespace(position=Position(head + 1, "0x", 1000), newest_transaction=lambda: None),
+        deployment=SimpleNamespace(chain_id=chain_id, address=lambda _: "0x01", event_sources=["0x01"]),
+    )
+    probe = Probe(chain, {}, SimpleNamespace(can_send=lambda: True))  # type: ignore[arg-type]
+    assert probe.problem() is None
 
 
 def test_tasks_without_a_verdict_at_half_of_the_window_are_named() -> None:
