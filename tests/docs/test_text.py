@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 import zenoh
 
 from rodeo.config import Site
 from rodeo.kinds import kinds_of
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
-from rodeo_cli import app
 from tests.docs.not_run import NOT_RUN, reason
 from tests.docs.text import (
     ROOT,
@@ -30,6 +28,7 @@ from tests.docs.text import (
     mentioned,
     pages,
 )
+from tests.support import command
 from tests.support.site import LAB
 
 MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
@@ -139,7 +138,7 @@ def test_a_command_has_the_options_and_files_that_it_is_told_with(thing: Command
 
 def check_rodeo(words: list[str], written_in_full: bool) -> None:
     """Against the commands themselves, which `--help` is made from."""
-    node: Any = typer.main.get_command(app)
+    node: Any = command.tree()
     while hasattr(node, "commands"):
         assert words, f"{node.name}: a command is missing"
         if words[0] == "--help":

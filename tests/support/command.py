@@ -6,9 +6,20 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
+import typer
+
+from rodeo_cli import app
 from tests.support.site import RunningSite
+
+
+@cache
+def tree() -> Any:
+    """All commands with their options, which `--help` is made from. Typer needs 50 ms to make it."""
+    return typer.main.get_command(app)
 
 
 def rodeo(

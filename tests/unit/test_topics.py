@@ -157,9 +157,14 @@ def test_what_is_no_key_written_by_hand_is_let_be(source: str) -> None:
     assert not list(_by_hand(source))
 
 
-def test_the_page_of_keys_is_the_table() -> None:
-    page = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
-    assert page.read_text() == keys_page(), "run: python -m rodeo.payloads > docs/reference/keys.md"
+@pytest.fixture(scope="module")
+def page() -> str:
+    return keys_page()
+
+
+def test_the_page_of_keys_is_the_table(page: str) -> None:
+    file = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
+    assert file.read_text() == page, "run: python -m rodeo.payloads > docs/reference/keys.md"
 
 
 def test_the_page_for_who_brings_a_robot_lists_the_robots_part_of_the_table() -> None:
@@ -182,8 +187,8 @@ def test_the_example_of_a_question_is_valid(what: str) -> None:
     queries.QUERIES[what].parameters.model_validate(payloads.parameters_of(what))
 
 
-def test_every_command_and_statement_has_its_part_of_the_page() -> None:
-    titles = {line.removeprefix("#### ") for line in keys_page().splitlines() if line.startswith("#### ")}
+def test_every_command_and_statement_has_its_part_of_the_page(page: str) -> None:
+    titles = {line.removeprefix("#### ") for line in page.splitlines() if line.startswith("#### ")}
     assert {*COMMANDS, "prepare", "broadcast", *queries.QUERIES} <= titles
     assert {model.__name__ for model in payloads.STATEMENTS} <= titles
 
@@ -194,5 +199,5 @@ def test_the_page_knows_the_commands_that_the_bridge_knows_and_what_each_takes()
     assert {name: model for name, (model, _build) in _COMMANDS.items()} == COMMANDS
 
 
-def test_what_a_field_means_is_read_from_the_model() -> None:
-    assert "Queue the task even if every offered service costs more" in keys_page()
+def test_what_a_field_means_is_read_from_the_model(page: str) -> None:
+    assert "Queue the task even if every offered service costs more" in page

@@ -11,7 +11,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import typer
 from pydantic import BaseModel
 from rich.console import Console
 from typer.testing import CliRunner
@@ -30,6 +29,7 @@ from rodeo_cli import report as report_command
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from services.console.formatting import phrase
+from tests.support.command import tree
 from tests.support.site import LAB
 from tests.support.tasks import task as whole_task
 
@@ -318,7 +318,7 @@ def leaves(group: Any, path: str = "rodeo") -> Iterator[tuple[str, Any]]:
 @pytest.mark.parametrize("leaf", list(leaves(app)), ids=lambda one: one[0])
 def test_the_options_of_every_command_are_told_as_its_help_tells_them(leaf: tuple[str, Any]) -> None:
     name, command = leaf
-    node: Any = typer.main.get_command(app)
+    node: Any = tree()
     for part in name.split()[1:]:
         node = node.commands[part]
     spelled = {spelling for one in node.params for spelling in (*one.opts, *one.secondary_opts)}

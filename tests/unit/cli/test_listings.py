@@ -16,7 +16,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from rodeo.config import Site
@@ -29,6 +28,7 @@ from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
 from services.console.accounts import Accounts, accounts_path
 from services.console.roles import Role
+from tests.support.command import tree
 from tests.support.site import LAB, write_site
 
 ACTS = {
@@ -124,7 +124,7 @@ def leaves(group: Any, path: str = "rodeo") -> Iterator[tuple[str, set[str]]]:
 
 
 def test_every_command_that_lists_something_has_json() -> None:
-    found = dict(leaves(typer.main.get_command(app)))
+    found = dict(leaves(tree()))
     assert found.keys() >= ACTS
     assert [name for name, options in found.items() if "--json" not in options and name not in ACTS] == []
 

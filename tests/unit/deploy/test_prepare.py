@@ -31,6 +31,8 @@ from tests.support.organization import CHAIN_ID, running_chain
 from tests.support.site import write_site
 
 ELSEWHERE = "clock.speed = 1\nclock.idle_speed = 1"
+CHEAP = 2
+"""Work factor of keystores that are only there: those that `prepare` makes for a node elsewhere take a second."""
 NEEDED = re.compile(r"^gas money: (0x[0-9a-fA-F]{40}) (\S+): holds 0; send at least (\S+) more to it$")
 
 
@@ -111,7 +113,7 @@ def test_an_organization_of_another_release_is_not_replaced_by_another_one(
     elsewhere: Path,
 ) -> None:
     site = Site.load(elsewhere)
-    wallets.make_missing(site)
+    wallets.make_missing(site, CHEAP)
     w3 = connect(site.chain.url)
     for name in keystores.wallet_names(site):
         pay(w3, keystores.address(site, name), "1")
@@ -134,7 +136,7 @@ def test_it_waits_for_the_money_where_that_is_wanted(
 ) -> None:
     monkeypatch.setattr(module, "_LOOK_S", 0.05)
     site = Site.load(elsewhere)
-    wallets.make_missing(site)
+    wallets.make_missing(site, CHEAP)
     w3 = connect(site.chain.url)
     said: list[str] = []
 
@@ -175,8 +177,10 @@ def test_without_a_node_it_is_said_at_once_what_is_waited_for_and_then_what_to_d
     )
 
 
-def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
+def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_site(tmp_path, "external", ELSEWHERE)
+    monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
+    wallets.make_missing(Site.load(path), CHEAP)
     environment = {"COLUMNS": "80", "PATH": "", keystores.PASSPHRASE_VARIABLE: "secret"}
     done = subprocess.run(
         [sys.executable, "-m", "rodeo_cli", "site", "wallets", "--site", str(path)],
@@ -193,7 +197,7 @@ def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
 
 def test_accounts_are_json_with_what_they_hold_and_lack_for_gas(elsewhere: Path) -> None:
     site = Site.load(elsewhere)
-    wallets.make_missing(site)
+    wallets.make_missing(site, CHEAP)
     pay(connect(site.chain.url), keystores.address(site, "oracle"), "2.5")
     done = CliRunner().invoke(app, ["site", "wallets", "--site", str(elsewhere), "--json"])
     document = json.loads(done.stdout)
