@@ -69,8 +69,18 @@ def line_with(output: Any, text: str) -> str:
 
 @pytest.fixture(scope="module")
 def up(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Path]:
+    """A site's organization, where panther1 offers its service: what most commands need."""
+    running = RunningSite(write_site(tmp_path_factory.mktemp("site"), chain_backend, extra=QUIET))
+    running.start_founded("bridge")
+    rodeo(running.path, "service", "offer", "waste_disposal", "--price", "100", "--as", "panther1")
+    yield running.path
+    running.stop()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Path]:
     """A whole site in the background; stopped from another folder at the end."""
-    site = write_site(tmp_path_factory.mktemp("site"), chain_backend, extra=QUIET)
+    site = write_site(tmp_path_factory.mktemp("whole"), chain_backend, extra=QUIET)
     try:
         started = rodeo(site, "up", "--detach")
         states = [line.split()[1] for line in started.stdout.splitlines()[1:]]
@@ -183,9 +193,11 @@ def test_what_no_restart_cures_is_told_at_once_and_stays_in_status(site_path: Pa
     assert processes(site_path, status=1)["robot_sim"]["gave_up"]
 
 
-def test_down_also_ends_the_launcher_of_a_single_process(site_path: Path) -> None:
+def test_a_single_process_has_one_launcher_which_down_ends_too(site_path: Path) -> None:
     rodeo(site_path, "up", "--detach", "--only", "router")
     assert holders(site_path) == ["launcher/router", "router"]
+    again = rodeo(site_path, "up", "--only", "router", status=1)
+    assert "already_running" in again.stderr and "rodeo down" in again.stderr
     rodeo(site_path, "down")
     assert holders(site_path) == []
 
@@ -214,24 +226,30 @@ def test_processes_of_another_site_on_the_same_bus_are_told_apart(
 # -- on a running site -----------------------------------------------------------------------------------
 
 
-def test_status_of_a_running_site(up: Path) -> None:
-    rows = processes(up)
+@pytest.mark.long
+def test_status_of_a_running_site(whole: Path) -> None:
+    rows = processes(whole)
     assert all(row["ready"] and row["here"] for row in rows.values())
     assert list(rows) == [process.name for process in PROCESSES]
+    services = rodeo(whole, "service", "list").stdout
+    assert "panther1" in services and "100 IEC" in services
+    assert "no task is assigned" in rodeo(whole, "robot", "explain", "panther1", "--limit", "1000").stdout
+    assert "no decision with task 999" in rodeo(whole, "robot", "explain", "panther1", "--task", "999").stdout
 
 
-def test_a_second_launcher_is_refused(up: Path) -> None:
-    done = rodeo(up, "up", status=1)
+@pytest.mark.long
+def test_a_second_launcher_is_refused(whole: Path) -> None:
+    done = rodeo(whole, "up", status=1)
     assert "already_running" in done.stderr and "rodeo down" in done.stderr
 
 
 @pytest.mark.long
-def test_a_killed_process_is_seen_and_comes_back(up: Path) -> None:
-    killed = processes(up)["oracle"]["pid"]
+def test_a_killed_process_is_seen_and_comes_back(whole: Path) -> None:
+    killed = processes(whole)["oracle"]["pid"]
     os.kill(killed, signal.SIGKILL)
-    rodeo(up, "up", "--detach")
-    assert processes(up)["oracle"]["pid"] != killed
-    log = (Site.load(up).data_dir / "logs" / "launcher.log").read_text()
+    rodeo(whole, "up", "--detach")
+    assert processes(whole)["oracle"]["pid"] != killed
+    log = (Site.load(whole).data_dir / "logs" / "launcher.log").read_text()
     assert "oracle down: ended on SIGKILL" in log
 
 
@@ -277,14 +295,15 @@ def test_a_task_for_one_provider_alone_is_posted_and_shown(up: Path) -> None:
     rodeo(up, "task", "cancel", task_id)
 
 
-def test_a_reward_rises_while_nobody_takes_the_task(up: Path) -> None:
+@pytest.mark.long
+def test_a_reward_rises_while_nobody_takes_the_task(whole: Path) -> None:
     create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
     rises = ("--reward-up-to", "1.15", "--rise", "0.1", "--rise-every", "1")
-    said = rodeo(up, *create, *rises).stdout
+    said = rodeo(whole, *create, *rises).stdout
     assert "for 1.1 IEC" in said and "for 1.15 IEC" in said and "the highest reward" in said
-    (task,) = json.loads(rodeo(up, "task", "list", "--state", "open", "--json").stdout)["tasks"]
+    (task,) = json.loads(rodeo(whole, "task", "list", "--state", "open", "--json").stdout)["tasks"]
     assert task["reward_iec"] == "1.15" and f"Task {task['id']} has" in said
-    rodeo(up, "task", "cancel", str(task["id"]))
+    rodeo(whole, "task", "cancel", str(task["id"]))
 
 
 @pytest.mark.parametrize(
@@ -433,7 +452,5 @@ def test_services_and_wallets_are_listed(up: Path) -> None:
     services = rodeo(up, "service", "list").stdout
     assert "panther1" in services and "100 IEC" in services
     assert json.loads(rodeo(up, "wallet", "oracle", "--json").stdout)["balance_iec"] == "0"
-    assert "no task is assigned" in rodeo(up, "robot", "explain", "panther1", "--limit", "1000").stdout
-    assert "no decision with task 999" in rodeo(up, "robot", "explain", "panther1", "--task", "999").stdout
     done = rodeo(up, "wallet", "bob", status=1)
     assert "bob" in done.stderr and "panther1" in done.stderr

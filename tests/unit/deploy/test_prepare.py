@@ -32,7 +32,7 @@ from tests.support.site import write_site
 
 ELSEWHERE = "clock.speed = 1\nclock.idle_speed = 1"
 CHEAP = 2
-"""Work factor of keystores that are only there: those that `prepare` makes for a node elsewhere take a second."""
+"""Work factor of keystores that are only there; for a node elsewhere each takes a second to make."""
 NEEDED = re.compile(r"^gas money: (0x[0-9a-fA-F]{40}) (\S+): holds 0; send at least (\S+) more to it$")
 
 
