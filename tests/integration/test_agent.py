@@ -176,14 +176,40 @@ def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
     assert "putting item1 back to start again" in organization.activities
 
 
-def test_the_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
+def test_what_cannot_be_done_costs_the_robot_nothing(organization: Organization) -> None:
+    # What it can tell beforehand it abandons, without a proof that somebody had to reject.
+    unknown = {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}
+    nowhere = {"item_id": "item2", "x_m": 1.0, "y_m": 1.0, "bin": "nowhere"}
+    behind_a_wall = {"item_id": "item2", "x_m": -3.0, "y_m": 1.0}
+    for params in (unknown, nowhere, behind_a_wall):
+        task_id = organization.post("item2", params=params, max_attempts=1)
+        event = organization.wait_for_event("TaskFailed", task_id)
+        task = organization.task(task_id)
+        assert (task["verdict"], task["proof_sha256"], event.args["refund_iec"]) == ("abandoned", None, "100")
+
+    # Where it has to look, motion capture vouches for what it does not find.
+    pose = organization.running.site.items[1].pose
+    beside = {"item_id": "item2", "x_m": pose.x_m, "y_m": pose.y_m - 0.6}
+    task_id = organization.post("item2", params=beside)
+    organization.wait_for_event("TaskSettled", task_id)
+    task = organization.task(task_id)
+    assert (task["verdict"], task["attempt"]) == ("impossible", 1), task["reason"]
+    assert Decimal(task["paid_iec"]) == Decimal(task["price_iec"]) / 10
+
+
+def test_the_robot_goes_on_and_its_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
     organization: Organization,
 ) -> None:
     organization.lay("item3")
     task_id = organization.post("item3")
     organization.wait_for_event("TaskSettled", task_id)
+    running = organization.running
+    key = topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="explain")
+    explained = Explained.model_validate(running.bus.query(key, parameters={"task_id": task_id, "limit": 5}))
+    assert "work" in [one.intent for one in explained.decisions]
+    assert {one.task_id for one in explained.decisions} == {task_id}
     task = organization.task(task_id)
-    store = Store(organization.running.site)
+    store = Store(running.site)
     proof = open_proof(store.fetch(task["proof_uri"], task["proof_sha256"], 1 << 28))
     assert {
         "/panther1/odom",
@@ -237,37 +263,6 @@ def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organiza
     prices = itertools.groupby(updates, key=lambda event: event.args["price_iec"])
     changes = [next(same).time_s for _price, same in prices]
     assert all(b - a >= MIN_UPDATE_S - 5 for a, b in itertools.pairwise(changes))
-
-
-def test_what_cannot_be_done_costs_the_robot_nothing_and_it_goes_on(organization: Organization) -> None:
-    # What it can tell beforehand it abandons, without a proof that somebody had to reject.
-    unknown = {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}
-    nowhere = {"item_id": "item2", "x_m": 1.0, "y_m": 1.0, "bin": "nowhere"}
-    behind_a_wall = {"item_id": "item2", "x_m": -3.0, "y_m": 1.0}
-    for params in (unknown, nowhere, behind_a_wall):
-        task_id = organization.post("item2", params=params, max_attempts=1)
-        event = organization.wait_for_event("TaskFailed", task_id)
-        task = organization.task(task_id)
-        assert (task["verdict"], task["proof_sha256"], event.args["refund_iec"]) == ("abandoned", None, "100")
-
-    # Where it has to look, motion capture vouches for what it does not find.
-    pose = organization.running.site.items[1].pose
-    beside = {"item_id": "item2", "x_m": pose.x_m, "y_m": pose.y_m - 0.6}
-    task_id = organization.post("item2", params=beside)
-    organization.wait_for_event("TaskSettled", task_id)
-    task = organization.task(task_id)
-    assert (task["verdict"], task["attempt"]) == ("impossible", 1), task["reason"]
-    assert Decimal(task["paid_iec"]) == Decimal(task["price_iec"]) / 10
-
-    organization.lay("item2")
-    following = organization.post("item2")
-    organization.wait_for_event("TaskSettled", following)
-    running = organization.running
-    key = topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="explain")
-    asked = {"task_id": following, "limit": 5}
-    explained = Explained.model_validate(running.bus.query(key, parameters=asked))
-    assert "work" in [one.intent for one in explained.decisions]
-    assert {one.task_id for one in explained.decisions} == {following}
 
 
 def test_a_whole_site_settles_a_cleaning_and_a_charge_and_each_is_paid_by_the_one_it_served(

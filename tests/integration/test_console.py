@@ -51,6 +51,7 @@ PAGES = (
 )
 
 
+@pytest.mark.long
 def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_replayed(desk: Desk) -> None:
     page = desk.page("ada")
     faults = watch(page, desk.origin)
