@@ -72,7 +72,9 @@ class SimClock:
         self._refused: str | None = None
         self._refused_s = self._said_s = -math.inf
         graph = wire.publishers_expression(domain_id, topics.CLOCK.name())
-        self._graph = session.liveliness().declare_subscriber(graph, self._on_graph)
+        # In the receiving thread, as the time below: in another one a speaker's announcement could be read
+        # after its last message, and a stranger be followed until then.
+        self._graph = session.liveliness().declare_subscriber(graph, direct(self._on_graph))
         # Asked, too: it must be known who may speak before anybody is believed.
         for reply in session.liveliness().get(graph):
             if reply.ok is not None:
@@ -82,7 +84,7 @@ class SimClock:
         if holder is not None:
             self._holder = Holder(session, *holder, self._changed, lambda: self._now_ns, starting)
             self._waiters = self._holder.waiters
-        # In the receiving thread: the time must not be heard after the mark that follows it.
+        # In the receiving thread, too: the time must not be heard after the mark that follows it.
         self._subscriber = session.declare_subscriber(
             f"{domain_id}/{topics.CLOCK.name()}/**", direct(self._on_clock)
         )

@@ -6,6 +6,7 @@ import json
 import struct
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import zenoh
@@ -97,6 +98,26 @@ def test_nobody_takes_over_unannounced_when_the_body_has_ended(
     node.close()
     refuses(follower, lambda: stranger.session.put(KEY, cdr_at(FUTURE_S)))
     assert follower.now_ns() == 1000 * SECOND_NS
+
+
+def test_who_may_speak_is_known_before_anything_that_is_said(
+    make_node: MakeNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One thread takes both, in the order in which they arrive."""
+    threads: dict[str, int] = {}
+    for name in ("_announce", "_follows"):
+        original = getattr(SimClock, name)
+
+        def noted(self: SimClock, what: str, name: str = name, original: Any = original) -> Any:
+            threads[name] = threading.get_ident()
+            return original(self, what)
+
+        monkeypatch.setattr(SimClock, name, noted)
+    clock = SimClock(make_node("follower").session, 0)
+    first = publisher(make_node("lab"))
+    reaches(clock, 1000, lambda: first.publish(clock_at(1000)))
+    assert threads["_announce"] == threads["_follows"] != threading.get_ident()
+    clock.close()
 
 
 def test_the_last_words_of_the_speaker_are_no_second_speakers(
