@@ -117,6 +117,7 @@ def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowe
     page.close()
 
 
+@pytest.mark.long
 def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(desk: Office) -> None:
     page = desk.page(None)
     press = page.keyboard.press
