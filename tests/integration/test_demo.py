@@ -3,6 +3,7 @@
 import json
 import os
 import select
+import shlex
 import shutil
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
+import httpx
 import pytest
 
 from rodeo.processes import PROCESSES
@@ -49,6 +51,39 @@ def left_behind(out: Path) -> list[str]:
             if str(out) in command:
                 found.append(command)
     return found
+
+
+def opens(link: str) -> bool:
+    """Whether a link of the demo's logs somebody in to the console, as the page's script would use it."""
+    page, _, token = link.partition("#")
+    with httpx.Client(headers={"origin": page.removesuffix("/login/link")}, timeout=HANG_S) as browser:
+        answer = browser.post(page, data={"token": token})
+        assert answer.status_code in (303, 401), answer.text
+        return answer.status_code == 303 and browser.get(page.removesuffix("login/link")).status_code == 200
+
+
+@pytest.mark.long
+def test_a_demo_that_is_kept_is_looked_at_while_it_runs_and_afterwards(
+    tmp_path: Path, chain_backend: str
+) -> None:
+    demo = start_demo(tmp_path / "demo", chain_backend, "--keep")
+    assert demo.stdout is not None
+    lines, links = [], []
+    for line in demo.stdout:
+        lines.append(line)
+        if "/login/link#" in line:
+            links.append(line.strip())
+            assert opens(links[-1]) and not opens(links[-1]), "it is for once"
+    # The command has ended, and the site has not.
+    output = "".join(lines)
+    assert demo.wait(HANG_S) == 0 and len(links) == 2, output
+    assert left_behind(tmp_path) != []
+    tried = [shlex.split(line) for line in lines[-3:]]
+    assert ["create" in tried[0], "list" in tried[1], "down" in tried[2]] == [True] * 3, output
+    for words in tried:
+        done = subprocess.run(words, capture_output=True, text=True, timeout=HANG_S)
+        assert done.returncode == 0, done.stderr
+    assert left_behind(tmp_path) == []
 
 
 @pytest.mark.long
