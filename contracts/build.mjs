@@ -18,7 +18,6 @@ const CONTRACTS = [
   "FirstComeFirstServed",
   "LowestPrice",
   "HighestReputation",
-  "SecondPrice",
   "MemberVotes",
   "WrappedVotes",
   "OrganizationTimelock",

@@ -37,7 +37,7 @@ Attempt = Annotated[int, Field(ge=1, lt=2**8)]
 Window = Annotated[int, Field(gt=0, lt=2**32)]
 """Seconds; as wide as on chain; the contract sets minimum and maximum."""
 
-Policy = Literal["first_come", "lowest_price", "highest_reputation", "second_price"]
+Policy = Literal["first_come", "lowest_price", "highest_reputation"]
 """How the organization chooses a service for a task."""
 
 ServiceState = Literal["active", "paused", "retired", "suspended"]

@@ -190,7 +190,7 @@ contract GasBench is Fixture {
                 coin.approve(address(tasks), type(uint256).max);
             }
             uint64 near = i < 13 ? level ^ uint64(1 << i) : uint64(uint256(keccak256(abi.encode(i))) % 13_000);
-            offer(identity, Units.priceOf(near, 1 gwei));
+            offer(identity, priceOf(near, 1 gwei));
             gas += _used();
         }
     }

@@ -312,14 +312,11 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function reserve(
-        ServiceId serviceId,
-        KindId kindId,
-        uint256 maxPrice,
-        uint256 wanted,
-        TaskId taskId,
-        Hire hired
-    ) external onlyTaskManager returns (ServiceId taker, address provider, uint256 price, bool accepted) {
+    function reserve(ServiceId serviceId, KindId kindId, uint256 maxPrice, TaskId taskId, Hire hired)
+        external
+        onlyTaskManager
+        returns (ServiceId taker, address provider, uint256 price, bool accepted)
+    {
         taker = serviceId == NO_SERVICE ? _longestIdle(kindId, maxPrice) : serviceId;
         if (taker == NO_SERVICE) return (NO_SERVICE, address(0), 0, false);
         Record storage s = _services[taker];
@@ -332,7 +329,7 @@ contract ServiceManager is IServiceManager {
         if (hired != Hire.None && !ofKind) {
             revert ServiceOfOtherKind(taker, organization.kindNumbered(kindId));
         }
-        price = Math.max(_priceOf(s), Math.min(wanted, Units.max(_unit)));
+        price = _priceOf(s);
         if (!_isAvailable(s) || price > maxPrice || !ofKind) {
             if (hired > s.hired) _hire(s, hired);
             return (taker, address(0), 0, false);
@@ -473,65 +470,44 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function secondPrice(bytes32 kind) external view returns (uint256) {
-        Idle storage idle = _idle[organization.numberOf(kind)];
-        uint64 key = idle.lines.lowest();
-        Line storage line = idle.line[key];
-        if (line.first == line.latest) key = idle.lines.secondLowest();
-        return key == 0 ? Units.max(_unit) : _priceOf(key);
-    }
-
-    /// @inheritdoc IServiceManager
     function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
         Idle storage idle = _idle[organization.numberOf(kind)];
         return unpackService(idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first);
     }
 
     /// @inheritdoc IServiceManager
-    function serviceFor(address policy, KindId kindId, uint256 reward)
-        external
-        view
-        returns (ServiceId, uint256)
-    {
+    function serviceFor(address policy, KindId kindId, uint256 reward) external view returns (ServiceId) {
         bytes32 kind = organization.kindNumbered(kindId);
-        (uint256 chosen, uint256 price) =
-            _ask(policy, abi.encodeCall(IMatchingPolicy.serviceFor, (this, kind, reward)));
-        return (ServiceId.wrap(chosen), price);
+        return ServiceId.wrap(_ask(policy, abi.encodeCall(IMatchingPolicy.serviceFor, (this, kind, reward))));
     }
 
     /// @inheritdoc IServiceManager
-    function taskFor(ServiceId serviceId) external view returns (TaskId, uint256) {
+    function taskFor(ServiceId serviceId) external view returns (TaskId) {
         Record storage s = _get(serviceId);
         bytes32 kind = organization.kindNumbered(s.kindId);
-        uint256 own = _priceOf(s);
-        (uint256 chosen, uint256 price) = _ask(
-            address(organization.policy()),
-            abi.encodeCall(IMatchingPolicy.taskFor, (tasks, this, kind, serviceId, own))
+        return TaskId.wrap(
+            _ask(
+                address(organization.policy()),
+                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, this, kind, serviceId, _priceOf(s)))
+            )
         );
-        return (TaskId.wrap(chosen), Math.max(price, own));
     }
 
-    /// @dev What the policy chooses, and the price in whole units. A policy that fails has chosen NOTHING, so that it holds
-    /// up no work and no money. It does not fail for want of gas: nobody chooses in its place by giving little.
-    function _ask(address policy, bytes memory question)
-        private
-        view
-        returns (uint256 chosen, uint256 price)
-    {
+    /// @dev What the policy chooses. A policy that fails has chosen NOTHING, so that it holds up no work and no money. It
+    /// does not fail for want of gas: nobody chooses in its place by giving little.
+    function _ask(address policy, bytes memory question) private view returns (uint256 chosen) {
         // It gets 63 of 64 parts of what there is, at most.
         bool enough = gasleft() > POLICY_GAS + POLICY_GAS / 32;
         bool success;
         // By hand, because `try` reverts here on a malformed answer, and copies as much as the policy returns.
         assembly ("memory-safe") {
-            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 64)
-            success := and(success, eq(returndatasize(), 64))
+            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 32)
+            success := and(success, eq(returndatasize(), 32))
             chosen := mload(0)
-            price := mload(32)
             // All gas goes, as if it had run out here: callEach knows that by what is left.
             if iszero(or(success, enough)) { invalid() }
         }
-        if (!success) return (NOTHING, 0);
-        price -= price % _unit;
+        if (!success) return NOTHING;
     }
 
     function _longestIdle(KindId kindId, uint256 maxPrice) private view returns (ServiceId) {
@@ -849,10 +825,6 @@ contract ServiceManager is IServiceManager {
 
     function _priceOf(Record storage s) private view returns (uint96) {
         return uint96(s.units * _unit);
-    }
-
-    function _priceOf(uint64 key) private view returns (uint256) {
-        return Math.min(Units.priceOf(Weight.wrap(key).majorOf() - 1, _unit), Units.max(_unit));
     }
 
     /// @dev The weight of a line whose first service has this place.

@@ -351,9 +351,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc IServiceListener
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId, uint256 reward) {
-        taskId = unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
-        reward = _load(taskId).reward;
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId) {
+        return unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
@@ -404,10 +403,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
     function _match(TaskId taskId, Record memory t, IMatchingPolicy policy) private {
         bool asks = t.hired == Hire.None && address(policy) != address(0);
-        (ServiceId serviceId, uint256 wanted) =
-            asks ? services.serviceFor(address(policy), t.kindId, t.reward) : (t.serviceId, 0);
+        ServiceId serviceId = asks ? services.serviceFor(address(policy), t.kindId, t.reward) : t.serviceId;
         if (!asks || serviceId != NO_SERVICE) {
-            if (_assign(taskId, t, serviceId, wanted)) return;
+            if (_assign(taskId, t, serviceId)) return;
             if (asks) emit PolicyFailed(taskId);
         }
         _tasks.save(taskId, t, _unit);
@@ -418,48 +416,47 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev Give an available service that is in no line its next task, or let it wait.
     /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
     function _place(ServiceId serviceId, KindId kindId, uint256 price, uint256 named) private {
-        (uint256 queue, TaskId taskId, uint256 wanted) = _next(serviceId, kindId, price, named);
+        (uint256 queue, TaskId taskId) = _next(serviceId, kindId, price, named);
         if (taskId == NO_TASK) {
             services.enqueue(serviceId, ++_totals.places);
         } else {
             _leaveQueue(queue, taskId);
-            bool assigned = _assign(taskId, _load(taskId), serviceId, wanted);
+            bool assigned = _assign(taskId, _load(taskId), serviceId);
             assert(assigned);
         }
     }
 
-    /// @dev The next task of the service, in which queue it waits, and what it pays if that is more than the service asks: of
-    /// those that name nobody the one that the policy chooses, or the oldest; but an older one that names the service, or its
-    /// provider, goes first, so that no policy lets it wait for ever.
+    /// @dev The next task of the service, and in which queue it waits: of those that name nobody the one that the policy
+    /// chooses, or the oldest; but an older one that names the service, or its provider, goes first, so that no policy
+    /// lets it wait for ever.
     function _next(ServiceId serviceId, KindId kindId, uint256 price, uint256 named)
         private
-        returns (uint256 queue, TaskId taskId, uint256 wanted)
+        returns (uint256 queue, TaskId taskId)
     {
-        if (_totals.waiting == 0) return (0, NO_TASK, 0);
+        if (_totals.waiting == 0) return (0, NO_TASK);
         queue = _queueOf(kindId);
         taskId = unpackTask(_open[queue].first(Units.levelFor(price, _unit)));
-        if (taskId != NO_TASK && _totals.asks) (taskId, wanted) = _choose(serviceId, queue, taskId);
+        if (taskId != NO_TASK && _totals.asks) taskId = _choose(serviceId, price, queue, taskId);
         while (named != 0) {
             uint256 own = _queueOf(named, kindId);
             TaskId first = unpackTask(_open[own].first(uint64(price / _unit)));
             if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) {
-                (queue, taskId, wanted) = (own, first, 0);
+                (queue, taskId) = (own, first);
             }
             named = named == ServiceId.unwrap(serviceId) ? 0 : ServiceId.unwrap(serviceId);
         }
     }
 
-    /// @dev What the policy chooses from the queue, and at which price. If that is no task of this queue, or does not pay as
-    /// much: `oldest`, at the service's own price.
-    function _choose(ServiceId serviceId, uint256 queue, TaskId oldest)
+    /// @dev What the policy chooses from the queue; `oldest` if that is no task of this queue, or pays less than `price`.
+    function _choose(ServiceId serviceId, uint256 price, uint256 queue, TaskId oldest)
         private
-        returns (TaskId taskId, uint256 wanted)
+        returns (TaskId taskId)
     {
-        (taskId, wanted) = services.taskFor(serviceId);
+        taskId = services.taskFor(serviceId);
         Record memory t = _load(taskId);
-        if (t.state == TaskState.Open && _queue(t) == queue && t.reward >= wanted) return (taskId, wanted);
+        if (t.state == TaskState.Open && _queue(t) == queue && t.reward >= price) return taskId;
         emit PolicyFailed(oldest);
-        return (oldest, 0);
+        return oldest;
     }
 
     function _leaveQueue(uint256 queue, TaskId taskId) private {
@@ -487,15 +484,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         (_totals.places, r.available) = (place, false);
     }
 
-    /// @dev Whether the service takes the task; nothing happened if not. It is paid at least its own price.
-    function _assign(TaskId taskId, Record memory t, ServiceId serviceId, uint256 price)
-        private
-        returns (bool)
-    {
+    /// @dev Whether the service takes the task, at its own price; nothing happened if not.
+    function _assign(TaskId taskId, Record memory t, ServiceId serviceId) private returns (bool) {
         address executor;
+        uint256 price;
         bool accepted;
         (serviceId, executor, price, accepted) =
-            services.reserve(serviceId, t.kindId, t.reward, price, taskId, t.hired);
+            services.reserve(serviceId, t.kindId, t.reward, taskId, t.hired);
         if (executor == address(0)) return false;
         uint256 deadline = block.timestamp + t.executionWindow;
         uint8 attempt = t.attempt + 1;

@@ -517,7 +517,7 @@ contract AttackTest is Fixture {
         uint64 level = Units.levelFor(80 ether, 1 gwei);
         for (uint160 i = 0; i < 66; ++i) {
             uint64 near = i < 13 ? level ^ uint64(1 << i) : uint64(uint256(keccak256(abi.encode(i))) % 13_000);
-            offer(address(0xbad00 + i / 8), Math.min(Units.priceOf(near, 1 gwei), Units.max(1 gwei)));
+            offer(address(0xbad00 + i / 8), Math.min(priceOf(near, 1 gwei), Units.max(1 gwei)));
         }
         // The first pays for what the others changed.
         _gasOfOne();
@@ -550,6 +550,6 @@ contract AttackTest is Fixture {
         offer(robot1, 80 ether);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
         vm.prank(stranger);
-        services.reserve(serviceNo(1), KindId.wrap(1), 100 ether, 0, taskNo(7), Hire.None);
+        services.reserve(serviceNo(1), KindId.wrap(1), 100 ether, taskNo(7), Hire.None);
     }
 }

@@ -125,6 +125,12 @@ abstract contract Fixture is Numbers, Test {
         return TaskRequest(CLEANING, reward, WINDOW, WINDOW, ATTEMPTS, 0, 0, address(0), "{}");
     }
 
+    /// @dev The highest price of a level, see Units.
+    function priceOf(uint64 level, uint256 unit) internal pure returns (uint256) {
+        uint256 exponent = level < 1000 ? 0 : (level - 100) / 900;
+        return (level - exponent * 900) * 10 ** exponent * unit;
+    }
+
     function post(address creator, uint256 reward) internal returns (TaskId taskId) {
         vm.prank(creator);
         return tasks.registerTask(request(reward));

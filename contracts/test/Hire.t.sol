@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {
     Cause,
@@ -15,7 +14,6 @@ import {
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
-import {StubPolicy, Way} from "./StubPolicies.sol";
 
 /// @notice Tasks that name the service, or the provider, that is to do them.
 contract HireTest is Fixture {
@@ -320,27 +318,5 @@ contract HireTest is Fixture {
         vm.prank(alice);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.TwoNamed.selector, 1, robot1));
         tasks.registerTask(r);
-    }
-
-    function test_aPolicyPaysAtLeastTheServicesPriceAndAtMostTheReward() public {
-        ServiceId serviceId = offer(robot1, 80 ether);
-        uint256[3] memory named = [uint256(1 ether), 90 ether, 101 ether];
-        for (uint256 i = 0; i < 3; ++i) {
-            IMatchingPolicy policy_ = new StubPolicy(Way.Answers, 1, named[i]);
-            vm.prank(admin);
-            organization.setPolicy(policy_);
-            if (i == 2) {
-                vm.expectEmit();
-                emit ITaskManager.PolicyFailed(taskNo(3));
-            }
-            TaskId taskId = post(alice, 100 ether);
-            if (i == 2) {
-                assertState(taskId, TaskState.Open);
-                continue;
-            }
-            assertAssigned(taskId, serviceId);
-            assertEq(tasks.task(taskId).price, i == 0 ? 80 ether : 90 ether);
-            attempt(taskId, true);
-        }
     }
 }

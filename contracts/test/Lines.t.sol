@@ -58,7 +58,7 @@ contract LinesTest is Fixture {
     function _takeTask() private {
         KindId kind = organization.numberOf(CLEANING);
         vm.prank(address(tasks));
-        (ServiceId taker,,,) = services.reserve(NO_SERVICE, kind, PRICE, 0, taskNo(1), Hire.None);
+        (ServiceId taker,,,) = services.reserve(NO_SERVICE, kind, PRICE, taskNo(1), Hire.None);
         assertEq(ServiceId.unwrap(taker), _waiting.length == 0 ? 0 : ServiceId.unwrap(_waiting[0]));
         if (_waiting.length != 0) _working.push(_leave(_waiting, 0));
     }

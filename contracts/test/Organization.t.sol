@@ -180,7 +180,7 @@ contract OrganizationTest is Fixture {
             uint256 snapshot = vm.snapshotState();
             offer(robot1, 80 ether);
             TaskId running = post(alice, 100 ether);
-            IMatchingPolicy bad = new StubPolicy(Way(way), 999, 0);
+            IMatchingPolicy bad = new StubPolicy(Way(way), 999);
             vm.expectEmit(address(organization));
             emit IOrganization.PolicyChanged(bad);
             vm.prank(admin);

@@ -4,15 +4,13 @@ pragma solidity ^0.8.28;
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
-import {SecondPrice} from "../src/policies/SecondPrice.sol";
 import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
-import {PlainToken} from "./PlainToken.sol";
 import {SlowPolicy, StubPolicy, TaskStubPolicy, Way} from "./StubPolicies.sol";
 
 contract PolicyTest is Fixture {
@@ -118,77 +116,9 @@ contract PolicyTest is Fixture {
         assertAssigned(post(alice, 100 ether), cheap);
     }
 
-    // -- second price -------------------------------------------------------------------------------------
-
-    function test_secondPrice_theCheapestIsPaidWhatTheNextOneAsks() public {
-        _use(new SecondPrice());
-        offer(robot1, 60 ether);
-        ServiceId cheap = offer(robot2, 10 ether);
-        offer(robot3, 90 ether);
-        TaskId taskId = post(alice, 100 ether);
-        assertAssigned(taskId, cheap);
-        assertEq(tasks.task(taskId).price, 60 ether);
-        uint256 before = coin.balanceOf(alice);
-        attempt(taskId, true);
-        assertEq(coin.balanceOf(robot2), 60 ether);
-        assertEq(coin.balanceOf(alice) - before, 40 ether, "the surplus goes back");
-    }
-
-    function test_secondPrice_equalPricesArePaidAsAsked() public {
-        _use(new SecondPrice());
-        offer(robot1, 60 ether);
-        offer(robot2, 60 ether);
-        offer(robot3, 90 ether);
-        assertEq(tasks.task(post(alice, 100 ether)).price, 60 ether);
-        assertEq(tasks.task(post(alice, 100 ether)).price, 90 ether);
-    }
-
-    function test_secondPrice_isAtMostTheReward() public {
-        _use(new SecondPrice());
-        offer(robot1, 10 ether);
-        offer(robot2, 90 ether);
-        assertEq(tasks.task(post(alice, 50 ether)).price, 50 ether);
-        update(serviceNo(2), 20 ether, ServiceState.Active);
-        assertEq(tasks.task(post(alice, 100 ether)).price, 100 ether, "nobody else waits");
-        assertEq(services.secondPrice(CLEANING), services.secondPrice("nothing"), "the greatest price");
-    }
-
-    function test_secondPrice_whoBecomesFreeIsPaidTheRewardOfTheOldestTaskThatItCanDo() public {
-        _use(new SecondPrice());
-        post(alice, 5 ether);
-        TaskId taskId = post(alice, 100 ether + 1);
-        post(alice, 120 ether);
-        ServiceId serviceId = offer(robot2, 10 ether);
-        assertAssigned(taskId, serviceId);
-        assertEq(tasks.task(taskId).price, 100 ether, "in whole units");
-        attempt(taskId, true);
-        assertEq(coin.balanceOf(robot2), 100 ether);
-        assertAssigned(taskNo(3), serviceId);
-        assertEq(tasks.task(taskNo(3)).price, 120 ether);
-    }
-
-    function test_secondPrice_isAtMostWhatAnyServiceMayCost() public {
-        PlainToken token = new PlainToken(18);
-        found(token);
-        _use(new SecondPrice());
-        token.mint(alice, 200_000_000 ether);
-        vm.prank(alice);
-        token.approve(address(tasks), type(uint256).max);
-        TaskId taskId = post(alice, 200_000_000 ether);
-        offer(robot1, 10 ether);
-        assertEq(tasks.task(taskId).price, Units.max(1 gwei));
-    }
-
-    function test_secondPrice_findsNoTaskWhereNoneWaits() public {
-        SecondPrice second = new SecondPrice();
-        (TaskId taskId, uint256 price) = second.taskFor(tasks, services, CLEANING, serviceNo(1), 0);
-        assertEq(taskId, 0);
-        assertEq(price, 0);
-    }
-
     // -- a service that becomes free ----------------------------------------------------------------------
 
-    function test_theOldestTaskAtTheServicesPriceUnlessThePolicyPaysMore() public {
+    function test_theOldestTaskAtTheServicesPrice() public {
         IMatchingPolicy[3] memory policies = [IMatchingPolicy(policy), _lowestPrice, _highestReputation];
         for (uint256 i = 0; i < policies.length; ++i) {
             uint256 snapshot = vm.snapshotState();
@@ -248,7 +178,7 @@ contract PolicyTest is Fixture {
     }
 
     /// @dev Whatever made it free.
-    function test_thePolicyChoosesTheTaskOfAServiceThatBecomesFreeAndItsPrice() public {
+    function test_thePolicyChoosesTheTaskOfAServiceThatBecomesFree() public {
         for (uint8 how = 0; how <= uint8(type(Freed).max); ++how) {
             uint256 snapshot = vm.snapshotState();
             TaskStubPolicy stub = new TaskStubPolicy();
@@ -257,29 +187,16 @@ contract PolicyTest is Fixture {
             post(alice, 40 ether);
             TaskId chosen = post(bob, 50 ether);
             post(alice, 60 ether);
-            stub.tell(Way.Answers, TaskId.unwrap(chosen), 45 ether + 1);
+            stub.tell(Way.Answers, TaskId.unwrap(chosen));
             vm.expectCall(
                 address(stub),
                 abi.encodeCall(IMatchingPolicy.taskFor, (tasks, services, CLEANING, serviceId, 10 ether))
             );
             _free(Freed(how), serviceId);
             assertAssigned(chosen, serviceId);
-            assertEq(tasks.task(chosen).price, 45 ether, "in whole units");
-            stub.tell(Way.Answers, 0, 0);
-            attempt(chosen, true);
-            assertEq(coin.balanceOf(bob), 1955 ether, "the surplus goes back");
+            assertEq(tasks.task(chosen).price, 10 ether, "its own price");
             vm.revertToState(snapshot);
         }
-    }
-
-    function test_thePriceIsAtLeastWhatTheServiceAsks() public {
-        TaskStubPolicy stub = new TaskStubPolicy();
-        _use(stub);
-        post(alice, 40 ether);
-        TaskId chosen = post(alice, 50 ether);
-        stub.tell(Way.Answers, TaskId.unwrap(chosen), 9 ether);
-        assertAssigned(chosen, offer(robot1, 10 ether));
-        assertEq(tasks.task(chosen).price, 10 ether);
     }
 
     function test_aChosenTaskMayPayExactlyWhatTheServiceAsks() public {
@@ -287,7 +204,7 @@ contract PolicyTest is Fixture {
         _use(stub);
         post(alice, 100 ether);
         TaskId exact = post(alice, 99.71 ether);
-        stub.tell(Way.Answers, TaskId.unwrap(exact), 0);
+        stub.tell(Way.Answers, TaskId.unwrap(exact));
         assertAssigned(exact, offer(robot1, 99.71 ether));
     }
 
@@ -319,13 +236,10 @@ contract PolicyTest is Fixture {
         ServiceId serviceId = _queue(stub);
         uint256[9] memory unfit = [uint256(0), 1, 2, 3, 4, 5, 8, (1 << 40) + 7, type(uint256).max];
         for (uint256 i = 0; i < unfit.length; ++i) {
-            _assertTakesTheOldest(stub, serviceId, Way.Answers, unfit[i], 0);
+            _assertTakesTheOldest(stub, serviceId, Way.Answers, unfit[i]);
         }
-        _assertTakesTheOldest(stub, serviceId, Way.Answers, 7, 51 ether);
-        _assertTakesTheOldest(stub, serviceId, Way.Answers, 7, 50 ether + 1 gwei);
-        _assertTakesTheOldest(stub, serviceId, Way.Answers, 7, type(uint256).max);
         for (uint8 way = 1; way <= uint8(type(Way).max); ++way) {
-            _assertTakesTheOldest(stub, serviceId, Way(way), 7, 20 ether);
+            _assertTakesTheOldest(stub, serviceId, Way(way), 7);
         }
         vm.etch(address(stub), "");
         vm.expectEmit(address(tasks));
@@ -334,15 +248,11 @@ contract PolicyTest is Fixture {
         assertAssigned(taskNo(6), serviceId);
     }
 
-    function _assertTakesTheOldest(
-        TaskStubPolicy stub,
-        ServiceId serviceId,
-        Way way,
-        uint256 chosen,
-        uint256 price
-    ) private {
+    function _assertTakesTheOldest(TaskStubPolicy stub, ServiceId serviceId, Way way, uint256 chosen)
+        private
+    {
         uint256 snapshot = vm.snapshotState();
-        stub.tell(way, chosen, price);
+        stub.tell(way, chosen);
         vm.expectEmit(address(tasks));
         emit ITaskManager.PolicyFailed(taskNo(6));
         update(serviceId, 10 ether, ServiceState.Active);
@@ -362,7 +272,7 @@ contract PolicyTest is Fixture {
                 _use(stub);
                 ServiceId serviceId = _busy(Freed(how));
                 post(alice, 40 ether);
-                stub.tell(Way(way), 0, 0);
+                stub.tell(Way(way), 0);
                 _free(Freed(how), serviceId);
                 TaskId next = services.service(serviceId).taskId;
                 assertTrue(next != NO_TASK, "the service has work");
@@ -387,7 +297,7 @@ contract PolicyTest is Fixture {
         }
         post(alice, 40 ether);
         post(alice, 40 ether);
-        stub.tell(Way.BurnsGas, 0, 0);
+        stub.tell(Way.BurnsGas, 0);
         bool once = false;
         for (uint256 gas = 300_000; gas < 2_000_000; gas += 20_000) {
             uint256 snapshot = vm.snapshotState();
@@ -412,17 +322,15 @@ contract PolicyTest is Fixture {
         _use(slow);
         ServiceId serviceId = offer(robot1, 10 ether);
         TaskId running = post(alice, 10 ether);
-        TaskId waiting = post(alice, 40 ether);
-        update(serviceId, 10 ether, ServiceState.Active);
+        post(alice, 40 ether);
+        TaskId chosen = post(alice, 40 ether);
         bool once = false;
         for (uint256 gas = 400_000; gas < 1_400_000; gas += 2000) {
             uint256 snapshot = vm.snapshotState();
             vm.prank(robot1);
             try tasks.abandonTask{gas: gas}(running, 1) {
                 once = true;
-                TaskId next = services.service(serviceId).taskId;
-                assertTrue(next == running || next == waiting);
-                assertEq(tasks.task(next).price, next == running ? 10 ether : 11 ether, "as the policy says");
+                assertAssigned(chosen, serviceId);
             } catch {
                 assertFalse(once, "more gas was too little");
             }
@@ -431,24 +339,17 @@ contract PolicyTest is Fixture {
         assertTrue(once);
     }
 
-    /// @dev Whatever the policy answers, the service has a task that fits, at a price that fits.
-    function testFuzz_whateverThePolicySaysTheTaskAndThePriceFit(uint256 chosen, uint256 price, bool near)
-        public
-    {
+    /// @dev Whatever the policy answers, the service has a task that fits, at its own price.
+    function testFuzz_whateverThePolicySaysTheTaskFits(uint256 chosen, bool near) public {
         TaskStubPolicy stub = new TaskStubPolicy();
         ServiceId serviceId = _queue(stub);
-        if (near) (chosen, price) = (bound(chosen, 0, 8), bound(price, 0, 60 ether));
-        stub.tell(Way.Answers, chosen, price);
+        if (near) chosen = bound(chosen, 0, 8);
+        stub.tell(Way.Answers, chosen);
         update(serviceId, 10 ether, ServiceState.Active);
         TaskId taskId = services.service(serviceId).taskId;
-        assertTrue(taskId == taskNo(6) || taskId == taskNo(7), "a task that fits");
-        Task memory t = tasks.task(taskId);
-        assertLe(t.price, t.reward);
-        assertGe(t.price, 10 ether);
-        assertEq(t.price % 1 gwei, 0);
-        bool fits = (chosen == 6 || chosen == 7) && price / 1 gwei * 1 gwei <= 10 ether * (chosen - 2);
-        if (fits) assertEq(taskId, chosen, "the policy's choice");
-        if (!fits) assertEq(taskId, 6, "the oldest");
+        assertEq(tasks.task(taskId).price, 10 ether);
+        if (chosen == 7) assertEq(taskId, 7, "the policy's choice");
+        else assertEq(taskId, 6, "the oldest");
     }
 
     // -- and tasks that name it ---------------------------------------------------------------------------
@@ -470,13 +371,11 @@ contract PolicyTest is Fixture {
             post(alice, 40 ether);
             TaskId naming = i == 0 ? _hire(serviceId, address(0)) : _hire(NO_SERVICE, robot1);
             TaskId chosen = post(alice, 50 ether);
-            stub.tell(Way.Answers, TaskId.unwrap(chosen), 45 ether);
+            stub.tell(Way.Answers, TaskId.unwrap(chosen));
             update(serviceId, 10 ether, ServiceState.Active);
             assertAssigned(naming, serviceId);
-            assertEq(tasks.task(naming).price, 10 ether, "its own price");
             attempt(naming, true);
             assertAssigned(chosen, serviceId);
-            assertEq(tasks.task(chosen).price, 45 ether);
             vm.revertToState(snapshot);
         }
     }
@@ -489,10 +388,10 @@ contract PolicyTest is Fixture {
         post(alice, 40 ether);
         TaskId chosen = post(alice, 50 ether);
         TaskId naming = _hire(serviceId, address(0));
-        stub.tell(Way.Answers, TaskId.unwrap(chosen), 45 ether);
+        stub.tell(Way.Answers, TaskId.unwrap(chosen));
         update(serviceId, 10 ether, ServiceState.Active);
         assertAssigned(chosen, serviceId);
-        stub.tell(Way.Answers, TaskId.unwrap(post(alice, 60 ether)), 60 ether);
+        stub.tell(Way.Answers, TaskId.unwrap(post(alice, 60 ether)));
         attempt(chosen, true);
         assertAssigned(taskNo(1) < naming ? naming : taskNo(1), serviceId);
     }
@@ -529,34 +428,25 @@ contract PolicyTest is Fixture {
     }
 
     function test_aPolicyAfterFirstComeIsAskedFromTheNextTaskOn() public {
+        for (uint256 i = 0; i < 4; ++i) {
+            post(alice, 40 ether);
+        }
+        _use(new StubPolicy(Way.Answers, 3));
+        assertAssigned(taskNo(1), offer(robot1, 10 ether));
         post(alice, 40 ether);
-        post(alice, 50 ether);
-        _use(new SecondPrice());
-        offer(robot1, 10 ether);
-        assertEq(tasks.task(taskNo(1)).price, 10 ether, "no task came meanwhile");
-        post(alice, 60 ether);
-        offer(robot2, 10 ether);
-        assertEq(tasks.task(taskNo(2)).price, 50 ether);
+        assertAssigned(taskNo(3), offer(robot2, 10 ether));
         _use(policy);
-        offer(robot3, 10 ether);
-        assertEq(tasks.task(taskNo(3)).price, 10 ether, "at once");
+        assertAssigned(taskNo(2), offer(robot3, 10 ether));
     }
 
     function test_whatThePolicySaysCanBeAsked() public {
-        StubPolicy stub = new StubPolicy(Way.Answers, 7, 12 ether + 1);
+        StubPolicy stub = new StubPolicy(Way.Answers, 7);
         _use(stub);
         ServiceId serviceId = offer(robot1, 10 ether);
-        (TaskId taskId, uint256 price) = services.taskFor(serviceId);
-        assertEq(taskId, 7);
-        assertEq(price, 12 ether);
-        (ServiceId chosen, uint256 wanted) =
-            services.serviceFor(address(stub), organization.numberOf(CLEANING), 0);
-        assertEq(chosen, 7);
-        assertEq(wanted, 12 ether);
-        stub.tell(Way.Reverts, 7, 12 ether);
-        (taskId, price) = services.taskFor(serviceId);
-        assertEq(taskId, type(uint256).max);
-        assertEq(price, 10 ether, "its own");
+        assertEq(services.taskFor(serviceId), 7);
+        assertEq(services.serviceFor(address(stub), organization.numberOf(CLEANING), 0), 7);
+        stub.tell(Way.Reverts, 7);
+        assertEq(services.taskFor(serviceId), type(uint256).max);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.UnknownService.selector, 2));
         services.taskFor(serviceNo(2));
     }
@@ -586,8 +476,8 @@ contract PolicyTest is Fixture {
         if (found) assertLe(price, reward);
         bool comparable = price > 1000 * unit && price < max / 2;
         if (comparable && reward > price + price / 100) assertTrue(found, "within a hundredth");
-        assertGe(Units.priceOf(Units.levelFor(price, unit), unit), price);
-        assertEq(Units.levelOf(Math.min(Units.priceOf(level, unit), max), unit), level);
+        assertGe(priceOf(Units.levelFor(price, unit), unit), price);
+        assertEq(Units.levelOf(Math.min(priceOf(level, unit), max), unit), level);
         assertLt(Units.levelFor(price, unit), 1 << 14, "few levels");
     }
 
@@ -636,7 +526,6 @@ contract PolicyTest is Fixture {
             assertEq(services.longestIdle(CLEANING, reward), _search(reward, _longer), "longest");
             assertEq(services.cheapestIdle(CLEANING, reward), _search(reward, _cheaper), "cheapest");
             assertEq(services.mostReputableIdle(CLEANING, reward), _search(reward, _better), "reputable");
-            assertEq(services.secondPrice(CLEANING), _secondPrice(), "second price");
         }
     }
 
@@ -653,15 +542,6 @@ contract PolicyTest is Fixture {
             Service memory s = services.service(serviceId);
             if (s.place == 0 || s.price > reward) continue;
             if (best == NO_SERVICE || isBetter(s, services.service(best))) best = serviceId;
-        }
-    }
-
-    function _secondPrice() private view returns (uint256 second) {
-        second = Units.max(1 gwei);
-        ServiceId cheapest = services.cheapestIdle(CLEANING, Units.max(1 gwei));
-        for (ServiceId serviceId = serviceNo(1); exists(serviceId); serviceId = following(serviceId)) {
-            Service memory s = services.service(serviceId);
-            if (s.place != 0 && serviceId != cheapest && s.price < second) second = s.price;
         }
     }
 

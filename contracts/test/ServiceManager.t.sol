@@ -120,7 +120,7 @@ contract ServiceManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
         vm.startPrank(robot1);
         vm.expectRevert(refusal);
-        services.reserve(serviceId, KindId.wrap(1), 100 ether, 0, taskNo(1), Hire.None);
+        services.reserve(serviceId, KindId.wrap(1), 100 ether, taskNo(1), Hire.None);
         vm.expectRevert(refusal);
         services.release(serviceId, Outcome.Completed, 80 ether, alice, 0);
         vm.expectRevert(refusal);
@@ -131,8 +131,7 @@ contract ServiceManagerTest is Fixture {
         ServiceId serviceId = offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        (, address provider,,) =
-            services.reserve(serviceId, KindId.wrap(1), 100 ether, 0, taskNo(2), Hire.None);
+        (, address provider,,) = services.reserve(serviceId, KindId.wrap(1), 100 ether, taskNo(2), Hire.None);
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));

@@ -21,38 +21,32 @@ enum Way {
 contract StubPolicy is IMatchingPolicy {
     Way public way;
     uint256 public chosen;
-    uint256 public price;
 
-    constructor(Way way_, uint256 chosen_, uint256 price_) {
-        (way, chosen, price) = (way_, chosen_, price_);
+    constructor(Way way_, uint256 chosen_) {
+        (way, chosen) = (way_, chosen_);
     }
 
-    function tell(Way way_, uint256 chosen_, uint256 price_) external {
-        (way, chosen, price) = (way_, chosen_, price_);
+    function tell(Way way_, uint256 chosen_) external {
+        (way, chosen) = (way_, chosen_);
     }
 
-    function serviceFor(IServiceManager, bytes32, uint256)
-        external
-        view
-        virtual
-        returns (ServiceId, uint256)
-    {
-        return (ServiceId.wrap(_answer()), price);
+    function serviceFor(IServiceManager, bytes32, uint256) external view virtual returns (ServiceId) {
+        return ServiceId.wrap(_answer());
     }
 
     function taskFor(IServiceListener, IServiceManager, bytes32, ServiceId, uint256)
         external
         view
-        returns (TaskId, uint256)
+        returns (TaskId)
     {
-        return (TaskId.wrap(_answer()), price);
+        return TaskId.wrap(_answer());
     }
 
     function _answer() private view returns (uint256) {
         require(way != Way.Reverts, "no");
         while (way == Way.BurnsGas) {}
         if (way == Way.Answers) return chosen;
-        uint256 size = way == Way.ReturnsTooMuch ? 400_000 : way == Way.ReturnsTooLittle ? 32 : 0;
+        uint256 size = way == Way.ReturnsTooMuch ? 400_000 : way == Way.ReturnsTooLittle ? 31 : 0;
         assembly {
             return(0, size)
         }
@@ -61,37 +55,36 @@ contract StubPolicy is IMatchingPolicy {
 
 /// @notice The same for services that become free. Tasks get the service that has waited longest.
 contract TaskStubPolicy is StubPolicy {
-    constructor() StubPolicy(Way.Answers, 0, 0) {}
+    constructor() StubPolicy(Way.Answers, 0) {}
 
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
         override
-        returns (ServiceId, uint256)
+        returns (ServiceId)
     {
-        return (services.longestIdle(kind, reward), 0);
+        return services.longestIdle(kind, reward);
     }
 }
 
-/// @notice Answers right, after it has spent most of what it may.
+/// @notice Answers right, after it has spent most of what it may. Its third task goes first.
 contract SlowPolicy is IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (ServiceId, uint256)
+        returns (ServiceId)
     {
         _spend();
-        return (services.longestIdle(kind, reward), reward);
+        return services.longestIdle(kind, reward);
     }
 
-    function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
+    function taskFor(IServiceListener, IServiceManager, bytes32, ServiceId, uint256)
         external
         view
-        returns (TaskId taskId, uint256 paid)
+        returns (TaskId)
     {
         _spend();
-        (taskId,) = tasks.oldestOpen(kind, price);
-        paid = price + 1 ether;
+        return TaskId.wrap(3);
     }
 
     function _spend() private view {
@@ -100,14 +93,14 @@ contract SlowPolicy is IMatchingPolicy {
     }
 }
 
-/// @notice Of the tasks that wait it chooses any, or one that does not wait, at any price, or fails.
+/// @notice Of the tasks that wait it chooses any, or one that does not wait or pays too little, or fails.
 contract UnrulyPolicy is IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (ServiceId, uint256)
+        returns (ServiceId)
     {
-        return (services.longestIdle(kind, reward), 0);
+        return services.longestIdle(kind, reward);
     }
 
     function taskFor(
@@ -116,12 +109,11 @@ contract UnrulyPolicy is IMatchingPolicy {
         bytes32 kind,
         ServiceId serviceId,
         uint256 price
-    ) external view returns (TaskId taskId, uint256 paid) {
+    ) external view returns (TaskId) {
         uint256 count = tasks.taskCount();
         uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
         require(seed % 16 != 0, "no");
-        paid = (seed >> 32) % 2 == 0 ? 0 : (seed >> 64) % 200 ether;
-        if ((seed >> 8) % 2 == 0) (taskId,) = tasks.oldestOpen(kind, price + (seed >> 96) % 100 ether);
-        else taskId = TaskId.wrap((seed >> 16) % (count + 2));
+        if ((seed >> 8) % 2 == 0) return tasks.oldestOpen(kind, price + (seed >> 96) % 100 ether);
+        return TaskId.wrap((seed >> 16) % (count + 2));
     }
 }

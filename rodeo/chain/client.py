@@ -120,8 +120,7 @@ class ChainClient:
 
     def oldest_open(self, kind: str, price: int) -> int | None:
         """The oldest open task of `kind` that pays at least `price`."""
-        task_id, _ = self._view("TaskManager", "oldestOpen", kind_to_bytes32(kind), price)
-        return task_id or None
+        return self._view("TaskManager", "oldestOpen", kind_to_bytes32(kind), price) or None
 
     def service(self, service_id: int) -> Service:
         """Raises ContractReverted: UnknownService."""

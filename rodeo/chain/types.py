@@ -73,7 +73,6 @@ class Policy(StrEnum):
     FIRST_COME = "FirstComeFirstServed"
     LOWEST_PRICE = "LowestPrice"
     HIGHEST_REPUTATION = "HighestReputation"
-    SECOND_PRICE = "SecondPrice"
 
 
 def kind_to_bytes32(kind: str) -> bytes:

@@ -912,7 +912,7 @@ def test_what_cannot_be_done_is_given_back_at_once_without_a_proof_and_the_next_
 
 
 def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
-    for policy in ("lowest_price", "highest_reputation", "second_price", "first_come"):
+    for policy in ("lowest_price", "highest_reputation", "first_come"):
         dao.command("organization", "set_policy", policy=policy)
         assert dao.state("organization")["policy"] == policy
     dao.command("organization", "allow_kind", kind="sweeping", review="auditor")

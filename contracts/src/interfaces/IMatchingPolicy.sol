@@ -6,9 +6,9 @@ import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
 import {IServiceManager} from "./IServiceManager.sol";
 
-/// @title Chooses the idle service that gets a task, the waiting task that a service gets, and what the service is paid.
-/// @notice A policy only chooses. It holds no queue and no token, so an organization can replace it in one
-/// transaction without moving a task. A task that names a service or a provider needs no policy. A policy that reverts, uses
+/// @title Chooses the idle service that gets a task, and the waiting task that a service gets.
+/// @notice A policy only chooses: a service is paid its own price. It holds no queue and no token, so an organization can
+/// replace it in one transaction without moving a task. A task that names a service or a provider needs no policy. A policy that reverts, uses
 /// more than 500,000 gas, or chooses what does not fit delays matching, and nothing else (ITaskManager.PolicyFailed).
 interface IMatchingPolicy {
     /// @notice The idle service that gets a task of `kind` that pays `reward`.
@@ -16,11 +16,10 @@ interface IMatchingPolicy {
     /// @param kind what is to be done, ASCII
     /// @param reward the most the service may cost, in the token's smallest unit
     /// @return serviceId 0 if no idle service of that kind costs at most `reward`
-    /// @return price what it is paid, at most `reward`; never less than the service's own price, which 0 stands for
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (ServiceId serviceId, uint256 price);
+        returns (ServiceId serviceId);
 
     /// @notice The task that a service gets which becomes free while tasks wait that it can do. Asked before one that names
     /// the service or its provider goes first, because it is older than what this returns.
@@ -28,14 +27,13 @@ interface IMatchingPolicy {
     /// @param services the contract that knows the service
     /// @param kind what it does, ASCII
     /// @param serviceId the service
-    /// @param price the least that it does a task for, in the token's smallest unit
+    /// @param price what it is paid, in the token's smallest unit
     /// @return taskId an open task of `kind` that names nobody and whose reward is at least `price`
-    /// @return paid what the service is paid, at most the reward; never less than `price`, which 0 stands for
     function taskFor(
         IServiceListener tasks,
         IServiceManager services,
         bytes32 kind,
         ServiceId serviceId,
         uint256 price
-    ) external view returns (TaskId taskId, uint256 paid);
+    ) external view returns (TaskId taskId);
 }

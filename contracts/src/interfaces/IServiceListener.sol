@@ -35,8 +35,7 @@ interface IServiceListener {
     /// @param kind what is to be done, ASCII
     /// @param price the least that it pays, in the token's smallest unit
     /// @return taskId 0 if there is none
-    /// @return reward what it pays at most, in the token's smallest unit
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId, uint256 reward);
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId);
 
     /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);

@@ -262,11 +262,6 @@ interface IServiceManager {
     /// @return serviceId 0 if no such service waits
     function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId serviceId);
 
-    /// @notice Returns what the second cheapest waiting service asks, rounded up to three digits, whatever a task pays.
-    /// @param kind what is done, ASCII
-    /// @return price the greatest price if fewer than two wait
-    function secondPrice(bytes32 kind) external view returns (uint256 price);
-
     /// @notice Returns the waiting service with the best reputation. Among equals it prefers the lowest price, then
     /// the longest wait.
     /// @param kind what is done, ASCII
@@ -317,18 +312,16 @@ interface IServiceManager {
     /// @param reward the most it may cost, in the token's smallest unit
     /// @return serviceId what the policy says, whether or not there is such a service; a number that no service has if it
     /// fails, and 0 if it finds none
-    /// @return price what the service is to be paid, if that is more than its own price: a multiple of the unit of prices
     function serviceFor(address policy, KindId kindId, uint256 reward)
         external
         view
-        returns (ServiceId serviceId, uint256 price);
+        returns (ServiceId serviceId);
 
     /// @notice Returns the waiting task that the organization's policy chooses for a service that is free, among those that
     /// name nobody. Reverts with UnknownService; never because of the policy.
     /// @param serviceId its number
     /// @return taskId what the policy says, whether or not there is such a task; a number that no task has if it fails
-    /// @return price what the service is to be paid: a multiple of the unit of prices, and at least its own price
-    function taskFor(ServiceId serviceId) external view returns (TaskId taskId, uint256 price);
+    function taskFor(ServiceId serviceId) external view returns (TaskId taskId);
 
     /// @notice End a suspension, and forgive the provider its failures. Only the organization.
     /// @param serviceId its number
@@ -339,7 +332,6 @@ interface IServiceManager {
     /// @param serviceId the service that the policy chose, or that the task names; 0 for the one that has waited longest
     /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param maxPrice the most it may cost, in the token's smallest unit
-    /// @param wanted what it is to be paid, if that is more than its own price; more than any service may cost counts as that
     /// @param taskId the task that it gets
     /// @param hired whether the task names the service, or its provider. It then waits for it, and `release` says so.
     /// Reverts with UnknownService or ServiceOfOtherKind if it would wait forever.
@@ -347,14 +339,9 @@ interface IServiceManager {
     /// @return provider who does the task; 0 if the service does not fit, and nothing happened
     /// @return price the price of this task
     /// @return accepted whether the service accepts each task
-    function reserve(
-        ServiceId serviceId,
-        KindId kindId,
-        uint256 maxPrice,
-        uint256 wanted,
-        TaskId taskId,
-        Hire hired
-    ) external returns (ServiceId taker, address provider, uint256 price, bool accepted);
+    function reserve(ServiceId serviceId, KindId kindId, uint256 maxPrice, TaskId taskId, Hire hired)
+        external
+        returns (ServiceId taker, address provider, uint256 price, bool accepted);
 
     /// @notice End the service's task. Only the task manager, which pays what this returns, and places the service.
     /// @param serviceId the service that did the task

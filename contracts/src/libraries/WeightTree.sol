@@ -59,19 +59,6 @@ library WeightTree {
         return true;
     }
 
-    /// @notice The lowest key but one; 0 if there are fewer than two.
-    function secondLowest(Tree storage tree) internal view returns (uint64) {
-        (uint64 ref, uint64 next) = (tree.root, 0);
-        while (ref != 0 && !_isLeaf(ref)) {
-            Node storage node = tree.nodes[ref];
-            (ref, next) = (node.left, node.right);
-        }
-        while (next != 0 && !_isLeaf(next)) {
-            next = tree.nodes[next].left;
-        }
-        return next >> 1;
-    }
-
     /// @notice The lowest key whose weight has at least this major part; 0 if there is none.
     function first(Tree storage tree, uint64 minMajor) internal view returns (uint64) {
         uint64 ref = tree.root;

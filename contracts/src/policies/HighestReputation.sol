@@ -13,18 +13,17 @@ contract HighestReputation is IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (ServiceId, uint256)
+        returns (ServiceId)
     {
-        return (services.mostReputableIdle(kind, reward), 0);
+        return services.mostReputableIdle(kind, reward);
     }
 
     /// @inheritdoc IMatchingPolicy
     function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
         external
         view
-        returns (TaskId taskId, uint256)
+        returns (TaskId)
     {
-        // slither-disable-next-line unused-return
-        (taskId,) = tasks.oldestOpen(kind, price);
+        return tasks.oldestOpen(kind, price);
     }
 }

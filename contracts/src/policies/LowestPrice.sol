@@ -8,23 +8,23 @@ import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
 /// @title The cheapest service. Among equals the best reputation, then the one that has waited longest.
+/// @notice A service is paid what it asks. So it pays a provider to ask as much as the next cheaper one would lose by.
 contract LowestPrice is IMatchingPolicy {
     /// @inheritdoc IMatchingPolicy
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (ServiceId, uint256)
+        returns (ServiceId)
     {
-        return (services.cheapestIdle(kind, reward), 0);
+        return services.cheapestIdle(kind, reward);
     }
 
     /// @inheritdoc IMatchingPolicy
     function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
         external
         view
-        returns (TaskId taskId, uint256)
+        returns (TaskId)
     {
-        // slither-disable-next-line unused-return
-        (taskId,) = tasks.oldestOpen(kind, price);
+        return tasks.oldestOpen(kind, price);
     }
 }

@@ -7,7 +7,7 @@ import {TaskManager} from "../../src/TaskManager.sol";
 import {Terms} from "../../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
-import {SecondPrice} from "../../src/policies/SecondPrice.sol";
+import {LowestPrice} from "../../src/policies/LowestPrice.sol";
 import {ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
@@ -33,7 +33,7 @@ contract DecimalsInvariants is Fixture {
 
     function setUp() public override {
         super.setUp();
-        SecondPrice second = new SecondPrice();
+        LowestPrice lowest = new LowestPrice();
         address[3] memory robots = [robot1, robot2, robot3];
         uint8[3] memory decimals = [18, 6, 2];
         for (uint256 i = 0; i < decimals.length; ++i) {
@@ -41,7 +41,7 @@ contract DecimalsInvariants is Fixture {
             found(token);
             _twins.push(Twin(organization, services, tasks, token, 10 ** (decimals[i] - 2)));
             vm.prank(admin);
-            organization.setPolicy(second);
+            organization.setPolicy(lowest);
             vm.prank(alice);
             token.approve(address(tasks), type(uint256).max);
             for (uint256 j = 0; j < ROBOTS; ++j) {

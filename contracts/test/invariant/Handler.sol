@@ -137,8 +137,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
                 violation = "another provider was hired";
             }
             uint256 own = _services.service(t.serviceId).price;
-            if (t.price < own) violation = "a service works below its price";
-            if (t.hired != Hire.None && t.price != own) violation = "who was named is paid by the policy";
+            if (t.price != own) violation = "a service is paid another price";
             if (t.price > t.reward) violation = "a price is above the reward";
             for (TaskId older = taskNo(1); older < taskId; older = following(older)) {
                 Task memory o = _tasks.task(older);

@@ -13,7 +13,6 @@ CONTRACTS = (
     "FirstComeFirstServed",
     "LowestPrice",
     "HighestReputation",
-    "SecondPrice",
     "Organization",
     "ServiceManager",
     "TaskManager",

@@ -57,7 +57,6 @@ POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
     "highest_reputation": "Highest reputation",
-    "second_price": "Second price",
 }
 
 

@@ -81,7 +81,7 @@ class Lab(Organization):
             calls.set_members_only(True),
             calls.admit(self.robot.address),
             calls.admit(self.stranger.address),
-            calls.set_policy(Policy.SECOND_PRICE),
+            calls.set_policy(Policy.LOWEST_PRICE),
             calls.grant_role(Role.AUDITOR, self.stranger.address),
             calls.set_budget(Role.OPERATOR, IEC.to_units(Decimal(500)), 3600),
             # Less than there is in the treasury.
@@ -198,7 +198,7 @@ def test_everything_moves_once_the_tasks_have_ended(lab: Lab) -> None:
     # Rules of the site file, and those of the chain.
     assert all(new.is_kind_allowed(kind) for kind in kinds_of(lab.site))
     assert new.terms() == old.terms() and new.members_only()
-    assert new.policy() == new.deployment.address(Policy.SECOND_PRICE)
+    assert new.policy() == new.deployment.address(Policy.LOWEST_PRICE)
     assert new.budget(Role.OPERATOR).amount == IEC.to_units(Decimal(500))
     assert _windows(old.kind(KIND)) == (300, 1200, 86_400, 3600, Silence.EXECUTOR)
     # Windows move as they were set. Silence pays the executor only where the site file says so.

@@ -119,7 +119,7 @@ def test_an_organization_of_another_release_is_not_replaced_by_another_one(
         pay(w3, keystores.address(site, name), "1")
     prepare(elsewhere, lambda _: None, threading.Event())
     before, block = Deployment.load(site.data_dir, CHAIN_ID), w3.eth.block_number
-    swapped = before.contracts | {"LowestPrice": before.contracts["SecondPrice"]}
+    swapped = before.contracts | {"LowestPrice": before.contracts["HighestReputation"]}
     other = before.model_copy(update={"contracts": swapped})
     other.save(site.data_dir)
     with pytest.raises(OtherRelease, match="rodeo organization migrate") as refused:
