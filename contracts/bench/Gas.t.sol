@@ -66,7 +66,6 @@ contract Everyone {
 /// `bench/contracts.py` reads the figures.
 contract GasBench is Fixture {
     uint256 private constant SERVICES = 1000;
-    uint256 private constant BATCH = 20;
     uint256 private constant PRICE = 80 ether;
     uint256 private constant REWARD = 100 ether;
 
@@ -143,37 +142,6 @@ contract GasBench is Fixture {
         vm.prank(provider);
         tasks.submitJudgedProof(vote, by, PROOF_URI);
         _figure("gas_lifecycle_two_tx", gas + _used());
-    }
-
-    /// @dev Twenty tasks of one creator that twenty robots have done, judged in one transaction; the second time, when
-    /// everybody has been paid before.
-    function test_batch() public {
-        setTerms(1 ether, 0.25 ether, 3);
-        address[] memory robots = new address[](BATCH);
-        for (uint256 i = 0; i < BATCH; ++i) {
-            robots[i] = address(uint160(0x20b0700 + i));
-            vm.prank(bob);
-            coin.transfer(robots[i], 1 ether);
-            vm.prank(robots[i]);
-            coin.approve(address(tasks), type(uint256).max);
-            offer(robots[i], 10 ether);
-        }
-        for (uint256 round = 0; round < 2; ++round) {
-            bytes[] memory calls = new bytes[](BATCH);
-            for (uint256 i = 0; i < BATCH; ++i) {
-                TaskId taskId = post(alice, 12 ether);
-                vm.prank(services.providerOf(tasks.task(taskId).serviceId));
-                tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
-                calls[i] = abi.encodeCall(
-                    tasks.postVerdict,
-                    (taskId, 1, PROOF, Verdict.Accepted, 10 ether, REPORT, PROOF_URI, "all checks passed")
-                );
-            }
-            vm.prank(oracle);
-            tasks.callEach(calls);
-        }
-        _figure("gas_verdict_batch20", _used() / BATCH);
-        assertEq(tasks.held(), BATCH * 1 ether, "all were paid");
     }
 
     /// @dev As much as ten identities with bonds get for 10M gas: services that nobody pays for, at the prices that

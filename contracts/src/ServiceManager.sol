@@ -504,10 +504,10 @@ contract ServiceManager is IServiceManager {
             success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 32)
             success := and(success, eq(returndatasize(), 32))
             chosen := mload(0)
-            // All gas goes, as if it had run out here: callEach knows that by what is left.
-            if iszero(or(success, enough)) { invalid() }
         }
-        if (!success) return NOTHING;
+        if (success) return chosen;
+        if (!enough) revert TooLittleGas(POLICY_GAS);
+        return NOTHING;
     }
 
     function _longestIdle(KindId kindId, uint256 maxPrice) private view returns (ServiceId) {

@@ -83,9 +83,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @notice What a payment may spend.
     uint256 public constant PAYMENT_GAS = Payments.GAS;
 
-    /// @dev Whatever runs out of gas in callEach leaves a 64th of it in each of the contracts it was in: at most three.
-    uint256 private constant GAS_SHARE = 16;
-
     /// @dev Makes the word of a service's proofs when the service is made, so that no task pays for it.
     bytes32 private constant NO_PROOF = bytes32(uint256(1));
 
@@ -241,18 +238,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         } else {
             Cause unproven = accepted ? Cause.ExecutionExpired : Cause.NotAccepted;
             _failAttempt(taskId, t, submitted ? Cause.VerdictExpired : unproven);
-        }
-    }
-
-    /// @inheritdoc ITaskManager
-    /// @dev Not guarded against reentrancy, because each of the calls is.
-    function callEach(bytes[] calldata calls) external {
-        for (uint256 i = 0; i < calls.length; ++i) {
-            uint256 gas = gasleft();
-            (bool success, bytes memory answer) = address(this).delegatecall(calls[i]);
-            if (success) continue;
-            if (gasleft() < gas / GAS_SHARE) revert OutOfGas(i);
-            emit CallFailed(msg.sender, i, answer);
         }
     }
 

@@ -282,40 +282,6 @@ contract PolicyTest is Fixture {
         }
     }
 
-    function test_attack_aPolicyThatBurnsGasLosesAVerdictAmongOthers() public {
-        TaskStubPolicy stub = new TaskStubPolicy();
-        _use(stub);
-        bytes[] memory calls = new bytes[](2);
-        for (uint256 i = 0; i < 2; ++i) {
-            offer(i == 0 ? robot1 : robot2, 10 ether);
-            TaskId taskId = post(alice, 10 ether);
-            submit(taskId);
-            calls[i] = abi.encodeCall(
-                ITaskManager.postVerdict,
-                (taskId, 1, PROOF, Verdict.Accepted, 10 ether, REPORT, "report", "because")
-            );
-        }
-        post(alice, 40 ether);
-        post(alice, 40 ether);
-        stub.tell(Way.BurnsGas, 0);
-        bool once = false;
-        for (uint256 gas = 300_000; gas < 2_000_000; gas += 20_000) {
-            uint256 snapshot = vm.snapshotState();
-            vm.prank(oracle);
-            try tasks.callEach{gas: gas}(calls) {
-                for (uint256 i = 1; i <= 2; ++i) {
-                    assertState(taskNo(i), TaskState.Settled);
-                    assertState(taskNo(i + 2), TaskState.Assigned);
-                }
-                once = true;
-            } catch {
-                assertFalse(once, "more gas was too little");
-            }
-            vm.revertToState(snapshot);
-        }
-        assertTrue(once);
-    }
-
     /// @dev Whatever gas the transaction has, the policy is not made to fail by it.
     function test_attack_theCallerChoosesByItsGas() public {
         SlowPolicy slow = new SlowPolicy();

@@ -345,9 +345,6 @@ class TaskManagerCalls(ContractCalls):
     def accept_task(self, task_id: int, attempt: int) -> Call:
         return self._call("TaskManager", "acceptTask", task_id, attempt)
 
-    def call_each(self, calls: list[bytes]) -> Call:
-        return self._call("TaskManager", "callEach", calls)
-
     def cancel_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "cancelTask", task_id)
 

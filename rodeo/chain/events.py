@@ -260,13 +260,6 @@ class AuditRequested(Event):
 
 
 @dataclass(frozen=True)
-class CallFailed(Event):
-    caller: str
-    index: int
-    answer: bytes
-
-
-@dataclass(frozen=True)
 class PaymentCollected(Event):
     account: str
     amount: int

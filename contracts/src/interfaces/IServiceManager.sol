@@ -142,6 +142,8 @@ interface IServiceManager {
     /// billionth of a token, or the token's smallest if it has 9 decimals or fewer.
     error InvalidPrice(uint256 price, uint256 unit, uint256 max);
     error ServiceNotIdle(ServiceId serviceId);
+    /// @notice The organization's policy may need so much, and the caller left less: it would have failed for that alone.
+    error TooLittleGas(uint256 needed);
     /// @notice Retire one first. One that retired at work counts until its task ends.
     error TooManyServices(address provider, uint256 max);
     /// @notice The provider has let too many attempts pass without a proof. It may call `wakeUp` at `until`.

@@ -212,13 +212,6 @@ interface ITaskManager is IServiceListener {
     event PaymentDeferred(address indexed account, uint256 amount);
     event PaymentCollected(address indexed account, uint256 amount);
 
-    /// @notice One of the calls of callEach changed nothing.
-    /// @param index which one, from 0
-    /// @param answer the error
-    event CallFailed(address indexed caller, uint256 index, bytes answer);
-
-    /// @notice The call with this index needs more gas than the transaction has: none of the calls was made.
-    error OutOfGas(uint256 index);
     /// @notice The executor, or its service for each task, has accepted this attempt before.
     error AlreadyAccepted(TaskId taskId, uint8 attempt);
     error UnknownTask(TaskId taskId);
@@ -341,11 +334,6 @@ interface ITaskManager is IServiceListener {
     /// decide.
     /// @param taskId a task that is assigned, submitted or undecided
     function expireTask(TaskId taskId) external;
-
-    /// @notice Make several calls of this contract in one transaction, each as if it were alone. One that fails changes
-    /// nothing, emits CallFailed, and holds up no other. A judge posts many verdicts this way.
-    /// @param calls the encoded calls, function and arguments
-    function callEach(bytes[] calldata calls) external;
 
     /// @notice Anyone asks the policy again for an open task. This is useful only after PolicyFailed.
     /// @param taskId an open task

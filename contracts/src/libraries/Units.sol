@@ -64,14 +64,6 @@ library Units {
         return uint64(exponent * STEPS + Math.ceilDiv(units, 10 ** exponent));
     }
 
-    /// @notice The highest price of a level.
-    function priceOf(uint64 level, uint256 unit) internal pure returns (uint256) {
-        uint256 exponent = level < 1000 ? 0 : (level - 100) / STEPS;
-        // The division finds the exponent, whose remainder is the level's digits.
-        // slither-disable-next-line divide-before-multiply
-        return (level - exponent * STEPS) * 10 ** exponent * unit;
-    }
-
     function _exponent(uint256 units) private pure returns (uint256) {
         return units < 1000 ? 0 : Math.log10(units) - 2;
     }

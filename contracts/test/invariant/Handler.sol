@@ -653,32 +653,6 @@ contract Handler is CommonBase, StdUtils, Numbers {
         _expectVerdict(taskId, t, accepted, amount);
     }
 
-    /// @dev The same among others that fail. First alone, with any amount of gas and much to write.
-    function postAmongOthers(uint256 which, bool accepted, uint256 amount, uint256 gas) external inOrder {
-        TaskId taskId = _find(which, TaskState.Submitted);
-        if (taskId == NO_TASK) return;
-        Task memory t = _tasks.task(taskId);
-        if (block.timestamp > t.deadline) return;
-        amount = _amount(t, accepted, amount);
-        Verdict verdict = accepted ? Verdict.Accepted : Verdict.Rejected;
-        bytes memory call_ = abi.encodeCall(
-            ITaskManager.postVerdict,
-            (taskId, t.attempt, t.proofHash, verdict, amount, 0, string(new bytes(8192)), "")
-        );
-        bytes[] memory calls = new bytes[](1);
-        calls[0] = call_;
-        vm.prank(_oracle);
-        try _tasks.callEach{gas: bound(gas, 100_000, 500_000)}(calls) {}
-        catch {
-            calls = new bytes[](3);
-            calls[0] = abi.encodeCall(ITaskManager.cancelTask, (NO_TASK));
-            (calls[1], calls[2]) = (call_, call_);
-            vm.prank(_oracle);
-            _tasks.callEach(calls);
-        }
-        _expectVerdict(taskId, t, accepted, amount);
-    }
-
     /// @dev The executor brings the oracle's signature along with the proof: after one that is of something else, or of
     /// somebody who may not judge, was refused.
     function submitJudgedProof(uint256 which, bool accepted, uint256 amount, uint256 forgery)

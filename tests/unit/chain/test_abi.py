@@ -62,7 +62,6 @@ SAMPLES: dict[str, Any] = {
     "by": SignedBy(ADDRESS, 1, "", bytes(64)),
     "signature": bytes(65),
     "signatures": bytes(192),
-    "calls": [bytes(4), bytes(36)],
     "instances": [Instance(ADDRESS, 60, 0, 1, 1), Instance(ADDRESS, 0, 60, 0, 0)],
 }
 
