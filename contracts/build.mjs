@@ -19,7 +19,6 @@ const CONTRACTS = [
   "LowestPrice",
   "HighestReputation",
   "MemberVotes",
-  "WrappedVotes",
   "OrganizationTimelock",
   "OrganizationGovernor",
   "BudgetVotes",

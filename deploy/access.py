@@ -73,7 +73,7 @@ COMMANDS: dict[str, set[str]] = {
     OPERATOR: {
         *_OFFICE,
         *("abandon_task", "raise_reward", "post_votes", "sign_vote", "set_payout"),
-        *("sign", "relay", "allow_payments", "revoke_request", "wrap_tokens", "unwrap_tokens"),
+        *("sign", "relay", "allow_payments", "revoke_request"),
         *("grant_role", "revoke_role", "hand_over", "set_delay", "propose", "open_budget_vote"),
         *("change_judge_key", "seat_judge", "unseat_judge", "set_quorum"),
         *("deposit_stake", "announce_withdrawal", "withdraw_stake"),

@@ -200,13 +200,13 @@ def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
         deployment = keep_unfinished(site, create_contracts(site, w3, administrator, say, steps=steps))
     else:
         steps.plan(-count_contracts(site))
-    wanted = site.governance.votes if site.governance.kind == "vote" else None
-    if deployment.votes_by != wanted:
+    found = "vote" if deployment.decides_by_vote else "administrator"
+    if found != site.governance.kind:
         raise OtherGovernance(
-            "the contracts on this chain were deployed with another [governance] kind or votes: set those in "
-            "the site file, or deploy for a new organization",
-            wanted=wanted or "administrator",
-            found=deployment.votes_by or "administrator",
+            "the contracts on this chain were deployed with another kind under [governance]: set that in the "
+            "site file, or deploy for a new organization",
+            wanted=site.governance.kind,
+            found=found,
         )
     _require_token(site, deployment)
     if site.disputes is not None and len(deployment.committees) <= len(site.disputes.instances):
@@ -453,7 +453,7 @@ def _missing_rules(
     if client.deployment.has_timelock:
         # So that proposals set the prices of the organization's services.
         roles.append((Role.OPERATOR, client.deployment.address("OrganizationTimelock")))
-    if client.deployment.has_budget_votes:
+    if client.deployment.decides_by_vote:
         # It pays what members have split, and nothing else.
         roles.append((Role.TREASURER, client.deployment.address("BudgetVotes")))
     for former in _former_oracles(site, client):

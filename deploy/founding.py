@@ -230,11 +230,10 @@ def _batches(parts: Sequence[Part]) -> Iterator[list[Part]]:
 def _names(site: Site, own_token: bool) -> list[str]:
     """What the registry creates of the site's organization, in an order in which it can."""
     governance = site.governance
-    deciding = artifacts.governance(governance.votes) if governance.kind == "vote" else ()
     wanted = {
         *artifacts.CONTRACTS,
         *(("OrganizationTimelock",) if governance.delay_s else ()),
-        *deciding,
+        *(artifacts.GOVERNANCE if governance.kind == "vote" else ()),
         *(artifacts.DISPUTES if site.disputes is not None else ()),
     }
     if site.disputes is not None and site.disputes.appeal is None:
@@ -277,16 +276,13 @@ def _parts(
         deciders = [addresses["OrganizationGovernor"]] if by_vote else []
         arguments["OrganizationTimelock"] = (0, [*deciders, founder])
     if by_vote:
-        by_tokens = governance.votes == "tokens"
         arguments |= {
             "MemberVotes": (organization,),
-            "WrappedVotes": (coin,),
-            "BudgetVotes": (organization, addresses.get("MemberVotes")),
+            "BudgetVotes": (organization, addresses["MemberVotes"]),
             "OrganizationGovernor": (
-                addresses[artifacts.VOTES[governance.votes]],
+                addresses["MemberVotes"],
                 addresses["OrganizationTimelock"],
                 governance.voting_period_s,
-                currency.to_units(governance.proposal_iec) if by_tokens else 1,
                 governance.quorum_percent,
             ),
         }

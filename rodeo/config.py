@@ -299,12 +299,6 @@ class GovernanceConfig(_Table):
     kind: Literal["administrator", "vote"] = "administrator"
     """Whose decisions they are: those of the key of `organization`, which proposes them, or of the members by
     vote. It counts when the contracts are deployed."""
-    votes: Literal["members", "tokens"] = "members"
-    """What votes where members decide: each member once, or each IEC that its owner has wrapped. It counts
-    when the contracts are deployed."""
-    proposal_iec: Decimal = Field(default=Decimal(10_000), gt=0, max_digits=36, decimal_places=18)
-    """Wrapped IEC that a proposal takes where tokens vote. The quorum is a share of what is wrapped: while
-    nobody else wraps, whoever has so much decides alone."""
     delay_s: int = Field(default=2 * 24 * 3600, ge=0, le=30 * 24 * 3600)
     """Time between a proposal of the administrator, or a decision of the members, and its execution, s:
     everybody can see it coming. 0, which only an administrator may have: its key acts at once. It counts when
@@ -314,7 +308,7 @@ class GovernanceConfig(_Table):
     voting_period_s: int = Field(default=3 * 24 * 3600, gt=0, lt=2**32)
     """For how long members may vote on a proposal, s."""
     quorum_percent: int = Field(default=25, ge=1, le=100)
-    """Share of all members, or of all wrapped tokens, whose votes, for or abstaining, a decision needs."""
+    """Share of all members whose votes, for or abstaining, a decision needs."""
     guardian: str | None = "organization"
     """The participant whose key may pause new tasks for up to three days, and nothing else. None: nobody."""
     budgets: dict[Literal["operator", "treasurer"], BudgetConfig] = {
@@ -1161,17 +1155,7 @@ def _governance(site: Site) -> Iterator[tuple[Place, str]]:
             ("governance", "members"),
             'members decide only with kind = "vote": set it, or leave members out',
         )
-    if governance.votes == "tokens":
-        if governance.kind == "administrator":
-            yield ("governance", "votes"), 'tokens vote only with kind = "vote": set it, or leave votes out'
-        if governance.members:
-            yield ("governance", "members"), "wrapped tokens vote here, and not members: leave members out"
-        if site.economy.token is None and governance.proposal_iec > site.economy.supply_iec:
-            yield (
-                ("governance", "proposal_iec"),
-                f"nobody could propose anything: there are only {site.economy.supply_iec} IEC",
-            )
-    elif governance.kind == "vote" and not governance.members:
+    if governance.kind == "vote" and not governance.members:
         yield ("governance", "members"), "nobody could decide: name the members who vote"
     if governance.kind == "vote" and not governance.delay_s:
         yield ("governance", "delay_s"), "decisions by vote take effect after a delay: set more than 0"

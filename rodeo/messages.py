@@ -566,18 +566,6 @@ class PayBudgetShare(Command):
     recipient: Party
 
 
-class WrapTokens(Command):
-    """Set IEC of the wallet's own account aside to vote with. They vote on later proposals."""
-
-    amount_iec: Payment
-
-
-class UnwrapTokens(Command):
-    """Take IEC back that were set aside to vote. What was voted stays."""
-
-    amount_iec: Payment
-
-
 class CastVote(Command):
     """Vote on a proposal, once and for all, with the votes of the time when it was made."""
 
@@ -790,8 +778,6 @@ COMMANDS: dict[str, type[Command]] = {
     "deposit_stake": DepositStake,
     "announce_withdrawal": AnnounceWithdrawal,
     "withdraw_stake": WithdrawStake,
-    "wrap_tokens": WrapTokens,
-    "unwrap_tokens": UnwrapTokens,
     "propose": Propose,
     "cast_vote": CastVote,
     "queue_proposal": QueueProposal,

@@ -424,8 +424,6 @@ class Organization(Answer):
     paused_until_s: int = 0
     """Block time before which no new tasks are taken; in the past where they are."""
     decided_by: Literal["administrator", "vote"] = "administrator"
-    votes_by: Literal["members", "tokens"] | None = None
-    """What votes: each member once, or each wrapped IEC. None where an administrator decides."""
     delay_s: int = 0
     """Block time between a proposal of the administrator, or a decision of the members, and its execution. 0
     where the administrator's key acts at once."""
@@ -453,15 +451,11 @@ class ProposedCall(Answer):
     args: dict[str, Any]
 
 
-Votes = Annotated[int, Field(strict=True)] | Amount
-"""A number of members, or where tokens vote an amount of IEC."""
-
-
 class Ballot(Answer):
     voter: str
     voter_name: str | None
     support: Support
-    weight: Votes
+    weight: int
 
 
 ProposalState = Literal[
@@ -495,7 +489,7 @@ class Proposal(Answer):
     """Last block time at which votes count; None where the administrator decides."""
     ready_s: float | None
     """Block time from which it can be executed; None before it is queued."""
-    votes: dict[Support, Votes]
+    votes: dict[Support, int]
     ballots: list[Ballot]
 
 

@@ -205,18 +205,10 @@ def _holder(one: queries.Holder, state: queries.Organization) -> str:
 
 def _decides_in_words(state: queries.Organization) -> str:
     """Who decides about the organization, and how long everybody can see it coming."""
-    by = _DECIDES[state.votes_by]
-    if not state.delay_s:
-        return f"{by}, at once"
-    return f"{by}, {span(state.delay_s)} after {'a vote' if state.votes_by else 'a proposal'}"
+    if state.decided_by == "vote":
+        return f"the members, by vote, {span(state.delay_s)} after a vote"
+    return f"the administrator, {f'{span(state.delay_s)} after a proposal' if state.delay_s else 'at once'}"
 
-
-_DECIDES = {
-    None: "the administrator",
-    "members": "the members, by vote",
-    "tokens": "whoever has wrapped tokens, by vote",
-}
-"""By what votes."""
 
 _ROLES = {
     "DEFAULT_ADMIN_ROLE": "administrators",
@@ -655,26 +647,6 @@ def judge_key(
     """Let a judge of the committee vote with another key, for every kind of work."""
     done = f"{judge} votes with the key {key} now. What it signed with the old key counts no more."
     send(site, participant, "change_judge_key", done, judge=judge, key=key)
-
-
-@organization.command("wrap")
-@reports_errors
-def wrap(
-    amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
-) -> None:
-    """Set tokens aside to vote with, where tokens vote. They vote on proposals that are made later."""
-    done = f"{participant} votes with {amount} IEC more."
-    send(site, participant, "wrap_tokens", done, amount_iec=amount)
-
-
-@organization.command("unwrap")
-@reports_errors
-def unwrap(
-    amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
-) -> None:
-    """Take tokens back that were set aside to vote."""
-    done = f"{participant} has {amount} IEC back."
-    send(site, participant, "unwrap_tokens", done, amount_iec=amount)
 
 
 @organization.command("seat")

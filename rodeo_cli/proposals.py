@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextvars import ContextVar
-from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,7 +27,7 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import moment
 from rodeo_cli.layout import Row
 from rodeo_cli.tasks import ParticipantOption
-from services.console.formatting import calls_in_words, number
+from services.console.formatting import calls_in_words
 
 ProposalArgument = Annotated[int, typer.Argument(help="Its number: `rodeo organization proposals`.")]
 
@@ -153,9 +152,7 @@ def proposals(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> N
                 one.state,
                 ""
                 if one.vote_end_s is None
-                else " / ".join(
-                    number(Decimal(one.votes[support])) for support in ("for", "against", "abstain")
-                ),
+                else " / ".join(str(one.votes[support]) for support in ("for", "against", "abstain")),
                 when(one, loaded),
                 one.description,
             ),

@@ -52,7 +52,6 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "members_only": False,
         "paused_until_s": 0,
         "decided_by": "administrator",
-        "votes_by": None,
         "delay_s": 0,
         "judges": [],
         "committees": [],

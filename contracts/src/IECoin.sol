@@ -5,8 +5,8 @@ import {ERC20} from "@openzeppelin/contracts/token/ERC20/ERC20.sol";
 import {ERC20Permit} from "@openzeppelin/contracts/token/ERC20/extensions/ERC20Permit.sol";
 
 /// @title The token in which work is paid: ERC-20 with permit (EIP-2612), 18 decimals.
-/// @notice Nobody owns it; its whole supply is minted to the first holders when it is deployed. It keeps no votes, whose
-/// checkpoints every task would pay for: WrappedVotes has them for what somebody sets aside.
+/// @notice Nobody owns it; its whole supply is minted to the first holders when it is deployed. Tokens have no
+/// votes, so that no task pays for checkpoints.
 contract IECoin is ERC20, ERC20Permit {
     error LengthMismatch(uint256 holders, uint256 amounts);
 

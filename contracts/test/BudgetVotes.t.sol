@@ -9,7 +9,6 @@ import {BudgetVotes} from "../src/governance/BudgetVotes.sol";
 import {MemberVotes} from "../src/governance/MemberVotes.sol";
 import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
 import {OrganizationTimelock} from "../src/governance/OrganizationTimelock.sol";
-import {WrappedVotes} from "../src/governance/WrappedVotes.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Members split money by quadratic votes; owners vote by what they have wrapped.
@@ -194,53 +193,5 @@ contract BudgetVotesTest is Fixture {
         vm.expectRevert(abi.encodeWithSelector(BudgetVotes.InvalidBallot.selector, 1, 2));
         vm.prank(alice);
         rounds.vote(roundId, new uint256[](1));
-    }
-
-    function test_ownersVoteByWhatTheyHaveWrappedAndNotByWhatIsInEscrow() public {
-        WrappedVotes votes = new WrappedVotes(coin);
-        uint64 nonce = vm.getNonce(address(this));
-        address[] memory proposers = new address[](1);
-        proposers[0] = vm.computeCreateAddress(address(this), nonce + 1);
-        OrganizationTimelock timelock = new OrganizationTimelock(2 days, proposers);
-        OrganizationGovernor governor = new OrganizationGovernor(votes, timelock, 3 days, 1 ether, 25);
-        vm.startPrank(alice);
-        coin.approve(address(votes), type(uint256).max);
-        votes.depositFor(alice, 600 ether);
-        vm.stopPrank();
-        vm.startPrank(bob);
-        coin.approve(address(votes), type(uint256).max);
-        votes.depositFor(bob, 500 ether);
-        vm.stopPrank();
-        // The rest of what alice owns works in escrow.
-        post(alice, 1400 ether);
-        vm.warp(block.timestamp + 1);
-        assertEq(votes.getPastVotes(alice, block.timestamp - 1), 600 ether);
-        assertEq(votes.getPastVotes(address(tasks), block.timestamp - 1), 0);
-        assertEq(votes.decimals(), coin.decimals());
-
-        address[] memory targets = new address[](1);
-        bytes[] memory calldatas = new bytes[](1);
-        (targets[0], calldatas[0]) =
-        (address(organization), abi.encodeCall(organization.setMembersOnly, (true)));
-        vm.prank(alice);
-        uint256 proposalId = governor.propose(targets, new uint256[](1), calldatas, "");
-        vm.warp(block.timestamp + 1);
-        // What is wrapped after the proposal, or taken back, changes nothing in it.
-        vm.prank(robot1);
-        coin.transfer(bob, 1000 ether);
-        vm.prank(bob);
-        votes.depositFor(bob, 1000 ether);
-        vm.prank(alice);
-        votes.withdrawTo(alice, 600 ether);
-        assertEq(coin.balanceOf(alice), 600 ether);
-        vm.prank(bob);
-        governor.castVote(proposalId, 0);
-        vm.prank(alice);
-        governor.castVote(proposalId, 1);
-        (uint256 against, uint256 inFavour,) = governor.proposalVotes(proposalId);
-        assertEq(against, 500 ether);
-        assertEq(inFavour, 600 ether);
-        vm.warp(governor.proposalDeadline(proposalId) + 1);
-        assertEq(uint8(governor.state(proposalId)), uint8(IGovernor.ProposalState.Succeeded));
     }
 }

@@ -37,7 +37,7 @@ contract GovernanceTest is Fixture {
         address[] memory proposers = new address[](1);
         proposers[0] = vm.computeCreateAddress(address(this), nonce + 1);
         timelock = new OrganizationTimelock(DELAY, proposers);
-        governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 1, 25);
+        governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 25);
         vm.startPrank(admin);
         serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         organization.admit(alice);

@@ -283,10 +283,8 @@ class ChainClient:
         return STATES[self._view("OrganizationGovernor", "state", proposal_id, block="pending")]
 
     def votes(self, account: str) -> int:
-        """What the account's vote weighs in proposals from now on: 1 for a member, wei of wrapped tokens."""
-        return self._view(
-            artifacts.VOTES[self.deployment.votes_by or "members"], "getVotes", to_checksum_address(account)
-        )
+        """What the account's vote weighs in proposals from now on: 1 for a member."""
+        return self._view("MemberVotes", "getVotes", to_checksum_address(account))
 
     def voting_time_s(self) -> int:
         """Time of a block that would be mined now, where members vote."""

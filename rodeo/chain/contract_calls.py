@@ -400,11 +400,3 @@ class TaskManagerCalls(ContractCalls):
 
     def withdraw_payments(self, account: str) -> Call:
         return self._call("TaskManager", "withdrawPayments", account)
-
-
-class WrappedVotesCalls(ContractCalls):
-    def deposit_for(self, account: str, value: int) -> Call:
-        return self._call("WrappedVotes", "depositFor", account, value)
-
-    def withdraw_to(self, account: str, value: int) -> Call:
-        return self._call("WrappedVotes", "withdrawTo", account, value)

@@ -30,9 +30,9 @@ class Deployment(BaseModel):
     block: int
     """No event of the contracts is in an earlier block."""
     contracts: dict[str, str]
-    """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version, those of
-    `artifacts.governance` if it decides by votes, the timelock alone if its administrator's key proposes, and
-    `artifacts.DISPUTES` if verdicts can be challenged."""
+    """Contract name -> checksummed address: `artifacts.CONTRACTS`, `artifacts.GOVERNANCE` if members decide,
+    the timelock alone if the administrator's key proposes, and `artifacts.DISPUTES` if verdicts can be
+    challenged."""
     decimals: int = IEC.decimals
     """Of the payment token, which stands among the contracts as IECoin, as it says itself."""
     is_token_foreign: bool = False
@@ -68,18 +68,9 @@ class Deployment(BaseModel):
         return Currency(self.decimals)
 
     @property
-    def votes_by(self) -> str | None:
-        """What votes, one of `artifacts.VOTES`; None where an administrator decides."""
-        return next((by for by, name in artifacts.VOTES.items() if name in self.contracts), None)
-
-    @property
     def decides_by_vote(self) -> bool:
-        return self.votes_by is not None
-
-    @property
-    def has_budget_votes(self) -> bool:
-        """Whether members split money by votes."""
-        return artifacts.BUDGET_VOTES in self.contracts
+        """Whether members decide, and not an administrator."""
+        return "MemberVotes" in self.contracts
 
     @property
     def has_timelock(self) -> bool:
@@ -99,9 +90,9 @@ class Deployment(BaseModel):
     @property
     def event_sources(self) -> list[ChecksumAddress]:
         """The contracts whose events tell the organization's state. Where members decide, the governor's tell
-        of proposals, and not the timelock's. Whether a member has a vote is in the organization's events, and
-        wrapped tokens are no payments. Each committee has seats of its own."""
-        others = {*artifacts.VOTES.values()}
+        of proposals, and not the timelock's. Whether a member has a vote is in the organization's events.
+        Each committee has seats of its own."""
+        others = {"MemberVotes"}
         if self.decides_by_vote:
             others.add("OrganizationTimelock")
         return [self.address(name) for name in self.contracts if name not in others]

@@ -28,7 +28,6 @@ BETWEEN_CONTRACTS = frozenset(
 
 OF_GOVERNANCE = {
     "MemberVotes": frozenset({"sync"}),
-    "WrappedVotes": frozenset({"depositFor", "withdrawTo"}),
     "OrganizationTimelock": frozenset(
         {
             *("scheduleBatch", "executeBatch", "execute", "cancel"),

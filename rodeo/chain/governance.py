@@ -84,10 +84,8 @@ class GovernanceCalls:
         self._timelock = contract_calls.OrganizationTimelockCalls(deployment)
         self._governor = contract_calls.OrganizationGovernorCalls(deployment)
         self.votes = contract_calls.MemberVotesCalls(deployment)
-        self.tokens = contract_calls.WrappedVotesCalls(deployment)
-        """Where tokens vote, in place of `votes`."""
         self.budgets = contract_calls.BudgetVotesCalls(deployment)
-        """Where members vote: how they split money."""
+        """How members split money."""
 
     def propose(self, calls: Sequence[Call], description: str) -> Call:
         return self._governor.propose(

@@ -107,11 +107,9 @@ from rodeo.messages import (
     Transfer,
     TypedSignature,
     UnseatJudge,
-    UnwrapTokens,
     UpdateService,
     Withdraw,
     WithdrawStake,
-    WrapTokens,
 )
 from rodeo.signed_requests import UNLIMITED
 from services.bridge.errors import (
@@ -130,7 +128,6 @@ from services.bridge.errors import (
     KindWithoutChecks,
     KindWithoutRules,
     MembersDecide,
-    NoBudgetVotes,
     NoCredits,
     NoDispute,
     NotAJudge,
@@ -306,7 +303,7 @@ class Wallet:
                 # An open task's reward comes back first. A cancelled one's came back before.
                 back = task["reward"] if task is not None and task["state"] == "open" else 0
                 return self._currency.to_units(command.reward_iec) - back
-            case Transfer() | Deposit() | DepositStake() | Withdraw() | WrapTokens() | OpenBudgetVote():
+            case Transfer() | Deposit() | DepositStake() | Withdraw() | OpenBudgetVote():
                 return self._currency.to_units(command.amount_iec)
             case RegisterService():
                 return self._max_bond(command)
@@ -985,7 +982,7 @@ class Wallet:
         if isinstance(proposed, UpdateService):
             self._require_own_service(proposed.service_id)
         calls = build(replace(self, participant=ORGANIZATION), proposed)
-        if isinstance(proposed, Admit | Dismiss) and self.client.deployment.votes_by == "members":
+        if isinstance(proposed, Admit | Dismiss) and self.client.deployment.decides_by_vote:
             # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.
             calls.append(self.client.governance_calls.votes.sync(self.names.address(proposed.account)))
         if not self.client.deployment.decides_by_vote:
@@ -1010,21 +1007,6 @@ class Wallet:
                 service_id=service_id,
                 provider=service["provider"],
             )
-
-    def _wrap_tokens(self, command: WrapTokens) -> list[Call]:
-        self._require_token_votes()
-        amount, wrapped = (
-            self._currency.to_units(command.amount_iec),
-            self.client.deployment.address("WrappedVotes"),
-        )
-        self._require_funds(self.key_address, amount)
-        wrap = self.client.governance_calls.tokens.deposit_for(self.key_address, amount)
-        return [*self._approval(wrapped, amount), wrap]
-
-    def _unwrap_tokens(self, command: UnwrapTokens) -> list[Call]:
-        self._require_token_votes()
-        amount = self._currency.to_units(command.amount_iec)
-        return [self.client.governance_calls.tokens.withdraw_to(self.key_address, amount)]
 
     def _cast_vote(self, command: CastVote) -> list[Call]:
         self._require_votes()
@@ -1097,12 +1079,6 @@ class Wallet:
         if not self.client.deployment.decides_by_vote:
             raise NoVotes("this organization has an administrator, and its members do not vote")
 
-    def _require_token_votes(self) -> None:
-        if self.client.deployment.votes_by != "tokens":
-            raise NoVotes(
-                "wrapped tokens have no vote in this organization", votes_by=self.client.deployment.votes_by
-            )
-
     def _proposal(self, number: int) -> Row:
         self._require_timelock()
         found = self.index.proposal(number)
@@ -1116,7 +1092,7 @@ class Wallet:
     # -- money that members split --------------------------------------------------------------------------
 
     def _open_budget_vote(self, command: OpenBudgetVote) -> list[Call]:
-        self._require_budget_votes()
+        self._require_votes()
         amount = self._currency.to_units(command.amount_iec)
         recipients = [self._payee("recipients", one) for one in command.recipients]
         for number, (one, who) in enumerate(zip(recipients, command.recipients, strict=True)):
@@ -1177,7 +1153,7 @@ class Wallet:
 
     def _budget_vote(self, number: int, state: str) -> Row:
         """A budget vote in which members vote still (`open`), or no more (`ended`)."""
-        self._require_budget_votes()
+        self._require_votes()
         row = self.index.budget_vote(number)
         if row is None:
             raise UnknownBudgetVote(
@@ -1204,13 +1180,6 @@ class Wallet:
                 known=[self.names.name(one) or one for one in recipients],
             )
         return int(recipients.index(address))
-
-    def _require_budget_votes(self) -> None:
-        if not self.client.deployment.has_budget_votes:
-            raise NoBudgetVotes(
-                "this organization has no budget votes: only those founded with one vote for each member do",
-                votes_by=self.client.deployment.votes_by,
-            )
 
     # -- checks --------------------------------------------------------------------------------------------
 
@@ -1374,8 +1343,6 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "deposit_stake": (DepositStake, Wallet._deposit_stake),
     "announce_withdrawal": (AnnounceWithdrawal, Wallet._announce_withdrawal),
     "withdraw_stake": (WithdrawStake, Wallet._withdraw_stake),
-    "wrap_tokens": (WrapTokens, Wallet._wrap_tokens),
-    "unwrap_tokens": (UnwrapTokens, Wallet._unwrap_tokens),
     "propose": (Propose, Wallet._propose),
     "cast_vote": (CastVote, Wallet._cast_vote),
     "queue_proposal": (QueueProposal, Wallet._queue_proposal),

@@ -19,14 +19,13 @@
     │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
     │   ├── DailyLimitReached     the wallet has reached its daily spending limit
     │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
-    │   ├── NoVotes               nobody votes here, or not in this way
+    │   ├── NoVotes               an administrator decides here, and members do not vote
     │   ├── HasToBeProposed       the administrator is a timelock, which does nothing at once
     │   ├── ActsAtOnce            the administrator's key proposes nothing
     │   ├── MembersDecide         no key alone may do this where members decide
     │   ├── UnknownProposal
     │   ├── AlreadyProposed       members have voted, or vote, on the same calls with the same words
     │   ├── UnexpectedProposalState  its delay runs, or it was executed or cancelled
-    │   ├── NoBudgetVotes         members split no money by votes in this organization
     │   ├── UnknownBudgetVote
     │   ├── UnexpectedBudgetVoteState  members vote still, or no more
     │   ├── NotARecipient         nobody can vote for this account, or pay it its share
@@ -153,7 +152,7 @@ class AssignmentChanged(RequestError):
 
 
 class NoVotes(RequestError):
-    """Nobody votes in this organization, which has an administrator, or wrapped tokens do not."""
+    """This organization has an administrator, and its members do not vote."""
 
 
 class HasToBeProposed(RequestError):
@@ -179,10 +178,6 @@ class AlreadyProposed(RequestError):
 
 class UnexpectedProposalState(RequestError):
     """The delay of the administrator's proposal runs, or it was executed or cancelled before."""
-
-
-class NoBudgetVotes(RequestError):
-    """Members split money by votes only where they decide, in an organization that was founded so."""
 
 
 class UnknownBudgetVote(RequestError):

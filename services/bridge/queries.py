@@ -358,7 +358,6 @@ class Queries:
                 for committee in self._deployment.committees[1:]
             ],
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
-            "votes_by": self._deployment.votes_by,
             "delay_s": self._client.decision_delay_s() if self._deployment.has_timelock else 0,
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
@@ -396,13 +395,13 @@ class Queries:
             "created_s": row["created"],
             "vote_end_s": row["vote_end"],
             "ready_s": row["ready"],
-            "votes": {support: self._weight(row[support]) for support in SUPPORT},
+            "votes": {support: row[support] for support in SUPPORT},
             "ballots": [
                 {
                     "voter": one["voter"],
                     "voter_name": self._names.name(one["voter"]),
                     "support": one["support"],
-                    "weight": self._weight(one["weight"]),
+                    "weight": one["weight"],
                 }
                 for one in row["ballots"]
             ],
@@ -412,9 +411,6 @@ class Queries:
         if self._deployment.decides_by_vote:
             return self._client.proposal_state(int(key, 16))
         return self._client.operation_state(to_bytes(hexstr=HexStr(key)))
-
-    def _weight(self, votes: int) -> int | str:
-        return self._iec(votes) if self._deployment.votes_by == "tokens" else votes
 
     def _budget_votes(self, request: Request) -> Json:
         wanted = validate(BudgetVoteFilters, request.parameters)

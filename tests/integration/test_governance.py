@@ -1,4 +1,4 @@
-"""Members, or owners of tokens, decide by vote, with real processes: propose, vote, queue, wait, execute.
+"""Members decide by vote, with real processes: propose, vote, queue, wait, execute.
 An administrator who waits proposes, waits and executes."""
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rodeo_cli import app
 from services.console.roles import Role
 from tests.support.browser import chromium
 from tests.support.console import PASSPHRASE, Desk, open_page
-from tests.support.dao import PARAMS, Dao
+from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 
 DELAY_S, PERIOD_S = 3600, 86_400
@@ -34,9 +34,6 @@ members = ["alice", "bob", "panther1"]
 """
 
 
-OWNERS = SITE.replace('members = ["alice", "bob", "panther1"]', 'votes = "tokens"\nproposal_iec = 200')
-
-
 WAITING = f"""participants = [{{ name = "alice" }}]
 
 [governance]
@@ -47,11 +44,6 @@ delay_s = {DELAY_S}
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
     yield from running_site(tmp_path_factory, chain_backend, SITE)
-
-
-@pytest.fixture(scope="module")
-def owned(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    yield from running_site(tmp_path_factory, chain_backend, OWNERS)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +107,6 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
         for member, support in (("alice", "for"), ("panther1", "for"), ("bob", "against")):
             rodeo(dao, "vote", number, support, "--as", member)
     rodeo(dao, "queue", "1", status=1)  # the vote goes on
-    assert "no_votes" in rodeo(dao, "wrap", "5", "--as", "panther1", status=1)
     first = proposals(dao)[1]
     assert first["state"] == "active" and first["votes"] == {"against": 1, "for": 2, "abstain": 0}
     assert {one["voter_name"]: one["support"] for one in first["ballots"]}["bob"] == "against"
@@ -261,52 +252,6 @@ def split(dao: Dao, page: Page, reader: Page, number: int, pass_time: Callable[[
     assert round(dao.balances()["carla"] - before["carla"], 2) == 25.71
     assert dao.client().balance(REPAIRS) == 90 * 10**18 * 6 // 28
     assert "There is nothing to pay of budget vote 0." in rodeo(dao, "pay-budget", "0")
-
-
-@pytest.mark.long
-def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) -> None:
-    now_s = float(owned.client().w3.eth.get_block("latest")["timestamp"])
-
-    def pass_time(s: float) -> None:
-        nonlocal now_s
-        now_s += s
-        owned.set_clock(now_s)
-
-    pass_time(10)
-    offer = owned.command("organization", "register_service", kind="battery_charging", price_iec="5")
-    price = ("propose", "--why", "a charge costs more", "price", str(offer["service_id"]), "8")
-    for name, amount in (("alice", "300"), ("bob", "500"), ("carla", "1000")):
-        owned.command("organization", "transfer", to=name, amount_iec=amount)
-    rodeo(owned, "wrap", "300", "--as", "alice")
-    rodeo(owned, "wrap", "100", "--as", "bob")
-    # Carla has more than they, but no votes: she took back what she had wrapped, and 700 are in escrow.
-    rodeo(owned, "wrap", "250", "--as", "carla")
-    rodeo(owned, "unwrap", "250", "--as", "carla")
-    owned.command("carla", "register_task", kind="waste_disposal", reward_iec="700", params=PARAMS)
-    wallets = {one["name"]: one["address"] for one in owned.state("wallets")["wallets"]}
-    assert [owned.client().votes(wallets[name]) // 10**18 for name in ("alice", "bob", "carla")] == [
-        300,
-        100,
-        0,
-    ]
-    pass_time(10)
-    for who in ("bob", "carla"):  # too few, and none
-        rodeo(owned, *price, "--as", who, status=1)
-    rodeo(owned, *price, "--as", "alice")
-    pass_time(10)
-    rodeo(owned, "wrap", "300", "--as", "carla")  # too late for this one
-    pass_time(10)
-    for who, support in (("alice", "for"), ("bob", "against"), ("carla", "against")):
-        rodeo(owned, "vote", "1", support, "--as", who)
-    rodeo(owned, "unwrap", "300", "--as", "alice")  # what was counted stays
-    (proposal,) = proposals(owned).values()
-    assert proposal["votes"] == {"against": "100", "for": "300", "abstain": "0"}
-    pass_time(PERIOD_S)
-    rodeo(owned, "queue", "1")
-    pass_time(DELAY_S + 1)
-    rodeo(owned, "execute", "1", "--as", "carla")
-    assert proposals(owned)[1]["state"] == "executed"
-    assert owned.state("services")["services"][0]["price_iec"] == "8"
 
 
 @pytest.mark.long

@@ -14,10 +14,10 @@ import {GovernorVotes} from "@openzeppelin/contracts/governance/extensions/Gover
 import {
     GovernorVotesQuorumFraction
 } from "@openzeppelin/contracts/governance/extensions/GovernorVotesQuorumFraction.sol";
-import {IVotes} from "@openzeppelin/contracts/governance/utils/IVotes.sol";
+import {MemberVotes} from "./MemberVotes.sol";
 
 /// @title How an organization decides: OpenZeppelin's governor over a timelock, which is the administrator.
-/// @notice Whoever has a vote proposes. Votes are those at the time of the proposal; more for than against and a
+/// @notice Each member has one vote, and may propose. Votes are those at the time of the proposal; more for than against and a
 /// quorum decide. What passed is queued in the timelock and executed after its delay, by anybody.
 contract OrganizationGovernor is
     GovernorSettings,
@@ -26,20 +26,18 @@ contract OrganizationGovernor is
     GovernorVotesQuorumFraction,
     GovernorTimelockControl
 {
-    /// @param votes who has how many: MemberVotes, or a token
+    /// @param votes counts one vote for each member
     /// @param timelock the organization's administrator, of which this is the only proposer
     /// @param votingPeriod s
-    /// @param threshold votes that a proposal needs to be made
     /// @param quorumPercent of all votes, for or abstaining
     constructor(
-        IVotes votes,
+        MemberVotes votes,
         TimelockController timelock,
         uint32 votingPeriod,
-        uint256 threshold,
         uint256 quorumPercent
     )
         Governor("RODEO organization")
-        GovernorSettings(0, votingPeriod, threshold)
+        GovernorSettings(0, votingPeriod, 1)
         GovernorVotes(votes)
         GovernorVotesQuorumFraction(quorumPercent)
         GovernorTimelockControl(timelock)

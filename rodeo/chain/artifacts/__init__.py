@@ -29,21 +29,9 @@ DISPUTES = (*COMMITTEES[1:], "Disputes")
 _BUILT_FROM = dict.fromkeys(COMMITTEES[1:], COMMITTEES[0])
 """Contract that is there another time -> its artifact."""
 
-VOTES = {"members": "MemberVotes", "tokens": "WrappedVotes"}
-"""What votes -> the contract that counts it."""
-
-_GOVERNORS = ("OrganizationTimelock", "OrganizationGovernor")
-BUDGET_VOTES = "BudgetVotes"
-"""By which members split money; where tokens vote, nobody has one vote each."""
-GOVERNANCE = (*VOTES.values(), *_GOVERNORS, BUDGET_VOTES)
-"""Contracts that an organization has, too, if it decides by votes: those of `governance`. If its
-administrator proposes and waits, it has the timelock alone."""
-
-
-def governance(votes: str) -> tuple[str, ...]:
-    """Contracts of an organization where this votes, one of VOTES."""
-    return VOTES[votes], *_GOVERNORS, *((BUDGET_VOTES,) if votes == "members" else ())
-
+GOVERNANCE = ("MemberVotes", "OrganizationTimelock", "OrganizationGovernor", "BudgetVotes")
+"""Contracts that an organization has, too, if its members decide by vote. If its administrator proposes and
+waits, it has the timelock alone."""
 
 TOLD = (*CONTRACTS, "Disputes", *GOVERNANCE)
 """Contracts whose events and errors are read."""

@@ -4,7 +4,6 @@ here members vote, and proposals are queued, executed and withdrawn."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import partial
 from typing import get_args
 
@@ -13,7 +12,7 @@ from nicegui import ui
 from rodeo import queries
 from rodeo.errors import RodeoError
 from rodeo.messages import Support
-from services.console.formatting import calls_in_words, moment, number, party
+from services.console.formatting import calls_in_words, moment, party
 from services.console.pages.budget_votes import LOOK_S, BudgetVotesSection
 from services.console.pages.frame import (
     Console,
@@ -99,7 +98,7 @@ class ProposalsPage:
                 fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {moment(one.created_s)}")
                 for support in get_args(Support):
                     voters = [party(b.voter_name, b.voter) for b in one.ballots if b.support == support]
-                    fact(support.capitalize(), f"{number(Decimal(one.votes[support]))} {', '.join(voters)}")
+                    fact(support.capitalize(), f"{one.votes[support]} {', '.join(voters)}")
                 fact("Votes count until", moment(one.vote_end_s))
             if one.ready_s is not None:
                 fact("Can be executed from", moment(one.ready_s))

@@ -155,7 +155,7 @@ def test_where_members_decide_nobody_else_does_from_the_beginning(tmp_path: Path
         alone = site.model_copy(update={"governance": GovernanceConfig()})
         with pytest.raises(contracts.OtherGovernance) as other:
             contracts.run(alone, threading.Event())
-        assert other.value.details == {"wanted": "administrator", "found": "members"}
+        assert other.value.details == {"wanted": "administrator", "found": "vote"}
 
 
 def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -48,7 +48,7 @@ ACTS = {
         "migrate", "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
         "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
-        "seat", "unseat", "quorum", "wrap", "unwrap",
+        "seat", "unseat", "quorum",
         "deposit-stake", "announce-withdrawal", "withdraw-stake", "vote-budget", "pay-budget",
     )),
     *(f"rodeo organization propose {change}" for change in (
@@ -241,19 +241,10 @@ def test_a_task_says_which_provider_it_names(
     assert [line.split()[2] for line in lines if line.startswith("named provider")] == [shown]
 
 
-@pytest.mark.parametrize(
-    ("votes", "shown"),
-    [
-        ({"for": 2, "against": 1, "abstain": 0}, "2 / 1 / 0"),
-        ({"for": "1500.5", "against": "100", "abstain": "0"}, "1,500.5 / 100 / 0"),
-    ],
-)
-def test_votes_are_members_or_amounts_of_iec(
-    answered: dict[str, dict[str, Any]], votes: dict[str, Any], shown: str
-) -> None:
+def test_votes_are_numbers_of_members(answered: dict[str, dict[str, Any]]) -> None:
+    votes = {"for": 2, "against": 1, "abstain": 0}
     answered["proposals"]["proposals"][0] |= {"votes": votes}
-    done = CliRunner().invoke(app, ["organization", "proposals"])
-    assert shown in done.stdout
+    assert "2 / 1 / 0" in CliRunner().invoke(app, ["organization", "proposals"]).stdout
     told = json.loads(CliRunner().invoke(app, ["organization", "proposals", "--json"]).stdout)
     assert told["proposals"][0]["votes"] == votes
 

@@ -12,8 +12,10 @@ import pytest
 
 from rodeo import keystores
 from rodeo.bus import Request
+from rodeo.chain import artifacts
+from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
-from rodeo.chain.governance import BUDGET_CREDITS, shares
+from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, shares
 from rodeo.chain.translation import decode_revert
 from rodeo.config import BudgetConfig, GovernanceConfig, ParticipantConfig
 from rodeo.errors import InvalidRequest
@@ -23,10 +25,10 @@ from services.bridge.errors import (
     AlreadyProposed,
     HasToBeProposed,
     InsufficientFunds,
-    NoBudgetVotes,
     NoCredits,
     NotARecipient,
     NothingToPay,
+    NoVotes,
     TooFewCredits,
     UnexpectedBudgetVoteState,
     UnknownBudgetVote,
@@ -284,16 +286,35 @@ def test_what_was_proposed_before_needs_other_words(members: Members) -> None:
     assert members.propose("set_terms", terms, "a bond, once more", who="alice") == number + 1
 
 
+def test_a_vote_by_any_function_of_the_governor_counts(members: Members) -> None:
+    number = members.propose("set_members_only", {"enabled": True}, "counted", who="alice")
+    members.now_s += 10
+    members.command("alice", "cast_vote", proposal=number, support="against")
+    (proposal,) = (one for one in members.proposals() if one["number"] == number)
+    governor = members.client.w3.eth.contract(
+        address=members.client.deployment.address("OrganizationGovernor"),
+        abi=artifacts.load("OrganizationGovernor").abi,
+    )
+    said = [int(proposal["id"], 16), SUPPORT.index("for"), "why", b"params"]
+    data = governor.encode_abi("castVoteWithReasonAndParams", said)
+    members.send("panther1", Call(governor.address, data, "castVote"))
+    (proposal,) = (one for one in members.proposals() if one["number"] == number)
+    assert proposal["votes"] == {"against": 1, "for": 1, "abstain": 0}
+    assert {one["voter_name"]: (one["support"], one["weight"]) for one in proposal["ballots"]} == {
+        "alice": ("against", 1),
+        "panther1": ("for", 1),
+    }
+
+
 def test_where_members_do_not_decide_there_are_no_budget_votes(tmp_path: Path) -> None:
     with founded(tmp_path, governance=GovernanceConfig(delay_s=DELAY_S)) as organization:
         office = Members(organization, tmp_path)
         office.read()
         assert office.budget_votes() == []
-        with pytest.raises(NoBudgetVotes) as none:
+        with pytest.raises(NoVotes):
             office.propose("open_budget_vote", {"recipients": ["panther1"], "amount_iec": "1"})
-        assert none.value.details == {"votes_by": None}
         for name, fields in (("cast_budget_vote", {"votes": {}}), ("pay_budget_share", {"recipient": "a"})):
-            with pytest.raises(NoBudgetVotes):
+            with pytest.raises(NoVotes):
                 office.command("panther1", name, budget_vote=0, **fields)
         office.index.close()
 

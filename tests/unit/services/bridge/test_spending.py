@@ -30,7 +30,6 @@ SPENDS: dict[str, list[tuple[dict[str, Any], int]]] = {
     "transfer": [({"to": "bob", **FIVE}, 5)],
     "deposit": [(FIVE, 5)],
     "withdraw": [({"to": "bob", **FIVE}, 5)],
-    "wrap_tokens": [(FIVE, 5)],
     # Its owner, who may be anybody, has it back.
     "deposit_stake": [({"judge": "anna", **FIVE}, 5)],
     "challenge_verdict": [({"task_id": 1, "reason": "no"}, 20)],
@@ -50,7 +49,7 @@ FREE = {
     # Of others' escrow.
     *("post_verdict", "post_votes", "close_dispute"),
     # Money that comes back, or comes in.
-    *("unwrap_tokens", "announce_withdrawal", "withdraw_stake", "collect"),
+    *("announce_withdrawal", "withdraw_stake", "collect"),
     # What was counted when it was promised: by the proposer, or nobody where members decided.
     *("execute_proposal", "queue_proposal", "cancel_proposal", "cast_vote", "cast_budget_vote"),
     "pay_budget_share",
