@@ -31,6 +31,10 @@ WHY = to_checksum_address("0x0000000000000000000000000000000000000004")
 """The call of a proposal to here has its text as data. A timelock has no place for a text, and this contract,
 which every chain has, only returns what it is sent (`identity`, Ethereum Yellow Paper, appendix E)."""
 
+_PROPOSER_MARK = "#proposer="
+"""The governor takes a text that ends with this and an address from that address only (OpenZeppelin's
+Governor._isValidDescriptionForProposer). Without it anybody may propose the same first, and cancel it."""
+
 _MOST_NESTED = 4
 """Calls in calls that are taken apart; what is deeper is shown as bytes. Nobody needs more, and a proposal
 may hold thousands."""
@@ -88,6 +92,7 @@ class GovernanceCalls:
         """How members split money."""
 
     def propose(self, calls: Sequence[Call], description: str) -> Call:
+        """`description` is a `protected_text`, or others can end the proposal."""
         return self._governor.propose(
             [call.to for call in calls],
             [0] * len(calls),
@@ -164,6 +169,17 @@ def shares(amount: int, votes: Sequence[int]) -> list[int]:
     """What each recipient of a budget vote is paid with so many `votes`, wei, as the contract divides."""
     total = sum(votes)
     return [amount * one // total if total else 0 for one in votes]
+
+
+def protected_text(text: str, proposer: str) -> str:
+    """`text` as `proposer` writes it into a proposal: nobody else can propose the same."""
+    return f"{text}{_PROPOSER_MARK}{proposer}"
+
+
+def shown_text(description: str, proposer: str) -> str:
+    """What people read of a proposal's text; the address of anybody but its proposer stays in it."""
+    text, mark, address = description.rpartition(_PROPOSER_MARK)
+    return text if mark and address.lower() == proposer.lower() else description
 
 
 def text_of(targets: Sequence[str], calldatas: Sequence[bytes]) -> str:

@@ -32,7 +32,7 @@ from rodeo.chain.abi import (
 from rodeo.chain.calls import ParticipantCalls
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
-from rodeo.chain.governance import BUDGET_CREDITS, Operation, Proposed, shares
+from rodeo.chain.governance import BUDGET_CREDITS, Operation, Proposed, protected_text, shares
 from rodeo.chain.types import Policy, Role, TimelockRole
 from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
@@ -988,15 +988,16 @@ class Wallet:
         if not self.client.deployment.decides_by_vote:
             salt, delay_s = os.urandom(32), self.client.decision_delay_s()
             return [self.client.governance_calls.schedule(calls, command.description, salt, delay_s)]
-        made = self.client.governance_calls.proposal_id(calls, command.description)
+        text = protected_text(command.description, self.key_address)
+        made = self.client.governance_calls.proposal_id(calls, text)
         if (number := self.index.proposal_number(proposal_key(made))) is not None:
             # The governor knows a proposal by what it says, for ever.
             raise AlreadyProposed(
-                "the same was proposed before with the same words: other words make it another proposal",
+                "this account proposed the same before with the same words: change the words",
                 proposal=number,
                 description=command.description,
             )
-        return [self.client.governance_calls.propose(calls, command.description)]
+        return [self.client.governance_calls.propose(calls, text)]
 
     def _require_own_service(self, service_id: int) -> None:
         """Raises InvalidRequest where it is no service of the organization: only its provider changes it."""

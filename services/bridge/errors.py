@@ -24,7 +24,7 @@
     │   ├── ActsAtOnce            the administrator's key proposes nothing
     │   ├── MembersDecide         no key alone may do this where members decide
     │   ├── UnknownProposal
-    │   ├── AlreadyProposed       members have voted, or vote, on the same calls with the same words
+    │   ├── AlreadyProposed       the account has proposed the same calls with the same words
     │   ├── UnexpectedProposalState  its delay runs, or it was executed or cancelled
     │   ├── UnknownBudgetVote
     │   ├── UnexpectedBudgetVoteState  members vote still, or no more
@@ -173,7 +173,7 @@ class UnknownProposal(RequestError):
 
 
 class AlreadyProposed(RequestError):
-    """Members vote on the same calls with the same words once only."""
+    """Members vote on the same calls with the same words of the same member once only."""
 
 
 class UnexpectedProposalState(RequestError):

@@ -12,7 +12,7 @@ from eth_utils import keccak
 from rodeo.bus import decode_json
 from rodeo.chain import artifacts, events
 from rodeo.chain.abi import Cause, Vote
-from rodeo.chain.governance import SUPPORT, text_of
+from rodeo.chain.governance import SUPPORT, shown_text, text_of
 from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work, is_own
 from rodeo.chain.types import TimelockRole
@@ -386,7 +386,7 @@ class Projection:
                     id=proposal_key(event.proposal_id),
                     number=self._next_proposal(),
                     proposer=event.proposer,
-                    description=event.description,
+                    description=shown_text(event.description, event.proposer),
                     description_hash="0x" + keccak(text=event.description).hex(),
                     targets=event.targets,
                     values=[str(one) for one in event.values],

@@ -284,7 +284,7 @@ proposals = Table(
         doc="from 1, as they were made; null for what founders were told at once",
     ),
     Column("proposer", String(42), doc="null where nobody votes: the timelock does not say"),
-    Column("description", Written, nullable=False),
+    Column("description", Written, nullable=False, doc="without the proposer's address at its end"),
     Column("description_hash", Word, doc="of what was written, by which the governor knows it"),
     Column("predecessor", Word, doc="the timelock's operation that comes before; null where members vote"),
     Column("salt", Word, doc="by which the timelock tells equal operations apart; null where members vote"),

@@ -286,6 +286,21 @@ def test_what_was_proposed_before_needs_other_words(members: Members) -> None:
     assert members.propose("set_terms", terms, "a bond, once more", who="alice") == number + 1
 
 
+def test_a_member_cannot_end_the_proposals_of_others_by_proposing_the_same_first(members: Members) -> None:
+    """The governor knows a proposal by its calls and words, and whoever proposed it first may cancel it."""
+    fields = {"command": "set_members_only", "request": {"enabled": True}, "description": "mine"}
+    wallet = members.wallet("alice")
+    (seen,) = wallet._orders("propose", *wallet._parse("propose", fields))
+    with pytest.raises(ContractReverted) as refused:
+        members.send("bob", seen.call)
+    assert refused.value.name == "GovernorRestrictedProposer"
+    members.send("alice", seen.call)
+    shown = members.proposals()[0]
+    assert (shown["description"], shown["proposer"]) == ("mine", wallet.key_address)
+    # Bob's own proposal in the same words is another one.
+    assert members.propose("set_members_only", {"enabled": True}, "mine", who="bob") == shown["number"] + 1
+
+
 def test_a_vote_by_any_function_of_the_governor_counts(members: Members) -> None:
     number = members.propose("set_members_only", {"enabled": True}, "counted", who="alice")
     members.now_s += 10
