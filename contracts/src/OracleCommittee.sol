@@ -9,34 +9,17 @@ import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
 import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
-import {JudgeLists} from "./libraries/JudgeLists.sol";
 import {KindId, NO_KIND} from "./types/KindId.sol";
 import {NO_PARTIES, Parties} from "./types/Parties.sol";
 import {Submission} from "./types/Submission.sol";
 import {TaskId} from "./types/TaskId.sol";
 
 contract OracleCommittee is IOracleCommittee, EIP712 {
-    /// @dev A Quorum in two words, of which a verdict reads the first.
-    struct Record {
-        uint8 votes;
-        uint8 panel;
-        uint32 rotation;
-        uint8 count;
-        /// @dev The judges in order of their seats (JudgeLists); 0 if one has another key since it was written.
-        address list;
-        uint64 judges;
-    }
-
     /// @dev What the votes on a submission have to fit. All of it is read once, whatever the number of votes.
     struct Question {
         Submission submission;
         Parties parties;
-        uint256 votes;
-        uint256 panel;
-        uint256 rotation;
-        uint256 count;
-        /// @dev What is in Record.list.
-        bytes judges;
+        Quorum quorum;
     }
 
     /// @notice As many as Quorum.judges has bits.
@@ -61,9 +44,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     address[] private _keys;
     mapping(address key => Judge) private _judges;
-    mapping(KindId kindId => Record) private _quorums;
-    /// @dev The kinds that have a quorum.
-    KindId[] private _kinds;
+    mapping(KindId kindId => Quorum) private _quorums;
 
     modifier onlyAdministrator() {
         if (!_isAdministrator(msg.sender)) revert NotAdministrator(msg.sender);
@@ -109,8 +90,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         }
         KindId kindId = organization.numberOf(kind);
         if (kindId == NO_KIND) revert IOrganization.UnknownKind(kind);
-        if (_quorums[kindId].votes == 0) _kinds.push(kindId);
-        _quorums[kindId] = Record(votes, panel, rotation, count, _write(judges), judges);
+        _quorums[kindId] = Quorum(votes, panel, rotation, count, judges);
         emit QuorumChanged(kind, votes, panel, rotation, judges);
     }
 
@@ -123,14 +103,6 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         delete _judges[oldKey];
         _judges[key] = sitting;
         _keys[sitting.seat] = key;
-        // No kind has a list with the old key from now on. Whoever posts votes of it next writes another: to write those of
-        // all kinds here could take more gas than a block has, and a stolen key would keep its seat.
-        uint64 bit = _bitOf(sitting.seat);
-        // slither-disable-next-line cache-array-length
-        for (uint256 i = 0; i < _kinds.length; ++i) {
-            Record storage q = _quorums[_kinds[i]];
-            if (q.judges & bit != 0) q.list = address(0);
-        }
         emit JudgeKeyChanged(sitting.seat, oldKey, key);
     }
 
@@ -177,8 +149,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     /// @inheritdoc IOracleCommittee
     function quorumOf(bytes32 kind) external view returns (Quorum memory) {
-        Record storage q = _quorums[organization.numberOf(kind)];
-        return Quorum(q.votes, q.panel, q.rotation, q.count, q.judges);
+        return _quorums[organization.numberOf(kind)];
     }
 
     /// @inheritdoc IOracleCommittee
@@ -233,35 +204,13 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         bytes32 digest,
         bytes calldata signatures
     ) private returns (uint64 voters) {
-        Record storage quorum = _quorums[submission.kindId()];
-        // Filled below, a word at a time.
-        // slither-disable-next-line uninitialized-local
-        Question memory q;
-        (q.votes, q.panel, q.rotation, q.count) = (quorum.votes, quorum.panel, quorum.rotation, quorum.count);
-        if (q.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(submission.kindId()));
-        address list = quorum.list;
-        if (list == address(0)) quorum.list = list = _write(quorum.judges);
-        q.judges = list.code;
+        Quorum memory quorum = _quorums[submission.kindId()];
+        if (quorum.votes == 0) revert KindWithoutQuorum(organization.kindNumbered(submission.kindId()));
         if (parties == NO_PARTIES) {
             parties = _services.partiesOf(submission.serviceId(), submission.creator());
         }
-        (q.submission, q.parties) = (submission, parties);
-        voters = _voters(vote, q, digest, signatures);
+        voters = _voters(vote, Question(submission, parties, quorum), digest, signatures);
         emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
-    }
-
-    /// @dev A list of these judges as they are now.
-    /// @param judges one bit for each seat
-    function _write(uint64 judges) private returns (address) {
-        // slither-disable-next-line uninitialized-local
-        bytes memory all;
-        // slither-disable-next-line cache-array-length
-        for (uint8 number = 0; number < _keys.length; ++number) {
-            if (judges & _bitOf(number) == 0) continue;
-            address key = _keys[number];
-            all = bytes.concat(all, JudgeLists.pack(key, _judges[key].owner, number));
-        }
-        return JudgeLists.write(all);
     }
 
     /// @dev One bit for each seat that signed the vote, all of which may judge the task, and enough of them.
@@ -272,7 +221,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     {
         if (signatures.length % SIGNATURE_BYTES != 0) revert InvalidSignatures(signatures.length);
         uint256 votes = signatures.length / SIGNATURE_BYTES;
-        if (votes < q.votes) revert TooFewVotes(vote.taskId, votes, q.votes);
+        if (votes < q.quorum.votes) revert TooFewVotes(vote.taskId, votes, q.quorum.votes);
         for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
             (bytes32 r, bytes32 vs) = abi.decode(signatures[i:i + SIGNATURE_BYTES], (bytes32, bytes32));
             // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the
@@ -291,8 +240,12 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         view
         returns (uint64 bit)
     {
-        (uint256 place, address owner, uint8 seatNumber) = JudgeLists.find(q.judges, key);
-        if (owner == address(0)) revert NotAJudge(key, organization.kindNumbered(q.submission.kindId()));
+        Judge memory sitting = _judges[key];
+        address owner = sitting.owner;
+        bit = _bitOf(sitting.seat);
+        if (owner == address(0) || q.quorum.judges & bit == 0) {
+            revert NotAJudge(key, organization.kindNumbered(q.submission.kindId()));
+        }
         // The registry may know another owner than the seat.
         if (_isParty(q, key) || (owner != key && _isParty(q, owner))) {
             revert ITaskManager.JudgeIsParty(vote.taskId, key);
@@ -300,17 +253,18 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (vote.verdict == Verdict.Undecided && organization.mayAudit(key)) {
             revert JudgeIsAuditor(vote.taskId, key);
         }
-        if (q.panel < q.count) _requireInPanel(vote.taskId, q, place, key);
-        return _bitOf(seatNumber);
+        if (q.quorum.panel < q.quorum.count) _requireInPanel(vote.taskId, q, bit, key);
     }
 
     /// @dev The line begins with another judge each day, and the panel grows while judges are absent.
-    /// @param place among the judges of the kind, in order of their seats
-    function _requireInPanel(TaskId taskId, Question memory q, uint256 place, address key) private view {
-        (uint256 submitted, uint256 panel) = (q.submission.submitted(), q.panel);
-        if (q.rotation != 0) panel += (block.timestamp - submitted) / q.rotation;
-        uint256 first = (submitted / TURN) % q.count;
-        place = (place + q.count - first) % q.count;
+    /// @param bit of the judge's seat
+    function _requireInPanel(TaskId taskId, Question memory q, uint64 bit, address key) private view {
+        (uint256 submitted, uint256 panel, uint256 count) =
+            (q.submission.submitted(), q.quorum.panel, q.quorum.count);
+        if (q.quorum.rotation != 0) panel += (block.timestamp - submitted) / q.quorum.rotation;
+        uint256 first = (submitted / TURN) % count;
+        // Judges of the kind stand in line in order of their seats.
+        uint256 place = (_count(q.quorum.judges & (bit - 1)) + count - first) % count;
         if (place >= panel) revert NotInPanel(taskId, key, place, panel);
     }
 

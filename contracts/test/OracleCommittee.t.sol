@@ -381,7 +381,6 @@ contract OracleCommitteeTest is Committee {
         committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
     }
 
-    /// @dev A verdict of the kind was counted before, so that its judges are in a list.
     function test_afterAVerdictAKeyThatChangedIsNone() public {
         _settle(CLEANING);
         Vote memory vote = accepting(submitted());
@@ -392,10 +391,6 @@ contract OracleCommitteeTest is Committee {
         _refused(vote, old, _notAJudge(judges[0]));
         judgeKeys[0] = key;
         committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
-        // A list was written for the first of these, and none for the second.
-        uint64 contracts = vm.getNonce(address(committee));
-        _settle(CLEANING);
-        assertEq(vm.getNonce(address(committee)), contracts);
     }
 
     function test_afterAVerdictWhoIsUnseatedDoesNotVote() public {
@@ -412,7 +407,6 @@ contract OracleCommitteeTest is Committee {
         _settle(CLEANING);
     }
 
-    /// @dev Each kind of the judge: the first, the last, and one between. That of others keeps its list.
     function test_aKeyThatChangedIsNoneForEachKindOfItsJudge() public {
         bytes32[4] memory kinds = [CLEANING, CHARGING, bytes32("third"), bytes32("fourth")];
         uint64[4] memory who = [ALL, 0x1e, 0x07, 0x0f];
@@ -424,7 +418,6 @@ contract OracleCommitteeTest is Committee {
             vm.stopPrank();
         }
         setQuorum(2, 3, 1, ALL);
-        uint64 contracts = vm.getNonce(address(committee));
         for (uint256 i = 0; i < 4; ++i) {
             _ready(kinds[i]);
         }
@@ -443,39 +436,6 @@ contract OracleCommitteeTest is Committee {
                 vote, REPORT_URI, abi.encodePacked(sign(judgeKeys[1], vote), sign(judgeKeys[2], vote))
             );
         }
-        assertEq(vm.getNonce(address(committee)), contracts + 3, "one list for each kind that judge 0 judges");
-    }
-
-    function test_kindsOfTheSameJudgesHaveOneList() public {
-        uint64 contracts = vm.getNonce(address(committee));
-        vm.startPrank(admin);
-        committee.setQuorum(CHARGING, VOTES, JUDGES, 0, ALL);
-        assertEq(vm.getNonce(address(committee)), contracts);
-        committee.changeKey(judges[0], stranger);
-        committee.changeKey(stranger, judges[0]);
-        vm.stopPrank();
-        _settle(CLEANING);
-        _settle(CHARGING);
-        assertEq(vm.getNonce(address(committee)), contracts, "a key that comes back");
-    }
-
-    /// @dev However many kinds it judges, with however many others: a stolen key does not keep its seat for want of gas.
-    function test_aKeyChangesWhateverItJudges() public {
-        vm.startPrank(admin);
-        for (uint160 i = JUDGES; i < 64; ++i) {
-            committee.seat(address(i + 1000), bob);
-        }
-        uint256 kinds = 2;
-        for (; kinds < organization.MAX_KINDS(); ++kinds) {
-            bytes32 kind = bytes32(kinds);
-            organization.setAudit(kind, AUDIT_WINDOW, Silence.Executor);
-            // Other judges for each, so that each has a list of its own.
-            committee.setQuorum(kind, 1, 1, 0, type(uint64).max << 9 | uint64(kinds) << 1 | 1);
-        }
-        vm.stopPrank();
-        vm.prank(judges[0]);
-        committee.changeKey(judges[0], stranger);
-        assertLt(vm.lastCallGas().gasTotalUsed, 2_500_000);
     }
 
     function test_theAdministratorTakesAStolenKeyBack() public {
