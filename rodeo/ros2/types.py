@@ -11,7 +11,7 @@ rosbags dataclasses: sequences of numbers are numpy arrays, nested messages are 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -181,26 +181,32 @@ def msg(typename: str) -> type[Any]:
 
 def new(typename: str, **fields: Any) -> Any:
     """A message with the given fields; all others are zero, empty or false. Raises UnknownType."""
-    definitions = dict(STORE.fielddefs[_known(typename)][1])
-    unknown = fields.keys() - definitions.keys()
-    if unknown:
+    make, zeros = _blank(typename)
+    if unknown := fields.keys() - zeros.keys():
         raise UnknownType(f"{typename} has no field {sorted(unknown)}", type=typename, fields=sorted(unknown))
-    return msg(typename)(
-        **{name: fields[name] if name in fields else _zero(desc) for name, desc in definitions.items()}
-    )
+    return make(**{name: fields[name] if name in fields else zero() for name, zero in zeros.items()})
 
 
-def _zero(descriptor: Any) -> Any:
+@cache
+def _blank(typename: str) -> tuple[type[Any], dict[str, Callable[[], Any]]]:
+    """A type's class, and what makes the value of each field that nobody gives."""
+    definitions = STORE.fielddefs[_known(typename)][1]
+    return msg(typename), {name: _zero(descriptor) for name, descriptor in definitions}
+
+
+def _zero(descriptor: Any) -> Callable[[], Any]:
     kind, detail = descriptor
     if kind == Nodetype.NAME:
-        return new(detail)
+        make, zeros = _blank(detail)
+        return lambda: make(*[zero() for zero in zeros.values()])
     if kind == Nodetype.BASE:
-        return {"string": "", "bool": False}.get(detail[0], 0.0 if detail[0].startswith("float") else 0)
+        return {"string": str, "bool": bool}.get(detail[0], float if detail[0].startswith("float") else int)
     (element_kind, element), count = detail
     length = count if kind == Nodetype.ARRAY else 0
     if element_kind == Nodetype.BASE and element[0] != "string":
-        return np.zeros(length, {"byte": "uint8"}.get(element[0], element[0]))
-    return [_zero((element_kind, element)) for _ in range(length)]
+        return partial(np.zeros, length, {"byte": "uint8"}.get(element[0], element[0]))
+    one = _zero((element_kind, element))
+    return lambda: [one() for _ in range(length)]
 
 
 def prepare(typename: str) -> None:
