@@ -709,7 +709,8 @@ class SignedRequest(Message):
 
     request: TypedSignature
     permit: TypedSignature | None = None
-    """Lets the contracts take the reward (ERC-2612), where they may not yet."""
+    """Lets the contracts take the reward and no more (ERC-2612), where they may not yet. Of several requests
+    with permits, only the first can be sent: sign each after the one before it was sent."""
 
 
 class Relay(Command):

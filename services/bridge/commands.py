@@ -396,10 +396,10 @@ class Wallet:
         command, _ = self._parse(request.command, request.request)
         deadline = int(self.index.position.block_time_s) + request.valid_s
         said, permit = self._said(command, deadline), None
-        if isinstance(command, RegisterTask) and self._approval(
-            self.client.task_manager, self._currency.to_units(command.reward_iec)
-        ):
-            permit = self._requests.permit(self.address, deadline)
+        if isinstance(said, signed_requests.RegisterTask):
+            reward = said.request.reward
+            if self._approval(self.client.task_manager, reward):
+                permit = self._requests.permit(self.address, reward, deadline)
         signed = SignedRequest(
             request=TypedSignature(typed_data=self._requests.typed(said)),
             permit=None if permit is None else TypedSignature(typed_data=permit),

@@ -10,13 +10,12 @@ from pydantic import BaseModel
 
 from rodeo import signed_requests, typed_data
 from rodeo.bus import validate
-from rodeo.chain.abi import TaskRequest
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
-from rodeo.signed_requests import UNLIMITED, CancelTask, Permit, RegisterTask, SubmitProof, Typed
+from rodeo.signed_requests import CancelTask, Permit, RegisterTask, SubmitProof, Typed
 from services.bridge.errors import NoPermit, NotSigned, OtherContracts
 
 _NONCE_BYTES = 6
@@ -41,17 +40,15 @@ class Requests:
         """What is signed."""
         return said.typed_data(self._domain)
 
-    def permit(self, owner: str, deadline: int) -> Typed:
-        """What lets the contracts take the rewards of `owner`. Raises NoPermit."""
+    def permit(self, owner: str, amount: int, deadline: int) -> Typed:
+        """What lets the contracts take `amount` units from `owner`, and no more. Raises NoPermit."""
         client = self._client
         domain = self._token_domain(owner)
         try:
             nonce = client.permit_nonce(owner)
         except ContractReverted as error:
             raise self._no_permit(owner) from error
-        said = Permit(
-            owner=owner, spender=client.task_manager, value=UNLIMITED, nonce=nonce, deadline=deadline
-        )
+        said = Permit(owner=owner, spender=client.task_manager, value=amount, nonce=nonce, deadline=deadline)
         return said.typed_data(domain)
 
     def _no_permit(self, owner: str) -> NoPermit:
@@ -71,7 +68,7 @@ class Requests:
             case RegisterTask():
                 request = said.request.request
                 call = calls.register_task_for(said.creator, request, said.nonce, said.deadline, signature)
-                return [*self._permitted(signed, said.creator, request), call]
+                return [*self._permitted(signed, said), call]
             case CancelTask():
                 return [calls.cancel_task_for(said.creator, said.task_id, said.deadline, signature)]
             case SubmitProof():
@@ -98,13 +95,25 @@ class Requests:
             )
         return _message(kind, typed, self._domain)
 
-    def _permitted(self, signed: SignedRequest, creator: str, request: TaskRequest) -> list[Call]:
-        """What has to be sent first: the permit, unless it or another one has done its work."""
-        allowance = self._client.allowance(creator, self._client.task_manager)
-        if signed.permit is None or allowance >= request.reward:
+    def _permitted(self, signed: SignedRequest, request: RegisterTask) -> list[Call]:
+        """What has to be sent first: the permit, unless it is sent already or the request is void."""
+        creator, client = request.creator, self._client
+        allowance = client.allowance(creator, client.task_manager)
+        if (
+            signed.permit is None
+            or allowance >= request.request.reward
+            or client.is_request_nonce_used(creator, request.nonce)
+        ):
             return []
         said = _message(Permit, signed.permit.typed_data, self._token_domain(creator))
         raw = _bytes(signed.permit)
+        if said.nonce != (expected := client.permit_nonce(said.owner)):
+            raise NotSigned(
+                "another permit of its owner was sent since: sign the request again",
+                owner=said.owner,
+                signed_for_nonce=said.nonce,
+                expected_nonce=expected,
+            )
         if len(raw) != _SIGNATURE_BYTES:
             raise NotSigned("a permit is signed by a key, in 65 bytes", owner=said.owner, bytes=len(raw))
         r, s, v = raw[:32], raw[32:64], raw[64]

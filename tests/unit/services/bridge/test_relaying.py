@@ -14,7 +14,7 @@ from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
 from rodeo.signed_requests import CancelTask, SubmitProof
 from services.bridge.commands import Wallet
-from services.bridge.errors import NoPermit
+from services.bridge.errors import NoPermit, NotSigned
 from services.bridge.relaying import Requests
 
 ROBOT = Account.from_key("0x" + "01" * 32)
@@ -107,13 +107,25 @@ def token(name: str, version: str) -> Any:
         token_name=lambda: name,
         permit_nonce=lambda _owner: 0,
         permit_domain=lambda: separator,
+        allowance=lambda *_: 0,
+        is_request_nonce_used=lambda *_: False,
+        calls=SimpleNamespace(register_task_for=lambda *_: None),
     )
+
+
+def with_permit(permit: TypedSignature) -> SignedRequest:
+    """A request to post TASK, with a permit."""
+    message = {"creator": ROBOT.address, "request": TASK, "nonce": "1", "deadline": "1"}
+    domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
+    typed = signed_requests.RegisterTask.model_validate(message).typed_data(domain)
+    return SignedRequest(request=TypedSignature(typed_data=typed, signature="0x" + "00" * 65), permit=permit)
 
 
 @pytest.mark.parametrize(("name", "version"), [("IECoin", "1"), ("USD Coin", "2")])
 def test_a_permit_is_signed_for_the_version_of_the_token(name: str, version: str) -> None:
     """One for another version is worth nothing, and only whoever sends it would hear that."""
-    permit = Requests(token(name, version)).permit(ROBOT.address, 2_000_000_000)
+    permit = Requests(token(name, version)).permit(ROBOT.address, 7, 2_000_000_000)
+    assert permit["message"]["value"] == "7"  # and not all that the owner will ever have
     assert permit["domain"] == {
         "name": name,
         "version": version,
@@ -124,15 +136,31 @@ def test_a_permit_is_signed_for_the_version_of_the_token(name: str, version: str
 
 def test_where_nobody_knows_how_the_token_takes_permits_none_is_signed() -> None:
     with pytest.raises(NoPermit):
-        Requests(token("Odd", "odd")).permit(ROBOT.address, 2_000_000_000)
+        Requests(token("Odd", "odd")).permit(ROBOT.address, 7, 2_000_000_000)
 
 
 def test_a_permit_is_not_sent_where_nobody_knows_how_the_token_takes_them() -> None:
     """Also one that names no contracts."""
-    client = token("Odd", "odd")
-    client.allowance = lambda *_: 0
-    permit = SimpleNamespace(typed_data={"message": {}}, signature="0x" + "00" * 65)
-    signed: Any = SimpleNamespace(permit=permit)
-    request: Any = SimpleNamespace(reward=1)
+    permit = TypedSignature(typed_data={"message": {}}, signature="0x" + "00" * 65)
     with pytest.raises(NoPermit):
-        Requests(client)._permitted(signed, ROBOT.address, request)
+        Requests(token("Odd", "odd")).calls(with_permit(permit))
+
+
+def test_a_permit_is_sent_once_and_not_after_another_one_of_its_wallet() -> None:
+    """It is for one reward, so a later request has its own. The first of two that were signed together
+    makes the second's permit void."""
+    client = token("IECoin", "1")
+    client.calls = SimpleNamespace(permit=lambda *_: "permit", register_task_for=lambda *_: "register")
+    requests = Requests(client)
+    permit = signed_requests.sign(
+        with_permit(TypedSignature(typed_data=requests.permit(ROBOT.address, 5, 2_000_000_000))), ROBOT
+    )
+    assert requests.calls(permit) == ["permit", "register"]
+    client.permit_nonce = lambda _owner: 1
+    with pytest.raises(NotSigned) as refused:
+        requests.calls(permit)
+    assert refused.value.details == {"owner": ROBOT.address, "signed_for_nonce": 0, "expected_nonce": 1}
+    client.allowance = lambda *_: 5
+    assert requests.calls(permit) == ["register"]
+    client.allowance, client.is_request_nonce_used = lambda *_: 4, lambda *_: True
+    assert requests.calls(permit) == ["register"]  # which fails, and nobody pays for a permit
