@@ -5,8 +5,7 @@ import {Strings} from "@openzeppelin/contracts/utils/Strings.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {SignedBy, TaskRequest, Verdict, Vote} from "../src/interfaces/ITaskManager.sol";
-import {SignedVerdicts} from "../src/libraries/SignedVerdicts.sol";
+import {TaskRequest, Verdict, Vote} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "../test/Committee.sol";
@@ -119,29 +118,8 @@ contract GasBench is Fixture {
         }
         everyone.work(judge, request(REWARD), 499);
         _lifecycle(address(everyone));
-        _lifecycleInTwo(address(everyone));
         _spam();
         _lifecycle(address(everyone), "gas_lifecycle_spam");
-    }
-
-    /// @dev Register with matching, then proof and verdict in one.
-    function _lifecycleInTwo(address provider) private {
-        (address signer, uint256 key) = makeAddrAndKey("the oracle that signs");
-        bytes32 role = organization.ORACLE_ROLE();
-        vm.prank(admin);
-        organization.grantRole(role, signer);
-        _register();
-        uint256 gas = _used();
-        Vote memory vote = Vote(
-            taskNo(tasks.taskCount()), 1, PROOF, REPORT, RULES, Verdict.Accepted, PRICE, "all checks passed"
-        );
-        SignedBy memory by = SignedBy(signer, block.timestamp + 1 hours, PROOF_URI, "");
-        bytes32 digest = SignedVerdicts.digestOf(vote, signer, by.deadline, address(tasks));
-        (bytes32 r, bytes32 vs) = vm.signCompact(key, digest);
-        by.signatures = abi.encodePacked(r, vs);
-        vm.prank(provider);
-        tasks.submitJudgedProof(vote, by, PROOF_URI);
-        _figure("gas_lifecycle_two_tx", gas + _used());
     }
 
     /// @dev As much as ten identities with bonds get for 10M gas: services that nobody pays for, at the prices that

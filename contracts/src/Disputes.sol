@@ -102,7 +102,7 @@ contract Disputes is IDisputes {
         Instance[] storage all = c.count == 0 ? _begin(vote, t, c) : _go(vote, c, t.kind);
         uint8 number = c.count;
         IOracleCommittee committee = all[number].committee;
-        uint64 voters = committee.countVoters(vote, committee.digestOf(vote), signatures);
+        uint64 voters = committee.countVoters(vote, signatures);
         _requireStakes(committee, voters, all[number].judgeStake);
         if (number + 1 == all.length || vote.verdict == Verdict.Undecided || t.verdictWindow < _longest(all))
         {

@@ -8,7 +8,6 @@ import {IOracleCommittee, Judge, Quorum} from "./interfaces/IOracleCommittee.sol
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
-import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
 import {KindId, NO_KIND} from "./types/KindId.sol";
 import {NO_PARTIES, Parties} from "./types/Parties.sol";
 import {Submission} from "./types/Submission.sol";
@@ -48,14 +47,6 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     modifier onlyAdministrator() {
         if (!_isAdministrator(msg.sender)) revert NotAdministrator(msg.sender);
-        _;
-    }
-
-    /// @dev The task manager, or a contract that may itself judge the kind of the task.
-    modifier onlyJudging(TaskId taskId) {
-        if (msg.sender != address(tasks) && !organization.mayJudge(msg.sender, tasks.task(taskId).kind)) {
-            revert NotTaskManager(msg.sender);
-        }
         _;
     }
 
@@ -115,26 +106,15 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (judged.submitted() == 0) {
             revert ITaskManager.WrongState(vote.taskId, TaskState.Undecided, TaskState.Submitted);
         }
-        _countVotes(vote, judged, parties, digestOf(vote), signatures);
-    }
-
-    /// @inheritdoc IVoteCounter
-    function countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures)
-        external
-        onlyJudging(vote.taskId)
-        returns (bytes4)
-    {
-        _countVotes(vote, digest, signatures);
-        return this.countVotes.selector;
+        _countVotes(vote, judged, parties, signatures);
     }
 
     /// @inheritdoc IOracleCommittee
-    function countVoters(Vote calldata vote, bytes32 digest, bytes calldata signatures)
-        external
-        onlyJudging(vote.taskId)
-        returns (uint64)
-    {
-        return _countVotes(vote, digest, signatures);
+    function countVoters(Vote calldata vote, bytes calldata signatures) external returns (uint64) {
+        (Submission submission, Parties parties) = tasks.toJudge(vote.taskId);
+        bytes32 kind = organization.kindNumbered(submission.kindId());
+        if (!organization.mayJudge(msg.sender, kind)) revert ITaskManager.NotJudge(msg.sender, kind);
+        return _countVotes(vote, submission, parties, signatures);
     }
 
     /// @inheritdoc IOracleCommittee
@@ -187,21 +167,11 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         );
     }
 
-    /// @dev Before there is a verdict.
-    function _countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures)
-        private
-        returns (uint64)
-    {
-        (Submission submission, Parties parties) = tasks.toJudge(vote.taskId);
-        return _countVotes(vote, submission, parties, digest, signatures);
-    }
-
     /// @param parties NO_PARTIES if TaskManager does not know them, see IServiceManager.rightOf
     function _countVotes(
         Vote calldata vote,
         Submission submission,
         Parties parties,
-        bytes32 digest,
         bytes calldata signatures
     ) private returns (uint64 voters) {
         Quorum memory quorum = _quorums[submission.kindId()];
@@ -209,12 +179,12 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (parties == NO_PARTIES) {
             parties = _services.partiesOf(submission.serviceId(), submission.creator());
         }
-        voters = _voters(vote, Question(submission, parties, quorum), digest, signatures);
+        voters = _voters(vote, Question(submission, parties, quorum), signatures);
         emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
     }
 
     /// @dev One bit for each seat that signed the vote, all of which may judge the task, and enough of them.
-    function _voters(Vote calldata vote, Question memory q, bytes32 digest, bytes calldata signatures)
+    function _voters(Vote calldata vote, Question memory q, bytes calldata signatures)
         private
         view
         returns (uint64 voters)
@@ -222,6 +192,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         if (signatures.length % SIGNATURE_BYTES != 0) revert InvalidSignatures(signatures.length);
         uint256 votes = signatures.length / SIGNATURE_BYTES;
         if (votes < q.quorum.votes) revert TooFewVotes(vote.taskId, votes, q.quorum.votes);
+        bytes32 digest = digestOf(vote);
         for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
             (bytes32 r, bytes32 vs) = abi.decode(signatures[i:i + SIGNATURE_BYTES], (bytes32, bytes32));
             // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the

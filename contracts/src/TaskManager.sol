@@ -14,17 +14,13 @@ import {Hire, IServiceManager, Outcome, Release} from "./interfaces/IServiceMana
 import {
     Cause,
     ITaskManager,
-    SignedBy,
     Silence,
     Task,
     TaskRequest,
     TaskState,
-    Verdict,
-    Vote
+    Verdict
 } from "./interfaces/ITaskManager.sol";
-import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
 import {Payments} from "./libraries/Payments.sol";
-import {SignedVerdicts} from "./libraries/SignedVerdicts.sol";
 import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
@@ -182,25 +178,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         nonReentrant
     {
         Record memory t = _get(taskId);
-        _submit(taskId, t, attempt, proofHash, uri);
+        address executor = _requireExecutor(taskId, t, attempt);
+        if (proofHash == 0) revert EmptyProof(taskId);
+        Texts.requireText(uri);
+        uint256 deadline = block.timestamp + t.verdictWindow;
+        (t.state, t.deadline) = (TaskState.Submitted, deadline.toUint32());
+        _tasks.save(taskId, t, _unit);
         _workers[t.serviceId].proof = proofHash;
-    }
-
-    /// @inheritdoc ITaskManager
-    function submitJudgedProof(Vote calldata vote, SignedBy calldata by, string calldata proofUri)
-        external
-        nonReentrant
-    {
-        TaskId taskId = vote.taskId;
-        Record memory t = _get(taskId);
-        // The proof is not kept: nobody looks for it after this call.
-        _submit(taskId, t, vote.attempt, vote.proofHash, proofUri);
-        _requireRight(taskId, t, by.judge, vote.verdict);
-        _requireContent(taskId, t, vote.verdict, vote.amount, by.reportUri, vote.reason);
-        _requireSigned(vote, by);
-        emit VerdictSigned(taskId, vote.attempt, by.judge, vote.rulesHash);
-        _emitVerdict(vote, by.reportUri);
-        _decide(taskId, t, vote.proofHash, by.judge, vote.verdict, vote.amount);
+        emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
     }
 
     /// @inheritdoc ITaskManager
@@ -219,7 +204,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _requireContent(taskId, t, verdict, amount, reportUri, reason);
         judged = _describe(t);
         emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
-        _decide(taskId, t, proofHash, msg.sender, verdict, amount);
+        _decide(taskId, t, proofHash, verdict, amount);
     }
 
     /// @inheritdoc ITaskManager
@@ -499,41 +484,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return true;
     }
 
-    /// @dev The caller's proof of the running attempt waits for its verdict now.
-    function _submit(TaskId taskId, Record memory t, uint8 attempt, bytes32 proofHash, string calldata uri)
+    /// @dev What a verdict does; whether it may was checked.
+    function _decide(TaskId taskId, Record memory t, bytes32 proofHash, Verdict verdict, uint256 amount)
         private
     {
-        address executor = _requireExecutor(taskId, t, attempt);
-        if (proofHash == 0) revert EmptyProof(taskId);
-        Texts.requireText(uri);
-        uint256 deadline = block.timestamp + t.verdictWindow;
-        (t.state, t.deadline) = (TaskState.Submitted, deadline.toUint32());
-        _tasks.save(taskId, t, _unit);
-        emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
-    }
-
-    function _emitVerdict(Vote calldata vote, string calldata reportUri) private {
-        emit VerdictPosted(
-            vote.taskId,
-            vote.attempt,
-            vote.proofHash,
-            vote.verdict,
-            vote.amount,
-            vote.reportHash,
-            reportUri,
-            vote.reason
-        );
-    }
-
-    /// @dev What a verdict does; whether it may was checked.
-    function _decide(
-        TaskId taskId,
-        Record memory t,
-        bytes32 proofHash,
-        address judge,
-        Verdict verdict,
-        uint256 amount
-    ) private {
         if (t.state == TaskState.Undecided) {
             // Its service was released when the attempt became undecided.
             if (verdict == Verdict.Accepted) _payAudited(taskId, t, amount);
@@ -546,7 +500,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         } else if (verdict == Verdict.Rejected) {
             _failAttempt(taskId, t, Cause.Rejected);
         } else {
-            _askAuditors(taskId, t, judge, proofHash);
+            _askAuditors(taskId, t, proofHash);
         }
     }
 
@@ -570,8 +524,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
-    function _askAuditors(TaskId taskId, Record memory t, address judge, bytes32 proofHash) private {
-        _disputes[taskId] = Dispute(judge, proofHash);
+    function _askAuditors(TaskId taskId, Record memory t, bytes32 proofHash) private {
+        _disputes[taskId] = Dispute(msg.sender, proofHash);
         uint256 deadline = block.timestamp + t.auditWindow;
         (t.state, t.deadline) = (TaskState.Undecided, deadline.toUint32());
         _tasks.save(taskId, t, _unit);
@@ -720,23 +674,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         view
         returns (Parties parties)
     {
-        bool disputed;
-        (disputed, parties) = _requireRight(taskId, t, msg.sender, verdict);
-        _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
-        bytes32 submitted = _proof(taskId, t);
-        if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
-        if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
-    }
-
-    /// @dev The judge may decide this task so.
-    /// @return disputed whether the attempt waits for the auditors, of whom the judge is one then
-    /// @return parties see postVerdict
-    function _requireRight(TaskId taskId, Record memory t, address judge, Verdict verdict)
-        private
-        view
-        returns (bool disputed, Parties parties)
-    {
-        disputed = t.state == TaskState.Undecided;
+        bool disputed = t.state == TaskState.Undecided;
         // Not looked up, 2,100 gas, while no kind's review has changed since the task was posted.
         uint8 changes = _totals.reviewsChanged;
         Review review =
@@ -744,30 +682,21 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (disputed) review = Review.Auditor;
         bool mayJudge;
         bool party;
-        (mayJudge, party, parties) = services.rightOf(judge, uint8(review), t.kindId, t.serviceId, t.creator);
-        if (!mayJudge) revert NotJudge(judge, _kindOf(t));
-        if (party) revert JudgeIsParty(taskId, judge);
+        (mayJudge, party, parties) =
+            services.rightOf(msg.sender, uint8(review), t.kindId, t.serviceId, t.creator);
+        if (!mayJudge) revert NotJudge(msg.sender, _kindOf(t));
+        if (party) revert JudgeIsParty(taskId, msg.sender);
         // A task that was posted without an audit has no window for one, whatever its kind has now.
         if (
             verdict == Verdict.Undecided
                 && (disputed || t.auditWindow == 0 || _rulesOf(t).review != Review.Oracle)
         ) {
-            revert AuditorMustDecide(taskId, judge);
+            revert AuditorMustDecide(taskId, msg.sender);
         }
-    }
-
-    /// @dev The judge, or enough of the committee's judges, signed the verdict.
-    function _requireSigned(Vote calldata vote, SignedBy calldata by) private {
-        if (block.timestamp > by.deadline) {
-            revert SignatureExpired(vote.taskId, by.deadline, block.timestamp);
-        }
-        bytes32 digest = SignedVerdicts.digestOf(vote, by.judge, by.deadline, address(this));
-        if (SignedVerdicts.isSignedBy(by.judge, digest, by.signatures)) return;
-        // The answer is compared, because the judge's code may be a wallet's that takes every call.
-        bool counted = by.judge.code.length != 0
-            && IVoteCounter(by.judge).countVotes(vote, digest, by.signatures)
-                == IVoteCounter.countVotes.selector;
-        if (!counted) revert NotSigned(vote.taskId, by.judge);
+        _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
+        bytes32 submitted = _proof(taskId, t);
+        if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
+        if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
     }
 
     /// @dev The verdict says something, with an amount that it may carry.

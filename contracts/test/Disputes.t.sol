@@ -102,8 +102,8 @@ contract DisputesTest is Instances {
     function test_nobodyElseCountsVotes() public {
         Vote memory vote = voteOf(waiting(), Verdict.Accepted);
         vm.prank(stranger);
-        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.NotTaskManager.selector, stranger));
-        committee.countVotes(vote, 0, "");
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, stranger, CLEANING));
+        committee.countVoters(vote, "");
     }
 
     function test_aVerdictStandsUntilItIsChallenged() public {
@@ -720,8 +720,8 @@ contract JudgeStakesTest is Instances {
     function test_nobodyElseLearnsWhoVoted() public {
         Vote memory vote = voteOf(waiting(), Verdict.Accepted);
         vm.prank(stranger);
-        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.NotTaskManager.selector, stranger));
-        committee.countVoters(vote, 0, "");
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, stranger, CLEANING));
+        committee.countVoters(vote, "");
     }
 
     // -- what a verdict that is overturned costs ----------------------------------------------------------------

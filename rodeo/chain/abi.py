@@ -156,14 +156,6 @@ class Service(Struct):
 
 
 @dataclass(frozen=True)
-class SignedBy(Struct):
-    judge: str
-    deadline: int
-    report_uri: str
-    signatures: bytes
-
-
-@dataclass(frozen=True)
 class Task(Struct):
     creator: str
     reward: int

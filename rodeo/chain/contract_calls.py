@@ -11,7 +11,6 @@ from rodeo.chain.abi import (
     Review,
     Revocation,
     ServiceState,
-    SignedBy,
     Silence,
     TaskRequest,
     Terms,
@@ -391,9 +390,6 @@ class TaskManagerCalls(ContractCalls):
 
     def rescue(self, token: str, to: str) -> Call:
         return self._call("TaskManager", "rescue", token, to)
-
-    def submit_judged_proof(self, vote: Vote, by: SignedBy, proof_uri: str) -> Call:
-        return self._call("TaskManager", "submitJudgedProof", vote, by, proof_uri)
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("TaskManager", "submitProof", task_id, attempt, proof_hash, uri)

@@ -371,14 +371,6 @@ class VerdictPosted(Event):
 
 
 @dataclass(frozen=True)
-class VerdictSigned(Event):
-    task_id: int
-    attempt: int
-    judge: str
-    rules: bytes
-
-
-@dataclass(frozen=True)
 class RequestRevoked(Event):
     signer: str
     nonce: int

@@ -20,7 +20,7 @@ from rodeo.errors import snake_case
 
 BETWEEN_CONTRACTS = frozenset(
     {
-        *("countVoters", "countVotes", "enqueue", "holdBond", "onServiceFree", "recordOwner", "reserve"),
+        *("countVoters", "enqueue", "holdBond", "onServiceFree", "recordOwner", "reserve"),
         *("reinstate", "release", "returnBond", "suspend", "suspendServicesOf"),
     }
 )

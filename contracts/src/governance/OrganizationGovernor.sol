@@ -30,12 +30,7 @@ contract OrganizationGovernor is
     /// @param timelock the organization's administrator, of which this is the only proposer
     /// @param votingPeriod s
     /// @param quorumPercent of all votes, for or abstaining
-    constructor(
-        MemberVotes votes,
-        TimelockController timelock,
-        uint32 votingPeriod,
-        uint256 quorumPercent
-    )
+    constructor(MemberVotes votes, TimelockController timelock, uint32 votingPeriod, uint256 quorumPercent)
         Governor("RODEO organization")
         GovernorSettings(0, votingPeriod, 1)
         GovernorVotes(votes)

@@ -4,7 +4,6 @@ pragma solidity ^0.8.28;
 import {TaskId} from "../types/TaskId.sol";
 import {IOrganization} from "./IOrganization.sol";
 import {ITaskManager, Vote} from "./ITaskManager.sol";
-import {IVoteCounter} from "./IVoteCounter.sol";
 
 /// @param owner for whom the judge works; a party's judge does not judge
 /// @param seat the bit that stands for it in Quorum.judges; it stays when the key changes
@@ -29,7 +28,7 @@ struct Quorum {
 /// @title Judges of whom several have to agree.
 /// @notice The organization gives ORACLE_ROLE to this contract, and to no single key. Judges sign votes and send
 /// nothing; whoever holds enough of them posts the verdict. The organization's administrator seats the judges.
-interface IOracleCommittee is IVoteCounter {
+interface IOracleCommittee {
     event JudgeSeated(uint8 indexed seat, address indexed key, address indexed owner);
     event JudgeKeyChanged(uint8 indexed seat, address indexed oldKey, address indexed key);
     event QuorumChanged(bytes32 indexed kind, uint8 votes, uint8 panel, uint32 rotation, uint64 judges);
@@ -53,7 +52,6 @@ interface IOracleCommittee is IVoteCounter {
     error VotedTwice(TaskId taskId, address key);
     /// @notice Not in the panel yet: `place` in line, while `panel` may vote.
     error NotInPanel(TaskId taskId, address key, uint256 place, uint256 panel);
-    error NotTaskManager(address caller);
     /// @notice An auditor would decide alone what it had left undecided with others.
     error JudgeIsAuditor(TaskId taskId, address key);
 
@@ -90,14 +88,12 @@ interface IOracleCommittee is IVoteCounter {
 
     // -- a contract that may judge the kind -----------------------------------------------------------------
 
-    /// @notice Count votes as countVotes does, and say whose they are.
+    /// @notice Say whose votes these are. Reverts unless enough judges, who may all judge the submitted proof, have signed
+    /// the verdict.
     /// @param vote the verdict
-    /// @param digest what they signed; see digestOf
     /// @param signatures of different judges in any order, 64 bytes each (EIP-2098)
     /// @return voters one bit for each seat that voted
-    function countVoters(Vote calldata vote, bytes32 digest, bytes calldata signatures)
-        external
-        returns (uint64 voters);
+    function countVoters(Vote calldata vote, bytes calldata signatures) external returns (uint64 voters);
 
     // -- views --------------------------------------------------------------------------------------------
 

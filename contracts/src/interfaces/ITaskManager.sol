@@ -121,17 +121,6 @@ struct Vote {
     string reason;
 }
 
-/// @param judge who signed a verdict, or the committee whose judges did
-/// @param deadline until when the verdict can be used, block time in seconds; signed, too
-/// @param reportUri where the report can be fetched; only in the event
-/// @param signatures the judge's (64 bytes, EIP-2098), or those that the committee counts (IVoteCounter)
-struct SignedBy {
-    address judge;
-    uint256 deadline;
-    string reportUri;
-    bytes signatures;
-}
-
 /// @title Tasks and their escrow.
 /// @notice
 ///     Open ──match──> Assigned ──proof──> Submitted ──accepted──> Settled
@@ -188,10 +177,6 @@ interface ITaskManager is IServiceListener {
         string reportUri,
         string reason
     );
-    /// @notice Precedes VerdictPosted where the executor brought the verdict along.
-    /// @param judge who signed it, or the committee whose judges did
-    /// @param rules by which the judge says that it judged
-    event VerdictSigned(TaskId indexed taskId, uint8 attempt, address indexed judge, bytes32 rules);
     /// @notice Follows an undecided verdict: auditors decide until `deadline`, else `silence` does.
     event AuditRequested(TaskId indexed taskId, uint8 attempt, uint256 deadline, Silence silence);
     /// @param payout who is paid: the executor, or whom it has named (IServiceManager.setPayout)
@@ -221,9 +206,6 @@ interface ITaskManager is IServiceListener {
     error NotExecutor(TaskId taskId, address caller, address executor);
     /// @notice The organization lets others judge work of this kind. See IOrganization.allowKind.
     error NotJudge(address caller, bytes32 kind);
-    /// @notice Neither this account signed the verdict, nor enough of its judges.
-    error NotSigned(TaskId taskId, address judge);
-    error SignatureExpired(TaskId taskId, uint256 deadline, uint256 time);
     /// @notice Whoever could not decide does not decide afterwards.
     error JudgedBefore(TaskId taskId, address caller);
     /// @notice Only an oracle may leave a proof undecided, only once, and only of a task whose kind had an audit when it
@@ -297,13 +279,6 @@ interface ITaskManager is IServiceListener {
     /// @param proofHash SHA-256 of the recording
     /// @param uri where it can be fetched; only in the event
     function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
-
-    /// @notice submitProof and postVerdict in one transaction: the executor brings the verdict along that a judge has
-    /// signed. Whoever may not post this verdict may not sign it either.
-    /// @param vote the verdict, with task, attempt and proof
-    /// @param by who signed it
-    /// @param proofUri where the proof can be fetched; only in the event
-    function submitJudgedProof(Vote calldata vote, SignedBy calldata by, string calldata proofUri) external;
 
     /// @notice A judge decides on the submitted proof in the verdict window. The organization names the judges of each
     /// kind: oracles or auditors. After an undecided verdict an auditor decides, in the audit window.

@@ -40,7 +40,6 @@ contract EscrowInvariants is Fixture {
         for (uint256 i = 0; i < others.length; ++i) {
             vm.prank(admin);
             organization.grantRole(role, others[i]);
-            // The same for whoever signs a verdict on its own task.
             vm.prank(admin);
             organization.grantRole(oracles, others[i]);
         }

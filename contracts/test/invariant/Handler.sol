@@ -14,15 +14,12 @@ import {IServiceManager, Outcome, Service, ServiceState} from "../../src/interfa
 import {
     Hire,
     ITaskManager,
-    SignedBy,
     Silence,
     Task,
     TaskRequest,
     TaskState,
-    Verdict,
-    Vote
+    Verdict
 } from "../../src/interfaces/ITaskManager.sol";
-import {SignedVerdicts} from "../../src/libraries/SignedVerdicts.sol";
 import {ISignedRequests} from "../../src/interfaces/ISignedRequests.sol";
 import {KindId} from "../../src/types/KindId.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "../../src/types/ServiceId.sol";
@@ -651,88 +648,6 @@ contract Handler is CommonBase, StdUtils, Numbers {
         t.proofHash = proofHash;
         _judge(_oracle, taskId, t, verdict, amount);
         _expectVerdict(taskId, t, accepted, amount);
-    }
-
-    /// @dev The executor brings the oracle's signature along with the proof: after one that is of something else, or of
-    /// somebody who may not judge, was refused.
-    function submitJudgedProof(uint256 which, bool accepted, uint256 amount, uint256 forgery)
-        external
-        inOrder
-    {
-        TaskId taskId = _find(which, TaskState.Assigned);
-        if (taskId == NO_TASK) return;
-        Task memory t = _tasks.task(taskId);
-        if (block.timestamp > t.deadline) return;
-        amount = _amount(t, accepted, amount);
-        Vote memory vote = Vote(
-            taskId,
-            t.attempt,
-            "proof",
-            "report",
-            "rules",
-            accepted ? Verdict.Accepted : Verdict.Rejected,
-            amount,
-            ""
-        );
-        address executor = _services.providerOf(t.serviceId);
-        if (_submitForged(vote, executor, t.creator, bound(forgery, 0, 9))) {
-            violation = "a forged verdict was taken";
-            return;
-        }
-        SignedBy memory by = SignedBy(_oracle, block.timestamp, "", "");
-        by.signatures = _signed(vote, by);
-        vm.prank(executor);
-        _tasks.submitJudgedProof(vote, by, "");
-        _expectVerdict(taskId, t, accepted, amount);
-        vm.prank(executor);
-        try _tasks.submitJudgedProof(vote, by, "") {
-            violation = "a signed verdict was taken twice";
-        } catch {}
-    }
-
-    /// @dev Whether a verdict was taken that its judge did not sign like this, or that it may not sign.
-    function _submitForged(Vote memory vote, address executor, address creator, uint256 forgery)
-        private
-        returns (bool)
-    {
-        SignedBy memory by = SignedBy(_oracle, block.timestamp, "", "");
-        (TaskId taskId, uint8 attempt, uint256 amount) = (vote.taskId, vote.attempt, vote.amount);
-        uint256 chain = block.chainid;
-        if (forgery == 0) vote.taskId = following(vote.taskId);
-        if (forgery == 1) ++vote.attempt;
-        if (forgery == 2) vote.proofHash = "another proof";
-        if (forgery == 3) vote.reportHash = "another report";
-        if (forgery == 4) ++vote.amount;
-        if (forgery == 5) vm.chainId(chain + 1);
-        if (forgery == 6) by.deadline = block.timestamp - 1;
-        if (forgery == 7) by.judge = executor;
-        if (forgery == 8) by.judge = creator;
-        if (forgery == 9) by.judge = _auditor;
-        by.signatures = _signed(vote, by);
-        (vote.taskId, vote.attempt, vote.amount) = (taskId, attempt, amount);
-        (vote.proofHash, vote.reportHash) = ("proof", "report");
-        vm.chainId(chain);
-        // Nor does anybody else sign in the oracle's name.
-        vm.prank(executor);
-        try _tasks.submitJudgedProof(vote, by, "") {
-            return true;
-        } catch {}
-        by = SignedBy(
-            _oracle, block.timestamp, "", _signed(vote, SignedBy(executor, block.timestamp, "", ""))
-        );
-        vm.prank(executor);
-        try _tasks.submitJudgedProof(vote, by, "") {
-            return true;
-        } catch {
-            return false;
-        }
-    }
-
-    /// @dev By `by.judge`, whose key its name gives.
-    function _signed(Vote memory vote, SignedBy memory by) private view returns (bytes memory) {
-        bytes32 digest = SignedVerdicts.digestOf(vote, by.judge, by.deadline, address(_tasks));
-        (bytes32 r, bytes32 vs) = vm.signCompact(uint256(keccak256(bytes(vm.getLabel(by.judge)))), digest);
-        return abi.encodePacked(r, vs);
     }
 
     function _expectVerdict(TaskId taskId, Task memory t, bool accepted, uint256 amount) private {
