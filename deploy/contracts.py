@@ -63,8 +63,8 @@ class OtherGovernance(RodeoError):
 
 
 class OtherRelease(RodeoError):
-    """The site's organization has contracts of another release. A second organization must not be founded in
-    its place."""
+    """The site's organization has contracts of another release. Whoever runs the site decides whether another
+    organization is founded: nothing of the old one, such as its treasury or its tasks, goes over to it."""
 
 
 class WithoutDisputes(RodeoError):
@@ -148,7 +148,7 @@ class _Sender:
         return "a vote of the members" if self._by_vote else "a proposal of the administrator"
 
     def _administer(self, administrator: LocalAccount, calls: Sequence[Call]) -> None:
-        for call in at_once(self._client, calls):
+        for call in _at_once(self._client, calls):
             self._send(administrator, call)
 
     def _send(self, account: LocalAccount, call: Call) -> None:
@@ -156,7 +156,7 @@ class _Sender:
         self.sent[account.address] += 1
 
 
-def at_once(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
+def _at_once(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
     """What the administrator's key sends so that the organization is told `calls`: several are all to its own
     contract. Where a timelock is the administrator, that works until the founding ends."""
     if client.deployment.has_timelock:
@@ -190,14 +190,12 @@ def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
         steps.begin("gas money for the wallets")
         _fund(w3, list(names))
     administrator = wallets.load(site, "organization")
-    if being_left(site, w3) is not None:
-        say("the organization is being left: it is told nothing until `rodeo organization migrate` ends")
-        return
-    require_this_release(site, w3)
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
-        deployment = keep_unfinished(site, create_contracts(site, w3, administrator, say, steps=steps))
+        deployment = create_contracts(site, w3, administrator, say, steps)
+        # For this step alone, until the organization is set up.
+        deployment.save(_unfinished(site))
     else:
         steps.plan(-count_contracts(site))
     found = "vote" if deployment.decides_by_vote else "administrator"
@@ -316,29 +314,8 @@ def _possession(site: Site, client: ChainClient, keystore: str, owner: str) -> t
 
 
 def recorded(site: Site, w3: Web3) -> bool:
-    """Whether the contracts are on the node's chain already. Raises ChainUnavailable."""
+    """Whether the contracts are on the node's chain already. Raises ChainUnavailable and OtherRelease."""
     return _recorded(site, w3) is not None
-
-
-def require_this_release(site: Site, w3: Web3) -> None:
-    """Raises OtherRelease where another organization would be founded in place of the site's, whose treasury,
-    tasks and members nobody would find any more. On a local chain, whose money is nobody's, that may be."""
-    if site.chain.backend != "external" or being_left(site, w3) is not None:
-        return
-    try:
-        there = Deployment.load(site.data_dir, site.chain.id)
-        there.verify(w3)
-    except NotDeployed:
-        return
-    except DeploymentMismatch as mismatch:
-        with translated():
-            known = w3.eth.get_block(0)["hash"].to_0x_hex() == there.genesis_hash
-        if known:
-            raise OtherRelease(
-                "the organization's contracts are of another release: `rodeo organization migrate` moves it, "
-                "and until then the software of that release works with them",
-                organization=there.contracts["Organization"],
-            ) from mismatch
 
 
 def _require_gas_money(site: Site, w3: Web3) -> None:
@@ -358,8 +335,6 @@ def _require_token(site: Site, deployment: Deployment) -> None:
     token = site.economy.token
     wanted = None if token is None else token.address, site.economy.currency.decimals
     found = deployment.address("IECoin") if deployment.is_token_foreign else None, deployment.decimals
-    if token is None and deployment.follows is not None:
-        found = None, deployment.decimals  # it goes on with the token of the organization before
     if wanted != found:
         raise OtherToken(
             "the contracts on this chain pay with another token than economy.token of the site file: correct "
@@ -371,45 +346,16 @@ def _require_token(site: Site, deployment: Deployment) -> None:
         )
 
 
-def keep_unfinished(site: Site, deployment: Deployment) -> Deployment:
-    """Record it for this step alone, until the organization is set up."""
-    deployment.save(_unfinished(site))
-    return deployment
-
-
-def unfinished(site: Site, chain_id: int) -> Deployment | None:
-    """What `keep_unfinished` has recorded and nothing has finished."""
-    try:
-        return Deployment.load(_unfinished(site), chain_id)
-    except NotDeployed:
-        return None
-
-
-def left_folder(site: Site) -> Path:
-    """Where the record of the organization is that is being left for another one (`deploy.migration`)."""
-    return site.data_dir / "deployments" / "left"
-
-
-def being_left(site: Site, w3: Web3) -> Deployment | None:
-    """The organization that is being left, if it is on the node's chain."""
-    with translated():
-        chain_id, genesis_hash = w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex()
-    try:
-        left = Deployment.load(left_folder(site), chain_id)
-    except NotDeployed:
-        return None
-    return left if left.genesis_hash == genesis_hash else None
-
-
 def _unfinished(site: Site) -> Path:
     """Where the record is kept until the organization is set up."""
     return site.data_dir / "deployments" / "unfinished"
 
 
 def _recorded(site: Site, w3: Web3) -> Deployment | None:
-    """The deployment to keep, finished or not."""
+    """The deployment to keep, finished or not. None where there is none, or the chain was reset, or a local
+    chain, whose money is nobody's, has contracts of another release. Raises OtherRelease elsewhere."""
     with translated():
-        chain_id = w3.eth.chain_id
+        chain_id, genesis_hash = w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex()
     for folder in (site.data_dir, _unfinished(site)):
         try:
             deployment = Deployment.load(folder, chain_id)
@@ -417,6 +363,14 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
         except NotDeployed:
             continue
         except DeploymentMismatch as mismatch:
+            if site.chain.backend == "external" and deployment.genesis_hash == genesis_hash:
+                raise OtherRelease(
+                    "the organization's contracts are of another release, and this one works with its own "
+                    "only: go on with the software of that release, or move the record away and run `rodeo "
+                    "site prepare`, which founds a new organization",
+                    organization=deployment.contracts["Organization"],
+                    record=str(Deployment.path(folder, chain_id)),
+                ) from mismatch
             log.warning("deploying again: %s", mismatch)
             continue
         return deployment

@@ -51,17 +51,14 @@ def create_contracts(
     w3: Web3,
     founder: LocalAccount,
     say: Say,
-    former: Deployment | None = None,
-    *,
     steps: Steps | None = None,
 ) -> Deployment:
     """All contracts of the site's organization; those that are there already are kept.
 
-    `former` is the one that it takes the place of; then it pays with that one's token. `steps` counts
-    `count_contracts`. Raises ChainError,
-    OtherToken, WalletError, and ConfigError where chain.registry is no registry of this release.
+    `steps` counts `count_contracts`. Raises ChainError, OtherToken, WalletError, and ConfigError where
+    chain.registry is no registry of this release.
     """
-    token = existing_token(site, w3) if former is None else token_of(former, site)
+    token = existing_token(site, w3)
     steps = steps or Steps()
     names = _names(site, own_token=token is None)
     steps.begin(artifacts.REGISTRY)
@@ -69,7 +66,7 @@ def create_contracts(
     with translated():
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
         chain_id = w3.eth.chain_id
-    for number in count(_number_after(former, found, founder.address, site.org)):
+    for number in count():
         addresses = found.addresses(founder.address, site.org, number, names)
         if token is not None:
             addresses["IECoin"] = token
@@ -101,7 +98,6 @@ def create_contracts(
         decimals=site.economy.currency.decimals,
         is_token_foreign=token is not None,
         registry=found.address,
-        follows=None if former is None else former.contracts["Organization"],
     )
     deployment.verify(w3)
     return deployment
@@ -110,34 +106,6 @@ def create_contracts(
 def count_contracts(site: Site) -> int:
     """How many contracts an organization has, with its registry."""
     return 1 + len(_names(site, own_token=site.economy.token is None))
-
-
-def token_of(former: Deployment, site: Site) -> ChecksumAddress:
-    """What an organization goes on with. Raises OtherToken where the site file wants something else."""
-    token, named = former.address("IECoin"), site.economy.token
-    wanted = token if named is None else to_checksum_address(named.address)
-    if (wanted, site.economy.currency.decimals) != (token, former.decimals):
-        raise OtherToken(
-            "an organization that follows another one goes on with its token: correct economy.token",
-            wanted=wanted,
-            wanted_decimals=site.economy.currency.decimals,
-            found=token,
-            found_decimals=former.decimals,
-        )
-    return token
-
-
-def _number_after(former: Deployment | None, found: Registry, founder: str, name: str) -> int:
-    """The first number that an organization may have; one that was there before `former` is none to go to."""
-    if former is None:
-        return 0
-    for number in count():
-        address = found.addresses(founder, name, number, ["Organization"])["Organization"]
-        if address == former.contracts["Organization"]:
-            return number + 1
-        if not found.founded_in(founder, name, number):
-            return 0  # it was founded elsewhere, or before there was a registry
-    raise AssertionError("unreachable")
 
 
 def ensure_registry(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Registry:

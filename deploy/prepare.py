@@ -12,7 +12,7 @@ from pathlib import Path
 
 from web3 import Web3
 
-from deploy import contracts, migration
+from deploy import contracts
 from deploy.certificates import ensure_certificates
 from deploy.contracts import WithoutGasMoney
 from deploy.gas_money import purses
@@ -58,21 +58,10 @@ def prepare(path: Path, say: Say, stop: threading.Event, wait: bool = False) -> 
         with translated():
             say(f"chain: {site.chain.id}, at block {w3.eth.block_number}, at {site.chain.shown_url}")
         if elsewhere:
-            contracts.require_this_release(site, w3)
             _await_gas_money(site, w3, say, stop, wait)
         contracts.run(site, stop, lambda text: say(f"contracts: {text}"))
     if not stop.is_set():
         say(f"the site is prepared: `rodeo up --site {path}` starts it")
-
-
-def migrate(path: Path, say: Say, stop: threading.Event) -> None:
-    """Move the organization of the site at `path` to new contracts, as `deploy.migration.migrate` does it."""
-    site = Site.load(path)
-    w3 = connect(site.chain.url)
-    with _node(site, path, w3, say):
-        if contracts.wait_for_node(site, w3, stop, lambda text: say(f"chain: {text}")):
-            require_chain(w3, site.chain)
-            migration.migrate(site, w3, say)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import Counter
 from decimal import Decimal
 from typing import Annotated, get_args
@@ -162,38 +161,6 @@ def list_(
     print_listing(
         {"registry": registry.address, "organizations": entries}, as_json, columns, rows, (1, 2), after
     )
-
-
-@organization.command("migrate")
-@reports_errors
-def migrate(
-    site: SiteOption = DEFAULT_SITE,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-    cancel: Annotated[
-        bool, typer.Option("--cancel", help="Stay; possible until the new organization is founded.")
-    ] = False,
-) -> None:
-    """Move the organization to new contracts: of another release, or with what only new ones can have.
-
-    Stops new tasks at once. While tasks run on it says so; run it again when they have ended. Then it founds
-    the new organization, and moves members, roles, reputation and the treasury. Run it as often as needed.
-
-    Where the administrator waits, it proposes what only the administrator may do, and does it when it is run
-    again after the delay.
-    """
-    # Imported here: what speaks to a node takes a second to load.
-    from deploy import migration
-    from deploy.prepare import migrate as migrate_site
-
-    if cancel:
-        migration.cancel(Site.load(site), say)
-        return
-    if not yes:
-        typer.confirm(
-            "The organization accepts no new tasks from now on, or after its administrator's delay. Go on?",
-            abort=True,
-        )
-    migrate_site(site, say, threading.Event())
 
 
 def _holder(one: queries.Holder, state: queries.Organization) -> str:

@@ -188,8 +188,6 @@ class Rebuilt:
                 self.asleep[event.provider] = event.until
             case events.ProviderWokeUp():
                 del self.asleep[event.provider]
-            case events.WorkAdopted():
-                self.work[event.provider] = Work.of(event.done, event.failed, time_s)
             case events.PayoutChanged():
                 self.payouts[event.provider] = event.payout
             case events.ServiceReinstated():

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
@@ -116,8 +115,6 @@ contract ServiceManager is IServiceManager {
 
     /// @dev A newcomer counts as if it had done work for so many tokens well, and as much badly.
     uint256 private constant PRIOR = 100;
-    /// @dev In what part of a token organizations tell each other of work: they may pay with tokens of other decimals.
-    uint256 private constant BILLION = 1e9;
     /// @dev Bits of Line.latest.
     uint256 private constant LATEST = 192;
     /// @dev What of a reputation is its grade.
@@ -276,28 +273,6 @@ contract ServiceManager is IServiceManager {
     /// @inheritdoc IServiceManager
     function recordReview(KindId kindId, uint8 review) external onlyOrganization {
         _reviews[kindId] = review;
-    }
-
-    /// @inheritdoc IServiceManager
-    function adoptWork(IServiceManager from, address[] calldata providers) external {
-        if (!IAccessControl(address(organization)).hasRole(0x00, msg.sender)) {
-            revert NotAdministrator(msg.sender);
-        }
-        uint256 posted = tasks.taskCount();
-        if (posted != 0) revert TasksWerePosted(posted);
-        for (uint256 i = 0; i < providers.length; ++i) {
-            (uint256 done, uint256 failed) = from.workOf(providers[i]);
-            done = Math.min(done * _prior / (PRIOR * BILLION), type(uint64).max);
-            failed = Math.min(failed * _prior / (PRIOR * BILLION), type(uint64).max);
-            _providers[providers[i]].work = _work(done, failed);
-            emit WorkAdopted(providers[i], address(from), done * _unit, failed * _unit);
-        }
-    }
-
-    /// @inheritdoc IServiceManager
-    function workOf(address provider) external view returns (uint256 done, uint256 failed) {
-        (done, failed) = _record(_providers[provider]);
-        (done, failed) = (done * BILLION * PRIOR / _prior, failed * BILLION * PRIOR / _prior);
     }
 
     /// @inheritdoc IServiceManager

@@ -33,7 +33,7 @@ from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls, Op
 from rodeo.chain.logs import Log, decode_logs, event_topics
 from rodeo.chain.rpc import NodeProvider
 from rodeo.chain.translation import translated
-from rodeo.chain.types import Role, TimelockRole, kind_to_bytes32, value
+from rodeo.chain.types import Role, kind_to_bytes32, value
 from rodeo.config import ChainConfig
 from rodeo.currency import Currency
 
@@ -133,14 +133,6 @@ class ChainClient:
     def payout_of(self, account: str) -> str:
         """Who is paid what the contracts owe an account."""
         return str(self._view("ServiceManager", "payoutOf", to_checksum_address(account)))
-
-    def work(self, provider: str) -> tuple[int, int]:
-        """What others paid a provider for accepted work, and would have paid for work that failed, in
-        billionths of a token; what lies 90 days back counts half."""
-        with translated(self.currency):
-            functions = self._contracts["ServiceManager"].functions
-            done, failed = functions.workOf(to_checksum_address(provider)).call()
-        return done, failed
 
     def service_count(self) -> int:
         return self._view("ServiceManager", "serviceCount")
@@ -299,14 +291,6 @@ class ChainClient:
         """Between a proposal, or a decision's place in the queue, and its execution, s; 0 while somebody sets
         it all up."""
         return self._view("OrganizationTimelock", "getMinDelay")
-
-    def operation_ready_s(self, operation_id: bytes) -> int:
-        """Block time from which it can be executed."""
-        return self._view("OrganizationTimelock", "getTimestamp", operation_id)
-
-    def may_propose(self, account: str) -> bool:
-        """Whether the timelock does what the account tells it."""
-        return self._view("OrganizationTimelock", "hasRole", TimelockRole.PROPOSER.id, account)
 
     def pending_operations(self) -> dict[bytes, Operation]:
         """What the timelock was told and has neither done nor cancelled, by its id, as it was scheduled."""

@@ -273,9 +273,6 @@ class OrganizationTimelockCalls(ContractCalls):
 
 
 class ServiceManagerCalls(ContractCalls):
-    def adopt_work(self, sender: str, providers: list[str]) -> Call:
-        return self._call("ServiceManager", "adoptWork", sender, providers)
-
     def count_abandoned(self, task_id: int, service_id: int, creator: str) -> Call:
         return self._call("ServiceManager", "countAbandoned", task_id, service_id, creator)
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 class Deployment(BaseModel):
     """An organization's contracts on one chain."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    # Another release may have written other fields. `verify` compares the contracts.
+    model_config = ConfigDict(frozen=True, extra="ignore")
 
     chain_id: int
     genesis_hash: str
@@ -41,9 +42,7 @@ class Deployment(BaseModel):
     """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
     registry: str | None = None
-    """Where the organization was founded (`rodeo.chain.registry`); None if that was before there was one."""
-    follows: str | None = None
-    """The organization that it took the place of (`deploy.migration`), and whose token it goes on with."""
+    """Where the organization was founded (`rodeo.chain.registry`)."""
     rules: tuple[str, ...] = ()
     """Hashes of rules of installed kinds that the deployment step has found or made current. One that is not
     current any more was retired, and stays so."""

@@ -244,14 +244,6 @@ class TermsAgreed(Event):
 
 
 @dataclass(frozen=True)
-class WorkAdopted(Event):
-    provider: str
-    sender: str
-    done: int
-    failed: int
-
-
-@dataclass(frozen=True)
 class AuditRequested(Event):
     task_id: int
     attempt: int

@@ -28,12 +28,6 @@ class Work:
     """What would have been paid for work that was rejected or came too late."""
     day: int = 0
 
-    @classmethod
-    def of(cls, done_wei: int, failed_wei: int, time_s: float, currency: Currency = IEC) -> Work:
-        """Known at once at `time_s`, in the token's smallest unit."""
-        unit = currency.price_unit
-        return cls(done_wei // unit, failed_wei // unit, int(time_s) // _DAY_S)
-
     def at(self, time_s: float) -> Work:
         """What is left of it."""
         today = int(time_s) // _DAY_S

@@ -241,9 +241,6 @@ class Projection:
                 self._change_provider(event.provider, asleep_until=event.until)
             case events.ProviderWokeUp():
                 self._change_provider(event.provider, asleep_until=None)
-            case events.WorkAdopted():
-                work = Work.of(event.done, event.failed, time_s, self.currency)
-                self._change_provider(event.provider, **asdict(work))
             case events.PayoutChanged():
                 payout = None if event.payout == event.provider else event.payout
                 self._change_provider(event.provider, payout=payout)

@@ -78,7 +78,6 @@ NOT_RUN: dict[str, str] = {
     "rodeo organization budget-votes --as alice": _MEMBERS,
     "rodeo organization vote-budget 0 alice=6 bob=8 --as alice": _MEMBERS,
     "rodeo organization pay-budget 0": _MEMBERS,
-    "rodeo organization migrate": "moves the organization: tests/integration/test_migration.py does it",
     "ros2 topic hz /fleet/arthur/joint_states": _ROS,
 }
 """Command -> reason."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -119,18 +118,6 @@ def founded(
     found(site, folder / "chain.sqlite")
     with _embedded(site, folder, now_s):
         yield Organization(site)
-
-
-@contextmanager
-def resumed(
-    before: Path, folder: Path, now_s: Callable[[], int] = lambda: GENESIS_S, **changed: object
-) -> Iterator[Site]:
-    """A site in `folder` that goes on where the one that was `founded` in `before` ended."""
-    site = Site.load(write_site(folder)).model_copy(update=changed)
-    shutil.copytree(before / "data", site.data_dir)
-    shutil.copy(before / "chain.sqlite", folder)
-    with _embedded(site, folder, now_s):
-        yield site
 
 
 @contextmanager

@@ -158,7 +158,6 @@ ELSEWHERE = {
     "services/itrash/training/renderings.py": "makes pictures to train on",
     "services/itrash/training/train.py": "trains the classifier",
     "deploy/contracts.py": "salts by which a timelock tells its acts apart; they decide nothing",
-    "deploy/waiting.py": "salts of what an administrator proposes who waits; they decide nothing",
     "deploy/chain/local_chain.py": "the identity of a local chain and of its blocks",
 }
 """Files that draw from a source of their own, and why they may."""

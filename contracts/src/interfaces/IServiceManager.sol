@@ -115,12 +115,6 @@ interface IServiceManager {
     /// @notice The service is paused now, and its failures are forgiven.
     event ServiceReinstated(ServiceId indexed serviceId);
 
-    /// @notice The provider is known for its work in another organization, in the token's smallest unit.
-    event WorkAdopted(address indexed provider, address indexed from, uint256 done, uint256 failed);
-
-    error NotAdministrator(address account);
-    /// @notice Work of other organizations counts only from the beginning.
-    error TasksWerePosted(uint256 count);
     error UnknownService(ServiceId serviceId);
     /// @notice A task names a service that does other work.
     error ServiceOfOtherKind(ServiceId serviceId, bytes32 kind);
@@ -295,18 +289,6 @@ interface IServiceManager {
     /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param review the number of its Review
     function recordReview(KindId kindId, uint8 review) external;
-
-    /// @notice Know providers for their work in another organization, such as the one that this one follows. Only the
-    /// administrator, and only before the first task: nobody has posted one to providers that were known for less.
-    /// What is known of them here is forgotten.
-    /// @param from the other organization's service manager
-    /// @param providers who worked there
-    function adoptWork(IServiceManager from, address[] calldata providers) external;
-
-    /// @notice What others paid a provider for accepted work, and would have paid for work that failed, in billionths of
-    /// a token, whatever its decimals: what is HALF_LIFE days old counts half.
-    /// @param provider who did the work
-    function workOf(address provider) external view returns (uint256 done, uint256 failed);
 
     /// @notice Returns the idle service that a policy chooses for a task. Never reverts because of the policy.
     /// @param policy the organization's, an IMatchingPolicy

@@ -10,7 +10,7 @@ import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Kind, Review, Terms} from "../../src/interfaces/IOrganization.sol";
-import {IServiceManager, Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
+import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {
     Hire,
     ITaskManager,
@@ -89,8 +89,6 @@ contract Handler is CommonBase, StdUtils, Numbers {
     mapping(address provider => uint256) public failures;
     mapping(address provider => uint256) private _naps;
     mapping(address provider => Work) private _work;
-    uint256 private _done;
-    uint256 private _failed;
     mapping(address device => address) private _owners;
     /// @dev Whom a provider has named; 0 for itself.
     mapping(address provider => address) private _payouts;
@@ -485,27 +483,6 @@ contract Handler is CommonBase, StdUtils, Numbers {
         } catch {
             if (caller == _payoutOf(provider)) violation = "payments could not be redirected";
         }
-    }
-
-    /// @dev A provider is known for work elsewhere, if the administrator says so before the first task.
-    function adoptWork(uint256 who, uint256 whose, uint96 done, uint96 failed) external {
-        address[] memory providers = new address[](1);
-        providers[0] = _providers[bound(whose, 0, _providers.length - 1)];
-        (_done, _failed) = (bound(done, 0, 1e12), bound(failed, 0, 1e12));
-        address caller = who % 4 == 0 ? _participant(who / 4) : _admin;
-        bool right = caller == _admin && _tasks.taskCount() == 0;
-        vm.prank(caller);
-        try _services.adoptWork(IServiceManager(address(this)), providers) {
-            if (!right) violation = "a provider got a past";
-            _work[providers[0]] = Work(_done * 1e9, _failed * 1e9, block.timestamp / 1 days);
-        } catch {
-            if (right) violation = "a provider lost its past";
-        }
-    }
-
-    /// @notice What the other organization says of anybody.
-    function workOf(address) external view returns (uint256 done, uint256 failed) {
-        return (_done, _failed);
     }
 
     function _participant(uint256 which) private view returns (address) {

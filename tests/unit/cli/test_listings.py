@@ -45,7 +45,7 @@ ACTS = {
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
-        "migrate", "suspend-provider", "reinstate-provider",
+        "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
         "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
         "seat", "unseat", "quorum",

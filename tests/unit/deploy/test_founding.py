@@ -177,9 +177,7 @@ def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_l
     fail_once(monkeypatch, before)
     with pytest.raises(ChainUnavailable):
         told(slow)
-    unfinished = contracts.unfinished(slow, CHAIN_ID)
-    assert unfinished is not None
-    there = ChainClient(slow.chain.url, unfinished)
+    there = ChainClient(slow.chain.url, Deployment.load(contracts._unfinished(slow), CHAIN_ID))
     # Until the end it is the founder's, as an organization without a delay is, and nobody else's.
     assert there.administrator() == there.deployment.address("OrganizationTimelock")
     assert there.decision_delay_s() == 0

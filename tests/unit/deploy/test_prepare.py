@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -9,6 +10,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ from deploy import prepare as module
 from deploy.contracts import OtherRelease, WithoutGasMoney
 from deploy.prepare import prepare
 from rodeo import keystores, wallets
+from rodeo.chain import artifacts
 from rodeo.chain.client import connect
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ChainUnavailable
@@ -109,8 +112,9 @@ def test_a_participant_for_whom_others_send_needs_no_gas_money(elsewhere: Path) 
     assert alices.endswith("more to it (not needed if others send for it)")
 
 
-def test_an_organization_of_another_release_is_not_replaced_by_another_one(
-    elsewhere: Path,
+@pytest.mark.parametrize("folder", ["", "deployments/unfinished"], ids=["founded", "half founded"])
+def test_an_organization_of_another_release_is_replaced_only_where_its_record_was_moved_away(
+    elsewhere: Path, folder: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     site = Site.load(elsewhere)
     wallets.make_missing(site, CHEAP)
@@ -119,15 +123,29 @@ def test_an_organization_of_another_release_is_not_replaced_by_another_one(
         pay(w3, keystores.address(site, name), "1")
     prepare(elsewhere, lambda _: None, threading.Event())
     before, block = Deployment.load(site.data_dir, CHAIN_ID), w3.eth.block_number
-    swapped = before.contracts | {"LowestPrice": before.contracts["HighestReputation"]}
-    other = before.model_copy(update={"contracts": swapped})
-    other.save(site.data_dir)
-    with pytest.raises(OtherRelease, match="rodeo organization migrate") as refused:
-        prepare(elsewhere, lambda _: None, threading.Event())
-    assert refused.value.details == {"organization": before.contracts["Organization"]}
-    with pytest.raises(OtherRelease):
-        contracts.run(site, threading.Event())
-    assert Deployment.load(site.data_dir, CHAIN_ID) == other and w3.eth.block_number == block
+    record = Deployment.path(site.data_dir / folder, CHAIN_ID)
+    record.parent.mkdir(parents=True, exist_ok=True)
+    Deployment.path(site.data_dir, CHAIN_ID).replace(record)
+    record.write_text(record.read_text().replace("{", '{"of_another_release": null,', 1))
+    load = artifacts.load
+    # The policies of this release are built from other sources.
+    built = dataclasses.replace(load("HighestReputation"), name="LowestPrice")
+    monkeypatch.setattr(artifacts, "load", lambda name: built if name == "LowestPrice" else load(name))
+    for run in (partial(prepare, elsewhere, print), partial(contracts.run, site)):
+        with pytest.raises(
+            OtherRelease, match="move the record away and run `rodeo site prepare`"
+        ) as refused:
+            run(threading.Event())
+        assert refused.value.details == {
+            "organization": before.contracts["Organization"],
+            "record": str(record),
+        }
+    assert record.exists() and w3.eth.block_number == block
+    record.rename(elsewhere.with_name("kept.json"))
+    prepare(elsewhere, print, threading.Event())
+    new = Deployment.load(site.data_dir, CHAIN_ID)
+    new.verify(w3)
+    assert not set(new.contracts.values()) & set(before.contracts.values())
 
 
 @pytest.mark.long

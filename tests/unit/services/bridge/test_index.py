@@ -281,15 +281,6 @@ def test_what_others_paid_for_and_what_was_rejected_make_the_reputation(chain: C
     assert known_for(chain) == (80, 100)
 
 
-def test_work_in_another_organization_is_where_the_reputation_begins(chain: Chain) -> None:
-    chain.block(events.WorkAdopted(ROBOT, CREATOR, 40 * IEC, 20 * IEC), time_s=1_000)
-    assert known_for(chain) == (40, 20)
-    chain.block(registered(), offered(), assigned(), proved(), time_s=1_100)
-    assert known_for(chain) == (40, 20)
-    chain.block(judged(True), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC), time_s=1_200)
-    assert known_for(chain) == (120, 20)
-
-
 def test_what_an_owner_pays_its_robot_makes_no_reputation(chain: Chain) -> None:
     chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, "panther1", CREATOR))
     chain.block(registered(), offered(), assigned(), proved())
