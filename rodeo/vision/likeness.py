@@ -84,7 +84,8 @@ def _thumb(image_bgr: np.ndarray) -> np.ndarray:
 
 
 def _print(thumb: np.ndarray) -> Print:
-    return np.array([_hash(_window(thumb, *window)) for window in _WINDOWS])
+    found = np.array([_frequencies(_window(thumb, *window)) for window in _WINDOWS])
+    return np.asarray(found > np.median(found, axis=1, keepdims=True))
 
 
 def _window(thumb: np.ndarray, left: float, top: float, right: float, bottom: float) -> np.ndarray:
@@ -94,7 +95,7 @@ def _window(thumb: np.ndarray, left: float, top: float, right: float, bottom: fl
     ]
 
 
-def _hash(grey: np.ndarray) -> np.ndarray:
+def _frequencies(grey: np.ndarray) -> np.ndarray:
+    """(BITS,)"""
     small = cv2.resize(grey, (_HASH_PX, _HASH_PX), interpolation=cv2.INTER_AREA).astype(np.float32)
-    frequencies = cv2.dct(small)[:_FREQUENCIES, :_FREQUENCIES].ravel()[1:]
-    return np.asarray(frequencies > np.median(frequencies))
+    return np.asarray(cv2.dct(small)[:_FREQUENCIES, :_FREQUENCIES].ravel()[1:])
