@@ -12,6 +12,7 @@ import logging
 import os
 import threading
 from array import array
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import file_digest
@@ -360,7 +361,7 @@ class _SealedFile:
         self._writer = McapWriter(self._stream, profile="ros2", library="rodeo")
         self._schemas: dict[str, tuple[int, bytes]] = {}
         self._channels: dict[str, tuple[int, bytes]] = {}
-        self._tallies: dict[str, Tally] = {}
+        self._tallies: dict[str, Tally] = defaultdict(Tally)
         self._last_log_ns = 0
         self._unsealed_since_ns: int | None = None
 
@@ -440,7 +441,7 @@ class _SealedFile:
         )
         self.running.add(digest, record[_LENGTH_FIELD], record[_TAIL])
         if entry.schema_name:
-            self._tallies.setdefault(entry.topic, Tally()).add(entry.sequence)
+            self._tallies[entry.topic].add(entry.sequence)
         self._last_log_ns = max(self._last_log_ns, entry.log_ns)
         if self._unsealed_since_ns is None:
             self._unsealed_since_ns = entry.log_ns

@@ -22,6 +22,7 @@ from rodeo.evidence.summary import ChunkFacts, MessageTimes, SummaryOf
 
 COMPRESSION = "zstd"
 _MESSAGE = struct.Struct("<BQHIQQ")
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)
 _FIELDS_BYTES = _MESSAGE.size - 9
 """Of a message beside its data; a record's opcode and length do not count."""
 _CHUNK_BYTES = 1024 * 1024
@@ -61,10 +62,7 @@ class McapWriter:
 
     def add_message(self, channel_id: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> bytes:
         """The message's record, as it will be in the file."""
-        record = (
-            _MESSAGE.pack(Opcode.MESSAGE, _FIELDS_BYTES + len(data), channel_id, sequence, log_ns, publish_ns)
-            + data
-        )
+        record = message_record(channel_id, sequence, log_ns, publish_ns, data)
         times = self._times.get(channel_id)
         if times is None:
             times = self._times[channel_id] = array("Q")
@@ -115,6 +113,11 @@ class McapWriter:
     def _put(self, data: bytes) -> None:
         self._stream.write(data)
         self._offset += len(data)
+
+
+def message_record(channel_id: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> bytes:
+    length = _FIELDS_BYTES + len(data)
+    return _MESSAGE.pack(_MESSAGE_OPCODE, length, channel_id, sequence, log_ns, publish_ns) + data
 
 
 def _written(record: McapRecord) -> bytes:

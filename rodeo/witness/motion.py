@@ -81,11 +81,12 @@ class _Body:
                 # Its track begins anew where it is seen again.
                 self.lost, self.moved, self.samples = True, True, []
         self.seen_us, self.taken = sample.time_us, True
-        # What sleeps in a simulated lab does not differ by a bit from what was found at rest.
-        known = self.samples and _same(self.samples[-1], sample)
-        if not self.moved and self.signed is not None and (known or _rests(self.signed, sample)):
-            self.samples = [sample]
-            return
+        if not self.moved and self.signed is not None:
+            # What sleeps in a simulated lab does not differ by a bit from what was found at rest.
+            known = self.samples and self.samples[-1][1:] == sample[1:]
+            if known or _rests(self.signed, sample):
+                self.samples = [sample]
+                return
         self.moved = True
         self.samples.append(sample)
 
@@ -134,20 +135,18 @@ class _Body:
 
 def _can_be_signed(sample: Sample) -> bool:
     """Whether the position is finite and near enough, and the orientation a rotation."""
-    x_m, y_m, z_m = sample.position_m
-    near = abs(x_m) < LARGEST_M and abs(y_m) < LARGEST_M and abs(z_m) < LARGEST_M  # False for NaN
-    return near and is_rotation(*sample.quaternion)
-
-
-def _same(one: Sample, other: Sample) -> bool:
-    return one.position_m == other.position_m and one.quaternion == other.quaternion
+    _, (x_m, y_m, z_m), quaternion = sample
+    # False for NaN.
+    near = -LARGEST_M < x_m < LARGEST_M and -LARGEST_M < y_m < LARGEST_M and -LARGEST_M < z_m < LARGEST_M
+    return near and is_rotation(*quaternion)
 
 
 def _rests(signed: Sample, sample: Sample) -> bool:
     (x, y, z), (a, b, c) = signed.position_m, sample.position_m
     if (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 > REST_M**2:
         return False
-    dot = sum(p * q for p, q in zip(signed.quaternion, sample.quaternion, strict=True))
+    (p, q, r, s), (t, u, v, w) = signed.quaternion, sample.quaternion
+    dot = p * t + q * u + r * v + s * w
     return abs(dot) >= _REST_DOT
 
 
@@ -200,8 +199,9 @@ class MotionLog:
         recording that begins with it, waits as long whenever the witness was started.
         """
         lasted_us = now_us - self._start_us
-        if any(body.moved for body in self._bodies.values()):
-            return lasted_us >= PERIOD_US
+        for body in self._bodies.values():
+            if body.moved:
+                return lasted_us >= PERIOD_US
         if now_us // REST_PERIOD_US > self._start_us // REST_PERIOD_US:
             return True
         return heads and lasted_us >= LISTENING_PERIOD_US
