@@ -10,8 +10,11 @@ import numpy as np
 from rodeo import topics
 from rodeo.evidence.attestation import Attestation
 from rodeo.lab.world import arm_model
-from rodeo.ros2.types import new
-from rodeo_testing.recordings import Sample, Sides, Take, Witnesses, stamp, stamped_ns
+from rodeo.ros2.types import msg, time_message
+from rodeo_testing.recordings import Sample, Sides, Take, Witnesses, stamped_ns
+
+_Header = msg("std_msgs/msg/Header")
+_Point, _Quaternion, _Pose = (msg(f"geometry_msgs/msg/{name}") for name in ("Point", "Quaternion", "Pose"))
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,8 @@ def noisy(
             continue
         stamp_ns = stamped_ns(sample.message) + round(chance.normal(0, noise.stamp_s) * 1e9)
         message = _measured(sample, film.start_s, noise, chance, offset_rad, drift)
-        header = replace(message.header, stamp=new("builtin_interfaces/msg/Time"))
-        samples.append(replace(sample, message=stamp(replace(message, header=header), stamp_ns)))
+        header = _Header(stamp=time_message(stamp_ns), frame_id=message.header.frame_id)
+        samples.append(replace(sample, message=replace(message, header=header)))
 
     return Take(samples), losses(noise, chance, drawn_s if clock_s is None else clock_s)
 
@@ -135,10 +138,8 @@ def _measured(
 ) -> Any:
     message = sample.message
     if sample.topic.startswith("mocap/"):
-        pose = message.pose
         dx, dy, dz = chance.normal(0, noise.pose_m, 3)
-        at, turn = pose.position, pose.orientation
-        position = replace(at, x=at.x + dx, y=at.y + dy, z=at.z + dz)
+        at, turn = message.pose.position, message.pose.orientation
         x, y, z, w = turn.x, turn.y, turn.z, turn.w
         a, b, c = chance.normal(0, noise.pose_rad / 2, 3)
         q = np.array(
@@ -150,8 +151,9 @@ def _measured(
             ]
         )
         q /= np.linalg.norm(q)
-        orientation = replace(turn, w=q[0], x=q[1], y=q[2], z=q[3])
-        return replace(message, pose=replace(pose, position=position, orientation=orientation))
+        position = _Point(at.x + dx, at.y + dy, at.z + dz)
+        pose = _Pose(position=position, orientation=_Quaternion(x=q[1], y=q[2], z=q[3], w=q[0]))
+        return replace(message, pose=pose)
     if sample.topic.endswith("joint_states"):
         position = message.position + chance.normal(0, noise.joint_rad, len(message.position))
         arm, fingers = slice(len(offset_rad)), slice(len(offset_rad), len(offset_rad) + 2)

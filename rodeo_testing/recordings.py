@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from array import array
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,13 +26,15 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rodeo import topics
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.proof import Proof, TopicMessages
 from rodeo.evidence.recorder import SealedProof, _Entry, _SealedFile
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding, SealChain
+from rodeo.evidence.writer import McapWriter, message_record
 from rodeo.lab.body import Body, Twist2, joint_names
 from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.geometry import wrap
 from rodeo.lab.world import world_spec
-from rodeo.ros2.types import STORE, new, serialize
+from rodeo.ros2.types import STORE, msg, new, serialize, time_message
 from rodeo.stamps import set_stamp, stamp_ns
 from rodeo.topics import ATTESTATION_CHANNEL
 from rodeo.witness import motion
@@ -62,6 +65,8 @@ ODOMETRY, JOINTS_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 CONTROLLER_FRAMES = 5
 POSE, BATTERY = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/BatteryState"
+_Header, _PoseStamped = msg("std_msgs/msg/Header"), msg(POSE)
+_Point, _Quaternion, _Pose = (msg(f"geometry_msgs/msg/{name}") for name in ("Point", "Quaternion", "Pose"))
 
 
 @dataclass(frozen=True)
@@ -80,8 +85,16 @@ class Sample:
         in common is serialized once."""
         return serialize(self.message)
 
+    @cached_property
+    def pose(self) -> motion.Sample:
+        """What motion capture makes of a pose, at the time of its stamp."""
+        at, turn = self.message.pose.position, self.message.pose.orientation
+        return motion.Sample(
+            stamped_ns(self.message) // 1000, (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z)
+        )
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Take:
     """Everything that was on the bus while one task was done, in order."""
 
@@ -97,6 +110,22 @@ class Take:
         """`topic`'s samples as `edit` returns them; None drops one."""
         changed = (edit(sample) if sample.topic == topic else sample for sample in self.samples)
         return Take([sample for sample in changed if sample is not None])
+
+    def standing(self, seconds: float) -> Take:
+        """The last frames again for so long at its end."""
+        period_ns, every = 20_000_000, CONTROLLER_FRAMES
+        last_ns = self.samples[-1].time_ns
+        loop = [
+            s for s in self.samples[-50 * every :] if s.time_ns > last_ns - every * period_ns and s.ros_type
+        ]
+        step_ns, steps = every * period_ns, math.ceil(seconds / (every * period_ns * 1e-9))
+        samples = list(self.samples)
+        for step in range(1, steps + 1):
+            for sample in loop:
+                frames = step * (1 if sample.ros_type == CONTROLLER_STATE else every)
+                again = shifted_by(sample, step * step_ns)
+                samples.append(replace(again, sequence=sample.sequence + frames))
+        return Take(samples)
 
     @property
     def start_s(self) -> float:
@@ -178,7 +207,7 @@ class Witnesses:
     """Whether the witnesses hear what the recorder says at this time."""
     edit: Callable[[Attestation], Attestation | None] = _KEEP
     """What the recorder makes of each statement; None leaves it out."""
-    asked_for: Sequence[Attestation] = ()
+    asked_for: Sequence[Attestation] = field(default=(), hash=False)
     """What it gets from the witnesses' journals before it ends; `edit` may add to it."""
     recording: str | None = None
     """Digest of the recording whose heads the witnesses heard, if another than this one."""
@@ -231,12 +260,18 @@ class _Scene:
                 ("robot", binding.device, witnesses.robot, "sensor"),
             )
         }
-        seen = {found["body"] for s in take.samples if (found := topics.MOCAP_POSE.parts(s.topic))}
+        names = {sample.topic for sample in take.samples}
+        self.bodies = {
+            name: found["body"] for name in names if (found := topics.MOCAP_POSE.parts(name)) is not None
+        }
+        """By the topic of its poses."""
+        seen = set(self.bodies.values())
         self._ago_ns = round(witnesses.ago_s * 1e9)
         self._mocap_ns = round((witnesses.mocap_clock_s - witnesses.ago_s) * 1e9)
         start_us = (take.samples[0].time_ns + self._mocap_ns) // 1000 - 20_000
         self._motion = motion.MotionLog(sorted(seen), start_us) if seen else None
         self._seen, self._runs = sorted(seen), True
+        self._is_off_once = math.isfinite(witnesses.mocap_off_s[0])
         self._stalls_s = list(witnesses.mocap_stalls_s)
         self._claimants: tuple[Claimant, ...] = ()
         self.recording = _NOTHING
@@ -278,17 +313,17 @@ class _Scene:
         self._motion = motion.MotionLog(self._seen, time_us)
 
     def see(self, sample: Sample, body: str) -> None:
-        runs = not self._off(sample.time_ns * 1e-9)
+        runs = not (self._is_off_once and self._off(sample.time_ns * 1e-9))
         if runs and not self._runs:
             self._begin_again((sample.time_ns + self._mocap_ns) // 1000)
         self._runs = runs
         if self._motion is not None and runs:
-            at, turn = sample.message.pose.position, sample.message.pose.orientation
-            time_us = (stamped_ns(sample.message) + self._mocap_ns) // 1000
-            while self._stalls_s and time_us * 1e-6 > self._stalls_s[0][1]:
+            pose = sample.pose
+            if self._mocap_ns:
+                pose = pose._replace(time_us=(stamped_ns(sample.message) + self._mocap_ns) // 1000)
+            while self._stalls_s and pose.time_us * 1e-6 > self._stalls_s[0][1]:
                 from_s, to_s = self._stalls_s.pop(0)
                 self._motion.stall(round(from_s * 1e6), round(to_s * 1e6))
-            pose = motion.Sample(time_us, (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))
             self._motion.add(body, pose)
 
     def tick(self, time_ns: int, last: bool = False) -> Attestation | None:
@@ -421,17 +456,19 @@ def recorded(
 
     yield from out(Sample("", "", None, take.samples[0].time_ns))
     now_ns = take.samples[0].time_ns
+    bodies = scene.bodies
     for sample in take.samples:
         if sample.time_ns > now_ns:
             yield from say(scene.tick(now_ns), now_ns)
             now_ns = sample.time_ns
-        if found := topics.MOCAP_POSE.parts(sample.topic):
-            scene.see(sample, found["body"])
+        if body := bodies.get(sample.topic):
+            scene.see(sample, body)
         elif sample.topic in SIGNED:
             yield from say(scene.sign(sample), sample.time_ns)
         elif sample.topic in CHARGE_SIGNED:
             yield from say(charge.sign(sample, scene.recording), sample.time_ns)
-        else:
+        elif (data := (yield sample)) is not None:
+            scene.hear_seal(data, address)
             yield from out(sample)
     yield from say(scene.tick(now_ns, last=True), now_ns)
     for attestation in witnesses.asked_for:
@@ -451,19 +488,101 @@ def seal(
     Not through `Recorder`, which writes in a thread of its own: here every head is heard before the next
     message is written.
     """
-    seals: list[bytes] = []
     path.parent.mkdir(parents=True, exist_ok=True)
-    of_charge = any(sample.topic == METER_RECORD for sample in take.samples)
+    _, file = _record(take, path, binding, account, witnesses or Witnesses(), site_bin)
+    with path.open("rb") as written:
+        sha256 = "0x" + hashlib.file_digest(written, "sha256").hexdigest()
+    return SealedProof(path, sha256, file.running.messages)
+
+
+def open_sealed(
+    take: Take, path: Path, binding: Binding, account: LocalAccount, witnesses: Witnesses | None = None
+) -> Proof:
+    """What `open_proof` makes of the file that `seal` writes, but for hash and size. `path` stays empty."""
+    columns = _Columns()
+    seals, _ = _record(take, path, binding, account, witnesses or Witnesses(), "itrash", columns)
+    digests = tuple("0x" + hashlib.sha256(data).hexdigest() for data in seals)
+    return Proof(
+        path,
+        digests[-1],
+        0,
+        binding,
+        account.address,
+        len(columns.by_number[0]),
+        columns.longest_unsealed_ns,
+        digests,
+        {column.topic: column for column in columns.by_number},
+        columns.order,
+    )
+
+
+class _Columns:
+    """Takes messages as `McapWriter` does, and keeps them as `Proof` does."""
+
+    def __init__(self) -> None:
+        self.by_number: list[TopicMessages] = []
+        """The first is that of the seals."""
+        self.order = array("H")
+        self.longest_unsealed_ns = 0
+        self._schemas = [""]
+        self._unsealed_ns: list[int] = []
+        """When the messages since the last seal were written."""
+
+    def register_schema(self, name: str, _encoding: str, _data: bytes) -> int:
+        self._schemas.append(name)
+        return len(self._schemas) - 1
+
+    def register_channel(self, topic: str, _encoding: str, schema_id: int) -> int:
+        self.by_number.append(TopicMessages(topic, self._schemas[schema_id]))
+        return len(self.by_number)
+
+    def add_message(self, channel_id: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> bytes:
+        column = self.by_number[channel_id - 1]
+        column.log_ns.append(log_ns)
+        column.publish_ns.append(publish_ns)
+        column.sequence.append(sequence)
+        column.data.append(data)
+        self.order.append(channel_id - 1)
+        if channel_id > 1:
+            self._unsealed_ns.append(log_ns)
+        elif self._unsealed_ns:
+            unsealed_ns = self._unsealed_ns[-1] - self._unsealed_ns[0]
+            self.longest_unsealed_ns = max(self.longest_unsealed_ns, unsealed_ns)
+            self._unsealed_ns.clear()
+        return message_record(channel_id, sequence, log_ns, publish_ns, data)
+
+    def flush(self) -> None:
+        """Nothing is written."""
+
+    finish = flush
+
+
+def _record(
+    take: Take,
+    path: Path,
+    binding: Binding,
+    account: LocalAccount,
+    witnesses: Witnesses,
+    site_bin: str,
+    columns: _Columns | None = None,
+) -> tuple[list[bytes], _SealedFile]:
+    """The seals but for the final one, and the file."""
+    seals: list[bytes] = []
+    of_charge = METER_RECORD in {sample.topic for sample in take.samples}
     period_ns = QUIET_SEAL_PERIOD_NS if of_charge else None
     file = _SealedFile(path, SealChain(binding, account), seals.append, period_ns)
+    if columns is not None:
+        file._writer = cast(McapWriter, columns)
     file.open_chain(take.samples[0].time_ns)
-    scene = recorded(take, binding, witnesses or Witnesses(), account.address, site_bin)
+    scene = recorded(take, binding, witnesses, account.address, site_bin)
     sequences: Counter[str] = Counter()
     next(scene)
+    heard = 0
     try:
         while True:
-            while seals:
-                scene.send(seals.pop(0))
+            while heard < len(seals):
+                heard += 1
+                scene.send(seals[heard - 1])
             sample = next(scene)
             ns = sample.time_ns
             if sample.ros_type:
@@ -478,9 +597,7 @@ def seal(
     except StopIteration:
         pass
     file.finish(final=True)
-    with path.open("rb") as written:
-        sha256 = "0x" + hashlib.file_digest(written, "sha256").hexdigest()
-    return SealedProof(path, sha256, file.running.messages)
+    return seals, file
 
 
 def stamped_ns(message: Any) -> int:
@@ -513,8 +630,8 @@ def write_bag(
 
 def shifted_by(sample: Sample, shift_ns: int) -> Sample:
     """The same message, published and stamped so much later."""
-    header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
-    message = stamp(replace(sample.message, header=header), stamped_ns(sample.message) + shift_ns)
+    stamp = time_message(stamped_ns(sample.message) + shift_ns)
+    message = replace(sample.message, header=replace(sample.message.header, stamp=stamp))
     return replace(sample, message=message, time_ns=sample.time_ns + shift_ns)
 
 
@@ -543,11 +660,9 @@ class Camera:
         self._sequence = 0
         self._odom = np.zeros(3)
         name = self.robot.name
-        self._tracked = [
-            (name, f"{name}/base_link"),
-            (gripper_body(name), f"{name}/{self.body.arm_model.hand}"),
-            *((item.id, item.id) for item in site.items),
-        ]
+        frames = {name: f"{name}/base_link", gripper_body(name): f"{name}/{self.body.arm_model.hand}"}
+        frames |= {item.id: item.id for item in site.items}
+        self._tracked = [(body, self.model.body(frame).id) for body, frame in frames.items()]
 
     @property
     def now_ns(self) -> int:
@@ -587,15 +702,11 @@ class Camera:
             effort=np.array(body.efforts),
         )
         self._add(topics.JOINT_STATES.name(ns=ns), JOINTS_TYPE, joints)
-        for name, frame in self._tracked:
-            pose = new(POSE)
-            pose.header.frame_id = "map"
-            place = self.data.body(frame)
-            for axis, value in zip("xyz", place.xpos, strict=True):
-                setattr(pose.pose.position, axis, float(value))
-            for axis, value in zip("wxyz", place.xquat, strict=True):
-                setattr(pose.pose.orientation, axis, float(value))
-            self._add(topics.MOCAP_POSE.name(body=name), POSE, pose)
+        for name, body_id in self._tracked:
+            (x, y, z), (w, *turn) = self.data.xpos[body_id].tolist(), self.data.xquat[body_id].tolist()
+            pose = _Pose(position=_Point(x, y, z), orientation=_Quaternion(*turn, w))
+            header = _Header(stamp=time_message(self.now_ns), frame_id="map")
+            self._add(topics.MOCAP_POSE.name(body=name), POSE, _PoseStamped(header=header, pose=pose))
         self._sequence += 1
 
     def _control(
@@ -619,17 +730,7 @@ class Camera:
 
     def still(self, seconds: float) -> None:
         """The last frames again for so long: nothing moves, and nothing is computed."""
-        period_ns, every = 20_000_000, CONTROLLER_FRAMES
-        last_ns = self.samples[-1].time_ns
-        loop = [
-            s for s in self.samples[-50 * every :] if s.time_ns > last_ns - every * period_ns and s.ros_type
-        ]
-        step_ns, steps = every * period_ns, math.ceil(seconds / (every * period_ns * 1e-9))
-        for step in range(1, steps + 1):
-            for sample in loop:
-                frames = step * (1 if sample.ros_type == CONTROLLER_STATE else every)
-                again = shifted_by(sample, step * step_ns)
-                self.samples.append(replace(again, sequence=sample.sequence + frames))
+        self.samples = Take(self.samples).standing(seconds).samples
 
     def photograph(self, bin_name: str, picture: bytes) -> None:
         """What the bin's camera encoded."""

@@ -41,7 +41,6 @@ def verify_file(
     Never raises for what the file holds: what cannot be read or computed of it is a rejection that names it.
     Raises what its own machine fails at (`rodeo.errors.is_machines`), which says nothing about the proof.
     """
-    checks: list[Check] = []
     try:
         proof = _open(path, Limits(file_bytes=site.store.max_bytes, messages=COUNTS.messages), reads_bags)
     except Exception as error:  # noqa: BLE001 - strangers' bytes make libraries raise whatever they like
@@ -49,10 +48,21 @@ def verify_file(
     if proof is None:
         unsealed = Check(name="sealed", **provenance.vouched_for(False).model_dump())
         return _report([unsealed], site, chain_record)
+    return verify_proof(proof, site, chain_record, checks_of=checks_of)
+
+
+def verify_proof(
+    proof: Proof,
+    site: Site,
+    chain_record: ChainRecord | None = None,
+    *,
+    checks_of: Callable[[Checks], Checks] = lambda checks: checks,
+) -> Report:
+    """What `verify_file` reports of a proof once it is open; one proof may be judged several times."""
     by = f"under {proof.seals} seals by {proof.signer}" if proof.sealed else "of a bag"
     detail = f"{proof.messages} messages {by}"
     source = "docs/reference/evidence.md"
-    checks.append(Check(name="readable_and_sealed", passed=True, source=source, detail=detail))
+    checks = [Check(name="readable_and_sealed", passed=True, source=source, detail=detail)]
     try:
         case = case_of(proof, site, chain_record)
     except Exception as error:  # noqa: BLE001 - the same: a kind looks into the recording

@@ -15,6 +15,7 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo import topics
 from rodeo.checks.case import ChainRecord
+from rodeo.checks.verify import verify_file
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.evidence.proof import open_proof
@@ -71,8 +72,9 @@ def shifted(sample: Sample, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> S
     return moved(sample, x=at.x + x, y=at.y + y, z=at.z + z)
 
 
-def test_honest_work_is_accepted(cleaning: Take, judge: Judge) -> None:
-    report = judge(cleaning, cleaning_chain_record(cleaning))
+def test_honest_work_is_accepted(cleaning: Take, site: Site, tmp_path: Path) -> None:
+    path = seal(cleaning, tmp_path / "proof.mcap", BINDING, ROBOT).path
+    report = verify_file(path, site, cleaning_chain_record(cleaning))
     assert report.accepted, report.reason
     assert report.reason == "accepted"
     assert all(check.passed for check in report.checks)
@@ -343,6 +345,13 @@ def test_an_item_that_is_already_in_the_bin_is_the_one_reason(cleaning: Take, ju
     assert not_asked["dropped"].detail == "skipped: item_outside_bin did not pass"
 
 
+@pytest.fixture(scope="module")
+def given_up(cleaning: Take) -> Take:
+    """Whose robot says at the end that it failed."""
+    said = {"event": "execution_failed", "message": "no place"}
+    return Take([*cleaning.samples, Sample("rodeo/event", "", said, cleaning.samples[-1].time_ns)])
+
+
 @pytest.mark.parametrize("gives_up", [False, True])
 @pytest.mark.parametrize(
     "params",
@@ -360,15 +369,13 @@ def test_an_item_that_is_already_in_the_bin_is_the_one_reason(cleaning: Take, ju
     ],
 )
 def test_what_the_creator_posts_as_nonsense_is_not_the_executors_failure(
-    cleaning: Take, judge: Judge, params: dict[str, Any] | None, gives_up: bool
+    cleaning: Take, given_up: Take, judge: Judge, params: dict[str, Any] | None, gives_up: bool
 ) -> None:
     """Also where the robot says so: it can do nothing with it. What is no JSON object has no parameters."""
     chain = cleaning_chain_record(cleaning)
     posted = {} if params is None else chain.task.params | params
     task = chain.task.model_copy(update={"params": posted})
-    said = Sample("rodeo/event", "", {"event": "execution_failed", "message": "no place"}, 0)
-    failing = [replace(said, time_ns=cleaning.samples[-1].time_ns)] if gives_up else []
-    report = judge(Take([*cleaning.samples, *failing]), chain.model_copy(update={"task": task}))
+    report = judge(given_up if gives_up else cleaning, chain.model_copy(update={"task": task}))
     assert report.outcome == ("impossible" if gives_up else "undecided"), report.reason
     assert report.fault == "the task's creator"
 
@@ -956,13 +963,8 @@ def test_pictures_from_before_the_grasp_leave_the_work_to_auditors_at_the_bins_f
     assert (report.outcome, report.fault) == ("undecided", f"the bin {site.bins[0].name}")
 
 
-def test_a_truncated_file_is_a_report_not_a_crash(
-    cleaning: Take, judge: Judge, tmp_path: Any, site: Site
-) -> None:
-    from rodeo.checks.verify import verify_file
-
-    judge(cleaning, None)
-    path = tmp_path / "proof.mcap"
+def test_a_truncated_file_is_a_report_not_a_crash(cleaning: Take, tmp_path: Path, site: Site) -> None:
+    path = seal(cleaning, tmp_path / "proof.mcap", BINDING, ROBOT).path
     path.write_bytes(path.read_bytes()[:100_000])
     report = verify_file(path, site, cleaning_chain_record(cleaning))
     assert failed(report) == "readable_and_sealed"
@@ -970,7 +972,6 @@ def test_a_truncated_file_is_a_report_not_a_crash(
 
 
 def test_a_bag_is_reported_on_and_never_paid_for(cleaning: Take, site: Site, tmp_path: Any) -> None:
-    from rodeo.checks.verify import verify_file
     from rodeo_testing.recordings import write_bag
 
     bag = write_bag(cleaning, tmp_path / "bag")
@@ -983,10 +984,11 @@ def test_a_bag_is_reported_on_and_never_paid_for(cleaning: Take, site: Site, tmp
 
 
 def test_a_robot_that_recorded_long_enough_does_not_lose_by_motion_captures_last_statements(
-    site: Site, judge: Judge
+    cleaning: Take, judge: Judge
 ) -> None:
     """They are as old as its period, one more was lost, and it was not there to be asked again."""
-    cleaning = film_cleaning(site, "item1", after_drop_s=RECORDED_AFTER_DROP_S)
+    settled_s = cleaning.of("bin/drop")[0].message["settled_s"]
+    cleaning = cleaning.standing(settled_s + RECORDED_AFTER_DROP_S + 0.5 - cleaning.end_s)
 
     def away(attestation: Attestation) -> Attestation | None:
         said = attestation.payload

@@ -21,6 +21,7 @@ from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import OracleConfig, Site
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.recorder import SealedProof
 from rodeo.evidence.store import Store
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
@@ -36,18 +37,23 @@ MIB = 1 << 20
 ROOT = Path(rodeo.__file__).parents[1]
 
 
+@pytest.fixture(scope="module")
+def sealed(cleaning: Take, tmp_path_factory: pytest.TempPathFactory) -> SealedProof:
+    return seal(cleaning, tmp_path_factory.mktemp("sealed") / "proof.mcap", BINDING, ROBOT)
+
+
 def submitted(
     site: Site,
     take: Take,
+    proof: SealedProof,
     tmp_path: Path,
     *,
     limits: OracleConfig | None = None,
     memory_bytes: int = MEMORY_BYTES,
     **task: object,
 ) -> Report:
-    """The report on `take` after it went through the store."""
+    """The report on `take`, sealed as `proof`, after it went through the store."""
     at = site.model_copy(update={"data_dir": tmp_path / "data"})
-    proof = seal(take, tmp_path / "proof.mcap", BINDING, ROBOT)
     fields = {"proof_uri": Store(at).put(proof.path), "proof_sha256": proof.sha256} | task
     chain = cleaning_chain_record(take, **fields)
     work = partial(verify_apart, at, chain, tmp_path / "work", threading.Event(), limits=limits)
@@ -61,8 +67,10 @@ def submitted(
     return report
 
 
-def test_an_honest_proof_is_fetched_and_accepted(site: Site, cleaning: Take, tmp_path: Path) -> None:
-    report = submitted(site, cleaning, tmp_path)
+def test_an_honest_proof_is_fetched_and_accepted(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
+) -> None:
+    report = submitted(site, cleaning, sealed, tmp_path)
     assert report.accepted, report.reason
     assert [check.name for check in report.checks][:2] == ["fetched", "readable_and_sealed"]
     assert list((tmp_path / "work").iterdir()) == []
@@ -86,31 +94,35 @@ def test_a_bag_is_rejected_whatever_keeps_the_oracle_from_deciding_it(
         assert report.reason.startswith("sealed: ")
 
 
-def test_a_uri_of_another_file_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
-    report = submitted(site, cleaning, tmp_path, proof_sha256="0x" + "ab" * 32)
+def test_a_uri_of_another_file_is_a_verdict(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
+) -> None:
+    report = submitted(site, cleaning, sealed, tmp_path, proof_sha256="0x" + "ab" * 32)
     assert "proof_hash_mismatch" in report.reason
     assert report.proof_sha256 == "0x" + "ab" * 32
 
 
-def test_a_uri_outside_the_store_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
-    report = submitted(site, cleaning, tmp_path, proof_uri="file:///etc/passwd")
+def test_a_uri_outside_the_store_is_a_verdict(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
+) -> None:
+    report = submitted(site, cleaning, sealed, tmp_path, proof_uri="file:///etc/passwd")
     assert "proof_uri_not_allowed" in report.reason
 
 
 def test_what_the_store_lacks_or_damaged_or_may_not_give_is_no_verdict(
-    site: Site, cleaning: Take, tmp_path: Path
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
 ) -> None:
     """The bytes that were submitted may be had elsewhere."""
     lost = {"proof_uri": f"{(tmp_path / 'data' / 'store').as_uri()}/{'ab' * 32}.mcap"}
     hash_ = {"proof_sha256": "0x" + "ab" * 32}
     with pytest.raises(ProofNotFound):
-        submitted(site, cleaning, tmp_path, **lost, **hash_)
+        submitted(site, cleaning, sealed, tmp_path, **lost, **hash_)
     (tmp_path / "data" / "store" / f"{'ab' * 32}.mcap").write_bytes(b"something else")
     with pytest.raises(ProofHashMismatch) as damaged:
-        submitted(site, cleaning, tmp_path, **lost, **hash_)
+        submitted(site, cleaning, sealed, tmp_path, **lost, **hash_)
     assert damaged.value.details["expected"] == hash_["proof_sha256"]
     with pytest.raises(ProofUriNotAllowed):
-        submitted(site, cleaning, tmp_path, proof_uri=f"s3://elsewhere/{'ab' * 32}.mcap", **hash_)
+        submitted(site, cleaning, sealed, tmp_path, proof_uri=f"s3://elsewhere/{'ab' * 32}.mcap", **hash_)
 
 
 def undecided_by_the_oracle(report: Report) -> str:
@@ -120,8 +132,10 @@ def undecided_by_the_oracle(report: Report) -> str:
     return report.reason
 
 
-def test_a_verification_that_hangs_is_undecided(site: Site, cleaning: Take, tmp_path: Path) -> None:
-    report = submitted(site, cleaning, tmp_path, limits=OracleConfig(time_limit_s=0.05))
+def test_a_verification_that_hangs_is_undecided(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
+) -> None:
+    report = submitted(site, cleaning, sealed, tmp_path, limits=OracleConfig(time_limit_s=0.05))
     assert "hung for 0.05 s" in undecided_by_the_oracle(report)
 
 
@@ -130,19 +144,24 @@ def test_a_verification_that_uses_up_its_cpu_time_is_undecided(
     site: Site, cleaning: Take, tmp_path: Path
 ) -> None:
     costly = Take([sample for sample in cleaning.samples for _ in range(60)])
-    report = submitted(site, costly, tmp_path, limits=OracleConfig(cpu_limit_s=1.0))
+    proof = seal(costly, tmp_path / "proof.mcap", BINDING, ROBOT)
+    report = submitted(site, costly, proof, tmp_path, limits=OracleConfig(cpu_limit_s=1.0))
     assert "used more than 1 s of CPU time" in undecided_by_the_oracle(report)
 
 
-def test_a_store_that_does_not_answer_is_no_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
+def test_a_store_that_does_not_answer_is_no_verdict(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
+) -> None:
     broken = tmp_path / "data" / "store" / f"{'ab' * 32}.mcap"
     broken.parent.mkdir(parents=True)
     broken.symlink_to(broken)  # a disk that answers with an error
     with pytest.raises(StoreUnavailable):
-        submitted(site, cleaning, tmp_path, proof_uri=broken.as_uri())
+        submitted(site, cleaning, sealed, tmp_path, proof_uri=broken.as_uri())
 
 
-def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_path: Path) -> None:
+def test_one_that_hangs_keeps_no_other_waiting(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
+) -> None:
     assert SIDE_BY_SIDE >= 2
     stop, verdicts = threading.Event(), list[Report | None]()
     with socket.create_server(("127.0.0.1", 0)) as silent:
@@ -158,15 +177,17 @@ def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_p
         silent.settimeout(HANG_S)
         connection, _ = silent.accept()
         with connection:
-            assert submitted(site, cleaning, tmp_path).accepted
+            assert submitted(site, cleaning, sealed, tmp_path).accepted
             assert verdicts == []
             stop.set()
             hanging.join()
     assert verdicts == [None]
 
 
-def test_a_verification_without_memory_is_undecided(site: Site, cleaning: Take, tmp_path: Path) -> None:
-    report = submitted(site, cleaning, tmp_path, memory_bytes=40 * MIB)
+def test_a_verification_without_memory_is_undecided(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path
+) -> None:
+    report = submitted(site, cleaning, sealed, tmp_path, memory_bytes=40 * MIB)
     assert "crashed with exit status" in undecided_by_the_oracle(report)
 
 
@@ -199,10 +220,10 @@ def test_a_fork_server_that_ends_while_it_loads_is_told_by_its_type(
 
 
 def test_a_verification_that_cannot_be_started_is_undecided(
-    site: Site, cleaning: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(worker, "_context_of", lambda site: NoServer())
-    assert "did not start" in undecided_by_the_oracle(submitted(site, cleaning, tmp_path))
+    assert "did not start" in undecided_by_the_oracle(submitted(site, cleaning, sealed, tmp_path))
 
 
 STARTS = """
