@@ -230,13 +230,14 @@ def deserialize(cdr: bytes, typename: str) -> Any:
         raise MalformedMessage(f"not a {typename}: {error}", type=typename, length_bytes=len(cdr)) from error
 
 
+_Time, _Duration = msg("builtin_interfaces/msg/Time"), msg("builtin_interfaces/msg/Duration")
+
+
 def time_message(time_ns: int) -> Any:
     """builtin_interfaces/msg/Time."""
-    sec, nanosec = sec_nanosec(time_ns)
-    return new("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return _Time(*sec_nanosec(time_ns))
 
 
 def duration_message(duration_ns: int) -> Any:
     """builtin_interfaces/msg/Duration."""
-    sec, nanosec = sec_nanosec(duration_ns)
-    return new("builtin_interfaces/msg/Duration", sec=sec, nanosec=nanosec)
+    return _Duration(*sec_nanosec(duration_ns))
