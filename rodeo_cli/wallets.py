@@ -22,7 +22,7 @@ def accounts(site: Site) -> dict[str, Any]:
 
     Raises WalletError without a passphrase. `holds_eth` and `missing_eth` are decimal numbers of the chain's
     native currency. They are None for a device, because it sends nothing. They are also None if no node
-    answers; then `problem` says so.
+    answers, or the organization there is of another release; then `problem` says so.
     """
     wallets.make_missing(site)
     w3 = connect(site.chain.url)
@@ -34,6 +34,9 @@ def accounts(site: Site) -> dict[str, Any]:
         ]
     except ChainUnavailable:
         problem = f"no node answers at {site.chain.shown_url}: the wallets' gas balances are unknown"
+    except contracts.OtherRelease as error:
+        problem = error.message
+    if problem:
         found = [
             _account(n, keystores.address(site, n), "transactions") for n in keystores.wallet_names(site)
         ]

@@ -29,6 +29,7 @@ from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ChainUnavailable
 from rodeo.config import Site
 from rodeo_cli import app
+from rodeo_cli.wallets import accounts
 from rodeo_testing.waiting import HANG_S
 from tests.support.organization import CHAIN_ID, running_chain
 from tests.support.site import write_site
@@ -141,6 +142,7 @@ def test_an_organization_of_another_release_is_replaced_only_where_its_record_wa
             "record": str(record),
         }
     assert record.exists() and w3.eth.block_number == block
+    assert accounts(site)["problem"] == refused.value.message
     record.rename(elsewhere.with_name("kept.json"))
     prepare(elsewhere, print, threading.Event())
     new = Deployment.load(site.data_dir, CHAIN_ID)
