@@ -682,9 +682,9 @@ Signable = Literal["register_task", "cancel_task", "submit_proof"]
 
 
 class Sign(Message):
-    """Sign a command for somebody else to send with `relay`, who pays its gas. Nothing is sent, and what is
-    signed cannot be taken back but by `revoke_request`. Of tasks with the same `request_id` one at most is
-    posted."""
+    """Sign a command for somebody else to send with `relay`, who pays its gas. Nothing is sent.
+    `revoke_request` takes a signed task back. A signed cancellation or proof stays valid until its time is
+    over (`valid_s`). Of tasks with the same `request_id` one at most is posted."""
 
     command: Signable
     request: dict[str, Any] = {}
@@ -726,7 +726,8 @@ class AllowPayments(Command):
 
 
 class RevokeRequest(Command):
-    """Make a signed request to post a task void."""
+    """Make a signed request to post a task void. Cancellations and proofs have no nonce, so they stay valid
+    until their time is over."""
 
     nonce: Annotated[int, Field(ge=0, lt=2**256)]
     """That of the request."""

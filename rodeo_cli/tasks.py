@@ -395,12 +395,18 @@ def revoke(
     participant: Annotated[str, typer.Option("--as", help="Who signed it.")],
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
-    """Make a task void that was signed with --sign, and was not sent yet. This costs its creator gas."""
+    """Make a task void that was signed with --sign, and was not sent yet. This costs its creator gas.
+
+    A signed cancellation or proof cannot be revoked: it stays valid until its time (--valid) is over.
+    """
     from rodeo.signed_requests import RegisterTask  # takes its time to import
 
     typed = _signed(file)["request"]["typed_data"]
     if typed.get("primaryType") != RegisterTask.__name__:
-        raise InvalidRequest("only a signed task can be revoked", file=str(file))
+        raise InvalidRequest(
+            "only a signed task can be revoked; a cancellation or proof stays valid until its deadline",
+            file=str(file),
+        )
     nonce = validate(RegisterTask, typed.get("message")).nonce
     with connected(site) as (loaded, bus):
         send_command(loaded, bus, participant, "revoke_request", nonce=nonce)

@@ -39,6 +39,16 @@ def test_what_is_no_signed_task_cannot_be_revoked(tmp_path: Path, typed: dict[st
     assert done.exit_code == 1 and done.output.startswith("invalid_request: "), done.output
 
 
+@pytest.mark.parametrize("signed", ["CancelTask", "SubmitProof"])
+def test_who_revokes_a_signed_cancellation_or_proof_is_told_that_it_stays_valid(
+    tmp_path: Path, signed: str
+) -> None:
+    file = tmp_path / "signed.json"
+    file.write_text(json.dumps({"request": {"typed_data": {"primaryType": signed}}}))
+    done = CliRunner().invoke(app, ["task", "revoke", str(file), "--as", "alice"])
+    assert done.exit_code == 1 and "stays valid until its deadline" in " ".join(done.output.split())
+
+
 class SlowBridge:
     """A bus on which the bridge answers late; its heartbeat is heard when the test says so."""
 
