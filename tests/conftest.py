@@ -38,6 +38,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if label := getattr(item, "operation_label", None):
             item._id = item.id.with_params(label)
+    # It waits for the package index for most of a minute. At the end, nothing else would run meanwhile.
+    items.sort(key=lambda item: item.path.name != "test_resolution.py")
 
 
 @pytest.fixture(scope="session")
