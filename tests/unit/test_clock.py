@@ -13,6 +13,7 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import zenoh_config
+from rodeo.receiving import direct
 from rodeo.ros2.base import Publisher
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
@@ -100,24 +101,19 @@ def test_nobody_takes_over_unannounced_when_the_body_has_ended(
     assert follower.now_ns() == 1000 * SECOND_NS
 
 
-def test_who_may_speak_is_known_before_anything_that_is_said(
+def test_who_may_speak_and_what_is_said_are_heard_in_the_order_in_which_they_arrive(
     make_node: MakeNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One thread takes both, in the order in which they arrive."""
-    threads: dict[str, int] = {}
-    for name in ("_announce", "_follows"):
-        original = getattr(SimClock, name)
+    """Both while they are received: in a thread beside, an announcement waits for its turn."""
+    received: list[str] = []
 
-        def noted(self: SimClock, what: str, name: str = name, original: Any = original) -> Any:
-            threads[name] = threading.get_ident()
-            return original(self, what)
+    def noted(callback: Any, *more: Any) -> Any:
+        received.append(callback.__name__)
+        return direct(callback, *more)
 
-        monkeypatch.setattr(SimClock, name, noted)
-    clock = SimClock(make_node("follower").session, 0)
-    first = publisher(make_node("lab"))
-    reaches(clock, 1000, lambda: first.publish(clock_at(1000)))
-    assert threads["_announce"] == threads["_follows"] != threading.get_ident()
-    clock.close()
+    monkeypatch.setattr("rodeo.sim_clock.direct", noted)
+    SimClock(make_node("follower").session, 0).close()
+    assert received == ["_on_graph", "_on_clock"]
 
 
 def test_the_last_words_of_the_speaker_are_no_second_speakers(

@@ -114,6 +114,13 @@ def test_everything_that_is_missing_is_named_in_one_message(machine: Machine) ->
         assert one in said
 
 
+def test_the_tests_need_more_memory_than_the_demo(machine: Machine) -> None:
+    machine.has_python("python3.13")
+    machine.memory(4_000)
+    assert machine.setup("check", "site")[0] == 0
+    assert "memory: 5000 MB; this machine has 4000 MB" in machine.setup("check", "dev")[2]
+
+
 def test_what_a_container_may_use_of_the_memory_counts(machine: Machine) -> None:
     machine.has_python("python3.13")
     limit = machine.folder / "sys" / "fs" / "cgroup" / "memory.max"
