@@ -28,7 +28,7 @@ from deploy.launcher import Launcher
 from rodeo import topics, wallets
 from rodeo.bus import Bus
 from rodeo.chain import events
-from rodeo.chain.abi import Verdict
+from rodeo.chain.abi import Fault, Ruling
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
@@ -182,7 +182,7 @@ def _verdicts_ms(site: Site, bus: Bus, names: Sequence[str]) -> Iterator[float]:
             proof_sha256=f"0x{digest}",
             report_sha256=f"0x{digest}",
             rules_sha256=task.rules_sha256 or "",
-            outcome="accepted",
+            ruling="accepted",
             amount_iec=Decimal(1),
             reason="accepted",
         )
@@ -226,7 +226,8 @@ def _index_from_nothing(tasks: int) -> float:
             ],
             [events.ProofSubmitted(number, 1, robot, proof, "file:///proof.mcap", 10**9)],
             [
-                events.VerdictPosted(number, 1, proof, Verdict.ACCEPTED, iec, proof, "", "as it should be"),
+                events.Reported(number, 1, proof, "", "as it should be"),
+                events.Ruled(number, 1, proof, Ruling.ACCEPTED, Fault.NOBODY, iec, 0, proof),
                 events.TaskSettled(number, robot, iec, 0),
                 events.Transfer(manager, robot, iec),
             ],

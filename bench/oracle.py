@@ -146,7 +146,7 @@ def _verdict_s(dao: Dao, keys: dict[str, LocalAccount], take: Take) -> float:
         executor.submit_proof(task.id, task.attempt, proof.sha256, uri)
         dao.wait_for(lambda: "TaskSettled" in dao.names_of(task.id), f"the payment of task {task.id}")
         dao.catch_up()
-    return heard_s["VerdictPosted"] - heard_s["ProofSubmitted"]
+    return heard_s["Ruled"] - heard_s["ProofSubmitted"]
 
 
 def _submitted(

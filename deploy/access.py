@@ -49,12 +49,12 @@ _CALLERS: dict[str, str] = {
 _ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
 """A second writer: bin and dock have frames, too."""
 
-_SELLS = {"register_service", "update_service", "abandon_task", "submit_proof", "close_dispute"}
+_SELLS = {"register_service", "update_service", "agree", "abandon_task", "submit_proof", "conclude"}
 
 _OFFICE = {
-    *("register_task", "cancel_task", "register_service", "update_service", "challenge_verdict"),
-    *("accept_task", "submit_proof", "post_verdict"),
-    *("register_device", "revoke_device", "allow_kind", "retire_rules"),
+    *("register_task", "cancel_task", "register_service", "update_service", "agree"),
+    *("accept_task", "submit_proof", "rule", "challenge", "conclude", "settle_stakes"),
+    *("register_device", "revoke_device", "allow_kind", "remove_judge", "retire_rules"),
     *("suspend_provider", "reinstate_provider", "suspend_service", "reinstate_service"),
     *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
     *("admit", "dismiss", "deposit", "withdraw", "rescue_tokens"),
@@ -68,7 +68,7 @@ COMMANDS: dict[str, set[str]] = {
     "charger": {*_SELLS, "post_root"},
     "itrash": {"post_root"},
     "robot_sim": {"post_root"},
-    "oracle": {"post_verdict", "post_votes"},
+    "oracle": {"rule", "post_votes"},
     "console": {*_OFFICE, "match_task"},
     OPERATOR: {
         *_OFFICE,

@@ -26,10 +26,10 @@ from web3 import Web3
 from web3.types import Wei
 
 from deploy.founding import OtherToken, count_contracts, create_contracts
-from rodeo import keystores, possession, wallets
-from rodeo.chain import transactions
-from rodeo.chain.abi import Instance, Review, Silence
-from rodeo.chain.client import ChainClient, connect, require_chain
+from rodeo import keystores, possession, votes, wallets
+from rodeo.chain import artifacts, transactions
+from rodeo.chain.abi import Instance, KindRules
+from rodeo.chain.client import NOBODY, ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
@@ -62,13 +62,21 @@ class OtherGovernance(RodeoError):
     """Who decides is another on chain than in the site file, and neither is changed by this step."""
 
 
+class MemberTwice(RodeoError):
+    """Two names under governance.members are one account, which has one vote."""
+
+
 class OtherRelease(RodeoError):
     """The site's organization has contracts of another release. Whoever runs the site decides whether another
     organization is founded: nothing of the old one, such as its treasury or its tasks, goes over to it."""
 
 
 class WithoutDisputes(RodeoError):
-    """The contracts by which verdicts are challenged are not on chain, and this step does not add them."""
+    """The contracts by which rulings are challenged are not on chain, and this step does not add them."""
+
+
+class WithoutJudges(RodeoError):
+    """Judges that the site file names have no seat, because their keys are not here."""
 
 
 class WithoutGasMoney(RodeoError):
@@ -193,6 +201,7 @@ def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
+        _first_members(site)
         deployment = create_contracts(site, w3, administrator, say, steps)
         # For this step alone, until the organization is set up.
         deployment.save(_unfinished(site))
@@ -228,6 +237,7 @@ def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAcc
     for account, call in _missing_rules(site, client, administrator, deployment.rules):
         sender.send(account, call)
     if sender.is_founding:
+        _require_judges(site, client)
         for call in _missing_members(site, client):
             sender.send(administrator, call)
         sender.end_founding(administrator, site.governance.delay_s)
@@ -400,8 +410,7 @@ def _missing_rules(
     roles = [
         (Role.OPERATOR, administrator.address),
         (Role.TREASURER, administrator.address),
-        # Nobody who alone judges may beside those who have to agree.
-        (Role.ORACLE, _judge(site, client)),
+        (Role.ORACLE, None if site.oracles else _told(site, ORACLE)),
         (Role.AUDITOR, administrator.address),
     ]
     if client.deployment.has_timelock:
@@ -409,8 +418,8 @@ def _missing_rules(
         roles.append((Role.OPERATOR, client.deployment.address("OrganizationTimelock")))
     if client.deployment.decides_by_vote:
         # It pays what members have split, and nothing else.
-        roles.append((Role.TREASURER, client.deployment.address("BudgetVotes")))
-    for former in _former_oracles(site, client):
+        roles.append((Role.ALLOCATOR, client.deployment.address("BudgetVotes")))
+    if (former := _former_oracle(site, client)) is not None:
         yield administrator, calls.revoke_role(Role.ORACLE, former)
     guardian = site.governance.guardian
     elsewhere = keystores.wallets_elsewhere(site)
@@ -424,25 +433,11 @@ def _missing_rules(
         if client.budget(limited).since == 0:
             amount = site.economy.currency.to_units(limit.iec)
             yield administrator, calls.set_budget(limited, amount, limit.period_s)
-    for kind, declared in kinds_of(site).items():
-        rules, review = client.kind(kind), Review[declared.review.upper()]
-        silence = Silence[declared.at_silence.upper()]
-        unset = review is Review.ORACLE and rules.silence is Silence.NONE
-        # Silence pays nobody for work that nobody judged, unless the site file says so.
-        if unset or (rules.silence, silence) == (Silence.EXECUTOR, Silence.CREATOR):
-            window_s = rules.audit_window or site.economy.audit_window_s
-            yield administrator, calls.set_audit(kind, window_s, silence)
-        # A machine that judged what it has no checks for is corrected; that people judge more is not.
-        if review is Review.AUDITOR:
-            if not rules.allowed or rules.review is not review:
-                yield administrator, calls.allow_kind(kind, review, bytes(32))
-        elif not rules.allowed or rules.review is review:
-            for call in _missing_hash(client, declared, known if rules.allowed else ()):
-                yield administrator, call
-            for call in _missing_judges(site, client, kind):
-                yield administrator, call
-            for call in _missing_instances(site, client, administrator.address, kind):
-                yield administrator, call
+    if client.auditors() == NOBODY:
+        yield administrator, calls.set_auditors(client.deployment.address("AuditorJudge"))
+    for kind in kinds_of(site).values():
+        for call in _missing_kind(site, client, administrator.address, kind, known):
+            yield administrator, call
     for keystore, (device_role, name) in keystores.device_names(site).items():
         device = _told(site, keystore)
         if device is not None and not _is_registered(client, device):
@@ -474,22 +469,35 @@ def _other_delay(site: Site, client: ChainClient) -> str | None:
     )
 
 
+def _require_judges(site: Site, client: ChainClient) -> None:
+    """Raises WithoutJudges unless somebody judges every kind. Once the organization is founded a seat takes a
+    proposal, and until then an organization without judges could do nothing."""
+    missing = [name for name, kind in kinds_of(site).items() if not _has_judges(site, client, kind)]
+    if missing:
+        raise WithoutJudges(
+            "judges of these kinds have no seat, because their keys are not here: run this step again with "
+            "their keystores, or with their keys in the environment",
+            kinds=missing,
+            variables=f"{keystores.KEY_VARIABLE}NAME",
+        )
+
+
+def _first_members(site: Site) -> list[str]:
+    """Their accounts. Raises MemberTwice."""
+    elsewhere = keystores.wallets_elsewhere(site)
+    names = {(elsewhere.get(name) or keystores.address(site, name)): name for name in site.governance.members}
+    if len(names) < len(site.governance.members):
+        raise MemberTwice("two of governance.members are one account: name others", **names)
+    return list(names)
+
+
 def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
     """What gives the first members their votes."""
-    elsewhere = keystores.wallets_elsewhere(site)
-    for name in site.governance.members:
-        account = elsewhere.get(name) or keystores.address(site, name)
+    for account in _first_members(site):
         if not client.is_member(account):
             yield client.organization_calls.admit(account)
         if not client.votes(account):
             yield client.governance_calls.votes.sync(account)
-
-
-def _judge(site: Site, client: ChainClient) -> str | None:
-    """Who alone judges what oracles judge; None if its keystore cannot be read."""
-    if site.disputes is not None:
-        return client.disputes
-    return client.committee if site.oracles else _told(site, ORACLE)
 
 
 def _roles_to_grant(
@@ -516,66 +524,156 @@ def _roles_to_grant(
         )
 
 
-def _former_oracles(site: Site, client: ChainClient) -> Iterator[str]:
-    """Who judges on chain, but by the site file no longer does."""
-    oracle = _told(site, ORACLE) if keystores.keystore_path(site, ORACLE).exists() else None
-    for former in (client.committee, client.disputes, oracle):
-        if former not in (None, _judge(site, client)) and client.has_role(Role.ORACLE, former):
-            yield former
+def _former_oracle(site: Site, client: ChainClient) -> str | None:
+    """Who judges alone on chain, and by the site file no longer does."""
+    if not site.oracles or not keystores.keystore_path(site, ORACLE).exists():
+        return None
+    oracle = _told(site, ORACLE)
+    return oracle if oracle is not None and client.has_role(Role.ORACLE, oracle) else None
+
+
+def _missing_kind(
+    site: Site, client: ChainClient, administrator: str, declared: Kind, known: Sequence[str]
+) -> Iterator[Call]:
+    """What has work of this kind judged by the judge that the site file names. A judge that is not one of the
+    organization's own contracts, or the auditors in place of a machine, were named on chain, and stay."""
+    kind, calls, rules = declared.name, client.organization_calls, client.kind(declared.name)
+    wanted = judge_of(site, declared)
+    judge, there = client.deployment.address(wanted), _judge_there(client, rules)
+    if rules.allowed and there != judge:
+        machines = {client.deployment.contracts.get(one) for one in artifacts.JUDGES} - {
+            client.deployment.address("AuditorJudge")
+        }
+        if there not in machines:
+            log.warning(
+                "%s judges %s on chain, and the %s in the site file: `rodeo organization kind %s --judge` "
+                "changes that",
+                there,
+                kind,
+                wanted,
+                kind,
+            )
+            return
+        log.warning(
+            "another judge, the %s, decides about %s: whoever offers such a service has to agree to it",
+            wanted,
+            kind,
+        )
+    if declared.judge == "auditor":
+        if not rules.allowed or there != judge:
+            yield calls.allow_kind(kind, judge, bytes(32))
+        return
+    if not rules.number and not rules.audit_window and site.economy.audit_window_s:
+        yield calls.set_audit(kind, site.economy.audit_window_s)
+    # A judge without these has no terms to say, and is refused.
+    if site.oracles:
+        yield from _missing_judges(site, client, kind)
+    if site.disputes is not None:
+        yield from _missing_instances(site, client, administrator, kind)
+    if _has_judges(site, client, declared):
+        known_ = known if there == judge and rules.allowed else None
+        yield from _missing_hash(client, declared, judge, known_)
+
+
+def judge_of(site: Site, declared: Kind) -> str:
+    """The contract that judges work of this kind, as the site file says: one of `artifacts.JUDGES`."""
+    if declared.judge == "auditor":
+        return "AuditorJudge"
+    if site.disputes is not None:
+        return "DisputeJudge"
+    return "OracleCommittee" if site.oracles else "OracleJudge"
+
+
+def _has_judges(site: Site, client: ChainClient, kind: Kind) -> bool:
+    """Whether the judge of this kind could say its terms: its seats are taken, and its instances known."""
+    if kind.judge == "auditor" or not site.oracles:
+        return True
+    return client.quorum(kind.name).votes > 0 and (site.disputes is None or bool(client.instances(kind.name)))
+
+
+def _judge_there(client: ChainClient, rules: KindRules) -> str | None:
+    """Who judges on chain; None for a kind that never had a judge."""
+    return client.judge_numbered(rules.number) if rules.number else None
 
 
 def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
-    """What has the site's oracles vote on proofs of `kind`; nothing where there is one oracle. A quorum that
-    is on chain stays: the administrator or the members may have changed it."""
-    if not site.oracles:
-        return
-    quorum, votes = client.quorum(kind), votes_needed(site, kind)
+    """What has the site's oracles vote on proofs of `kind`. A quorum that is on chain stays: the
+    administrator or the members may have changed it."""
+    quorum, needed = client.quorum(kind), votes_needed(site, kind)
     if quorum.votes:
-        if (quorum.votes, quorum.count) != (votes, len(site.oracles)):
+        if (quorum.votes, quorum.count) != (needed, len(site.oracles)):
             log.warning(
                 "%d of %d oracles judge %s on chain, and %d of %d in the site file: `rodeo organization "
                 "seat`, `unseat` and `quorum` change those on chain",
                 quorum.votes,
                 quorum.count,
                 kind,
-                votes,
+                needed,
                 len(site.oracles),
             )
         return
-    seats = 0
-    for judge in site.oracles:
-        key = _told(site, f"{judge.name}-device")
+    keys = {f"{one.name}-device": _owner(site, client, "oracle", one.name) for one in site.oracles}
+    committee = artifacts.COMMITTEES[0]
+    yield from _seated(site, client, committee, kind, keys, (needed, panel(site), site.oracle.rotation_s))
+
+
+def _seated(
+    site: Site,
+    client: ChainClient,
+    committee: str,
+    kind: str,
+    keys: Mapping[str, str | None],
+    quorum: tuple[int, int, int],
+) -> Iterator[Call]:
+    """What seats these judges, keystore -> owner (None: the key itself), and has them vote on proofs of
+    `kind` by this quorum: votes, panel, rotation. No quorum where one of them cannot be seated yet."""
+    seats, calls = 0, client.committee_calls(committee)
+    for keystore, named in keys.items():
+        key = keystores.wallets_elsewhere(site).get(keystore) or _told(site, keystore)
         if key is None:
             return
-        if client.judge(key) is None:
-            yield client.calls.seat(key, _owner(site, client, "oracle", judge.name))
-        seated = client.judge(key)
-        assert seated is not None
-        seats |= 1 << seated.seat
-    yield client.calls.set_quorum(kind, votes, panel(site), site.oracle.rotation_s, seats)
+        if client.seat(key, committee) is None:
+            owner = named or key
+            if (signed := _agreed(site, client, committee, keystore, owner)) is None:
+                return
+            yield calls.seat(key, owner, *signed)
+        seated = client.seat(key, committee)
+        if seated is None:
+            return  # where others decide, it waits for them
+        seats |= 1 << seated.number
+    votes_, panel_, rotation_s = quorum
+    yield calls.set_quorum(kind, votes_, panel_, rotation_s, seats)
+
+
+def _agreed(
+    site: Site, client: ChainClient, committee: str, keystore: str, owner: str
+) -> tuple[bytes, bytes] | None:
+    """By which a judge's key agrees to its seat; None where the keystore cannot be opened."""
+    address = client.deployment.address(committee)
+    try:
+        return votes.possession(keystores.open_key(site, keystore), owner, client.w3.eth.chain_id, address)
+    except WalletError as error:
+        log.error(
+            "skipped %s, which has no seat in the %s at %s: %s; run this step again with its key",
+            keystore,
+            committee,
+            address,
+            error,
+        )
+        return None
 
 
 def _missing_instances(site: Site, client: ChainClient, administrator: str, kind: str) -> Iterator[Call]:
-    """What lets verdicts on `kind` be challenged. What is on chain stays, as a quorum does."""
+    """What lets rulings on `kind` be challenged. What is on chain stays, as a quorum does."""
     wanted = site.disputes
     if wanted is None or client.instances(kind) or not client.quorum(kind).votes:
         return
     committees = client.deployment.committees[: 1 + len(wanted.instances)]
-    keys = [
-        [keystores.wallets_elsewhere(site).get(name) or _told(site, name) for name in one.judges]
-        for one in wanted.instances
-    ]
-    for committee, one, judges in zip(committees[1:], wanted.instances, keys, strict=True):
-        seats, calls = 0, client.committee_calls(committee)
-        for key in judges:
-            if key is None:
-                return
-            if client.judge(key, committee) is None:
-                yield calls.seat(key, key)
-            seated = client.judge(key, committee)
-            assert seated is not None
-            seats |= 1 << seated.seat
-        yield calls.set_quorum(kind, one.votes, len(judges), 0, seats)
+    for committee, one in zip(committees[1:], wanted.instances, strict=True):
+        keys = dict.fromkeys(one.judges)
+        yield from _seated(site, client, committee, kind, keys, (one.votes, len(keys), 0))
+        if not client.quorum(kind, committee).votes:
+            return
     shortest_s, rules = min_verdict_window_s(site), client.kind(kind)
     if rules.min_verdict_window < shortest_s:
         longest_s = max(rules.max_verdict_window, site.economy.verdict_window_s, _LONGEST_VERDICT_S)
@@ -607,13 +705,12 @@ def _missing_stakes(
 ) -> Iterator[Call]:
     """What the administrator deposits for the judges of `kind` (`wanted`: for each of a committee); nothing
     where its tokens do not do."""
-    disputes = client.disputes
-    assert disputes is not None
+    disputes = client.deployment.address("DisputeJudge")
     missing = {
         (committee, seat): stake - there
         for committee, stake in wanted.items()
         for seat in range(64)
-        if client.quorum(kind, committee).judges >> seat & 1
+        if client.quorum(kind, committee).seats >> seat & 1
         and (there := client.stake(seat, committee)) < stake
     }
     needed = sum(missing.values())
@@ -632,29 +729,31 @@ def _missing_stakes(
         yield client.dispute_calls.deposit_stake(client.deployment.address(committee), seat, amount)
 
 
-def _missing_hash(client: ChainClient, kind: Kind, known: Sequence[str]) -> Iterator[Call]:
-    """What lets tasks of `kind` be posted under the rules that are installed, which the site's oracle has.
-    Those that were current stay so, as far as there is room: their tasks are judged by them. Installed rules
-    among the `known` ones that are not current were retired by somebody, and stay so."""
+def _missing_hash(client: ChainClient, kind: Kind, judge: str, known: Sequence[str] | None) -> Iterator[Call]:
+    """What lets tasks of `kind` be posted under the rules that are installed, which the site's oracle has,
+    and judged by `judge`. Those that were current stay so, as far as there is room: their tasks are judged by
+    them. Installed rules among the `known` ones that are not current were retired by somebody, and stay so.
+    None for `known`: the kind is not allowed with this judge, which has no rules yet."""
     # Imported here: what the checks use takes its time.
     from rodeo.checks.rules import rules_hash
 
     calls, current, installed = client.organization_calls, client.current_rules(kind.name), rules_hash(kind)
     digest = bytes.fromhex((installed or "").removeprefix("0x"))
-    if digest in current:
-        return
-    if installed in known:
-        log.warning(
-            "the installed rules %s of %s were retired and stay so: install the rules that are current, or "
-            "make these current again with `rodeo organization kind %s --review oracle`",
-            installed,
-            kind.name,
-            kind.name,
-        )
-        return
-    if len(current) == client.max_rules():
-        yield calls.retire_rules(kind.name, current[0])
-    yield calls.allow_kind(kind.name, Review.ORACLE, digest)
+    if known is not None:
+        if digest in current:
+            return
+        if installed in known:
+            log.warning(
+                "the installed rules %s of %s were retired and stay so: install the rules that are current, "
+                "or make these current again with `rodeo organization kind %s --judge oracle`",
+                installed,
+                kind.name,
+                kind.name,
+            )
+            return
+        if len(current) == client.max_rules():
+            yield calls.retire_rules(kind.name, current[0])
+    yield calls.allow_kind(kind.name, judge, digest)
 
 
 def _known_rules(site: Site, client: ChainClient, deployment: Deployment) -> tuple[str, ...]:

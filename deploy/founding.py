@@ -23,11 +23,12 @@ from web3.utils import get_create_address
 
 from rodeo import keystores
 from rodeo.chain import artifacts, registry, transactions
+from rodeo.chain.client import NOBODY
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ContractReverted, TransactionFailed
 from rodeo.chain.registry import Part, Registry
 from rodeo.chain.translation import translated
-from rodeo.chain.types import Policy
+from rodeo.chain.types import Policy, Role
 from rodeo.config import Site
 from rodeo.deploying import Steps
 from rodeo.errors import ConfigError, RodeoError
@@ -219,6 +220,7 @@ def _parts(
     by_vote = governance.kind == "vote"
     coin, organization = addresses["IECoin"], addresses["Organization"]
     services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
+    auditors = addresses["AuditorJudge"]
     terms = governance.terms
     arguments: dict[str, tuple[Any, ...]] = {
         "Organization": (
@@ -233,16 +235,15 @@ def _parts(
         ),
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
-        "OracleCommittee": (organization,),
-        "DisputeCommittee": (organization,),
-        "AppealCommittee": (organization,),
-        "Disputes": (organization,),
+        "AuditorJudge": (organization, Role.AUDITOR.id, NOBODY),
+        "OracleJudge": (organization, Role.ORACLE.id, auditors),
+        **dict.fromkeys((*artifacts.COMMITTEES, "DisputeJudge"), (organization, auditors)),
     }
     if "IECoin" in names:
         arguments["IECoin"] = _first_holders(site, organization, founder)
     if "OrganizationTimelock" in names:
         deciders = [addresses["OrganizationGovernor"]] if by_vote else []
-        arguments["OrganizationTimelock"] = (0, [*deciders, founder])
+        arguments["OrganizationTimelock"] = (0, [*deciders, founder], by_vote)
     if by_vote:
         arguments |= {
             "MemberVotes": (organization,),

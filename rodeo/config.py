@@ -253,10 +253,13 @@ class EconomyConfig(_Table):
     supply_iec: Decimal = Decimal(1_000_000)
     """Total supply of IEC. The organization's administrator gets what the amounts above leave."""
     verdict_window_s: int = 48 * 3600
-    """Verdict window, s. It is long compared with a verification, because it only frees the escrow if the
-    oracle never answers. A simulated site skips hours in seconds while the robot charges."""
-    audit_window_s: int = Field(default=7 * 24 * 3600, ge=60, le=30 * 24 * 3600)
-    """Time for the organization's auditors to decide a task that the oracle could not, s."""
+    """Verdict window, s, at least a minute. It is long compared with a verification, because it only frees
+    the escrow if the oracle never answers. A simulated site skips hours in seconds while the robot
+    charges."""
+    audit_window_s: int = Field(default=7 * 24 * 3600, ge=0, le=30 * 24 * 3600)
+    """How long after the verdict window a ruling may still be replaced, s: by the organization's auditors, to
+    whom the oracle passes what it cannot decide. Both windows together are at most 30 days. It counts when a
+    kind gets its first judge."""
     max_attempts: int = Field(default=3, ge=1)
     electricity: list[TariffConfig] = Field(
         default=[TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))], min_length=1
@@ -293,6 +296,10 @@ class TermsConfig(_Table):
         return self
 
 
+MIN_VOTERS = 3
+"""Members without whom nobody decides by vote; the contracts have the same number."""
+
+
 class GovernanceConfig(_Table):
     """Who decides about the organization, and how fast."""
 
@@ -304,13 +311,16 @@ class GovernanceConfig(_Table):
     everybody can see it coming. 0, which only an administrator may have: its key acts at once. It counts when
     the contracts are deployed; `rodeo organization propose delay` changes it later."""
     members: list[str] = []
-    """The first members where members decide, by the names of robots and participants: one vote each."""
+    """The first members where members decide, by the names of robots and participants: one vote each, and at
+    least three."""
     voting_period_s: int = Field(default=3 * 24 * 3600, gt=0, lt=2**32)
     """For how long members may vote on a proposal, s."""
     quorum_percent: int = Field(default=25, ge=1, le=100)
-    """Share of all members whose votes, for or abstaining, a decision needs."""
+    """Share of all members whose votes, for or abstaining, a decision needs: rounded up, at least two, and a
+    majority of fewer than ten members."""
     guardian: str | None = "organization"
-    """The participant whose key may pause new tasks for up to three days, and nothing else. None: nobody."""
+    """The participant whose key may pause new tasks for up to three days and take the right to judge from a
+    judge, and nothing else. None: nobody."""
     budgets: dict[Literal["operator", "treasurer"], BudgetConfig] = {
         "operator": BudgetConfig(iec=Decimal(1000)),
         "treasurer": BudgetConfig(iec=Decimal(200)),
@@ -319,6 +329,10 @@ class GovernanceConfig(_Table):
     limit."""
     terms: TermsConfig = TermsConfig()
     """Terms at the deployment. Later `rodeo organization terms` changes them."""
+
+
+STAKE_COVERS = 10
+"""`STAKE_COVERS` of DisputeJudge: a judge's stake stands for so many times as much of accepted work."""
 
 
 class InstanceConfig(_Table):
@@ -336,8 +350,9 @@ class InstanceConfig(_Table):
     """What a challenge costs whoever is wrong."""
     judge_stake_iec: Decimal = Field(default=Decimal(20), ge=0, max_digits=36, decimal_places=18)
     """What each judge of the committee before, at first an oracle, must have deposited for its vote to count,
-    and loses if a challenge overturns the verdict; 0 for none. The organization's administrator deposits it
-    when the contracts are deployed."""
+    and loses if a challenge overturns the ruling; 0 for none. It covers ten times as much of accepted work
+    that can still be challenged; a vote for more waits. The organization's administrator deposits it when the
+    contracts are deployed."""
 
 
 class AppealConfig(InstanceConfig):
@@ -362,8 +377,8 @@ class DisputesConfig(InstanceConfig):
 
     @property
     def longest_s(self) -> int:
-        """From the first verdict to the payment, s: as `Disputes.longestCase` says."""
-        return self.window_s + sum(one.window_s + one.decision_s for one in self.instances)
+        """From the first ruling to the payment, s: as `DisputeJudge.longestCase` says."""
+        return sum(one.window_s + one.decision_s for one in self.instances)
 
 
 class WalletLimits(_Table):
@@ -528,19 +543,18 @@ class MaintenanceConfig(_Table):
 class KindConfig(_Table):
     """A kind of work that the organization knows.
 
-    With a `review` the table itself declares the kind, which has neither behaviour nor checks. Without one it
+    With a `judge` the table itself declares the kind, which has neither behaviour nor checks. Without one it
     names an installed package, which sets who judges. The package also sets every field left out here.
     """
 
     name: KindName
-    review: Literal["auditor"] | None = None
+    judge: Literal["auditor"] | None = None
     title: str = Field(default="", max_length=80)
     description: str = Field(default="", max_length=2000)
     parameters: dict[str, Any] = {}
     """JSON Schema (draft 2020-12) of a task's parameters."""
     price_iec: Decimal | None = Field(default=None, ge=0)
     execution_window_s: int | None = Field(default=None, gt=0)
-    at_silence: Literal["executor", "creator"] | None = None
     votes: int | None = Field(default=None, ge=1)
     """How many of several `[[oracles]]` have to agree on a proof of this kind; by default more than half of
     the panel."""
@@ -553,13 +567,13 @@ class KindConfig(_Table):
 
     @model_validator(mode="after")
     def _says_who_judges(self) -> KindConfig:
-        if self.review is not None and self.models_sha256:
+        if self.judge is not None and self.models_sha256:
             raise ValueError(f"auditors judge {self.name}, and no network: remove models_sha256")
-        if self.review is not None and self.rates:
+        if self.judge is not None and self.rates:
             raise ValueError(f"auditors say what {self.name} is paid: remove rates")
-        if self.review is None and (self.title or self.description or self.parameters):
+        if self.judge is None and (self.title or self.description or self.parameters):
             raise ValueError(
-                f'{self.name} is declared here: add review = "auditor" to set who judges it, '
+                f'{self.name} is declared here: add judge = "auditor" to set who judges it, '
                 "or remove title, description and parameters, which its package sets"
             )
         return self
@@ -760,7 +774,7 @@ class Site(BaseSettings):
             if care.kind not in [kind.name for kind in self.kinds]:
                 raise ValueError(
                     f"agent.maintenance asks for {care.kind}, which no [[kinds]] lists. Write: [[kinds]] "
-                    f'name = "{care.kind}", review = "auditor"'
+                    f'name = "{care.kind}", judge = "auditor"'
                 )
         return self
 
@@ -859,9 +873,19 @@ def bridge_wallets(site: Site) -> dict[str, list[str]]:
     return {BRIDGE: [name for name in everybody if name not in taken], **others}
 
 
+MIN_VERDICT_WINDOW_S = 60
+"""What every judge wants at least (`termsFor` in the contracts)."""
+MAX_CASE_S = 30 * 24 * 3600
+"""The longest case, verdict and audit window together, that every judge takes."""
+
+
 def min_verdict_window_s(site: Site) -> int:
-    """The shortest verdict window where verdicts can be challenged, s: there is time for the oracles, too."""
-    return 0 if site.disputes is None else site.disputes.longest_s + math.ceil(site.oracle.verdict_within_s)
+    """The shortest verdict window, s. Where rulings can be challenged there is time for the oracles, and for
+    all challenges after them."""
+    if site.disputes is None:
+        return MIN_VERDICT_WINDOW_S
+    oracles_s = max(MIN_VERDICT_WINDOW_S, math.ceil(site.oracle.verdict_within_s))
+    return site.disputes.longest_s + oracles_s
 
 
 def panel(site: Site) -> int:
@@ -995,6 +1019,7 @@ def faults(site: Site) -> dict[Place, str]:
         _governance,
         _oracles,
         _disputes,
+        _windows,
         _hours,
         _ports,
     )
@@ -1155,8 +1180,11 @@ def _governance(site: Site) -> Iterator[tuple[Place, str]]:
             ("governance", "members"),
             'members decide only with kind = "vote": set it, or leave members out',
         )
-    if governance.kind == "vote" and not governance.members:
-        yield ("governance", "members"), "nobody could decide: name the members who vote"
+    if governance.kind == "vote" and len(set(governance.members)) < MIN_VOTERS:
+        yield (
+            ("governance", "members"),
+            f"{len(set(governance.members))} members cannot decide by vote: name at least {MIN_VOTERS}",
+        )
     if governance.kind == "vote" and not governance.delay_s:
         yield ("governance", "delay_s"), "decisions by vote take effect after a delay: set more than 0"
 
@@ -1213,12 +1241,20 @@ def _disputes(site: Site) -> Iterator[tuple[Place, str]]:
                 ("disputes", "appeal", "stake_iec"),
                 f"an appeal takes more than the challenge before it: more than {wanted.stake_iec} IEC",
             )
-    needed_s = min_verdict_window_s(site)
-    if site.economy.verdict_window_s < needed_s:
+
+
+def _windows(site: Site) -> Iterator[tuple[Place, str]]:
+    """What the judges of the contracts want of verdict and audit window."""
+    economy, needed_s = site.economy, min_verdict_window_s(site)
+    case_s = economy.verdict_window_s + economy.audit_window_s
+    if economy.verdict_window_s < needed_s:
+        why = "the oracles' time, and all windows of [disputes]" if site.disputes else "judges take no less"
+        yield ("economy", "verdict_window_s"), f"a verdict window has to be at least {needed_s} s: {why}"
+    elif case_s > MAX_CASE_S:
         yield (
-            ("economy", "verdict_window_s"),
-            f"verdicts that can be challenged need {needed_s} s: the oracles' time, and all windows of "
-            "[disputes]",
+            ("economy", "audit_window_s"),
+            f"verdict and audit window are {case_s} s together, and no judge takes a case of more than "
+            f"{MAX_CASE_S} s ({MAX_CASE_S // 86_400} days): lower one of them",
         )
 
 

@@ -29,9 +29,10 @@ from rodeo.messages import (
     LIVE_STATES,
     AbandonTask,
     AcceptTask,
+    Agree,
     Broadcast,
-    CloseDispute,
     Command,
+    Conclude,
     Message,
     Mined,
     Prepare,
@@ -46,7 +47,7 @@ from rodeo.messages import (
     UpdateService,
 )
 from rodeo.queries import A, Offer, Query
-from rodeo.rulings import due_s
+from rodeo.rulings import LOST_RACES, STATES, due_s
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount
@@ -243,13 +244,26 @@ class Participant:
 
     # -- commands --------------------------------------------------------------------------------------
 
-    def offer_service(self, kind: str, price_iec: Decimal, description: str, number: int = 0) -> Offer | None:
+    def offer_service(
+        self,
+        kind: str,
+        price_iec: Decimal,
+        description: str,
+        number: int = 0,
+        judge: str | None = None,
+    ) -> Offer | None:
         """Register the service, or bring price and state of the one that there is in line. `number` counts
-        from 0 where this participant offers several (`most_offers`): begin with 0.
+        from 0 where this participant offers several (`most_offers`): begin with 0. If the kind has got
+        another contract as its judge, and that is still `judge` ("oracle" or "auditor"), the service agrees
+        to it when it is idle; to nobody else.
 
         Returns the service as it was before, None when there was none. Doing it twice changes nothing.
         """
         service = next(iter(self._own_services(kind)[number:]), None)
+        if service is not None and not service.agrees and service.task_id is None:
+            rules = self.ask(queries.ORGANIZATION).kinds
+            if judge in [one.judge for one in rules if one.kind == kind and one.allowed]:
+                self.command("agree", Agree(service_id=service.id))
         if service is None:
             self.command(
                 "register_service",
@@ -260,7 +274,7 @@ class Participant:
                     description=description,
                 ),
             )
-        elif service.price_iec != price_iec or service.state != "active":
+        elif service.price_iec != price_iec or service.state not in ("active", "short"):
             self.command(
                 "update_service",
                 UpdateService(service_id=service.id, price_iec=price_iec, state="active"),
@@ -304,20 +318,20 @@ class Participant:
             ),
         )
 
-    def close_rulings(self, now_s: float) -> float | None:
-        """Close each ruling in favour of this participant that is due at `now_s` (site time). Returns when
-        the next one is, None if there is none.
+    def conclude_rulings(self, now_s: float) -> float | None:
+        """Conclude each task that this participant has done and that is due at `now_s` (site time), unless it
+        was rejected. Returns when the next one is due, None if there is none.
 
-        Raises only after it has tried to close all of them.
+        Raises only after it has tried to conclude all of them.
         """
-        tasks = self.tasks(state="submitted", executor=self.name)
-        due = {one.id: due_s(one.dispute, one.state, one.attempt, one.verdict_deadline) for one in tasks}
+        tasks = self.tasks(state=STATES, executor=self.name)
+        due = {one.id: due_s(one.standing, one.verdict_deadline) for one in tasks}
         problem: BusError | RemoteError | None = None
         for task_id in [task_id for task_id, at_s in due.items() if at_s is not None and at_s < now_s]:
             try:
-                self.command("close_dispute", CloseDispute(task_id=task_id))
+                self.command("conclude", Conclude(task_id=task_id))
             except (BusError, RemoteError) as error:
-                if not (isinstance(error, RemoteError) and error.code == "no_dispute"):  # else it was closed
+                if not (isinstance(error, RemoteError) and error.code in LOST_RACES):
                     problem = error
         if problem is not None:
             raise problem

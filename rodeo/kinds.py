@@ -92,7 +92,7 @@ class Kind:
     name: str
     title: str
     description: str
-    review: Judge
+    judge: Judge
     """Who judges a proof. An oracle judges only what has checks."""
     params: type[BaseModel] | None = None
     """Model of a task's parameters; None if `parameters` defines them."""
@@ -100,9 +100,6 @@ class Kind:
     """JSON Schema of the parameters where there is no model."""
     execution_window_s: int = EXECUTION_WINDOW_S
     """Execution window if the task sets none, site time."""
-    at_silence: Literal["executor", "creator"] = "creator"
-    """Who wins if no judge answers: neither the oracle nor, where it could not decide, an auditor. A creator
-    gets its reward back; an executor is paid the full price, whether or not it has worked."""
     price_iec: Decimal = Decimal(0)
     """Price that the site's own robots and docks ask."""
     example: Mapping[str, Any] = field(default_factory=dict)
@@ -130,7 +127,7 @@ class Kind:
     """Networks whose word counts besides the one that the checks ask."""
 
     def __post_init__(self) -> None:
-        if self.review == "oracle" and not self.checks:
+        if self.judge == "oracle" and not self.checks:
             raise KindError("the oracle has no checks for this kind: let auditors judge it", kind=self.name)
         if self.rates and not self.measure:
             raise KindError("its checks measure no quantity: remove rates", kind=self.name)
@@ -300,15 +297,14 @@ def load(name: str) -> Kind:
 
 def _declared(config: KindConfig) -> Kind:
     """The declaration of the package or of the table, with the site file's overrides."""
-    if config.review is None:
+    if config.judge is None:
         kind = load(config.name)
     else:
         title = config.title or config.name.replace("_", " ").capitalize()
-        kind = Kind(config.name, title, config.description, config.review, parameters=config.parameters)
+        kind = Kind(config.name, title, config.description, config.judge, parameters=config.parameters)
     said: dict[str, Any] = {
         "price_iec": config.price_iec,
         "execution_window_s": config.execution_window_s,
-        "at_silence": config.at_silence,
         "models_sha256": tuple(config.models_sha256) or None,
         "rates": tuple(config.rates) or None,
     }

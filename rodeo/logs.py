@@ -1,6 +1,6 @@
 """Logs of every process: one line per message, with the task that it is about.
 
-    2026-03-01 12:00:00,123 INFO    bridge: [task 7] organization: post_verdict in block 12
+    2026-03-01 12:00:00,123 INFO    bridge: [task 7] organization: rule in block 12
 
 `RODEO_LOG` is the level, `RODEO_LOG_FORMAT=json` writes one JSON object per line instead. A message is there
 whole or not at all.

@@ -40,13 +40,16 @@ Window = Annotated[int, Field(gt=0, lt=2**32)]
 Policy = Literal["first_come", "lowest_price", "highest_reputation"]
 """How the organization chooses a service for a task."""
 
-ServiceState = Literal["active", "paused", "retired", "suspended"]
-"""Only the organization sets `suspended`; a provider sets the others."""
+ServiceState = Literal["active", "paused", "retired", "suspended", "short"]
+"""Only the organization sets `suspended`. `short`: until one of its cases ends, what is left of its bond does
+not cover another penalty; it is active again then. A provider sets the others."""
 
-RoleName = Literal["administrator", "operator", "treasurer", "oracle", "auditor", "member", "guardian"]
+RoleName = Literal[
+    "administrator", "operator", "treasurer", "oracle", "auditor", "member", "guardian", "allocator"
+]
 
-TaskState = Literal["open", "assigned", "submitted", "undecided", "settled", "cancelled", "failed"]
-LIVE_STATES: tuple[TaskState, ...] = ("open", "assigned", "submitted", "undecided")
+TaskState = Literal["open", "assigned", "submitted", "ruled", "settled", "cancelled", "failed"]
+LIVE_STATES: tuple[TaskState, ...] = ("open", "assigned", "submitted", "ruled")
 """States in which a task holds its reward in escrow."""
 
 
@@ -168,42 +171,54 @@ class SubmitProof(Command):
     after a reorganization, the bridge sends nothing."""
 
 
-Outcome = Literal["accepted", "rejected", "undecided", "impossible"]
-"""A judge's verdict on a proof. Undecided: neither side failed, and the organization's auditors decide.
-Impossible: nobody could do the task. It ends, and its executor is paid a tenth of the price."""
+Ruling = Literal["accepted", "rejected", "given_up", "impossible", "void"]
+"""What a judge says of a proof. Rejected: the executor claims what is not so, and pays a penalty. Given up:
+the executor could not do it. Impossible: nobody could, so the task ends and its executor is paid a tenth of
+the price. Void: nobody's doing, or not to be told, so the task ends, and nobody is paid or pays."""
 
-Winner = Literal["executor", "creator"]
-"""Who wins when the judges, or after them the auditors, let their window pass."""
+Finding = Literal["accepted", "rejected", "given_up", "impossible", "void", "undecided"]
+"""Undecided is no ruling: the judge passes the case on to the organization's auditors."""
+
+Fault = Literal["nobody", "creator", "creators_witness", "other_witness", "oracle"]
+"""Whose doing a void task is. A creator's witness is a device that the creator owns."""
 
 
-class PostVerdict(Command):
+class Rule(Command):
+    """Rule on a proof, as the judge of its kind, or as an auditor on what that judge has passed on."""
+
     task_id: Id
     attempt: Attempt
     proof_sha256: Hex32
-    outcome: Outcome
+    ruling: Finding
+    fault: Fault = "nobody"
+    """Of a void ruling, and of an undecided one."""
     amount_iec: Iec | None = None
     """The part of the agreed price that the executor is paid. The rest of the reward goes back to the
     creator."""
     reason: str = Field(max_length=500)
+    rules_sha256: Hex32 | None = None
+    """Hash of the rules that were applied; by default those of the task."""
     report_sha256: Hex32
     report_uri: str = Field(max_length=2048)
 
     @model_validator(mode="after")
     def _pays_what_is_accepted(self) -> Self:
-        if (self.outcome == "accepted") != (self.amount_iec is not None):
-            raise ValueError("an accepted verdict names the amount paid; any other verdict names none")
+        if (self.ruling == "accepted") != (self.amount_iec is not None):
+            raise ValueError("an accepted proof is paid an amount; after any other ruling there is none")
         return self
 
 
 class Vote(Message):
-    """Verdict of one of several oracles. The oracle signs it (EIP-712) for one committee."""
+    """What one of several judges finds. It signs this (EIP-712) for one committee."""
 
     task_id: Id
     attempt: Attempt
     proof_sha256: Hex32
     report_sha256: Hex32
     rules_sha256: Hex32
-    outcome: Outcome
+    ruling: Finding
+    fault: Fault = "nobody"
+    """Of a void ruling, and of an undecided one."""
     amount_iec: Iec = Decimal(0)
     """The part of the agreed price that the executor is paid; 0 unless accepted."""
     reason: str = Field(max_length=500)
@@ -234,33 +249,42 @@ class SealedVote(Message):
 
 
 class PostVotes(Command):
-    """Post the verdict on which enough oracles agree. Anyone who holds their votes may send this."""
+    """Post what enough judges of a committee agree on. Anyone who holds their votes may send this."""
 
     vote: Vote
     report_uri: str = Field(max_length=2048)
     signatures: list[Signature] = Field(min_length=1, max_length=64)
 
 
-class ChallengeVerdict(Command):
-    """Challenge the verdict on a task, with a stake that is lost to whoever is right at the end. Creator,
-    executor and judges may."""
+class Challenge(Command):
+    """Challenge the ruling that stands on a task, with a stake that is lost to whoever is right at the end.
+    Creator, executor and judges may."""
 
     task_id: Id
     reason: Annotated[str, StringConstraints(max_length=500, pattern=r"\S")]
 
 
-class CloseDispute(Command):
-    """Post the verdict that stands when its window is over, or end the case of an attempt that is over."""
+class Conclude(Command):
+    """Do what the ruling says that stands on a task when its time is over. Where nobody has ruled by the
+    deadline, the attempt becomes void. Anybody may."""
 
     task_id: Id
+
+
+class SettleStakes(Command):
+    """Free and pay the stakes of a challenged attempt that is over. Anybody may."""
+
+    task_id: Id
+    attempt: Attempt
 
 
 class SignVote(Message):
-    """Sign a vote on the challenged verdict of a task, as a judge of the committee that decides about the
+    """Sign a vote on the challenged ruling on a task, as a judge of the committee that decides about the
     challenge. Nothing is sent."""
 
     task_id: Id
-    outcome: Literal["accepted", "rejected", "impossible"]
+    ruling: Ruling
+    fault: Fault = "nobody"
     amount_iec: Iec | None = None
     """What an accepted proof is paid; by default the agreed price."""
     reason: str | None = Field(default=None, max_length=500)
@@ -271,14 +295,22 @@ JUDGES = ("the oracles", "the judges of challenges", "the judges of the appeal")
 """Who judges, one after the other: `Dispute.instance`."""
 
 
+class Standing(Message):
+    """A ruling that stands until its time is over, and may be replaced before."""
+
+    ruling: Ruling
+    fault: Fault = "nobody"
+    amount_iec: Amount = Decimal(0)
+    """What it pays the executor, before the tenth of an impossible task."""
+    until: float
+    """Then anybody may conclude the task."""
+
+
 class Dispute(Message):
-    """A verdict that can be, or was, challenged."""
+    """A ruling that can be, or was, challenged."""
 
     instance: int
-    """Whose verdict it is: 0 for the oracles', 1 for that of the judges of challenges."""
-    vote: Vote
-    """What stands until somebody overturns it."""
-    report_uri: str
+    """Whose ruling it is: 0 for the oracles', 1 for that of the judges of challenges."""
     until: float
     """End of the window in which it can be challenged, or of the time to decide about a challenge."""
     challenger: str | None = None
@@ -286,6 +318,8 @@ class Dispute(Message):
     stake_iec: Amount | None = None
     because: str | None = None
     """The challenger's reason."""
+    settled: bool = False
+    """Its stakes are free, or paid."""
 
 
 class RegisterService(Command):
@@ -381,41 +415,54 @@ class Withdraw(Command):
     amount_iec: Payment
 
 
-Review = Literal["oracle", "auditor"]
-"""Who judges the proofs of a kind."""
+Judge = Literal["oracle", "auditor"] | Address
+"""Who judges the proofs of a kind: the organization's oracles, however many have to agree; its auditors; or
+another contract."""
 
 
 class AllowKind(Command):
-    """Allow or disallow a kind. Allowing it sets who judges it. Windows and `at_silence` that are left out
-    stay unchanged."""
+    """Allow or disallow a kind. Allowing it sets who judges it. What is left out stays unchanged. With
+    another judge the kind gets another number: services that were offered under the judge before go on under
+    that one until their providers agree (`agree`)."""
 
     kind: Kind
     allowed: bool = True
-    review: Review | None = None
+    judge: Judge | None = None
     min_window_s: Annotated[int, Field(ge=0, lt=2**32)] | None = None
     """The shortest execution window that a task of the kind may have."""
     min_verdict_window_s: Window | None = None
     """The shortest verdict window that a task of the kind may have."""
     max_verdict_window_s: Window | None = None
     """The longest."""
-    audit_window_s: Window | None = None
-    """How long the auditors have to decide on a proof that the oracle left undecided."""
-    at_silence: Winner | None = None
+    audit_window_s: Annotated[int, Field(ge=0, le=30 * 86_400)] | None = None
+    """How long after the verdict window a ruling may still be replaced, by auditors for instance."""
     rules_sha256: Hex32 | None = None
     """Hash of rules to add to the kind's current ones, as the newest. A kind that oracles judge needs at
     least one. If it is left out, the current rules stay unchanged."""
 
     @model_validator(mode="after")
     def _has_a_judge(self) -> Self:
-        if self.allowed != (self.review is not None):
-            raise ValueError("review is needed to allow a kind, and only then")
+        if self.allowed != (self.judge is not None):
+            raise ValueError("judge is needed to allow a kind, and only then")
         if self.rules_sha256 is not None and not self.allowed:
             raise ValueError("rules_sha256 goes with a kind that is allowed")
-        if (self.audit_window_s is None) != (self.at_silence is None):
-            raise ValueError("audit_window_s and at_silence go together: set both or neither")
         if (self.min_verdict_window_s is None) != (self.max_verdict_window_s is None):
             raise ValueError("min_verdict_window_s and max_verdict_window_s go together: set both or neither")
         return self
+
+
+class RemoveJudge(Command):
+    """Take the right to judge a kind away from its judge, at once and for good. What it has said and is not
+    concluded becomes void, and the auditors may rule on it. The kind needs another judge (`allow_kind`)."""
+
+    kind: Kind
+
+
+class Agree(Command):
+    """Agree that one's service gets tasks that the present judge of its kind decides about. Until then it
+    gets those that were posted under the judge before."""
+
+    service_id: Id
 
 
 class RetireRules(Command):
@@ -518,8 +565,8 @@ class RevokeRole(Command):
 
 Proposable = Literal[
     "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "hand_over",
-    "open_budget_vote", "register_device", "reinstate_provider", "reinstate_service", "rescue_tokens",
-    "resume_tasks", "retire_rules",
+    "open_budget_vote", "register_device", "reinstate_provider", "reinstate_service", "remove_judge",
+    "rescue_tokens", "resume_tasks", "retire_rules",
     "revoke_device", "revoke_role",
     "seat_judge", "set_budget", "set_delay", "set_members_only", "set_policy", "set_quorum", "set_terms",
     "suspend_provider", "suspend_service", "unseat_judge", "update_service",
@@ -611,6 +658,8 @@ class ChangeJudgeKey(Command):
     judge: Party
     """Its name, or the address of its key until now."""
     key: Address
+    signature: Signature
+    """The new key's own, by which it agrees to sit for the judge's owner (`rodeo organization sign-seat`)."""
 
 
 class SeatJudge(Command):
@@ -620,6 +669,8 @@ class SeatJudge(Command):
     """The key with which it votes."""
     owner: Party | None = None
     """The party that it works for, whose tasks it does not judge. By default it works for nobody."""
+    signature: Signature
+    """The key's own, by which it agrees to sit for this owner (`rodeo organization sign-seat`)."""
 
 
 class UnseatJudge(Command):
@@ -677,14 +728,14 @@ class Collect(Command):
 # -- what one participant signs and another one sends -------------------------------------------------------
 
 
-Signable = Literal["register_task", "cancel_task", "submit_proof"]
+Signable = Literal["register_task", "cancel_task", "accept_task", "abandon_task", "submit_proof"]
 """Commands that somebody else may send."""
 
 
 class Sign(Message):
     """Sign a command for somebody else to send with `relay`, who pays its gas. Nothing is sent.
-    `revoke_request` takes a signed task back. A signed cancellation or proof stays valid until its time is
-    over (`valid_s`). Of tasks with the same `request_id` one at most is posted."""
+    `revoke_request` takes it back until it is sent, and `valid_s` ends it. Of requests with the same
+    `request_id` one at most posts, accepts or gives back a task."""
 
     command: Signable
     request: dict[str, Any] = {}
@@ -726,11 +777,10 @@ class AllowPayments(Command):
 
 
 class RevokeRequest(Command):
-    """Make a signed request to post a task void. Cancellations and proofs have no nonce, so they stay valid
-    until their time is over."""
+    """Make signed requests void that were not sent yet, whatever they are about."""
 
     nonce: Annotated[int, Field(ge=0, lt=2**256)]
-    """That of the request."""
+    """That of the requests."""
 
 
 COMMANDS: dict[str, type[Command]] = {
@@ -740,14 +790,16 @@ COMMANDS: dict[str, type[Command]] = {
     "abandon_task": AbandonTask,
     "raise_reward": RaiseReward,
     "submit_proof": SubmitProof,
-    "post_verdict": PostVerdict,
+    "rule": Rule,
     "post_votes": PostVotes,
-    "challenge_verdict": ChallengeVerdict,
-    "close_dispute": CloseDispute,
+    "challenge": Challenge,
+    "conclude": Conclude,
+    "settle_stakes": SettleStakes,
     "expire_task": ExpireTask,
     "match_task": MatchTask,
     "register_service": RegisterService,
     "update_service": UpdateService,
+    "agree": Agree,
     "set_payout": SetPayout,
     "transfer": Transfer,
     "collect": Collect,
@@ -757,6 +809,7 @@ COMMANDS: dict[str, type[Command]] = {
     "revoke_device": RevokeDevice,
     "post_root": PostRoot,
     "allow_kind": AllowKind,
+    "remove_judge": RemoveJudge,
     "retire_rules": RetireRules,
     "set_policy": SetPolicy,
     "set_terms": SetTerms,
@@ -920,10 +973,8 @@ class Task(Message):
     settled: float | None
     execution_deadline: float | None
     verdict_deadline: float | None
-    audit_deadline: float | None = None
-    """Deadline for the auditors' decision on an undecided attempt."""
-    at_silence: Winner | None = None
-    """Who wins if the auditors do not decide."""
+    case_end: float | None = None
+    """Until then a ruling on the submitted proof can be replaced."""
     rules_sha256: str | None = None
     """Hash of the rules by which the task is judged, current when it was posted (`rodeo.checks.rules`).
     None if people judge and no rules were named."""
@@ -934,14 +985,26 @@ class Task(Message):
     proof_uri: str | None
     accepted: bool | None = None
     """The executor of the running attempt has accepted it. None if nobody has been assigned."""
-    verdict: Outcome | Literal["expired", "abandoned"] | None
-    """Undecided: the auditors decide. If their window passes, the verdict stays undecided, and `state`
-    shows who won."""
+    verdict: Ruling | Literal["expired", "abandoned"] | None
+    """How the attempt ended, finally; None while a ruling stands (`standing`) or nobody has ruled."""
+    fault: Fault | None = None
+    """Whose doing it was, if it ended void."""
     reason: str | None
+    """The judge's, of the ruling that stands or ended the attempt."""
     report_sha256: str | None
     report_uri: str | None
+    standing: Standing | None = None
+    """The ruling of a task that is `ruled`."""
+    judge: str = "none"
+    """Who rules on its proofs: whoever judged the kind when it was posted. `oracle`, `auditor`, or the
+    address of another contract."""
+    judge_removed: bool = False
+    """That judge rules no more, and the auditors do."""
+    passed_on: bool = False
+    """The judge of the last proof could not decide. The auditors may until `case_end`; later rulings are
+    theirs."""
     dispute: Dispute | None = None
-    """The verdict that waits for its window. It is in `verdict` when it is final."""
+    """How the last ruling of a judge with several instances can be challenged, or was."""
 
     @property
     def grace_ends_s(self) -> float:

@@ -22,6 +22,7 @@ from rodeo.messages import (
     ClockMark,
     Command,
     DaoEvent,
+    Dispute,
     Prepare,
     Relay,
     SealedVote,
@@ -29,6 +30,7 @@ from rodeo.messages import (
     SignedRequest,
     SignedVote,
     SignVote,
+    Standing,
     Status,
     Task,
     Vote,
@@ -105,7 +107,7 @@ _VOTE = {
     "proof_sha256": _DIGEST,
     "report_sha256": _BEFORE,
     "rules_sha256": _DIGEST,
-    "outcome": "accepted",
+    "ruling": "accepted",
     "amount_iec": "100",
     "reason": "accepted",
 }
@@ -120,7 +122,7 @@ _SIGNED = {
                 "chainId": 1337,
                 "verifyingContract": _ADDRESS,
             },
-            "message": {"creator": _OTHER, "taskId": "7", "deadline": "1795406500"},
+            "message": {"creator": _OTHER, "taskId": "7", "nonce": "5", "deadline": "1795406500"},
         },
         "signature": "0x" + "5b" * 65,
     },
@@ -240,7 +242,8 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "soc": 0.41,
         "reason": "step",
     },
-    Task: {name: _TASK.get(name) for name in Task.model_fields} | {"refunded_iec": "0"},
+    Task: {name: _TASK.get(name) for name in Task.model_fields}
+    | {"refunded_iec": "0", "judge": "oracle", "judge_removed": False, "passed_on": False},
     DaoEvent: {
         "seq": 31,
         "name": "TaskAssigned",
@@ -251,6 +254,14 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "task_id": 7,
         "args": {"task_id": 7, "service_id": 2, "attempt": 1},
         "chain": _BEFORE,
+    },
+    Standing: {"ruling": "accepted", "fault": "nobody", "amount_iec": "100", "until": 1795327201.0},
+    Dispute: {
+        "instance": 0,
+        "until": 1795327201.0,
+        "challenger": _OTHER,
+        "stake_iec": "50",
+        "because": "the item lies beside the bin",
     },
     Vote: _VOTE,
     SealedVote: {"task_id": 7, "attempt": 1, "signature": "0x" + "5b" * 64},
@@ -292,7 +303,7 @@ _VALUES: dict[str, Any] = {
     "attempt": 1,
     "proof_sha256": _DIGEST,
     "proof_uri": "https://store.example/" + "3d" * 32 + ".mcap",
-    "outcome": "accepted",
+    "ruling": "accepted",
     "amount_iec": "100",
     "reason": "accepted",
     "report_sha256": _BEFORE,
@@ -311,7 +322,6 @@ _VALUES: dict[str, Any] = {
     "day": 20779,
     "root": _DIGEST,
     "uri": "https://store.example/" + "3d" * 32 + ".json",
-    "review": "oracle",
     "rules_sha256": "0x" + _DIGEST.removeprefix("0x"),
     "policy": "lowest_price",
     "bond_iec": "50",
@@ -340,9 +350,9 @@ _VALUES: dict[str, Any] = {
 }
 _SHOWN: dict[str, tuple[str, ...]] = {
     "register_task": ("params", "request_id"),
-    "post_verdict": ("amount_iec",),
+    "rule": ("amount_iec",),
     "update_service": ("price_iec",),
-    "allow_kind": ("review", "rules_sha256"),
+    "allow_kind": ("judge", "rules_sha256"),
     "set_budget": ("amount_iec", "period_s"),
     "propose": ("request",),
     "seat_judge": ("owner",),
@@ -353,7 +363,8 @@ _SHOWN: dict[str, tuple[str, ...]] = {
 _OWN: dict[str, dict[str, Any]] = {
     "set_budget": {"role": "treasurer"},
     "cast_budget_vote": {"votes": {"panther1": 6, "alice": 8}},
-    "challenge_verdict": {"reason": "the item lies beside the bin"},
+    "allow_kind": {"judge": "oracle"},
+    "challenge": {"reason": "the item lies beside the bin"},
     "revoke_device": {"reason": "superseded"},
     "grant_role": {"role": "auditor"},
     "revoke_role": {"role": "auditor"},
@@ -428,7 +439,7 @@ def _payloads() -> str:
         "A judge who decides about a challenge signs a vote for `post_votes`. The answer is a SignedVote:",
         "",
     ]
-    parts += _section("sign_vote", SignVote, {"task_id": 7, "outcome": "rejected"})
+    parts += _section("sign_vote", SignVote, {"task_id": 7, "ruling": "rejected"})
     parts += ["### Queries", ""]
     parts += [
         f"The key is `{topics.STATE.key}`, with parameters in the selector: `?name=value;name=value`.",
@@ -454,7 +465,7 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     (
         "Tasks and events",
         f"`state/tasks` and `state/task/{{id}}` answer with Task. `{topics.EVENT.key}` publishes DaoEvent.",
-        (Task, DaoEvent),
+        (Task, Standing, Dispute, DaoEvent),
     ),
     (
         "What devices sign",
@@ -473,8 +484,9 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     (
         "What several oracles sign",
         f"On `{topics.VOTE.key}`, where a site has several oracles, is a SealedVote. The signature is "
-        "EIP-712's, over Vote for the contract OracleCommittee, in 64 bytes (EIP-2098). `post_votes` takes "
-        "enough of them. The people who judge a dispute give each other a SignedVote.",
+        "EIP-712's, over the Finding of the contract OracleCommittee that the Vote says, in 64 bytes "
+        "(EIP-2098). `post_votes` takes enough of them. The people who judge a dispute give each other a "
+        "SignedVote.",
         (SealedVote, SignedVote, Vote),
     ),
     (

@@ -14,6 +14,7 @@ from rodeo.messages import (
     Amount,
     DaoEvent,
     Device,
+    Fault,
     Id,
     Kind,
     Message,
@@ -159,6 +160,11 @@ class Offer(Answer):
     """The provider accepts each task that the service is assigned."""
     task_id: int | None
     """Its current task."""
+    agrees: bool = True
+    """It gets tasks that the present judge of its kind decides about; else those that were posted under the
+    judge before, until its provider agrees (`agree`)."""
+    set_aside_iec: Amount = Decimal(0)
+    """Part of its bond that waits for the end of its cases."""
     completed: int
     rejected: int
     expired: int
@@ -202,6 +208,8 @@ class Person(Paid):
     """State -> number of tasks."""
     executed: dict[str, int]
     member: bool
+    voids: dict[Fault, int] = {}
+    """Whose doing -> number of attempts at the tasks that it created that ended void."""
 
 
 class Participants(Answer):
@@ -308,14 +316,18 @@ class Roots(Answer):
 class KindRules(Answer):
     kind: str
     allowed: bool
-    review: Literal["oracle", "auditor", "none"]
+    judge: str
+    """`oracle`, `auditor`, the address of another contract, or `none` before the kind was allowed."""
+    number: int = 0
+    """Of the kind with this judge. With another judge it gets another."""
+    removed: bool = False
+    """The judge rules no more. The kind needs another."""
     min_window_s: int
     min_verdict_window_s: int = 0
     max_verdict_window_s: int = 0
     """The bounds of a task's verdict window; 0 for the contracts' own."""
     audit_window_s: int
-    silence: Literal["executor", "creator", "none"]
-    """Who wins if the judges, or after them the auditors, do not decide."""
+    """How long after the verdict window a ruling may still be replaced."""
     rules_sha256: list[str] = []
     """The rules under which tasks may be posted now, the newest last."""
     votes: int = 0
@@ -349,7 +361,7 @@ class Judge(Answer):
 
 
 class ChallengeKind(Answer):
-    """A kind whose verdicts a committee decides about when they are challenged."""
+    """A kind whose rulings a committee decides about when they are challenged."""
 
     kind: str
     votes: int
@@ -399,6 +411,8 @@ class Contracts(Answer):
     task_manager: str = Field(alias="TaskManager")
     service_manager: str = Field(alias="ServiceManager")
     oracle_committee: str = Field(alias="OracleCommittee")
+    oracle_judge: str = Field(alias="OracleJudge")
+    auditor_judge: str = Field(alias="AuditorJudge")
 
 
 class Budget(Answer):
@@ -416,6 +430,8 @@ class Organization(Answer):
     policy: str
     kinds: list[KindRules]
     terms: Terms
+    auditors: str = "none"
+    """Who rules in place of a judge that was removed: `auditor`, or the address of another contract."""
     members_only: bool
     suspended_providers: list[Holder] = []
     """They offer no services until the administrator reinstates them."""
@@ -431,6 +447,8 @@ class Organization(Answer):
     """Of the committee of oracles, by their seats."""
     committees: list[Committee] = []
     """Those that decide about challenges, one after the other."""
+    voids: dict[Fault, int] = {}
+    """Whose doing -> number of attempts of all tasks that ended void."""
     roles: dict[str, list[Holder]]
     """Keys are the contract's names of the roles."""
     contracts: Contracts

@@ -1,10 +1,11 @@
-"""An executor closes the rulings in its own favour that nobody else has closed.
+"""An executor concludes the rulings in its own favour that nobody else has concluded.
 
-A ruling can be challenged for a while, and is paid when somebody closes it after that. The organization's
-bridge does so at once. If it does not, the task ends with its verdict window as if there had been no ruling,
-and the executor has worked for nothing. So the bridge that has an executor's key closes rulings in its favour
+A ruling stands for a while in which it may be replaced, and is paid when somebody concludes it after that.
+The organization's bridge does so at once. If it does not, the executor waits for its money, for the penalty
+that is set aside of its bond, or for its service, which a proof on which nobody has ruled keeps busy; and the
+judge may still change its mind. So the bridge that has an executor's key concludes rulings in its favour
 (`services.bridge.process`), and so does the executor's own process: robots and docks by `Rulings`, other
-programs, whose keys may be in no bridge, by `Rulings` or `Participant.close_rulings`.
+programs, whose keys may be in no bridge, by `Rulings` or `Participant.conclude_rulings`.
 """
 
 from __future__ import annotations
@@ -15,45 +16,43 @@ from typing import Protocol
 
 from rodeo.clock import Clock
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
-from rodeo.messages import DaoEvent, Dispute
+from rodeo.messages import DaoEvent, Standing
 
 log = logging.getLogger(__name__)
 
 GRACE_S = 60.0
-"""Site time that others have to close a ruling before its executor does, at most."""
-_GRACE_SHARE = 4
-"""And at most this part, one in four, of the time until the verdict window ends."""
+"""Site time that others have to conclude a ruling before its executor does."""
 
 _LOOK_WALL_S = 60.0
 """Wall time after which the index is asked again without an event: one may have been lost."""
 _RETRY_WALL_S = 5.0
 
-_PAID = ("accepted", "impossible")
-"""Outcomes by which the executor is paid."""
-_NEWS = ("Ruled", "Challenged")
-"""Events that change when a ruling can be closed."""
+STATES = "submitted,ruled"
+"""Of tasks that can be concluded."""
+LOST_RACES = frozenset({"wrong_state", "ruling_stands"})
+"""Codes of the contracts' refusals to conclude a ruling that somebody has concluded, replaced or challenged
+meanwhile."""
+_NEWS = ("ProofSubmitted", "Ruled")
+"""Events that change when a task can be concluded."""
 
 
-def due_s(ruling: Dispute | None, state: str, attempt: int, deadline_s: float | None) -> float | None:
-    """Site time after which the executor closes the ruling on its task; None if no ruling pays it.
-
-    `state`, `attempt` and `deadline_s`, the end of the verdict window, are the task's.
-    """
-    if ruling is None or deadline_s is None or state != "submitted":
-        return None
-    if ruling.vote.outcome not in _PAID or ruling.vote.attempt != attempt:
-        return None
-    return ruling.until + min(GRACE_S, (deadline_s - ruling.until) / _GRACE_SHARE)
+def due_s(standing: Standing | None, deadline_s: float | None = None) -> float | None:
+    """Site time after which the executor concludes its task: when the ruling that stands is over, unless that
+    is a rejection, which costs the executor its penalty; without a ruling when the time for one is over, at
+    `deadline_s`. None for never."""
+    if standing is not None:
+        return None if standing.ruling == "rejected" else standing.until + GRACE_S
+    return None if deadline_s is None else deadline_s + GRACE_S
 
 
 class _Participant(Protocol):
     """The part of `rodeo.dao.Participant` that is needed here."""
 
-    def close_rulings(self, now_s: float) -> float | None: ...
+    def conclude_rulings(self, now_s: float) -> float | None: ...
 
 
 class Rulings:
-    """Closes rulings in favour of `executor` in a thread of its own until `stop` is set."""
+    """Concludes rulings in favour of `executor` in a thread of its own until `stop` is set."""
 
     def __init__(self, executor: _Participant, clock: Clock, stop: threading.Event) -> None:
         self._executor = executor
@@ -79,9 +78,9 @@ class Rulings:
                 self._news.clear()
                 next_s, wall_s = None, _LOOK_WALL_S
                 try:
-                    next_s = self._executor.close_rulings(self._clock.now_s())
+                    next_s = self._executor.conclude_rulings(self._clock.now_s())
                 except (BusError, RemoteError, ClockUnavailable) as error:
-                    log.log(_level(error), "cannot close rulings now, trying again: %s", error)
+                    log.log(_level(error), "cannot conclude rulings now, trying again: %s", error)
                     wall_s = _RETRY_WALL_S
                 self._clock.wait_for(
                     self._news.is_set, self._stop, until_s=next_s, wall_s=wall_s, resting=True

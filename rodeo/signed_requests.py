@@ -114,10 +114,31 @@ class RegisterTask(_Said):
 class CancelTask(_Said):
     """`creator` cancels an open task."""
 
-    types = {"CancelTask": "address creator,uint256 taskId,uint256 deadline"}
+    types = {"CancelTask": "address creator,uint256 taskId,uint256 nonce,uint256 deadline"}
     creator: _Address
     task_id: _Number
+    nonce: _Number
     deadline: _Number
+
+
+_ATTEMPT = "address executor,uint256 taskId,uint8 attempt,uint256 nonce,uint256 deadline"
+
+
+class AcceptTask(_Said):
+    """`executor` accepts the task that it is assigned."""
+
+    types = {"AcceptTask": _ATTEMPT}
+    executor: _Address
+    task_id: _Number
+    attempt: _Uint8
+    nonce: _Number
+    deadline: _Number
+
+
+class AbandonTask(AcceptTask):
+    """`executor` gives it back."""
+
+    types = {"AbandonTask": _ATTEMPT}
 
 
 class SubmitProof(_Said):
@@ -125,13 +146,14 @@ class SubmitProof(_Said):
 
     types = {
         "SubmitProof": "address executor,uint256 taskId,uint8 attempt,bytes32 proofHash,string uri,"
-        "uint256 deadline"
+        "uint256 nonce,uint256 deadline"
     }
     executor: _Address
     task_id: _Number
     attempt: _Uint8
     proof_hash: _Bytes32
     uri: _Text
+    nonce: _Number
     deadline: _Number
 
 
@@ -146,8 +168,10 @@ class Permit(_Said):
     deadline: _Number
 
 
-SAID: dict[str, type[RegisterTask | CancelTask | SubmitProof]] = {
-    one.__name__: one for one in (RegisterTask, CancelTask, SubmitProof)
+Said = RegisterTask | CancelTask | AcceptTask | AbandonTask | SubmitProof
+
+SAID: dict[str, type[Said]] = {
+    one.__name__: one for one in (RegisterTask, CancelTask, AcceptTask, AbandonTask, SubmitProof)
 }
 """Primary type -> what `SignedRequests` carries out."""
 

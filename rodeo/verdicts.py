@@ -2,40 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
+from typing import get_args
 
-from rodeo.kinds import Kinds
+from rodeo.messages import Fault, Ruling, Task
 from rodeo.queries import Transaction
 
-POSTED = "VerdictPosted"
-VOTED = "VotesCounted"
+REPORTED = "Reported"
+"""In the transaction of each ruling, from the judge that made it."""
+_PASSED_ON = "PassedOn"
+_VOTED = frozenset({"VotesCounted", "InstanceRuled"})
 COMMITTEE = "committee"
 """The judge where several oracles agreed: whoever sent their votes judged nothing."""
 
+WORDS = {"given_up": "given up"}
+"""Rulings whose name is not the word for people."""
+FAULTS: dict[Fault, str] = {
+    "nobody": "nobody's doing",
+    "creator": "the creator's doing",
+    "creators_witness": "the doing of a device that the creator owns",
+    "other_witness": "the doing of a device that somebody else owns",
+    "oracle": "the judge's doing",
+}
+"""Whose doing a void attempt is."""
+NO_REPORT = "no report"
+_NOT_RULED = "nobody ruled on it in time, or who did rules no more"
 
-def is_peoples_verdict(
-    kinds: Kinds,
-    kind: str,
-    verdict: str | None,
-    audit_deadline: float | None = None,
-    audited: Collection[str] = (),
-) -> bool:
-    """Whether a verdict on work of this kind is an auditor's: on people's work, on kinds that the
-    organization has auditors judge (`audited`), and on what the oracle had left undecided."""
-    if verdict not in ("accepted", "rejected", "impossible"):
+
+def is_peoples_verdict(task: Task, judge: str | None = None) -> bool:
+    """Whether the task's verdict is an auditor's: auditors judge its kind, or the oracle passed it on. On a
+    void attempt perhaps nobody ruled, unless its `judge` is known (`judge_of`)."""
+    if task.verdict not in get_args(Ruling) or (task.verdict == "void" and judge is None):
         return False
-    return kinds.by_people(kind) or kind in audited or audit_deadline is not None
+    return task.passed_on or task.judge == "auditor"
 
 
 def judge_of(transactions: Iterable[Transaction], tx_hash: str | None = None) -> str | None:
-    """Whose key posted the newest verdict, or the one in `tx_hash`: name or address, or COMMITTEE; None if
-    unknown.
+    """Whose key posted the newest ruling, or the one in `tx_hash`: name or address, or COMMITTEE; None if
+    unknown. Passing a case on is no ruling.
 
     `transactions` are a task's as the index tells them, the newest first.
     """
     for one in transactions:
-        if POSTED in one.events and tx_hash in (None, one.tx_hash):
-            return COMMITTEE if VOTED in one.events else one.sender_name or one.sender
+        if REPORTED in one.events and _PASSED_ON not in one.events and tx_hash in (None, one.tx_hash):
+            return COMMITTEE if _VOTED.intersection(one.events) else one.sender_name or one.sender
     return None
 
 
@@ -46,15 +56,47 @@ def judge_words(judge: str | None, by_people: bool) -> str:
     return "the oracle" if judge in (None, "oracle") else f"the oracle {judge}"
 
 
-def verdict_words(verdict: str, reason: str | None, judge: str | None, by_people: bool) -> str:
+def void_words(fault: Fault | None, reason: str | None) -> str:
+    """`void, nobody's doing: the picture is too dark`"""
+    why = reason or (_NOT_RULED if fault == "oracle" else NO_REPORT)
+    return f"void, {FAULTS[fault or 'nobody']}: {why}"
+
+
+def verdict_words(
+    verdict: str, reason: str | None, judge: str | None, by_people: bool, fault: Fault | None = None
+) -> str:
     """A verdict as a sentence: who gave it, and why."""
-    who = judge_words(judge, by_people)
-    if not verdict:
+    if not verdict or verdict in ("expired", "abandoned"):
         return reason or ""
-    if verdict in ("expired", "abandoned"):
-        return reason or "nobody judged it in time"
+    who, word = judge_words(judge, by_people), WORDS.get(verdict, verdict)
+    if verdict == "void":
+        if not by_people:
+            return void_words(fault, reason)
+        word = f"void, {FAULTS[fault or 'nobody']},"
     if by_people:
-        return f"{verdict} by {who} (a person): “{reason or ''}”"
-    if verdict == "accepted":
+        return f"{word} by {who} (a person): {f'“{reason}”' if reason else NO_REPORT}"
+    if verdict == "accepted" and reason:
         return f"accepted by {who}: all its checks passed"
-    return f"{verdict} by {who}: {reason or 'no reason given'}"
+    return f"{word} by {who}: {reason or NO_REPORT}"
+
+
+def standing_words(task: Task, paid: str, until: str) -> str:
+    """The ruling that stands on a task that is `ruled`, and what can still become of it.
+
+    `paid` is what it pays, `until` its end, as the reader writes amounts and times.
+    """
+    said, dispute = task.standing, task.dispute
+    if said is None:
+        return ""
+    if task.passed_on and said.ruling == "void":
+        return f"passed on to the auditors: {task.reason or NO_REPORT}; void unless one rules by {until}"
+    if said.ruling == "void":
+        word = void_words(said.fault, task.reason)
+    else:
+        word = f"{WORDS.get(said.ruling, said.ruling)}{f', {paid}' * (said.ruling == 'accepted')}"
+        word += f": {task.reason or NO_REPORT}" if task.reason != said.ruling else ""
+    if dispute is None or dispute.until != said.until:
+        return f"{word}; it stands unless it is replaced by {until}"
+    if dispute.challenger is None:
+        return f"{word}; it can be challenged until {until}"
+    return f"{word}; challenged: {dispute.because}; it stands unless the judges decide by {until}"

@@ -1,25 +1,31 @@
-"""How an oracle signs its vote: EIP-712, for one committee on one chain, in 64 bytes (EIP-2098)."""
+"""How a judge signs what it finds, and that it sits: EIP-712, for one committee on one chain, in 64 bytes
+(EIP-2098)."""
 
 from __future__ import annotations
 
+from decimal import Decimal
+from typing import Any
+
 from rodeo import keys, secp256k1, typed_data
-from rodeo.chain.abi import Verdict
+from rodeo.chain.abi import Fault, Finding, Ruling
 from rodeo.currency import Currency, InvalidAmount
-from rodeo.messages import Vote
+from rodeo.messages import Rule, Vote
 
 _TYPES = {
-    "Vote": [
+    "Finding": [
         {"name": "taskId", "type": "uint256"},
         {"name": "attempt", "type": "uint8"},
         {"name": "proofHash", "type": "bytes32"},
         {"name": "reportHash", "type": "bytes32"},
         {"name": "rulesHash", "type": "bytes32"},
-        {"name": "verdict", "type": "uint8"},
-        {"name": "amount", "type": "uint256"},
+        {"name": "ruling", "type": "uint8"},
+        {"name": "fault", "type": "uint8"},
+        {"name": "amount", "type": "uint96"},
         {"name": "reason", "type": "string"},
-    ]
+    ],
+    "Possession": [{"name": "key", "type": "address"}, {"name": "owner", "type": "address"}],
 }
-"""As `contracts/src/OracleCommittee.sol` hashes it."""
+"""As `contracts/src/judges/CommitteeJudge.sol` hashes them."""
 _PARITY = 0x80
 """In the first byte of s, which of two keys signed."""
 
@@ -41,21 +47,58 @@ def signer(vote: Vote, signature: str, chain_id: int, committee: str, currency: 
     return keys.address_of(key)
 
 
+def possession(key: keys.Signer, owner: str, chain_id: int, committee: str) -> tuple[bytes, bytes]:
+    """By which the key agrees to sit in the committee for `owner`: r, and s with its parity (EIP-2098)."""
+    said = {"key": key.address, "owner": owner}
+    signed = keys.sign_short(_digest_of("Possession", said, chain_id, committee), key)
+    raw = bytes.fromhex(signed[2:])
+    return raw[:32], raw[32:]
+
+
+def finding(vote: Vote | Rule, currency: Currency, rules_sha256: str | None = None) -> Finding:
+    """What the contracts are told. `rules_sha256`: by what was judged where `vote` does not say it.
+
+    Raises InvalidAmount.
+    """
+    ruling = Ruling.NONE if vote.ruling == "undecided" else Ruling[vote.ruling.upper()]
+    return Finding(
+        task_id=vote.task_id,
+        attempt=vote.attempt,
+        proof_hash=_bytes32(vote.proof_sha256),
+        report_hash=_bytes32(vote.report_sha256),
+        rules_hash=_bytes32(vote.rules_sha256 or rules_sha256),
+        ruling=ruling,
+        fault=Fault[vote.fault.upper()],
+        amount=currency.to_units(vote.amount_iec or Decimal(0)),
+        reason=vote.reason,
+    )
+
+
+def _bytes32(value: str | None) -> bytes:
+    return bytes(32) if value is None else bytes.fromhex(value.removeprefix("0x"))
+
+
 def _digest(vote: Vote, chain_id: int, committee: str, currency: Currency) -> bytes:
+    said = finding(vote, currency)
+    fields = {
+        "taskId": said.task_id,
+        "attempt": said.attempt,
+        "proofHash": vote.proof_sha256,
+        "reportHash": vote.report_sha256,
+        "rulesHash": vote.rules_sha256,
+        "ruling": said.ruling.value,
+        "fault": said.fault.value,
+        "amount": said.amount,
+        "reason": said.reason,
+    }
+    return _digest_of("Finding", fields, chain_id, committee)
+
+
+def _digest_of(type_name: str, said: dict[str, Any], chain_id: int, committee: str) -> bytes:
     domain = {
-        "name": "RODEO OracleCommittee",
+        "name": "RODEO CommitteeJudge",
         "version": "1",
         "chainId": chain_id,
         "verifyingContract": committee,
     }
-    said = {
-        "taskId": vote.task_id,
-        "attempt": vote.attempt,
-        "proofHash": vote.proof_sha256,
-        "reportHash": vote.report_sha256,
-        "rulesHash": vote.rules_sha256,
-        "verdict": Verdict[vote.outcome.upper()].value,
-        "amount": currency.to_units(vote.amount_iec),
-        "reason": vote.reason,
-    }
-    return typed_data.digest_of(domain, _TYPES, "Vote", said)
+    return typed_data.digest_of(domain, {type_name: _TYPES[type_name]}, type_name, said)

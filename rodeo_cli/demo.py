@@ -40,6 +40,7 @@ from rodeo.instance import LAUNCHER, lock_holder
 from rodeo.kinds import Kind, kinds_of, providing_energy
 from rodeo.messages import DaoEvent, Status, Task
 from rodeo.site_problems import toml
+from rodeo.verdicts import NO_REPORT, WORDS
 from rodeo_cli import demo_end
 from rodeo_cli.accounts import login_link
 from rodeo_cli.background import Background
@@ -419,9 +420,11 @@ def _sentence(event: DaoEvent, task: Task) -> str:
             return f"assigned to {task.executor_name}, attempt {task.attempt}"
         case "ProofSubmitted":
             return f"proof submitted: {event.args['uri'].rsplit('/', 1)[-1][:16]}…"
-        case "VerdictPosted":
-            verdict, amount = event.args["verdict"], iec(event.args["amount_iec"])
-            return f"accepted for {amount}" if verdict == "accepted" else f"{verdict}: {event.args['reason']}"
+        case "Ruled":
+            ruling, amount = event.args["ruling"], iec(event.args["amount_iec"])
+            if ruling == "accepted":
+                return f"accepted for {amount}"
+            return f"{WORDS.get(ruling, ruling)}: {task.reason or NO_REPORT}"
         case "TaskSettled":
             return f"settled, {iec(task.paid_iec)} paid to {task.executor_name}"
         case "TaskRequeued" | "TaskFailed" | "TaskCancelled":
@@ -449,7 +452,7 @@ def _progress(task: Task, energy: str, statuses: dict[str, Status]) -> float | N
         job = "charger" if task.kind == energy else "robot_agent"
         told = [status.progress or 0.0 for name, status in statuses.items() if name.partition(".")[0] == job]
         return 0.9 * max(told, default=0.0)
-    return {"open": 0.0, "submitted": 0.95, "undecided": 0.95}.get(task.state, 1.0)
+    return {"open": 0.0, "submitted": 0.95, "ruled": 0.95}.get(task.state, 1.0)
 
 
 # -- the summary ---------------------------------------------------------------------------------------

@@ -1,10 +1,10 @@
-"""Commands about verdicts that can be challenged."""
+"""Commands about rulings that stand, and can be challenged."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 from pydantic import TypeAdapter, ValidationError
@@ -13,7 +13,8 @@ from rodeo import queries
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, unreadable
-from rodeo.messages import JUDGES, Dispute, SignedVote, Task
+from rodeo.messages import JUDGES, Dispute, Fault, Ruling, SignedVote, Task
+from rodeo.verdicts import NO_REPORT, standing_words
 from rodeo_cli import formatting
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -30,22 +31,22 @@ from rodeo_cli.formatting import iec
 from rodeo_cli.tasks import ParticipantOption
 
 disputes = typer.Typer(
-    help="Challenge a verdict before it settles, and decide about a challenge.", no_args_is_help=True
+    help="Challenge a ruling while it stands, and decide about a challenge.", no_args_is_help=True
 )
 
-_REFUSED = frozenset({"judge_is_auditor", "judge_is_party", "not_a_judge", "not_in_panel", "voted_twice"})
+_REFUSED = frozenset({"judge_is_party", "key_too_new", "not_a_judge", "not_in_panel", "voted_twice"})
 """The contract does not count the vote of the judge that the error names."""
 _TOO_LOW = "stake_too_low"
 """The same, but the error names its seat."""
 _COMMITTEES = ("DisputeCommittee", "AppealCommittee")
-"""Who decides about a challenge, of the oracles' verdict and of the decision about it."""
+"""Who decides about a challenge, of the oracles' ruling and of the decision about it."""
 _VOTES = TypeAdapter(list[SignedVote])
 
 
 @disputes.command("show")
 @reports_errors
 def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
-    """Show the verdict that stands, who challenged it, and what the judges look at."""
+    """Show the ruling that stands, who challenged it, and what the judges look at."""
     with connected(site) as (loaded, bus):
         task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
     dispute = _dispute(task)
@@ -56,25 +57,58 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
 @reports_errors
 def challenge(
     task_id: int,
-    reason: Annotated[str, typer.Option(help="Why the verdict is wrong.")],
+    reason: Annotated[str, typer.Option(help="Why the ruling is wrong.")],
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Have the judges of challenges decide. This takes a stake, which is lost if the verdict is right."""
+    """Have the judges of challenges decide. This takes a stake, which is lost if the ruling is right. A party
+    may take over what a judge has challenged."""
     with connected(site) as (loaded, bus):
-        send_command(loaded, bus, participant, "challenge_verdict", task_id=task_id, reason=reason)
-    say(f"{participant} challenged the verdict on task {task_id}.")
+        send_command(loaded, bus, participant, "challenge", task_id=task_id, reason=reason)
+    say(f"{participant} challenged the ruling on task {task_id}.")
+
+
+@disputes.command("settle")
+@reports_errors
+def settle(
+    task_id: int,
+    attempt: Annotated[int | None, typer.Option(min=1, help="By default the last one.")] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Free and pay the stakes of a challenged attempt that is over. Anybody may."""
+    with connected(site) as (loaded, bus):
+        number = attempt or queries.ask(bus, loaded.org, queries.TASK, id=task_id).attempt
+        send_command(loaded, bus, participant, "settle_stakes", task_id=task_id, attempt=number)
+    say(f"The stakes of attempt {number} at task {task_id} are settled.")
+
+
+@reports_errors
+def conclude(
+    task_id: int,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Do what the ruling says that stands, once its time is over. Where nobody has ruled by the deadline, the
+    attempt becomes void. Anybody may."""
+    with connected(site) as (loaded, bus):
+        send_command(loaded, bus, participant, "conclude", task_id=task_id)
+        task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
+    say(f"Task {task_id} is {task.state}.")
 
 
 @disputes.command("vote")
 @reports_errors
 def vote(
     task_id: int,
-    outcome: Annotated[str, typer.Argument(help="accepted, rejected or impossible.")],
+    ruling: Annotated[str, typer.Argument(help=f"{', '.join(get_args(Ruling))}.")],
     judge: Annotated[str, typer.Option("--as", help="Who votes.")],
     reason: Annotated[
         str | None, typer.Option(help="Why. Only votes with the same reason count together.")
     ] = None,
+    fault: Annotated[
+        str, typer.Option(help=f"Whose doing a void attempt is: {', '.join(get_args(Fault))}.")
+    ] = "nobody",
     amount: Annotated[
         str | None,
         typer.Option(help="What an accepted proof is paid, in IEC. By default the agreed price."),
@@ -89,18 +123,18 @@ def vote(
     ] = None,
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
-    """Vote on a challenged verdict, into a file with the other judges' votes. Whoever completes them posts
+    """Vote on a challenged ruling, into a file with the other judges' votes. Whoever completes them posts
     them."""
     with connected(site) as (loaded, bus):
         if loaded.disputes is None:
-            raise InvalidRequest("verdicts cannot be challenged on this site: it has no [disputes]")
+            raise InvalidRequest("rulings cannot be challenged on this site: it has no [disputes]")
         instances = loaded.disputes.instances
         said_by = _dispute(queries.ask(bus, loaded.org, queries.TASK, id=task_id)).instance
         if said_by >= len(instances):
             raise InvalidRequest("the site file names nobody who decides about this", task_id=task_id)
         needed, committee = instances[said_by].votes, _COMMITTEES[said_by]
         file = votes or Path(f"{'appeal' if said_by else 'dispute'}-{task_id}.json")
-        request: dict[str, Any] = {"task_id": task_id, "outcome": outcome}
+        request: dict[str, Any] = {"task_id": task_id, "ruling": ruling, "fault": fault}
         request |= {} if amount is None else {"amount_iec": amount}
         request |= {} if reason is None else {"reason": reason}
         own = SignedVote.model_validate(send_command(loaded, bus, judge, "sign_vote", **request))
@@ -110,7 +144,7 @@ def vote(
         while len(same) >= needed:
             refused = _post(loaded, bus, judge, list(same.values()))
             if refused is None:
-                said = f"That was enough: the verdict on task {task_id} is {outcome}"
+                said = f"That was enough: the ruling on task {task_id} is {ruling}"
                 said += "." if said_by + 1 == len(instances) else ", unless it is challenged again."
                 break
             key = next((str(one) for one in refused.details.values() if one in same), "")
@@ -126,7 +160,7 @@ def vote(
             missing = needed - len(same)
             are = "equal vote is" if missing == 1 else "equal votes are"
             said = f"{missing} {are} missing in {file}."
-    say(f"{judge} voted: {outcome}. {said}")
+    say(f"{judge} voted: {ruling}. {said}")
 
 
 def _by_signer(site: Site, bus: Bus, committee: str, given: list[SignedVote]) -> dict[str, SignedVote]:
@@ -172,26 +206,24 @@ def _post(
 
 
 def _told(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
-    said = dispute.vote
-    paid = f", {iec(said.amount_iec)}" if said.outcome == "accepted" else ""
+    until = formatting.moment(dispute.until, site)
+    stands = "" if task.standing is None else standing_words(task, iec(task.standing.amount_iec), until)
     told = [
         ("task", f"{task.id}, {task.kind}, attempt {task.attempt}"),
-        ("verdict", f"{said.outcome}{paid}, by {JUDGES[dispute.instance]}"),
-        ("reason", said.reason),
+        ("by", JUDGES[dispute.instance]),
+        ("stands", stands),
         ("proof", task.proof_uri or ""),
-        ("report", dispute.report_uri),
+        ("report", task.report_uri or NO_REPORT),
         # The executor wrote the location, and a judge may paste the line into a shell.
         ("replay", f"rodeo verify {shlex.quote((task.proof_uri or '').removeprefix('file://'))}"),
     ]
-    if dispute.challenger is None:
-        return [*told, ("challenge", f"until {formatting.moment(dispute.until, site)}")]
-    stake = "" if dispute.stake_iec is None else f" with {iec(dispute.stake_iec)} at stake"
-    return [
-        *told,
-        ("challenged", f"by {_called(task, dispute.challenger)}{stake}"),
-        ("because", dispute.because or ""),
-        ("decision", f"until {formatting.moment(dispute.until, site)}, or the verdict stands"),
-    ]
+    if dispute.challenger is not None:
+        stake = "" if dispute.stake_iec is None else f" with {iec(dispute.stake_iec)} at stake"
+        told += [
+            ("challenged", f"by {_called(task, dispute.challenger)}{stake}"),
+            ("because", dispute.because or ""),
+        ]
+    return [*told, ("stakes", "settled" if dispute.settled else "")]
 
 
 def _called(task: Task, challenger: str) -> str:
@@ -203,9 +235,7 @@ def _called(task: Task, challenger: str) -> str:
 def _dispute(task: Task) -> Dispute:
     """Raises InvalidRequest."""
     if task.dispute is None:
-        raise InvalidRequest(
-            "no verdict on this task waits to be challenged", task_id=task.id, state=task.state
-        )
+        raise InvalidRequest("no ruling on this task can be challenged", task_id=task.id, state=task.state)
     return task.dispute
 
 

@@ -25,13 +25,18 @@ _SENTENCES = {
     "not_member": "only members may do this",
     "not_judge": "this participant does not judge tasks of this kind",
     "judge_is_party": "a task's creator and executor, their owners and owners' devices may not judge it",
-    "judged_before": "this auditor has already judged the task",
-    "auditor_must_decide": "only an auditor may decide this now",
+    "judge_is_auditor": "whoever passes a case on may not be an auditor, who would then decide it",
+    "not_in_role": "this participant does not judge tasks of this kind",
+    "not_passed_on": "only the judge of this kind may rule: it has passed nothing on",
+    "passed_on_before": "the judge has passed this on, so only an auditor may rule on it",
+    "ruling_stands": "the ruling can still be replaced: it is too early to conclude it",
+    "case_over": "it is too late for this",
+    "key_not_proven": "the key has not signed that it sits for this owner",
     "wrong_state": "the task's state does not allow this",
     "unknown_task": "there is no such task",
     "unknown_service": "there is no such service",
     "unknown_device": "there is no such device",
-    "no_verdict": "there is no verdict yet",
+    "no_ruling": "there is no ruling yet",
     "nothing_owed": "the organization owes this account nothing",
     "service_not_idle": "the service still has tasks to do",
     "provider_is_asleep": "too many attempts passed without a proof, and it is too early to offer work again",
@@ -53,9 +58,12 @@ _SENTENCES = {
     "request_expired": "the signed request has expired",
     "tasks_are_paused": "a guardian has paused new tasks",
     "paused_recently": "the last pause was too recent for another one",
+    "too_few_members": "members vote only if there are three, and while they vote three have to remain",
+    "not_a_contract": "only a contract can have this role, not an account with a key",
     "role_without_budget": "only operators and treasurers have budgets",
-    "challenged_before": "somebody has challenged this verdict already",
-    "neither_party_nor_judge": "only the task's parties and judges may challenge its verdict",
+    "challenged_before": "somebody has challenged this ruling already, and only a party may take that over",
+    "neither_party_nor_judge": "only the task's parties and judges may challenge its ruling",
+    "no_case": "nobody has ruled in a way that can be challenged, or the stakes are settled already",
     "window_over": "it is too late for this",
     "window_not_over": "it is too early for this",
     "withdrawal_too_early": "it is too early for this",
@@ -122,7 +130,7 @@ def explain(error: RodeoError, options: dict[str, str]) -> str:
     return f"{sentence} ({values})" if values else sentence
 
 
-_TOGETHER = ("review", "audit_window_s", "at_silence", "min_verdict_window_s", "max_verdict_window_s")
+_TOGETHER = ("judge", "audit_window_s", "min_verdict_window_s", "max_verdict_window_s")
 """Fields that rules about several fields name."""
 
 

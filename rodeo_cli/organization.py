@@ -29,7 +29,7 @@ from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
 from rodeo_cli.proposals import register, send
 from rodeo_cli.tasks import ParticipantOption
-from services.console.formatting import count, quorum_in_words
+from services.console.formatting import count, quorum_in_words, voids_in_words
 
 organization = typer.Typer(
     help="Show and change the organization's rules, members, devices and treasury.",
@@ -43,6 +43,8 @@ StakedArgument = Annotated[
     str, typer.Argument(metavar="JUDGE", help="The judge's name, or the address of its key.")
 ]
 """An oracle, or who decides about challenges."""
+SeatSignature = Annotated[str, typer.Option(help="The key's own signature: `sign-seat` makes it.")]
+_COMMITTEES = ("OracleCommittee", "DisputeCommittee", "AppealCommittee")
 AmountArgument = Annotated[str, typer.Argument(help="In IEC.")]
 
 
@@ -75,6 +77,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             for role, one in sorted(state.budgets.items())
         ),
         *((kind.kind, _kind_in_words(kind)) for kind in state.kinds),
+        ("void attempts", voids_in_words(state.voids)),
         *(
             (
                 f"judge in seat {one.seat}",
@@ -185,6 +188,7 @@ _ROLES = {
     "AUDITOR_ROLE": "auditors",
     "MEMBER_ROLE": "members",
     "GUARDIAN_ROLE": "guardians",
+    "ALLOCATOR_ROLE": "pay shares",
     "PROPOSER_ROLE": "may propose",
     "CANCELLER_ROLE": "may cancel proposals",
 }
@@ -209,8 +213,11 @@ def _stake_in_words(judge: queries.Judge, needed: Decimal, site: Site) -> str:
 def _kind_in_words(kind: queries.KindRules) -> str:
     if not kind.allowed:
         return "not accepted"
-    told = f"judged by {'an auditor' if kind.review == 'auditor' else 'the oracle'}"
-    if kind.review == "oracle" and kind.votes:
+    names = {"auditor": "an auditor", "oracle": "the oracle"}
+    told = f"judged by {names.get(kind.judge, f'the contract {kind.judge}')}"
+    if kind.removed:
+        return "its judge was removed: `rodeo organization kind --judge` sets another"
+    if kind.judge == "oracle" and kind.votes:
         told = f"judged by {quorum_in_words(kind)}"
         if kind.judge_stake_iec:
             told += f" with a stake of {iec(kind.judge_stake_iec)} each"
@@ -218,9 +225,11 @@ def _kind_in_words(kind: queries.KindRules) -> str:
         told += f"; at least {span(kind.min_window_s)} to work"
     if kind.max_verdict_window_s:
         told += f"; {span(kind.min_verdict_window_s)} to {span(kind.max_verdict_window_s)} to judge"
-    if kind.review == "oracle" and kind.audit_window_s:
-        told += f"; if it cannot decide, auditors have {span(kind.audit_window_s)}"
-        told += f", then the {kind.silence} wins"
+    if kind.audit_window_s:
+        late = (
+            "before it is void" if kind.judge == "auditor" else "for auditors, where the judge cannot decide"
+        )
+        told += f"; {span(kind.audit_window_s)} more {late}"
     if kind.rules_sha256:
         told += f"; by the rules {' or '.join(reversed(kind.rules_sha256))}"
     return told
@@ -242,9 +251,12 @@ def policy(
 def kind(
     name: Annotated[str, typer.Argument(help="The kind of task.")],
     allowed: Annotated[bool, typer.Option("--allow/--disallow")] = True,
-    review: Annotated[
+    judge: Annotated[
         str | None,
-        typer.Option(help="Who judges it: auditor (people) or oracle. Required to allow a kind."),
+        typer.Option(
+            help="Who judges it: auditor (people), oracle, or the address of a contract. Required to allow a "
+            "kind. Services go on under the judge before until their providers agree (`rodeo service agree`)."
+        ),
     ] = None,
     min_window_s: Annotated[
         int | None, typer.Option("--min-window", help="Shortest execution window, in seconds.")
@@ -257,10 +269,11 @@ def kind(
     ] = None,
     audit_window_s: Annotated[
         int | None,
-        typer.Option("--audit-window", help="Time for auditors if the oracle cannot decide, in seconds."),
-    ] = None,
-    at_silence: Annotated[
-        str | None, typer.Option(help="Who wins if no judge answers in time: executor or creator.")
+        typer.Option(
+            "--audit-window",
+            help="How long after the verdict window a ruling may still be replaced, in seconds: by auditors "
+            "where the judge cannot decide. Where nobody rules, the attempt is void.",
+        ),
     ] = None,
     rules_sha256: Annotated[
         str | None,
@@ -279,24 +292,24 @@ def kind(
     Repeat it after an update of the kind's package, or of its networks or rates in the site file: new tasks
     are then judged by the new rules.
     """
-    if allowed and review is None:
+    if allowed and judge is None:
         raise InvalidRequest(
-            f"choose who judges {name}: --review auditor for people, or --review oracle where it has checks",
+            f"choose who judges {name}: --judge auditor for people, or --judge oracle where it has checks",
             kind=name,
         )
     fields = {
         "kind": name,
         "allowed": allowed,
-        "review": review,
+        "judge": judge,
         "min_window_s": min_window_s,
         "min_verdict_window_s": min_verdict_window_s,
         "max_verdict_window_s": max_verdict_window_s,
         "audit_window_s": audit_window_s,
-        "at_silence": at_silence,
         "rules_sha256": rules_sha256
-        or (_installed_rules(Site.load(site), name) if review == "oracle" else None),
+        or (_installed_rules(Site.load(site), name) if judge == "oracle" else None),
     }
-    accepted = f"judged by the {review}" if allowed else "no longer accepted"
+    judges = judge if judge in ("oracle", "auditor") else f"contract {judge}"
+    accepted = f"judged by the {judges}" if allowed else "no longer accepted"
     send(
         site,
         participant,
@@ -304,6 +317,22 @@ def kind(
         f"{name} is {'accepted and ' if allowed else ''}{accepted}.",
         **fields,
     )
+
+
+@organization.command("remove-judge")
+@reports_errors
+def remove_judge(
+    name: Annotated[str, typer.Argument(metavar="KIND", help="The kind of task.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Remove the judge of a kind at once and for good, as a guardian or administrator.
+
+    Its rulings that nobody has concluded become void, and the auditors may replace them. `kind --judge` sets
+    another judge.
+    """
+    done = f"The judge of {name} rules no more. `rodeo organization kind {name} --judge` sets another."
+    send(site, participant, "remove_judge", done, kind=name)
 
 
 @organization.command("rules")
@@ -608,18 +637,23 @@ def withdraw(
 def judge_key(
     judge: Annotated[str, typer.Argument(help="The oracle's name, or the address of its key until now.")],
     key: Annotated[str, typer.Argument(help="Address of the key with which it votes from now on.")],
+    signature: SeatSignature,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
     """Let a judge of the committee vote with another key, for every kind of work."""
-    done = f"{judge} votes with the key {key} now. What it signed with the old key counts no more."
-    send(site, participant, "change_judge_key", done, judge=judge, key=key)
+    done = (
+        f"{judge} votes with the key {key} on proofs that are submitted from now on. What it signed with the "
+        "old key counts no more."
+    )
+    send(site, participant, "change_judge_key", done, judge=judge, key=key, signature=signature)
 
 
 @organization.command("seat")
 @reports_errors
 def seat(
     key: Annotated[str, typer.Argument(help="Address of the key with which the judge votes.")],
+    signature: SeatSignature,
     owner: Annotated[
         str | None,
         typer.Option(help="For whom it works, whose tasks it does not judge: a participant or an address."),
@@ -629,7 +663,33 @@ def seat(
 ) -> None:
     """Give a judge the next seat of the committee. It judges nothing until `quorum` names it."""
     done = f"The judge with the key {key} has a seat. `rodeo organization quorum` lets it judge."
-    send(site, participant, "seat_judge", done, key=key, owner=owner)
+    send(site, participant, "seat_judge", done, key=key, owner=owner, signature=signature)
+
+
+@organization.command("sign-seat")
+@reports_errors
+def sign_seat(
+    keystore: Annotated[str, typer.Argument(help="The judge's keystore in the site's folder of keys.")],
+    owner: Annotated[
+        str | None,
+        typer.Option(help="For whom it works: a participant or an address. By default for nobody."),
+    ] = None,
+    committee: Annotated[
+        str, typer.Option(help=f"The committee's contract: {', '.join(_COMMITTEES)}.")
+    ] = _COMMITTEES[0],
+    site: SiteOption = DEFAULT_SITE,
+) -> None:
+    """Sign with a judge's key that it sits for an owner: the signature for `seat` and `judge-key`."""
+    from rodeo import keystores  # take their time to import
+    from rodeo.votes import possession
+
+    with connected(site) as (loaded, bus):
+        chain = queries.ask(bus, loaded.org, queries.CHAIN)
+        people = queries.ask(bus, loaded.org, queries.PARTICIPANTS).participants
+    key = keystores.open_key(loaded, keystore)
+    address = next((one.address for one in people if one.name == owner), owner or key.address)
+    contract = chain.contracts.model_dump(by_alias=True)[committee]
+    say("0x" + b"".join(possession(key, address, chain.chain_id, contract)).hex())
 
 
 @organization.command("unseat")
@@ -841,6 +901,7 @@ register(
         "register-device": register_device,
         "revoke-device": revoke_device,
         "judge-key": judge_key,
+        "remove-judge": remove_judge,
         "seat": seat,
         "unseat": unseat,
         "quorum": quorum,

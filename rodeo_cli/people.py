@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest
+from rodeo.messages import Fault, Ruling
 from rodeo.person.photo_code import photo_code
+from rodeo.verdicts import verdict_words
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -25,6 +27,7 @@ from rodeo_cli.common import (
     time_left,
 )
 from rodeo_cli.formatting import iec
+from rodeo_cli.tasks import SignOption, ValidOption, sign_into
 
 if TYPE_CHECKING:
     from rodeo.person.statement import Executor
@@ -59,12 +62,22 @@ def offer(
 
 
 @reports_errors
-def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption = None) -> None:
+def accept(
+    task_id: int,
+    site: SiteOption = DEFAULT_SITE,
+    participant: AsOption = None,
+    sign: SignOption = None,
+    valid_s: ValidOption = 600,
+) -> None:
     """Agree to a task that is assigned to a person, and begin it. This opens its sealed recording.
 
-    From then on it costs the person's bond a penalty not to submit it.
+    From then on it costs the person's bond a penalty not to submit it. After --sign, run this command again
+    without it once somebody has sent the file: it opens the recording.
     """
     with connected(site) as (loaded, bus):
+        if sign is not None:
+            _sign_attempt(loaded, bus, _name(loaded, participant), "accept_task", task_id, valid_s, sign)
+            return
         task = _executor(loaded, bus, participant).accept(task_id)
         left = time_left(loaded, bus, task.execution_deadline or 0.0)
     say(f"You have begun task {task_id}: {task.description or task.kind}")
@@ -74,7 +87,13 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
 
 
 @reports_errors
-def abandon(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption = None) -> None:
+def abandon(
+    task_id: int,
+    site: SiteOption = DEFAULT_SITE,
+    participant: AsOption = None,
+    sign: SignOption = None,
+    valid_s: ValidOption = 600,
+) -> None:
     """Give back a task that is assigned to the participant. The next attempt goes to whoever waits.
 
     It costs nothing in the first quarter of the time for the work, nor later if the task was not accepted.
@@ -83,6 +102,9 @@ def abandon(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption
 
     with connected(site) as (loaded, bus):
         name = _name(loaded, participant)
+        if sign is not None:
+            _sign_attempt(loaded, bus, name, "abandon_task", task_id, valid_s, sign)
+            return
         executor = Participant(bus, loaded.org, name)
         executor.abandon_task(executor.task(task_id))
     say(f"{name} has given back task {task_id}.")
@@ -139,34 +161,59 @@ def review(
 def judge(
     task_id: int,
     reason: Annotated[str, typer.Option(help="Why, in words.")],
-    accepted: Annotated[bool | None, typer.Option("--accept/--reject", help="The verdict.")] = None,
+    accepted: Annotated[bool | None, typer.Option("--accept/--reject", help="The ruling.")] = None,
+    given_up: Annotated[
+        bool,
+        typer.Option(
+            "--given-up",
+            help="The ruling: the executor could not do it. It is not paid, and pays nothing.",
+        ),
+    ] = False,
     impossible: Annotated[
         bool,
         typer.Option(
             "--impossible",
-            help="The verdict: nobody could do this task. It ends and pays a tenth of the price.",
+            help="The ruling: nobody could do this task. It ends and pays a tenth of the price.",
         ),
     ] = False,
+    void: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FAULT",
+            help="The ruling: the task ends, nobody is paid or pays. Whose doing it was: nobody, creator, "
+            "creators_witness (a device of the creator), other_witness (another device) or oracle.",
+        ),
+    ] = None,
     amount: Annotated[
         str | None, typer.Option(help="Payment for accepted work, in IEC; the agreed price by default.")
     ] = None,
     site: SiteOption = DEFAULT_SITE,
     participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
 ) -> None:
-    """Judge a submitted proof as an auditor, if people judge this kind or the oracle could not decide.
+    """Rule on a submitted proof as an auditor, if auditors judge this kind or the oracle passed the proof on.
 
     `rodeo task review` shows what is known of it.
     """
     from rodeo.dao import Participant  # takes its time to import, as in _executor
     from rodeo.person import statement
 
-    if (accepted is not None) == impossible:
-        raise InvalidRequest("give one verdict: --accept, --reject or --impossible")
+    given = {
+        "accepted": accepted is True,
+        "rejected": accepted is False,
+        "given_up": given_up,
+        "impossible": impossible,
+        "void": void is not None,
+    }
+    if sum(given.values()) != 1:
+        raise InvalidRequest("give one ruling: --accept, --reject, --given-up, --impossible or --void FAULT")
+    ruling = cast(Ruling, next(name for name, is_given in given.items() if is_given))
+    if void not in (None, *get_args(Fault)):
+        raise InvalidRequest("--void takes whose doing it was", given=void, faults=list(get_args(Fault)))
+    fault = cast(Fault, void or "nobody")
     with connected(site) as (loaded, bus):
         auditor = Participant(bus, loaded.org, participant)
-        statement.judge(loaded, auditor, task_id, bool(accepted), reason, _amount(amount), impossible)
-    word = "impossible" if impossible else "accepted" if accepted else "rejected"
-    say(f"Task {task_id} is {word} by the auditor {participant} (a person): “{reason}”")
+        statement.judge(loaded, auditor, task_id, ruling, reason, _amount(amount), fault)
+    say(f"Task {task_id} is {verdict_words(ruling, reason, participant, by_people=True, fault=fault)}")
 
 
 def _amount(text: str | None) -> Decimal | None:
@@ -176,6 +223,16 @@ def _amount(text: str | None) -> Decimal | None:
         return Decimal(text)
     except InvalidOperation:
         raise InvalidRequest("--amount is not an amount", amount=text) from None
+
+
+def _sign_attempt(
+    site: Site, bus: Bus, name: str, command: str, task_id: int, valid_s: int, file: Path
+) -> None:
+    """Have the executor's wallet sign it for the attempt that runs."""
+    from rodeo.dao import Participant
+
+    attempt = Participant(bus, site.org, name).task(task_id).attempt
+    sign_into(site, bus, name, command, {"task_id": task_id, "attempt": attempt}, valid_s, file)
 
 
 def _name(site: Site, participant: str | None) -> str:

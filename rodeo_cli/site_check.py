@@ -18,6 +18,7 @@ from rodeo.config import (
     BRIDGE,
     ONE_HOST,
     ORACLE,
+    STAKE_COVERS,
     Site,
     bridge_wallets,
     check_environment,
@@ -101,6 +102,7 @@ def check(path: Path) -> list[Finding]:
             *_standby(site),
             *_overlaps(site),
             *_unreachable(site),
+            *_thin_stakes(site),
         )
     ]
 
@@ -211,16 +213,36 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
     known = installed()
     for number, one in enumerate(site.kinds):
         # What is not installed here may be where the site runs.
-        if one.review is None and one.name in known and (missing := load(one.name).lacks(site)):
+        if one.judge is None and one.name in known and (missing := load(one.name).lacks(site)):
             yield ("kinds", number), f"{one.name} needs what the site lacks: write [[{missing}]]"
     machines = [name for name in ("robots", "docks") if getattr(site, name)]
-    by_machines = [one.name for one in site.kinds if one.review is None]
+    by_machines = [one.name for one in site.kinds if one.judge is None]
     if machines and all(name in known and load(name).provides != "energy" for name in by_machines):
         yield (
             ("kinds",),
             f"no kind provides energy, which {' and '.join(machines)} need: also list {_providers(known)}. "
             "What a file lists replaces the list of the file that it extends",
         )
+
+
+def _thin_stakes(site: Site) -> Iterator[tuple[Place, str]]:
+    """A judge's vote accepts only what its stake covers: else nobody rules, and nobody is paid."""
+    known = installed()
+    prices = {
+        one.name: load(one.name).price_iec if one.price_iec is None else one.price_iec
+        for one in site.kinds
+        if one.judge is None and one.name in known
+    }
+    places: list[Place] = [("disputes", "judge_stake_iec"), ("disputes", "appeal", "judge_stake_iec")]
+    for place, instance in zip(places, site.disputes.instances if site.disputes else (), strict=False):
+        covered = STAKE_COVERS * instance.judge_stake_iec
+        for name, price in prices.items():
+            if 0 < covered < price:
+                yield (
+                    place,
+                    f"a stake of {instance.judge_stake_iec} IEC covers {covered} IEC of accepted work, and "
+                    f"one {name} costs {price} IEC: no vote for it would count",
+                )
 
 
 def _providers(known: Iterable[str]) -> str:

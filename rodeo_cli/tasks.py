@@ -21,6 +21,15 @@ from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
 from rodeo.messages import DaoEvent, SignedRequest, Task
 from rodeo.person.photo_code import photo_code
 from rodeo.rewards import Rise
+from rodeo.verdicts import (
+    NO_REPORT,
+    WORDS,
+    is_peoples_verdict,
+    judge_of,
+    standing_words,
+    verdict_words,
+    void_words,
+)
 from rodeo_cli import formatting
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -54,7 +63,7 @@ STATE_COLOURS = {
     "open": "yellow",
     "assigned": "cyan",
     "submitted": "blue",
-    "undecided": "magenta",
+    "ruled": "magenta",
     "settled": "green",
     "cancelled": "dim",
     "failed": "red",
@@ -150,7 +159,7 @@ def create(
         if doubt := _doubt(loaded, bus, kind, request["params"]):
             errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
         if sign is not None:
-            _sign(loaded, bus, participant, "register_task", request, valid_s, sign, as_json)
+            sign_into(loaded, bus, participant, "register_task", request, valid_s, sign, as_json)
             return
         reply = send_command(loaded, bus, participant, "register_task", **request)
         if not as_json:
@@ -203,10 +212,12 @@ def list_tasks(
         reply = queries.ask(bus, loaded.org, queries.TASKS, **filters)
     columns = ("id", "kind", "state", "try", "creator", "executor", "reward", "paid")
     shown = f"{len(reply.tasks)} of {count(reply.total, 'task')}"
-    print_listing(reply, as_json, columns, map(_task_row, reply.tasks), folds=(1, 4, 5), after=shown)
+    print_listing(
+        reply, as_json, columns, (_task_row(one, loaded) for one in reply.tasks), folds=(1, 4, 5), after=shown
+    )
 
 
-def _task_row(task: Task) -> Row:
+def _task_row(task: Task, site: Site) -> Row:
     cells = (
         str(task.id),
         task.kind,
@@ -217,7 +228,7 @@ def _task_row(task: Task) -> Row:
         iec(task.reward_iec),
         iec(task.paid_iec) if task.paid_iec else "",
     )
-    return Row(cells, {2: STATE_COLOURS.get(task.state, "")}, _why(task))
+    return Row(cells, {2: STATE_COLOURS.get(task.state, "")}, _why(task, site))
 
 
 def _named_provider(task: Task) -> list[tuple[str, str]]:
@@ -226,13 +237,17 @@ def _named_provider(task: Task) -> list[tuple[str, str]]:
     return [("named provider", _party(task.requested_provider_name, task.requested_provider))]
 
 
-def _why(task: Task) -> str:
-    """Why the last attempt did not succeed, where it did not."""
-    if task.verdict in ("rejected", "undecided", "impossible", "abandoned") and task.reason:
-        return str(task.reason)
-    if task.verdict == "expired":
-        return str(task.reason or "the executor submitted no proof in time, or nobody judged it in time")
-    return ""
+def _why(task: Task, site: Site) -> str:
+    """What stands on the last attempt, or why it did not succeed, where it did not."""
+    if stands := _standing(task, site):
+        return stands
+    if task.verdict in (None, "accepted"):
+        return ""
+    if task.verdict in ("expired", "abandoned"):
+        return task.reason or "the executor submitted no proof in time"
+    if task.verdict == "void":
+        return void_words(task.fault, task.reason)
+    return f"{WORDS.get(task.verdict, task.verdict)}: {task.reason or NO_REPORT}"
 
 
 @tasks.command("show")
@@ -260,22 +275,19 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
     due = {
         "assigned": task.execution_deadline,
         "submitted": task.verdict_deadline,
-        "undecided": task.audit_deadline,
     }
-    verdict = task.verdict or ""
-    own = task.reason and task.reason != verdict
     told = [
         ("task", str(task.id)),
         ("kind", task.kind),
         ("description", task.description),
         ("parameters", plain(task.params)),
         ("state", state),
-        *_standing(task, site),
-        ("due by", moment(due.get(state)) if task.dispute is None else ""),
+        ("stands", _standing(task, site)),
+        ("due by", moment(due.get(state))),
         ("time left", left or ""),
         ("attempt", f"{task.attempt} of {task.max_attempts}" if task.attempt else ""),
         ("attempts", "" if task.attempt else f"none yet, {task.max_attempts} at most"),
-        ("verdict", judged or (f"{verdict}: {task.reason}" if own else verdict)),
+        ("verdict", judged),
         ("reward", f"{iec(task.reward_iec)} by {_party(task.creator_name, task.creator)}"),
         ("executor", _party(task.executor_name, task.executor)),
         ("service", "" if task.service_id is None else str(task.service_id)),
@@ -290,7 +302,7 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("settled", moment(task.settled)),
         ("time to work", span(task.execution_window_s)),
         ("time to judge", span(task.verdict_window_s)),
-        ("without a verdict", f"the {task.at_silence} wins" if task.at_silence else ""),
+        ("can be replaced until", moment(task.case_end) if not ended else ""),
         ("rules", task.rules_sha256 or ""),
         ("proof", task.proof_sha256 or ""),
         ("proof at", task.proof_uri or ""),
@@ -303,29 +315,21 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
     return told
 
 
-def _standing(task: Task, site: Site) -> list[tuple[str, str]]:
-    """A verdict that is not paid yet: nothing may be known of it too late to challenge it."""
-    if task.dispute is None:
-        return []
-    said, until = task.dispute.vote, formatting.moment(task.dispute.until, site)
-    paid = f", {iec(said.amount_iec)}" if said.outcome == "accepted" else ""
-    if task.dispute.challenger is None:
-        return [("stands", f"{said.outcome}{paid}"), ("challenge", f"until {until}")]
-    return [("stands", f"{said.outcome}{paid}; it is challenged"), ("decision", f"until {until}")]
+def _standing(task: Task, site: Site) -> str:
+    """A ruling that is not done yet: nobody may learn of it too late to challenge or replace it."""
+    if task.standing is None:
+        return ""
+    until = formatting.moment(task.standing.until, site)
+    return standing_words(task, iec(task.standing.amount_iec), until)
 
 
 def _judged(site: Site, bus: Bus, task: Task) -> str:
     """The last verdict as a sentence: who gave it, and why; empty while there is none."""
-    from rodeo.kinds import kinds_of  # takes its time to import
-    from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words  # takes its time to import
-
     if not task.verdict:
         return ""
     transactions = queries.ask(bus, site.org, queries.TRANSACTIONS, task_id=task.id).transactions
-    kinds = queries.ask(bus, site.org, queries.ORGANIZATION).kinds
-    audited = [one.kind for one in kinds if one.review == "auditor"]
-    by_people = is_peoples_verdict(kinds_of(site), task.kind, task.verdict, task.audit_deadline, audited)
-    return verdict_words(task.verdict, task.reason, judge_of(transactions), by_people)
+    judge = judge_of(transactions)
+    return verdict_words(task.verdict, task.reason, judge, is_peoples_verdict(task, judge), task.fault)
 
 
 def _left(site: Site, bus: Bus, task: Task) -> str | None:
@@ -348,7 +352,7 @@ def cancel(
     """Cancel a task that is not assigned. Its reward is refunded."""
     with connected(site) as (loaded, bus):
         if sign is not None:
-            _sign(loaded, bus, participant, "cancel_task", {"task_id": task_id}, valid_s, sign)
+            sign_into(loaded, bus, participant, "cancel_task", {"task_id": task_id}, valid_s, sign)
             return
         send_command(loaded, bus, participant, "cancel_task", task_id=task_id)
     say(f"Task {task_id} is cancelled; {participant} got its reward back.")
@@ -395,25 +399,22 @@ def revoke(
     participant: Annotated[str, typer.Option("--as", help="Who signed it.")],
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
-    """Make a task void that was signed with --sign, and was not sent yet. This costs its creator gas.
-
-    A signed cancellation or proof cannot be revoked: it stays valid until its time (--valid) is over.
-    """
-    from rodeo.signed_requests import RegisterTask  # takes its time to import
+    """Make void what was signed with --sign, and was not sent yet. This costs its signer gas."""
+    from rodeo.signed_requests import SAID  # takes its time to import
 
     typed = _signed(file)["request"]["typed_data"]
-    if typed.get("primaryType") != RegisterTask.__name__:
+    kind = SAID.get(str(typed.get("primaryType")))
+    if kind is None:
         raise InvalidRequest(
-            "only a signed task can be revoked; a cancellation or proof stays valid until its deadline",
-            file=str(file),
+            "not a request that can be sent for somebody", file=str(file), known=sorted(SAID)
         )
-    nonce = validate(RegisterTask, typed.get("message")).nonce
+    nonce = validate(kind, typed.get("message")).nonce
     with connected(site) as (loaded, bus):
         send_command(loaded, bus, participant, "revoke_request", nonce=nonce)
-    say(f"Nobody can post the task in {file} any more.")
+    say(f"Nobody can send what is in {file} any more.")
 
 
-def _sign(
+def sign_into(
     site: Site,
     bus: Bus,
     participant: str,
@@ -451,10 +452,25 @@ def list_services(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) 
     with connected(site) as (loaded, bus):
         reply = queries.ask(bus, loaded.org, queries.SERVICES)
     rows = (
-        Row((str(one.id), one.kind, _party(one.provider_name, one.provider), iec(one.price_iec), one.state))
+        Row(
+            (str(one.id), one.kind, _party(one.provider_name, one.provider), iec(one.price_iec), one.state),
+            note=_service_note(one),
+        )
         for one in reply.services
     )
     print_listing(reply, as_json, ("id", "kind", "provider", "price", "state"), rows, folds=(1, 2))
+
+
+def _service_note(service: queries.Offer) -> str:
+    told = []
+    if not service.agrees:
+        told.append(
+            "gets only tasks under the judge before: its provider has not agreed to the present one "
+            f"(`rodeo service agree {service.id}`)"
+        )
+    if service.set_aside_iec:
+        told.append(f"{iec(service.set_aside_iec)} of its bond are set aside until its cases end")
+    return "; ".join(told)
 
 
 ServiceArgument = Annotated[
@@ -509,9 +525,24 @@ def withdraw(
     say(f"Service {service_id} is withdrawn for good. Offer a new one with `rodeo service offer`.")
 
 
-def _change_service(site: Path, service_id: int, participant: str | None, **change: str) -> dict[str, Any]:
-    """Update the service in its provider's name; returns it as it was, with the change. Another participant
-    can only retire it, if it is paid for the provider's work.
+@services.command("agree")
+@reports_errors
+def agree(
+    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+) -> None:
+    """Agree that a service gets tasks that the present judge of its kind decides about.
+
+    Its bond then stands for them. Until then it gets only tasks that were posted under the judge before.
+    """
+    _change_service(site, service_id, participant, "agree")
+    say(f"Service {service_id} gets tasks under the present judge of its kind.")
+
+
+def _change_service(
+    site: Path, service_id: int, participant: str | None, command: str = "update_service", **change: str
+) -> dict[str, Any]:
+    """Send a command about the service in its provider's name; returns it as it was, with the change. Another
+    participant can only retire it, if it is paid for the provider's work.
 
     Raises InvalidRequest when there is none, or its provider has no name here.
     """
@@ -535,8 +566,8 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
                 provider=provider or service.provider,
             )
         request = {"service_id": service_id, **change}
-        send_command(loaded, bus, participant or provider or "", "update_service", **request)
-    if provider in [robot.name for robot in loaded.robots] and change.get("state") != "retired":
+        send_command(loaded, bus, participant or provider or "", command, **request)
+    if provider in [robot.name for robot in loaded.robots] and change and change.get("state") != "retired":
         say(
             f"{provider} manages its own service and will soon overwrite this change. To stop it from taking "
             f"work, run `rodeo robot pause {provider}`. To change its price, set price_iec of its kind in "

@@ -326,7 +326,7 @@ class Conduct:
                 name=event.name,
                 task_id=event.task_id,
                 tx_hash=event.tx_hash,
-                verdict=str(event.args.get("verdict", "")),
+                verdict=str(event.args.get("ruling", "")),
                 block_s=event.time_s,
                 wall_s=round(time.monotonic() - self._begun_wall_s, 4),
             )
@@ -452,7 +452,7 @@ class Conduct:
         executor.submit(task_id, f"The bin is empty again: {len(taken)} items taken out.")
 
     def _judge(self, task_id: int) -> None:
-        judge(self._site, self._organization, task_id, True, "The bin is empty.")
+        judge(self._site, self._organization, task_id, "accepted", "The bin is empty.")
 
     def _post(self, request: RegisterTask) -> int:
         sent_s = time.monotonic() - self._begun_wall_s

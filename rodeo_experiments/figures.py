@@ -335,7 +335,7 @@ def sequence(figures: Figures, _tariffs: list[TariffConfig], figure: Figure) -> 
         (2, 2, "drive, look, grasp, show, drop; record and sign", ("", "")),
         (2, 1, "hand in the proof's hash", told("ProofSubmitted", task.proof_submitted)),
         (1, 3, "fetch and replay the proof", ("", "")),
-        (3, 1, f"verdict: {task.verdict}", told("VerdictPosted", task.settled)),
+        (3, 1, f"verdict: {task.verdict}", told("Ruled", task.settled)),
         (1, 2, f"pay {task.paid_iec:.0f} IEC", told("TaskSettled", task.settled)),
     ]
     axes.set_title(f"Task {task.id}: the cleaning of median duration, with its times since it was posted")

@@ -126,7 +126,10 @@ def _rows(figures: Figures) -> list[Row]:
         Row("Charges by day", "1 on the first", f"{CHARGES} in all", _list(results["charges_per_day"])),
         Row("Bin emptied by a person", "not told", "–", str(results["emptying_settled"])),
         Row(
-            "Rejected, expired", "none told", "–", f"{results['tasks_rejected']}, {results['tasks_expired']}"
+            "Rejected, void, expired",
+            "none told",
+            "–",
+            ", ".join(str(results[f"tasks_{end}"]) for end in ("rejected", "void", "expired")),
         ),
         Row("Reward of a cleaning (IEC)", f"{REWARD_IEC}", f"{REWARD_IEC}", _price(figures.cleanings)),
         Row("Price of a charge (IEC)", f"{CHARGE_IEC}", f"{CHARGE_IEC}", _price(figures.charges)),

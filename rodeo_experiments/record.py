@@ -17,7 +17,7 @@ class Heard(BaseModel):
     task_id: int | None
     tx_hash: str
     verdict: str
-    """What a verdict says; empty otherwise."""
+    """What a ruling says; empty otherwise."""
     block_s: float
     """The block's time."""
     wall_s: float

@@ -16,7 +16,7 @@ from rodeo.queries import Transaction, Transfer
 from rodeo_experiments.record import Flow, Run
 
 STEPS = {
-    "VerdictPosted": "verdict and payment",
+    "Ruled": "verdict and payment",
     "ProofSubmitted": "hand in the proof",
     "TaskRegistered": "post a task",
     "ServiceRegistered": "offer a service",
@@ -86,7 +86,7 @@ class Figures:
                 continue
             if event.name == "ProofSubmitted":
                 submitted[event.task_id] = event.wall_s
-            elif event.name == "VerdictPosted" and event.task_id in submitted:
+            elif event.name == "Ruled" and event.task_id in submitted:
                 lasted[event.task_id] = event.wall_s - submitted[event.task_id]
         return list(lasted.values())
 
@@ -212,7 +212,7 @@ class Figures:
         gas = {one.tx_hash: one.gas_used or 0 for one in self.run.transactions}
         used: dict[int, int] = defaultdict(int)
         for event in self.run.events:
-            if event.name in ("TaskRegistered", "ProofSubmitted", "VerdictPosted") and event.task_id in paid:
+            if event.name in ("TaskRegistered", "ProofSubmitted", "Ruled") and event.task_id in paid:
                 assert event.task_id is not None
                 used[event.task_id] += gas.get(event.tx_hash, 0)
         return list(used.values())
@@ -237,11 +237,12 @@ class Figures:
         settled_work = self.settled(self.cleanings)
         by_gain = self.funded(self.gains(robot))
         hours = self.hours_per_charge
-        verdicts = [event.verdict for event in run.events if event.name == "VerdictPosted"]
+        verdicts = [event.verdict for event in run.events if event.name == "Ruled"]
         found: dict[str, Value] = {
             "tasks_total": len(self.own_tasks),
             "tasks_settled": len(self.settled(self.own_tasks)),
             "tasks_rejected": verdicts.count("rejected"),
+            "tasks_void": sum(task.verdict == "void" for task in run.tasks),
             "tasks_expired": sum(task.verdict == "expired" for task in run.tasks),
             "cleaning_settled": len(settled_work),
             "charging_settled": len(self.settled(self.charges)),

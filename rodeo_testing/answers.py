@@ -13,6 +13,8 @@ CONTRACTS = {
     "TaskManager": "0x" + "11" * 20,
     "ServiceManager": "0x" + "05" * 20,
     "OracleCommittee": "0x" + "06" * 20,
+    "OracleJudge": "0x" + "07" * 20,
+    "AuditorJudge": "0x" + "08" * 20,
 }
 
 
@@ -40,14 +42,14 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "min_verdict_window_s": 0,
         "max_verdict_window_s": 0,
     }
-    windows |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
+    windows |= {"number": 1, "removed": False, "audit_window_s": 0, "rules_sha256": []}
     windows |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}
     kinds = [(kind, "auditor") for kind in audited] + [(kind, "oracle") for kind in measured]
     return {
         "address": ADDRESS,
         "treasury_iec": "0",
         "policy": "first_come",
-        "kinds": [{"kind": kind, "review": review, **windows} for kind, review in kinds],
+        "kinds": [{"kind": kind, "judge": judge, **windows} for kind, judge in kinds],
         "terms": {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
         "members_only": False,
         "paused_until_s": 0,
@@ -55,6 +57,8 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "delay_s": 0,
         "judges": [],
         "committees": [],
+        "auditors": "none",
+        "voids": {},
         "suspended_providers": [],
         "budgets": {},
         "roles": {},

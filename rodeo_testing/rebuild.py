@@ -13,18 +13,17 @@ from rodeo.chain.abi import (
     Cause,
     Device,
     Hire,
-    Judge,
     KindRules,
     Quorum,
-    Review,
     Revocation,
+    Ruling,
+    Seat,
     Service,
     ServiceState,
-    Silence,
+    Standing,
     Task,
     TaskState,
     Terms,
-    Verdict,
 )
 from rodeo.chain.client import NOBODY
 from rodeo.chain.logs import Log
@@ -32,6 +31,14 @@ from rodeo.chain.reputation import Work, is_own
 
 NO_PROOF = bytes(32)
 ZERO_ADDRESS = "0x" + "00" * 20
+
+
+_COUNTERS = {
+    Cause.REJECTED: "rejected",
+    Cause.EXECUTION_EXPIRED: "expired",
+    Cause.ABANDONED_LATE: "expired",
+}
+"""What of its service's record an attempt counts in that failed; others count in none."""
 
 
 @dataclass
@@ -55,18 +62,29 @@ class Rebuilt:
     devices: dict[str, Device] = field(default_factory=dict)
     roots: dict[tuple[str, int], bytes] = field(default_factory=dict)
     kinds: dict[str, KindRules] = field(default_factory=dict)
+    """`judges_window` and `max_case` are 0: only the judge says them."""
+    judges_of: dict[int, str] = field(default_factory=dict)
+    """Number of a kind -> the contract that judges it."""
+    removed: set[int] = field(default_factory=set)
+    """Numbers whose judge rules no more."""
     rules: dict[str, list[bytes]] = field(default_factory=dict)
     """Kind -> the hashes that are current, the newest last."""
     rules_of_tasks: dict[int, bytes] = field(default_factory=dict)
     """What only the event tells."""
-    completed: set[tuple[int, int]] = field(default_factory=set)
-    """(task, attempt) that a judge accepted."""
-    judges: dict[str, Judge] = field(default_factory=dict)
-    """Key -> the judge of the committee."""
+    numbers_of_tasks: dict[int, int] = field(default_factory=dict)
+    standing: dict[int, Standing] = field(default_factory=dict)
+    """Task -> the ruling that stands; while a final one is done, that one."""
+    set_aside: dict[tuple[int, int], int] = field(default_factory=dict)
+    """(service, task) -> what of the bond waits for the end of the case."""
+    resumed: int | None = None
+    """The service whose bond covers a penalty again, once the case has ended."""
+    seats: dict[str, Seat] = field(default_factory=dict)
+    """Key -> the seat of the judge in the committee of oracles."""
     quorums: dict[str, Quorum] = field(default_factory=dict)
     roles: set[tuple[str, str]] = field(default_factory=set)
     """(role, account)"""
     terms: Terms = field(default_factory=lambda: Terms(0, 0, 0))
+    auditors: str = ZERO_ADDRESS
     members_only: bool = False
     policy: str = ZERO_ADDRESS
     budgets: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -81,6 +99,7 @@ class Rebuilt:
         match event:
             case events.TaskRegistered():
                 self.rules_of_tasks[event.task_id] = event.rules
+                self.numbers_of_tasks[event.task_id] = self.kinds[event.kind].number
                 self.tasks[event.task_id] = Task(
                     creator=event.creator,
                     reward=event.reward,
@@ -122,19 +141,21 @@ class Rebuilt:
                     proof_hash=event.proof_hash,
                     deadline=event.deadline,
                 )
-            case events.AuditRequested():
-                self._release(event.task_id, Cause.VERDICT_EXPIRED, 0, time_s)
-                self._task(event.task_id, state=TaskState.UNDECIDED, deadline=event.deadline)
-            case events.VerdictPosted():
-                if event.verdict is Verdict.ACCEPTED:
-                    self.completed.add((event.task_id, event.attempt))
+            case events.Ruled():
+                self._free(event.task_id)
+                removed = self.numbers_of_tasks[event.task_id] in self.removed
+                self.standing[event.task_id] = Standing(
+                    event.proof_hash, event.ruling, event.amount, event.until, 0, removed
+                )
+                self._task(event.task_id, state=TaskState.RULED)
             case events.TaskSettled():
-                attempt = (event.task_id, self.tasks[event.task_id].attempt)
-                cause = None if attempt in self.completed else Cause.VERDICT_EXPIRED
-                self._release(event.task_id, cause, event.paid, time_s)
+                accepted = self.standing[event.task_id].ruling is Ruling.ACCEPTED
+                self._release(event.task_id, "completed" if accepted else None, event.paid, time_s)
                 self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
             case events.TaskRequeued():
-                self._release(event.task_id, event.cause, self.tasks[event.task_id].price, time_s)
+                self._release(
+                    event.task_id, _COUNTERS.get(event.cause), self.tasks[event.task_id].price, time_s
+                )
                 task = self.tasks[event.task_id]
                 self._task(
                     event.task_id,
@@ -145,7 +166,9 @@ class Rebuilt:
                     proof_hash=NO_PROOF,
                 )
             case events.TaskFailed():
-                self._release(event.task_id, event.cause, self.tasks[event.task_id].price, time_s)
+                self._release(
+                    event.task_id, _COUNTERS.get(event.cause), self.tasks[event.task_id].price, time_s
+                )
                 self._task(event.task_id, state=TaskState.FAILED, deadline=0, proof_hash=NO_PROOF)
             case events.TaskCancelled():
                 self._task(event.task_id, state=TaskState.CANCELLED)
@@ -178,6 +201,12 @@ class Rebuilt:
                 self._service(event.service_id, price=event.price, state=event.state)
             case events.ServiceSuspended():
                 self._service(event.service_id, state=ServiceState.SUSPENDED)
+            case events.ServiceAgreed():
+                state = self.services[event.service_id].state
+                self._service(event.service_id, state=ServiceState.PAUSED)
+                self._service(event.service_id, state=state)
+            case events.BondRanShort():
+                self._service(event.service_id, state=ServiceState.SHORT)
             case events.ServiceFellAsleep():
                 self._service(event.service_id, state=ServiceState.PAUSED)
             case events.ProviderSuspended():
@@ -193,11 +222,29 @@ class Rebuilt:
             case events.ServiceReinstated():
                 self._service(event.service_id, state=ServiceState.PAUSED)
                 self._set_failures(self.services[event.service_id].provider, 0)
-            case events.BondPenalized():
+            case events.PenaltySetAside():
+                self.set_aside[event.service_id, event.task_id] = event.amount
                 bond = self.services[event.service_id].bond
                 self._service(event.service_id, bond=bond - event.amount)
+                standing = self.standing[event.task_id]
+                self.standing[event.task_id] = replace(standing, penalty=event.amount)
+            case events.PenaltyReturned():
+                del self.set_aside[event.service_id, event.task_id]
+                service = self.services[event.service_id]
+                self._service(event.service_id, bond=service.bond + event.amount)
+                if service.state is ServiceState.SHORT and service.bond + event.amount >= service.penalty:
+                    self.resumed = event.service_id
+            case events.BondPenalized():
+                if self.set_aside.pop((event.service_id, event.task_id), None) is None:
+                    bond = self.services[event.service_id].bond
+                    self._service(event.service_id, bond=bond - event.amount)
             case events.BondReturned():
-                self._service(event.service_id, bond=0)
+                service = self.services[event.service_id]
+                if service.bond and not service.task_id:
+                    self._service(event.service_id, bond=0)
+                else:  # after it retired: the case of a task that it did before has ended
+                    waiting = [key for key in self.set_aside if key[0] == event.service_id]
+                    del self.set_aside[next(key for key in waiting if self.set_aside[key] == event.amount)]
             case events.PaymentDeferred():
                 self.owed[event.account] = self.owed.get(event.account, 0) + event.amount
             case events.PaymentCollected():
@@ -218,15 +265,16 @@ class Rebuilt:
                 revoked = replace(self.devices[event.device], revoked_at=time_s, revocation=event.reason)
                 self.devices[event.device] = revoked
             case events.JudgeSeated():
-                self.judges[event.key] = Judge(event.owner, event.seat)
+                self.seats[event.key] = Seat(event.owner, event.seat, time_s)
             case events.JudgeKeyChanged():
-                self.judges[event.key] = self.judges.pop(event.old_key)
+                self.seats[event.key] = replace(self.seats.pop(event.old_key), since=time_s)
             case events.QuorumChanged():
                 self.quorums[event.kind] = Quorum(
-                    event.votes, event.panel, event.rotation, event.judges.bit_count(), event.judges
+                    event.votes, event.panel, event.rotation, event.seats.bit_count(), event.seats
                 )
             case events.KindAllowed():
-                self._kind(event.kind, allowed=True, review=event.review)
+                self.judges_of[event.number] = event.judge
+                self._kind(event.kind, allowed=True, number=event.number)
                 if any(event.rules):
                     self._forget_rules(event.kind, event.rules)
                     self.rules[event.kind].append(event.rules)
@@ -234,8 +282,10 @@ class Rebuilt:
                 self._forget_rules(event.kind, event.rules)
             case events.KindDisallowed() if event.kind in self.kinds:
                 self._kind(event.kind, allowed=False)
+            case events.JudgeRemoved():
+                self.removed.add(event.number)
             case events.AuditChanged():
-                self._kind(event.kind, audit_window=event.audit_window, silence=event.silence)
+                self._kind(event.kind, audit_window=event.audit_window)
             case events.WitnessRoot():
                 self.roots[event.device, event.day] = event.root
             case events.MinWindowChanged():
@@ -257,6 +307,8 @@ class Rebuilt:
                 self.paused_until = event.until
             case events.TasksResumed():
                 self.paused_until = min(self.paused_until, time_s)
+            case events.AuditorsChanged():
+                self.auditors = event.auditors
             case events.PolicyChanged():
                 self.policy = event.policy
             case events.Transfer():
@@ -276,30 +328,34 @@ class Rebuilt:
         elif not available and service_id in self.waiting:
             self.waiting.remove(service_id)
 
-    def _release(self, task_id: int, cause: Cause | None, value: int, time_s: int) -> None:
-        """The attempt is over for the service that made it: with success where there is no cause.
+    def _free(self, task_id: int) -> None:
+        """The attempt is over for the service that made it, if it was not before, by an earlier ruling."""
+        if self.tasks[task_id].state is not TaskState.RULED:
+            self._service(self.tasks[task_id].service_id, task_id=0)
 
-        Where it was left undecided it was over then, and its end changes nothing for the service.
-        """
-        if self.tasks[task_id].state is TaskState.UNDECIDED:
+    def _release(self, task_id: int, counter: str | None, value: int, time_s: int) -> None:
+        """The attempt is over, and counts in the record of its service."""
+        self._free(task_id)
+        self.standing.pop(task_id, None)
+        if self.resumed is not None:
+            awake = self.services[self.resumed].provider not in self.asleep
+            self._service(self.resumed, state=ServiceState.ACTIVE if awake else ServiceState.PAUSED)
+            self.resumed = None
+        if counter is None:
             return
-        service_id = self.tasks[task_id].service_id
+        service_id, accepted = self.tasks[task_id].service_id, counter == "completed"
         service = self.services[service_id]
-        changes: dict[str, int] = {"task_id": 0}
-        judged = cause in (None, Cause.REJECTED, Cause.EXECUTION_EXPIRED, Cause.ABANDONED_LATE)
         owners = {address: device.owner for address, device in self.devices.items()}
         payout = self.payouts.get(service.provider, service.provider)
-        if judged and not is_own(self.tasks[task_id].creator, service.provider, owners, payout):
+        own = is_own(self.tasks[task_id].creator, service.provider, owners, payout)
+        if not own:
             work = self.work.get(service.provider, Work())
-            self.work[service.provider] = work.plus(value, cause is None, time_s)
-        if cause is None:
-            changes |= {"completed": service.completed + 1}
-            self._set_failures(service.provider, 0)
-        elif judged:
-            counter = "rejected" if cause is Cause.REJECTED else "expired"
-            changes |= {counter: getattr(service, counter) + 1}
+            self.work[service.provider] = work.plus(value, accepted, time_s)
+        if not accepted:
             self._set_failures(service.provider, service.failures + 1)
-        self._service(service_id, **changes)
+        elif not own:
+            self._set_failures(service.provider, 0)
+        self._service(service_id, **{counter: getattr(service, counter) + 1})
 
     def _set_failures(self, provider: str, failures: int) -> None:
         self.failures[provider] = failures
@@ -308,8 +364,7 @@ class Rebuilt:
                 self.services[service_id] = replace(service, failures=failures)
 
     def _kind(self, kind: str, **changes: object) -> None:
-        number = len(self.kinds) + 1
-        rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE, 0, 0, number))
+        rules = self.kinds.get(kind, KindRules(False, 0, 0, 0, 0, 0, 0, 0))
         self.kinds[kind] = replace(rules, **changes)  # type: ignore[arg-type]
 
     def _forget_rules(self, kind: str, rules: bytes) -> None:

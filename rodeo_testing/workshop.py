@@ -269,7 +269,9 @@ def _paid_before(acts: tuple[str, ...], task: Task) -> ConsumedActs:
     told: list[tuple[str, int, dict[str, Any]]] = [
         ("TaskRegistered", before, {"kind": task.kind}),
         ("ProofSubmitted", before, {"attempt": 1, "executor": task.executor}),
-        ("VerdictPosted", before, {"verdict": "accepted", "report_uri": "", "report_hash": report}),
+        ("Reported", before, {"attempt": 1, "report_uri": "", "report_hash": report}),
+        ("Ruled", before, {"attempt": 1, "ruling": "accepted", "report": report}),
+        ("TaskSettled", before, {}),
         ("TaskRegistered", task.id, {"kind": task.kind}),
         ("ProofSubmitted", task.id, {"attempt": task.attempt, "executor": task.executor}),
     ]

@@ -564,12 +564,12 @@ class Lab:
         task = self.state(f"task/{task_id}")
         self.command(
             "oracle",
-            "post_verdict",
+            "rule",
             request_id=f"verdict {label}{again}",
             task_id=task_id,
             attempt=task["attempt"],
             proof_sha256=task["proof_sha256"],
-            outcome="accepted",
+            ruling="accepted",
             amount_iec=task["price_iec"],
             reason="as it should be",
             report_sha256="0x" + "b" * 64,

@@ -211,7 +211,7 @@ def world_file_cut(lab: Lab) -> Iterator[None]:
 )
 def service_that_cannot_be_done(lab: Lab) -> Iterator[None]:
     lab.command(
-        "organization", "allow_kind", kind="window_cleaning", review="auditor", request_id="allow windows"
+        "organization", "allow_kind", kind="window_cleaning", judge="auditor", request_id="allow windows"
     )
     refused = ""
     try:

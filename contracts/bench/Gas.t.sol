@@ -5,17 +5,26 @@ import {Strings} from "@openzeppelin/contracts/utils/Strings.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {TaskRequest, Verdict, Vote} from "../src/interfaces/ITaskManager.sol";
+import {Fault, Ruling, TaskRequest} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
+import {Finding} from "../src/interfaces/IJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {Committee} from "../test/Committee.sol";
 import {Fixture} from "../test/Fixture.sol";
 import {Instances} from "../test/Instances.sol";
 
 /// @notice An oracle that accepts every first attempt.
 contract Judge {
+    RoleJudge private immutable _judge;
+
+    constructor(RoleJudge judge) {
+        _judge = judge;
+    }
+
     function accept(TaskManager tasks, TaskId taskId) external {
-        tasks.postVerdict(taskId, 1, "proof", Verdict.Accepted, tasks.task(taskId).price, 0, "", "");
+        uint96 price = tasks.task(taskId).price;
+        _judge.rule(Finding(taskId, 1, "proof", 0, 0, Ruling.Accepted, Fault.Nobody, price, ""), "");
     }
 }
 
@@ -65,7 +74,7 @@ contract Everyone {
 /// `bench/contracts.py` reads the figures.
 contract GasBench is Fixture {
     uint256 private constant SERVICES = 1000;
-    uint256 private constant PRICE = 80 ether;
+    uint96 private constant PRICE = 80 ether;
     uint256 private constant REWARD = 100 ether;
 
     /// @dev As long as real ones.
@@ -90,7 +99,7 @@ contract GasBench is Fixture {
     /// and the 10,000th task.
     function test_lifecycle() public {
         Everyone everyone = new Everyone(coin, tasks);
-        Judge judge = new Judge();
+        Judge judge = new Judge(oracleJudge);
         bytes32 role = organization.ORACLE_ROLE();
         vm.prank(admin);
         organization.grantRole(role, address(judge));
@@ -160,7 +169,12 @@ contract GasBench is Fixture {
         tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
         proof = _used();
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, PRICE, REPORT, PROOF_URI, "all checks passed");
+        oracleJudge.rule(
+            Finding(
+                taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, PRICE, "all checks passed"
+            ),
+            PROOF_URI
+        );
         verdict = _used();
         _figure(name, register + proof + verdict);
     }
@@ -197,7 +211,7 @@ contract QuorumGasBench is Committee {
         for (uint256 i = 0; i < 4; ++i) {
             TaskId taskId = post(alice, 100 ether);
             submit(taskId);
-            Vote memory vote = accepting(taskId);
+            Finding memory vote = accepting(taskId);
             vote.reason = "all checks passed";
             bytes memory votes = signatures(vote, VOTES);
             vm.prank(stranger);
@@ -223,13 +237,15 @@ contract DisputeGasBench is Instances {
     function test_dispute() public {
         uint256 used;
         for (uint256 i = 0; i < 4; ++i) {
-            Vote memory vote = ruled(Verdict.Accepted);
-            challenge(alice, vote.taskId);
+            TaskId taskId = ruled(Ruling.Accepted);
+            challenge(alice, taskId);
             used = vm.lastCallGas().gasTotalUsed;
-            vote = decide(second, secondKeys, 4, vote.taskId, Verdict.Rejected);
+            decideSecond(taskId, Ruling.Rejected);
             used += vm.lastCallGas().gasTotalUsed;
             skip(CHALLENGE + 1);
-            disputes.close(vote, REPORT_URI);
+            tasks.conclude(taskId);
+            used += vm.lastCallGas().gasTotalUsed;
+            disputes.settle(taskId, 1);
             used += vm.lastCallGas().gasTotalUsed;
         }
         vm.snapshotValue("contracts", "gas_dispute", used);
@@ -238,10 +254,10 @@ contract DisputeGasBench is Instances {
     function test_unchallenged() public {
         uint256 used;
         for (uint256 i = 0; i < 4; ++i) {
-            Vote memory vote = ruled(Verdict.Accepted);
+            TaskId taskId = ruled(Ruling.Accepted);
             used = vm.lastCallGas().gasTotalUsed;
             skip(CHALLENGE + 1);
-            disputes.close(vote, REPORT_URI);
+            tasks.conclude(taskId);
             used += vm.lastCallGas().gasTotalUsed;
         }
         vm.snapshotValue("contracts", "gas_verdict_with_window", used);

@@ -6,13 +6,22 @@ import {
 } from "@openzeppelin/contracts/access/extensions/AccessControlDefaultAdminRules.sol";
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
+import {ERC165Checker} from "@openzeppelin/contracts/utils/introspection/ERC165Checker.sol";
 import {Multicall} from "@openzeppelin/contracts/utils/Multicall.sol";
 import {DeviceRegistry} from "./DeviceRegistry.sol";
 import {IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
+import {IJudge} from "./interfaces/IJudge.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {Budget, IOrganization, Kind, Review, Terms} from "./interfaces/IOrganization.sol";
+import {
+    Budget,
+    IDecidedByMembers,
+    IOrganization,
+    Kind,
+    MIN_VOTERS,
+    Terms
+} from "./interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
-import {ITaskManager, Silence, TaskRequest} from "./interfaces/ITaskManager.sol";
+import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "./policies/FirstComeFirstServed.sol";
 import {KindId, NO_KIND} from "./types/KindId.sol";
 import {ServiceId} from "./types/ServiceId.sol";
@@ -29,21 +38,23 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bytes32 public constant AUDITOR_ROLE = keccak256("AUDITOR_ROLE");
     bytes32 public constant MEMBER_ROLE = keccak256("MEMBER_ROLE");
     bytes32 public constant GUARDIAN_ROLE = keccak256("GUARDIAN_ROLE");
+    bytes32 public constant ALLOCATOR_ROLE = keccak256("ALLOCATOR_ROLE");
 
     /// @notice The longest window that a task may have: a longer minimum would refuse every task.
     uint32 public constant MAX_MIN_WINDOW = 30 days;
     /// @notice Bounds of the verdict windows of a kind for which nobody has set others.
     uint32 public constant DEFAULT_MIN_VERDICT_WINDOW = 15 minutes;
     uint32 public constant DEFAULT_MAX_VERDICT_WINDOW = 7 days;
-    /// @notice What setVerdictWindows may set.
+    /// @notice Bounds of what setVerdictWindows may set.
     uint32 public constant MIN_VERDICT_WINDOW = 1 minutes;
     uint32 public constant MAX_VERDICT_WINDOW = 30 days;
-    /// @notice A shorter window would let nobody answer, a longer one keep the reward from both sides.
-    uint32 public constant MIN_AUDIT_WINDOW = 1 minutes;
-    uint32 public constant MAX_AUDIT_WINDOW = 30 days;
-    /// @notice Kinds that an organization has rules for in its life: a task or service has their number in 8 bits.
+    /// @notice Verdict and audit window together: a longer case would keep the reward from both sides.
+    uint32 public constant MAX_CASE = 30 days;
+    /// @notice The gas in which a judge says its terms.
+    uint256 public constant JUDGE_GAS = 200_000;
+    /// @notice Numbers that kinds have in the life of an organization, one with each judge: a task or service has it in 8 bits.
     uint8 public constant MAX_KINDS = 255;
-    /// @notice Of one kind at a time. Who posts a task pays for looking through them.
+    /// @notice Current rules of one kind. The creator of a task pays for looking through them.
     uint256 public constant MAX_RULES = 8;
     /// @notice Long enough to find out what is wrong, too short to starve anybody. Two pauses are as far apart.
     uint32 public constant MAX_PAUSE = 3 days;
@@ -54,6 +65,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     IServiceManager public immutable services;
     /// @inheritdoc IOrganization
     ITaskManager public immutable tasks;
+    /// @dev The hash of its code, so that this contract does not contain that.
+    bytes32 private immutable _firstComeFirstServed = keccak256(type(FirstComeFirstServed).runtimeCode);
     /// @inheritdoc IOrganization
     IMatchingPolicy public policy;
     /// @inheritdoc IOrganization
@@ -63,12 +76,18 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @dev The policy is FirstComeFirstServed, which nobody has to call. In the policy's word.
     bool private _firstCome;
     /// @inheritdoc IOrganization
+    uint32 public memberCount;
+    /// @inheritdoc IOrganization
     mapping(address provider => bool) public isSuspended;
     Terms private _terms;
     uint8 private _kindCount;
     mapping(bytes32 kind => Kind) private _kinds;
     /// @inheritdoc IOrganization
     mapping(KindId number => bytes32) public kindNumbered;
+    /// @inheritdoc IOrganization
+    mapping(KindId number => IJudge) public judgeNumbered;
+    /// @inheritdoc IOrganization
+    IJudge public auditors;
     /// @dev The newest last.
     mapping(bytes32 kind => bytes32[]) private _rules;
     /// @dev The last of them, or 0, so that most tasks find their rules in one word.
@@ -97,18 +116,10 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function allowKind(bytes32 kind, Review review, bytes32 rules) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        Kind storage k = _numbered(kind);
-        if (review == Review.None) revert KindWithoutReview(kind);
-        if (review == Review.Oracle && k.silence == Silence.None) revert KindWithoutAudit(kind);
-        if (review == Review.Oracle && rules == 0) revert KindWithoutRules(kind);
-        // What a machine computes is no rule for people, nor the other way round.
-        if (review != k.review) {
-            _retireAll(kind);
-            if (k.review != Review.None) tasks.onReviewChanged();
-            k.review = review;
-            services.recordReview(k.number, uint8(review));
-        }
+    function allowKind(bytes32 kind, IJudge judge, bytes32 rules) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        Kind storage k = _kinds[kind];
+        bool same = k.number != NO_KIND && judgeNumbered[k.number] == judge && !tasks.isRemoved(k.number);
+        if (!same) _number(kind, k, judge);
         k.allowed = true;
         if (rules != 0) {
             bytes32[] storage current = _rules[kind];
@@ -117,7 +128,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
             current.push(rules);
             _newestRules[kind] = rules;
         }
-        emit KindAllowed(kind, review, rules);
+        emit KindAllowed(kind, k.number, judge, rules);
     }
 
     /// @inheritdoc IOrganization
@@ -125,34 +136,43 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         bytes32[] storage current = _rules[kind];
         if (!_remove(current, rules)) revert RulesNotCurrent(kind, rules);
         _newestRules[kind] = current.length == 0 ? bytes32(0) : current[current.length - 1];
-        if (current.length == 0 && _kinds[kind].review == Review.Oracle) revert KindWithoutRules(kind);
+        if (current.length == 0) revert KindWithoutRules(kind);
         emit RulesRetired(kind, rules);
     }
 
     /// @inheritdoc IOrganization
     function disallowKind(bytes32 kind) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _retireAll(kind);
-        _kinds[kind].allowed = false;
-        emit KindDisallowed(kind);
+        _disallow(kind);
     }
 
     /// @inheritdoc IOrganization
-    function setAudit(bytes32 kind, uint32 auditWindow, Silence silence)
-        external
-        onlyRole(DEFAULT_ADMIN_ROLE)
-    {
-        if (auditWindow < MIN_AUDIT_WINDOW || auditWindow > MAX_AUDIT_WINDOW || silence == Silence.None) {
-            revert InvalidAudit(auditWindow, silence, MIN_AUDIT_WINDOW, MAX_AUDIT_WINDOW);
-        }
-        Kind storage rules = _numbered(kind);
-        (rules.auditWindow, rules.silence) = (auditWindow, silence);
-        emit AuditChanged(kind, auditWindow, silence);
+    function setAudit(bytes32 kind, uint32 auditWindow) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        if (auditWindow > MAX_CASE) revert AuditTooLong(auditWindow, MAX_CASE);
+        _kinds[kind].auditWindow = auditWindow;
+        emit AuditChanged(kind, auditWindow);
+    }
+
+    /// @inheritdoc IOrganization
+    function setAuditors(IJudge auditors_) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        auditors = auditors_;
+        emit AuditorsChanged(auditors_);
+    }
+
+    /// @inheritdoc IOrganization
+    function removeJudge(KindId number) external {
+        if (!hasRole(GUARDIAN_ROLE, msg.sender)) _checkRole(DEFAULT_ADMIN_ROLE);
+        IJudge judge = judgeNumbered[number];
+        if (address(judge) == address(0)) revert UnknownNumber(number);
+        emit JudgeRemoved(number, judge);
+        tasks.removeJudge(number);
+        bytes32 kind = kindNumbered[number];
+        if (_kinds[kind].number == number) _disallow(kind);
     }
 
     /// @inheritdoc IOrganization
     function setMinWindow(bytes32 kind, uint32 minWindow) external onlyRole(DEFAULT_ADMIN_ROLE) {
         if (minWindow > MAX_MIN_WINDOW) revert MinWindowTooLong(minWindow, MAX_MIN_WINDOW);
-        _numbered(kind).minWindow = minWindow;
+        _kinds[kind].minWindow = minWindow;
         emit MinWindowChanged(kind, minWindow);
     }
 
@@ -161,7 +181,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (min < MIN_VERDICT_WINDOW || max > MAX_VERDICT_WINDOW || min > max) {
             revert InvalidVerdictWindows(min, max, MIN_VERDICT_WINDOW, MAX_VERDICT_WINDOW);
         }
-        Kind storage rules = _numbered(kind);
+        Kind storage rules = _kinds[kind];
         (rules.minVerdictWindow, rules.maxVerdictWindow) = (min, max);
         emit VerdictWindowsChanged(kind, min, max);
     }
@@ -334,6 +354,11 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
+    function agree(ServiceId serviceId) external onlyRole(OPERATOR_ROLE) {
+        services.agree(serviceId);
+    }
+
+    /// @inheritdoc IOrganization
     function deposit(uint256 amount) external onlyRole(TREASURER_ROLE) {
         emit Deposited(msg.sender, amount);
         token.safeTransferFrom(msg.sender, address(this), amount);
@@ -342,8 +367,12 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IOrganization
     function withdraw(address to, uint256 amount) external onlyRole(TREASURER_ROLE) {
         _spend(TREASURER_ROLE, amount);
-        emit Withdrawn(to, amount);
-        token.safeTransfer(to, amount);
+        _withdraw(to, amount);
+    }
+
+    /// @inheritdoc IOrganization
+    function payShare(address to, uint256 amount) external onlyRole(ALLOCATOR_ROLE) {
+        _withdraw(to, amount);
     }
 
     /// @inheritdoc IOrganization
@@ -377,20 +406,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function mayJudge(address account, bytes32 kind) external view returns (bool) {
-        Review review = _kinds[kind].review;
-        if (review == Review.None) return false;
-        return hasRole(review == Review.Oracle ? ORACLE_ROLE : AUDITOR_ROLE, account);
-    }
-
-    /// @inheritdoc IOrganization
     function numberOf(bytes32 kind) external view returns (KindId) {
         return _kinds[kind].number;
-    }
-
-    /// @inheritdoc IOrganization
-    function mayAudit(address account) external view returns (bool) {
-        return hasRole(AUDITOR_ROLE, account);
     }
 
     /// @inheritdoc IOrganization
@@ -400,14 +417,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy, bytes32, KindId, Review, Silence, uint32) {
+    ) external view returns (IMatchingPolicy, bytes32, KindId, uint32) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
         Kind memory rules = _admit(kind, creator);
         if (executionWindow < rules.minWindow) revert WindowTooShort(kind, executionWindow, rules.minWindow);
         _requireVerdictWindow(kind, rules, verdictWindow);
         IMatchingPolicy matching = _firstCome ? IMatchingPolicy(address(0)) : policy;
         bytes32 judgedBy = _rulesFor(kind, wantedRules);
-        return (matching, judgedBy, rules.number, rules.review, rules.silence, rules.auditWindow);
+        return (matching, judgedBy, rules.number, rules.auditWindow);
     }
 
     /// @inheritdoc IOrganization
@@ -417,33 +434,53 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         return (_terms, rules.number);
     }
 
+    /// @dev A key has no code, or what EIP-7702 lets it have: the 23 bytes that name a contract.
     function _grantRole(bytes32 role, address account) internal override returns (bool granted) {
+        if (role == ALLOCATOR_ROLE && account.code.length <= 23) revert NotAContract(account);
         granted = super._grantRole(role, account);
-        if (granted) _recordJudge(role, account);
+        if (granted && role == MEMBER_ROLE) ++memberCount;
     }
 
-    /// @dev Who may not take part any more gets no more tasks, however the role was lost.
+    /// @dev A former member of an organization for members only gets no more tasks, however the role was lost.
     function _revokeRole(bytes32 role, address account) internal override returns (bool revoked) {
         revoked = super._revokeRole(role, account);
-        if (revoked) _recordJudge(role, account);
-        if (revoked && role == MEMBER_ROLE && membersOnly) services.suspendServicesOf(account);
+        if (!revoked || role != MEMBER_ROLE) return revoked;
+        --memberCount;
+        _requireVoters();
+        if (membersOnly) services.suspendServicesOf(account);
     }
 
-    /// @dev If `role` is one of judges: a verdict looks the right up at the service manager, which it calls anyway.
-    function _recordJudge(bytes32 role, address account) private {
-        if (role != ORACLE_ROLE && role != AUDITOR_ROLE) return;
-        uint256 oracle = hasRole(ORACLE_ROLE, account) ? 1 << uint8(Review.Oracle) : 0;
-        uint256 auditor = hasRole(AUDITOR_ROLE, account) ? 1 << uint8(Review.Auditor) : 0;
-        services.recordJudge(account, uint8(oracle | auditor));
+    function _acceptDefaultAdminTransfer() internal override {
+        super._acceptDefaultAdminTransfer();
+        _requireVoters();
     }
 
-    /// @dev Its rules. A kind has a number from its first rule on.
-    function _numbered(bytes32 kind) private returns (Kind storage rules) {
-        rules = _kinds[kind];
-        if (rules.number != NO_KIND) return rules;
+    function _requireVoters() private view {
+        if (memberCount >= MIN_VOTERS) return;
+        bytes4 byMembers = type(IDecidedByMembers).interfaceId;
+        if (ERC165Checker.supportsERC165InterfaceUnchecked(defaultAdmin(), byMembers)) {
+            revert TooFewMembers(memberCount, MIN_VOTERS);
+        }
+    }
+
+    function _withdraw(address to, uint256 amount) private {
+        emit Withdrawn(to, amount);
+        token.safeTransfer(to, amount);
+    }
+
+    /// @dev Another number of the kind, with another judge: nobody's work comes under a judge that it did not agree to, nor
+    /// under rules that another one follows.
+    function _number(bytes32 kind, Kind storage k, IJudge judge) private {
         if (_kindCount == MAX_KINDS) revert TooManyKinds(kind, MAX_KINDS);
-        rules.number = KindId.wrap(++_kindCount);
-        kindNumbered[rules.number] = kind;
+        _retireAll(kind);
+        if (address(judge).code.length == 0) revert InvalidJudge(kind, address(judge));
+        (bytes4 magic, uint32 window, uint32 longest) = judge.termsFor{gas: JUDGE_GAS}(kind);
+        if (magic != IJudge.termsFor.selector || window < MIN_VERDICT_WINDOW || longest > MAX_CASE) {
+            revert InvalidJudge(kind, address(judge));
+        }
+        (k.judgesWindow, k.maxCase, k.number) = (window, longest, KindId.wrap(++_kindCount));
+        (kindNumbered[k.number], judgeNumbered[k.number]) = (kind, judge);
+        tasks.recordJudge(k.number, address(judge));
     }
 
     /// @dev The organization itself needs no membership.
@@ -471,7 +508,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         budget.spent += uint96(amount);
     }
 
-    /// @dev What a task of `kind` is judged by whose creator wants `wanted`.
+    /// @dev The rules by which a task is judged whose creator wants `wanted`.
     function _rulesFor(bytes32 kind, bytes32 wanted) private view returns (bytes32) {
         bytes32 newest = _newestRules[kind];
         if (wanted == 0 || wanted == newest) return newest;
@@ -485,7 +522,16 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     function _requireVerdictWindow(bytes32 kind, Kind memory rules, uint32 window) private pure {
         (uint32 min, uint32 max) = (rules.minVerdictWindow, rules.maxVerdictWindow);
         if (max == 0) (min, max) = (DEFAULT_MIN_VERDICT_WINDOW, DEFAULT_MAX_VERDICT_WINDOW);
+        if (min < rules.judgesWindow) min = rules.judgesWindow;
+        uint32 longest = rules.auditWindow < rules.maxCase ? rules.maxCase - rules.auditWindow : 0;
+        if (max > longest) max = longest;
         if (window < min || window > max) revert InvalidVerdictWindow(kind, window, min, max);
+    }
+
+    function _disallow(bytes32 kind) private {
+        _retireAll(kind);
+        _kinds[kind].allowed = false;
+        emit KindDisallowed(kind);
     }
 
     function _retireAll(bytes32 kind) private {
@@ -518,7 +564,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     function _setPolicy(IMatchingPolicy policy_) private {
         if (address(policy_).code.length == 0) revert InvalidPolicy(address(policy_));
         policy = policy_;
-        _firstCome = address(policy_).codehash == keccak256(type(FirstComeFirstServed).runtimeCode);
+        _firstCome = address(policy_).codehash == _firstComeFirstServed;
         emit PolicyChanged(policy_);
     }
 }

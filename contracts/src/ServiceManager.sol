@@ -17,7 +17,6 @@ import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 import {KindId} from "./types/KindId.sol";
-import {Parties, packParties} from "./types/Parties.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
 import {NO_TASK, TaskId} from "./types/TaskId.sol";
 import {NO_TURN, Turn} from "./types/Turn.sol";
@@ -39,14 +38,16 @@ contract ServiceManager is IServiceManager {
         Turn turn;
     }
 
-    /// @dev What a service agreed to, and what came of it.
+    /// @dev The terms that a service agreed to, and what is left of its bond.
     struct Agreement {
         uint96 bond;
         uint96 penalty;
         uint8 maxFailures;
+        /// @dev Penalties that are set aside: so many cases are open.
+        uint32 open;
     }
 
-    /// @dev What counts for all services of a provider together, so that a new service does not begin anew.
+    /// @dev Counted for all services of a provider together, so that a new service does not begin anew.
     struct Provider {
         uint8 missed;
         uint8 failures;
@@ -65,9 +66,6 @@ contract ServiceManager is IServiceManager {
         bool hired;
         /// @dev Another address is paid (see _payouts). Here, because this word is read before each payment.
         bool paidElsewhere;
-        /// @dev What it judges, as the organization's roles say (see recordJudge), and whether it COUNTS_VOTES. Here, because whoever judges must not be
-        /// a party.
-        uint8 reviews;
     }
 
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
@@ -106,9 +104,7 @@ contract ServiceManager is IServiceManager {
     /// one costs whoever comes into it first two words.
     uint256 public constant GRADES = 8;
 
-    /// @dev Of Provider.reviews: it judges by the votes of others, as a committee does.
-    uint8 private constant COUNTS_VOTES = 1 << 7;
-    /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
+    /// @dev The gas of a policy; the caller's transaction outlives one that needs more.
     uint256 private constant POLICY_GAS = 500_000;
     /// @dev No service and no task has this number.
     uint256 private constant NOTHING = type(uint256).max;
@@ -117,14 +113,14 @@ contract ServiceManager is IServiceManager {
     uint256 private constant PRIOR = 100;
     /// @dev Bits of Line.latest.
     uint256 private constant LATEST = 192;
-    /// @dev What of a reputation is its grade.
+    /// @dev The bits of a reputation that are its grade.
     uint64 private constant GRADE = MAX_MINOR - (uint64((1 << MINOR_BITS) / GRADES) - 1);
-    /// @dev What a day leaves of work: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
+    /// @dev The part of work that a day leaves: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
     uint256 private constant DAILY = 18305219661902323056;
 
     IOrganization public immutable organization;
     IServiceListener public immutable tasks;
-    /// @dev What each price is a multiple of, in the token's smallest unit.
+    /// @dev Each price is a multiple of this, in the token's smallest unit.
     uint256 private immutable _unit;
     /// @dev PRIOR in `_unit`.
     uint256 private immutable _prior;
@@ -137,8 +133,6 @@ contract ServiceManager is IServiceManager {
     /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
     mapping(address provider => uint32[MAX_SERVICES]) private _live;
     mapping(address device => address) private _owners;
-    /// @dev See recordReview.
-    mapping(KindId kindId => uint8) private _reviews;
     /// @dev Only where `paidElsewhere`.
     mapping(address provider => address) private _payouts;
     /// @dev The services that abandoned a task, 32 bits each, the last in the lowest; of more than eight the last eight.
@@ -191,7 +185,7 @@ contract ServiceManager is IServiceManager {
         if (p.hired) s.hired = Hire.Provider;
         emit ServiceRegistered(serviceId, msg.sender, kind, price, autoAccept, description);
         if (terms.bond != 0 || terms.maxFailures != 0) {
-            _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures);
+            _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures, 0);
             emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
         }
         tasks.onServiceFree(serviceId, msg.sender, kindId, price, _named(serviceId, s));
@@ -208,11 +202,15 @@ contract ServiceManager is IServiceManager {
             if (!retires) revert NotProvider(serviceId, msg.sender, provider);
         }
         if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
-        if (state == ServiceState.None || state == ServiceState.Suspended) revert InvalidServiceState(state);
+        if (state == ServiceState.None || state > ServiceState.Retired) revert InvalidServiceState(state);
         if (s.state == ServiceState.Suspended && state != ServiceState.Retired) {
             revert ServiceIsSuspended(serviceId);
         }
-        if (state == ServiceState.Active) _requireAwake(msg.sender);
+        if (state == ServiceState.Active) {
+            _requireAwake(msg.sender);
+            Agreement storage a = _agreements[serviceId];
+            if (a.bond < a.penalty) revert BondExhausted(serviceId, a.bond, a.penalty);
+        }
         _requirePrice(price);
         _setPrice(s, _leaveLine(serviceId, s), price);
         s.state = state;
@@ -223,6 +221,23 @@ contract ServiceManager is IServiceManager {
             uint96 bond = _leave(serviceId, s);
             if (bond != 0) tasks.returnBond(payoutOf(provider), bond);
         }
+    }
+
+    /// @inheritdoc IServiceManager
+    function agree(ServiceId serviceId) external {
+        Record storage s = _get(serviceId);
+        address provider = s.provider;
+        if (msg.sender != provider) revert NotProvider(serviceId, msg.sender, provider);
+        if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
+        TaskId taskId = s.turn.taskId();
+        if (taskId != NO_TASK) revert ServiceIsBusy(serviceId, taskId);
+        // slither-disable-next-line unused-return
+        (, KindId current) = organization.admitService(organization.kindNumbered(s.kindId), provider);
+        s.turn = _leaveLine(serviceId, s);
+        s.kindId = current;
+        emit ServiceAgreed(serviceId, current);
+        if (!_isAvailable(s)) return;
+        tasks.onServiceFree(serviceId, provider, current, _priceOf(s), _named(serviceId, s));
     }
 
     /// @inheritdoc IServiceManager
@@ -262,17 +277,6 @@ contract ServiceManager is IServiceManager {
         _owners[device] = owner;
         _providers[device].owned = true;
         _providers[owner].owns = true;
-    }
-
-    /// @inheritdoc IServiceManager
-    function recordJudge(address account, uint8 reviews) external onlyOrganization {
-        // A committee that is made later asks for the parties itself.
-        _providers[account].reviews = account.code.length == 0 ? reviews : reviews | COUNTS_VOTES;
-    }
-
-    /// @inheritdoc IServiceManager
-    function recordReview(KindId kindId, uint8 review) external onlyOrganization {
-        _reviews[kindId] = review;
     }
 
     /// @inheritdoc IServiceManager
@@ -331,8 +335,44 @@ contract ServiceManager is IServiceManager {
         if (state == ServiceState.Retired) r.bond = _leave(serviceId, s);
         r.available = state == ServiceState.Active;
         if (r.available && place != 0) turn = _enqueue(serviceId, s, p, turn, place);
-        else if (r.available) (r.price, r.named) = (_priceOf(s), _named(serviceId, s));
+        else if (r.available) _offer(r, serviceId, s);
         s.turn = turn;
+    }
+
+    /// @inheritdoc IServiceManager
+    function conclude(
+        ServiceId serviceId,
+        TaskId taskId,
+        Outcome outcome,
+        uint256 value,
+        address creator,
+        uint96 penalty
+    ) external onlyTaskManager returns (Release memory r) {
+        Record storage s = _services[serviceId];
+        address provider = s.provider;
+        Provider storage p = _providers[provider];
+        r.payout = _payoutOf(provider, p);
+        if (outcome != Outcome.Unjudged) {
+            bool accepted = outcome == Outcome.Completed;
+            s.turn = accepted ? s.turn.withCompleted() : s.turn.withRejected();
+            _note(p, provider, r.payout, accepted, value, creator);
+        }
+        Agreement storage a = _agreements[serviceId];
+        if (penalty != 0) --a.open;
+        if (outcome == Outcome.Rejected) {
+            r.penalty = penalty;
+            if (penalty != 0) emit BondPenalized(serviceId, taskId, penalty);
+            _suspendFailing(serviceId, s, a, p.failures);
+        } else if (penalty != 0 && s.state == ServiceState.Retired) {
+            r.bond = penalty;
+            emit BondReturned(serviceId, provider, penalty);
+        } else if (penalty != 0) {
+            a.bond += penalty;
+            emit PenaltyReturned(serviceId, taskId, penalty);
+            bool suffices = s.state == ServiceState.Short && a.bond >= a.penalty;
+            if (suffices) s.state = p.asleepUntil == 0 ? ServiceState.Active : ServiceState.Paused;
+            if (suffices && _isAvailable(s)) _offer(r, serviceId, s);
+        }
     }
 
     /// @inheritdoc IServiceManager
@@ -383,33 +423,29 @@ contract ServiceManager is IServiceManager {
 
     /// @inheritdoc IServiceManager
     function payoutOf(address account) public view returns (address) {
-        return _providers[account].paidElsewhere ? _payouts[account] : account;
+        return _payoutOf(account, _providers[account]);
     }
 
     /// @inheritdoc IServiceManager
-    function isParty(address account, ServiceId serviceId, address creator) external view returns (bool) {
-        return _isParty(account, _providers[account], serviceId, creator);
+    function areRelated(address account, address other) external view returns (bool) {
+        return account == other || (_hasDevices(_providers[other]) && _areOwners(account, other));
     }
 
     /// @inheritdoc IServiceManager
-    function rightOf(address account, uint8 review, KindId kindId, ServiceId serviceId, address creator)
+    function partyAmong(address[] calldata accounts, ServiceId serviceId, address creator)
         external
         view
-        returns (bool mayJudge, bool party, Parties parties)
+        returns (address)
     {
-        if (review == 0) review = _reviews[kindId];
-        // Nobody has the bit 0, which a kind without a review asks for.
-        Provider storage judge = _providers[account];
-        uint8 reviews = judge.reviews;
-        mayJudge = (reviews >> review) & 1 == 1;
-        party = _isParty(account, judge, serviceId, creator);
-        if (reviews & COUNTS_VOTES != 0) parties = partiesOf(serviceId, creator);
-    }
-
-    /// @inheritdoc IServiceManager
-    function partiesOf(ServiceId serviceId, address creator) public view returns (Parties) {
         address provider = _services[serviceId].provider;
-        return packParties(provider, _hasDevices(_providers[creator]) || _hasDevices(_providers[provider]));
+        (bool ofCreator, bool ofProvider) =
+            (_hasDevices(_providers[creator]), _hasDevices(_providers[provider]));
+        for (uint256 i = 0; i < accounts.length; ++i) {
+            address account = accounts[i];
+            if (account == creator || (ofCreator && _areOwners(account, creator))) return account;
+            if (account == provider || (ofProvider && _areOwners(account, provider))) return account;
+        }
+        return address(0);
     }
 
     /// @inheritdoc IServiceManager
@@ -433,42 +469,41 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
-        return _longestIdle(organization.numberOf(kind), maxPrice);
+    function longestIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId) {
+        return _longestIdle(kindId, maxPrice);
     }
 
     /// @inheritdoc IServiceManager
-    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
-        Idle storage idle = _idle[organization.numberOf(kind)];
+    function cheapestIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId) {
+        Idle storage idle = _idle[kindId];
         uint64 key = idle.lines.lowest();
         return key > _lastKey(maxPrice) ? NO_SERVICE : unpackService(idle.line[key].first);
     }
 
     /// @inheritdoc IServiceManager
-    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId) {
-        Idle storage idle = _idle[organization.numberOf(kind)];
+    function mostReputableIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId) {
+        Idle storage idle = _idle[kindId];
         return unpackService(idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first);
     }
 
     /// @inheritdoc IServiceManager
     function serviceFor(address policy, KindId kindId, uint256 reward) external view returns (ServiceId) {
-        bytes32 kind = organization.kindNumbered(kindId);
-        return ServiceId.wrap(_ask(policy, abi.encodeCall(IMatchingPolicy.serviceFor, (this, kind, reward))));
+        return
+            ServiceId.wrap(_ask(policy, abi.encodeCall(IMatchingPolicy.serviceFor, (this, kindId, reward))));
     }
 
     /// @inheritdoc IServiceManager
     function taskFor(ServiceId serviceId) external view returns (TaskId) {
         Record storage s = _get(serviceId);
-        bytes32 kind = organization.kindNumbered(s.kindId);
         return TaskId.wrap(
             _ask(
                 address(organization.policy()),
-                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, this, kind, serviceId, _priceOf(s)))
+                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, this, s.kindId, serviceId, _priceOf(s)))
             )
         );
     }
 
-    /// @dev What the policy chooses. A policy that fails has chosen NOTHING, so that it holds up no work and no money. It
+    /// @dev The policy's choice. A policy that fails has chosen NOTHING, so that it holds up no work and no money. It
     /// does not fail for want of gas: nobody chooses in its place by giving little.
     function _ask(address policy, bytes memory question) private view returns (uint256 chosen) {
         // It gets 63 of 64 parts of what there is, at most.
@@ -520,6 +555,11 @@ contract ServiceManager is IServiceManager {
         for (uint256 i = 0; i < MAX_SERVICES; ++i) {
             if (live[i] != 0) _services[unpackService(live[i])].hired = hired;
         }
+    }
+
+    /// @dev The service wants another task.
+    function _offer(Release memory r, ServiceId serviceId, Record storage s) private view {
+        (r.available, r.kindId, r.price, r.named) = (true, s.kindId, _priceOf(s), _named(serviceId, s));
     }
 
     /// @dev See Release.
@@ -602,7 +642,7 @@ contract ServiceManager is IServiceManager {
         line.latest = before << behind | (latest & uint192((1 << behind) - 1));
     }
 
-    /// @dev What the attempt that ends makes of its provider and service.
+    /// @dev The end of an attempt changes its provider and its service.
     function _count(
         TaskId taskId,
         ServiceId serviceId,
@@ -613,17 +653,13 @@ contract ServiceManager is IServiceManager {
         address creator
     ) private returns (address payout, uint96 penalty) {
         address provider = s.provider;
-        payout = p.paidElsewhere ? _payouts[provider] : provider;
+        payout = _payoutOf(provider, p);
         if (outcome == Outcome.Unjudged) return (payout, 0);
+        if (outcome == Outcome.Pending) return (payout, _setAside(taskId, serviceId, s));
         if (outcome != Outcome.Abandoned && outcome != Outcome.Missed) {
-            bool own = _isOwn(provider, p, payout, creator);
-            _rate(p, outcome == Outcome.Completed, value, own);
-            if (outcome == Outcome.Completed) {
-                if (!own && p.missed | p.failures | p.naps != 0) _forgive(provider, p);
-                return (payout, 0);
-            }
-            if (p.failures < type(uint8).max) ++p.failures;
-            penalty = _applyTerms(taskId, serviceId, s, p.failures);
+            _note(p, provider, payout, outcome == Outcome.Completed, value, creator);
+            if (outcome == Outcome.Completed) return (payout, 0);
+            penalty = _penalize(taskId, serviceId, s, p.failures);
         }
         if (outcome == Outcome.Rejected || provider == address(organization)) return (payout, penalty);
         if (outcome == Outcome.Abandoned) _remember(taskId, serviceId);
@@ -634,13 +670,62 @@ contract ServiceManager is IServiceManager {
         }
     }
 
+    /// @dev A judged attempt goes into the provider's record.
+    function _note(
+        Provider storage p,
+        address provider,
+        address payout,
+        bool accepted,
+        uint256 value,
+        address creator
+    ) private {
+        bool own = _isOwn(provider, p, payout, creator);
+        _rate(p, accepted, value, own);
+        if (!accepted) {
+            if (p.failures < type(uint8).max) ++p.failures;
+        } else if (!own && p.missed | p.failures | p.naps != 0) {
+            _forgive(provider, p);
+        }
+    }
+
+    /// @dev The penalty leaves the bond until the case ends.
+    function _setAside(TaskId taskId, ServiceId serviceId, Record storage s)
+        private
+        returns (uint96 penalty)
+    {
+        Agreement storage a = _agreements[serviceId];
+        penalty = _takePenalty(a);
+        if (penalty == 0) return 0;
+        ++a.open;
+        emit PenaltySetAside(serviceId, taskId, penalty);
+        if (a.bond < a.penalty) _runShort(serviceId, s, a);
+    }
+
+    /// @dev The rest of the bond secures no other task, until a case ends for which a part of it is set aside.
+    function _runShort(ServiceId serviceId, Record storage s, Agreement storage a) private {
+        if (s.state != ServiceState.Active) return;
+        s.state = ServiceState.Short;
+        emit BondRanShort(serviceId, a.bond, a.penalty);
+    }
+
+    /// @dev Returns the penalty, or what is left of the bond, which is less by that.
+    function _takePenalty(Agreement storage a) private returns (uint96 penalty) {
+        penalty = a.penalty < a.bond ? a.penalty : a.bond;
+        if (penalty != 0) a.bond -= penalty;
+    }
+
+    /// @dev The address that is paid for the provider's work. `p` is what is known of it.
+    function _payoutOf(address provider, Provider storage p) private view returns (address) {
+        return p.paidElsewhere ? _payouts[provider] : provider;
+    }
+
     /// @dev It counts for nothing unless somebody else can do the task. Once for a service that got it again and again.
     function _remember(TaskId taskId, ServiceId serviceId) private {
         uint256 by = _abandoned[taskId];
         if (uint32(by) != serviceId.pack()) _abandoned[taskId] = by << 32 | serviceId.pack();
     }
 
-    /// @dev What a provider is known for: work of others, by its value. Nobody pays oneself, or nothing, for a name.
+    /// @dev A provider is known for work for others, by its value. Nobody pays oneself, or nothing, for a name.
     function _rate(Provider storage p, bool accepted, uint256 value, bool own) private {
         value /= _unit;
         if (value == 0 || own) return;
@@ -659,29 +744,23 @@ contract ServiceManager is IServiceManager {
     {
         // Whoever has nothing to do with devices has nothing to do with the creator's owner either.
         if (!_hasDevices(p) && payout == provider) return creator == provider;
-        address payer = _owners[creator];
-        if (payer == address(0)) payer = creator;
-        return payer == (p.owned ? _owners[provider] : provider) || payer == payout;
+        address payer = _ownerOf(creator);
+        return payer == _ownerOf(provider) || payer == payout;
     }
 
-    /// @dev See isParty. `p` is what is known of the account.
-    function _isParty(address account, Provider storage p, ServiceId serviceId, address creator)
-        private
-        view
-        returns (bool)
-    {
-        address provider = _services[serviceId].provider;
-        if (account == creator || account == provider) return true;
-        // Most judges have nothing to do with devices: each verdict pays for one word.
-        if (!_hasDevices(p)) return false;
-        address owner = _owners[account];
+    /// @dev Whether one owns the other, or somebody owns both.
+    function _areOwners(address account, address other) private view returns (bool) {
+        (address owner, address othersOwner) = (_ownerOf(account), _ownerOf(other));
+        return owner == othersOwner || owner == other || account == othersOwner;
+    }
+
+    /// @dev The owner of a device; any other account itself.
+    function _ownerOf(address account) private view returns (address owner) {
+        owner = _owners[account];
         if (owner == address(0)) owner = account;
-        (address creatorsOwner, address providersOwner) = (_owners[creator], _owners[provider]);
-        return owner == creator || owner == creatorsOwner || owner == provider || owner == providersOwner
-            || account == creatorsOwner || account == providersOwner;
     }
 
-    /// @dev Whether it is a device, or has had one: nobody else has anything to do with the owners of others.
+    /// @dev Whether it is a device, or has had one: nobody else is related to another account.
     function _hasDevices(Provider storage p) private view returns (bool) {
         return p.owned || p.owns;
     }
@@ -692,19 +771,25 @@ contract ServiceManager is IServiceManager {
         (p.missed, p.failures, p.naps, p.asleepUntil) = (0, 0, 0, 0);
     }
 
-    /// @dev What the terms make of a failed attempt: the penalty.
-    function _applyTerms(TaskId taskId, ServiceId serviceId, Record storage s, uint256 failures)
+    /// @dev A failed attempt costs the penalty of the terms.
+    function _penalize(TaskId taskId, ServiceId serviceId, Record storage s, uint256 failures)
         private
         returns (uint96 penalty)
     {
         Agreement storage a = _agreements[serviceId];
-        penalty = uint96(Math.min(a.penalty, a.bond));
-        if (penalty != 0) {
-            a.bond -= penalty;
-            emit BondPenalized(serviceId, taskId, penalty);
-        }
+        penalty = _takePenalty(a);
+        if (penalty != 0) emit BondPenalized(serviceId, taskId, penalty);
+        _suspendFailing(serviceId, s, a, failures);
+    }
+
+    /// @dev A provider that fails again and again works no more, nor does a service whose bond does not cover another penalty.
+    function _suspendFailing(ServiceId serviceId, Record storage s, Agreement storage a, uint256 failures)
+        private
+    {
         bool repeated = a.maxFailures != 0 && failures >= a.maxFailures;
-        if (repeated || a.bond < a.penalty) _suspend(serviceId, s);
+        bool short = a.bond < a.penalty;
+        if (repeated || (short && a.open == 0)) _suspend(serviceId, s);
+        else if (short) _runShort(serviceId, s, a);
         if (repeated) _suspendAll(s.provider);
     }
 
@@ -772,7 +857,7 @@ contract ServiceManager is IServiceManager {
         }
     }
 
-    /// @dev What is left today of what the provider has done and failed. By whole days, so that it does not matter
+    /// @dev The rest today of what the provider has done and failed. By whole days, so that it does not matter
     /// how often it is computed.
     function _record(Provider storage p) private view returns (uint256 done, uint256 failed) {
         uint256 work = p.work;

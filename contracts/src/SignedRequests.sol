@@ -10,7 +10,7 @@ import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
 import {TaskId} from "./types/TaskId.sol";
 
 /// @dev The only contract from which TaskManager takes the caller's address from the end of the calldata (ERC-2771). It
-/// calls no functions but the three here: one that calls others by delegatecall would let a signer append somebody
+/// calls no functions but the five here: one that calls others by delegatecall would let a signer append somebody
 /// else's address.
 contract SignedRequests is ISignedRequests, EIP712 {
     using BitMaps for BitMaps.BitMap;
@@ -24,9 +24,14 @@ contract SignedRequests is ISignedRequests, EIP712 {
         )
     );
     bytes32 private constant CANCEL_TYPEHASH =
-        keccak256("CancelTask(address creator,uint256 taskId,uint256 deadline)");
+        keccak256("CancelTask(address creator,uint256 taskId,uint256 nonce,uint256 deadline)");
     bytes32 private constant PROOF_TYPEHASH = keccak256(
-        "SubmitProof(address executor,uint256 taskId,uint8 attempt,bytes32 proofHash,string uri,uint256 deadline)"
+        "SubmitProof(address executor,uint256 taskId,uint8 attempt,bytes32 proofHash,string uri,uint256 nonce,uint256 deadline)"
+    );
+    bytes32 private constant ACCEPT_TYPEHASH =
+        keccak256("AcceptTask(address executor,uint256 taskId,uint8 attempt,uint256 nonce,uint256 deadline)");
+    bytes32 private constant ABANDON_TYPEHASH = keccak256(
+        "AbandonTask(address executor,uint256 taskId,uint8 attempt,uint256 nonce,uint256 deadline)"
     );
 
     ITaskManager public immutable tasks;
@@ -48,20 +53,54 @@ contract SignedRequests is ISignedRequests, EIP712 {
     ) external returns (TaskId taskId) {
         // The signer is in what it signs, because the same key may sign for several contracts.
         bytes32 said = keccak256(abi.encode(REGISTER_TYPEHASH, creator, _hashTask(request), nonce, deadline));
-        _requireSigned(creator, said, deadline, signature);
-        _useNonce(creator, nonce);
+        _requireSigned(creator, said, nonce, deadline, signature);
+        _used[creator].set(nonce);
         bytes memory answer = _callAs(creator, abi.encodeCall(ITaskManager.registerTask, (request)));
         taskId = abi.decode(answer, (TaskId));
         emit RequestUsed(creator, nonce, taskId, msg.sender);
     }
 
     /// @inheritdoc ISignedRequests
-    function cancelTaskFor(address creator, TaskId taskId, uint256 deadline, bytes calldata signature)
-        external
-    {
-        bytes32 said = keccak256(abi.encode(CANCEL_TYPEHASH, creator, taskId, deadline));
-        _requireSigned(creator, said, deadline, signature);
+    function cancelTaskFor(
+        address creator,
+        TaskId taskId,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external {
+        bytes32 said = keccak256(abi.encode(CANCEL_TYPEHASH, creator, taskId, nonce, deadline));
+        _requireSigned(creator, said, nonce, deadline, signature);
         _callAs(creator, abi.encodeCall(ITaskManager.cancelTask, (taskId)));
+    }
+
+    /// @inheritdoc ISignedRequests
+    function acceptTaskFor(
+        address executor,
+        TaskId taskId,
+        uint8 attempt,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external {
+        bytes32 said = keccak256(abi.encode(ACCEPT_TYPEHASH, executor, taskId, attempt, nonce, deadline));
+        _requireSigned(executor, said, nonce, deadline, signature);
+        _used[executor].set(nonce);
+        _callAs(executor, abi.encodeCall(ITaskManager.acceptTask, (taskId, attempt)));
+    }
+
+    /// @inheritdoc ISignedRequests
+    function abandonTaskFor(
+        address executor,
+        TaskId taskId,
+        uint8 attempt,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external {
+        bytes32 said = keccak256(abi.encode(ABANDON_TYPEHASH, executor, taskId, attempt, nonce, deadline));
+        _requireSigned(executor, said, nonce, deadline, signature);
+        _used[executor].set(nonce);
+        _callAs(executor, abi.encodeCall(ITaskManager.abandonTask, (taskId, attempt)));
     }
 
     /// @inheritdoc ISignedRequests
@@ -71,19 +110,21 @@ contract SignedRequests is ISignedRequests, EIP712 {
         uint8 attempt,
         bytes32 proofHash,
         string calldata uri,
+        uint256 nonce,
         uint256 deadline,
         bytes calldata signature
     ) external {
-        bytes32 said = keccak256(
-            abi.encode(PROOF_TYPEHASH, executor, taskId, attempt, proofHash, keccak256(bytes(uri)), deadline)
-        );
-        _requireSigned(executor, said, deadline, signature);
+        // In two parts: at once they are too many values for the compiler without IR.
+        bytes memory task = abi.encode(PROOF_TYPEHASH, executor, taskId, attempt, proofHash);
+        bytes32 said = keccak256(bytes.concat(task, abi.encode(keccak256(bytes(uri)), nonce, deadline)));
+        _requireSigned(executor, said, nonce, deadline, signature);
         _callAs(executor, abi.encodeCall(ITaskManager.submitProof, (taskId, attempt, proofHash, uri)));
     }
 
     /// @inheritdoc ISignedRequests
     function revokeRequest(uint256 nonce) external {
-        _useNonce(msg.sender, nonce);
+        _requireUnused(msg.sender, nonce);
+        _used[msg.sender].set(nonce);
         emit RequestRevoked(msg.sender, nonce);
     }
 
@@ -97,20 +138,24 @@ contract SignedRequests is ISignedRequests, EIP712 {
         return Address.functionCall(address(tasks), bytes.concat(call, bytes20(signer)));
     }
 
-    function _useNonce(address signer, uint256 nonce) private {
+    function _requireUnused(address signer, uint256 nonce) private view {
         if (_used[signer].get(nonce)) revert NonceUsed(signer, nonce);
-        _used[signer].set(nonce);
     }
 
-    function _requireSigned(address signer, bytes32 said, uint256 deadline, bytes calldata signature)
-        private
-        view
-    {
+    /// @dev The signer has not revoked it either.
+    function _requireSigned(
+        address signer,
+        bytes32 said,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) private view {
         if (block.timestamp > deadline) revert RequestExpired(deadline, block.timestamp);
         bytes32 digest = _hashTypedDataV4(said);
         if (!SignatureChecker.isValidSignatureNowCalldata(signer, digest, signature)) {
             revert NotSignedBy(signer);
         }
+        _requireUnused(signer, nonce);
     }
 
     function _hashTask(TaskRequest calldata request) private pure returns (bytes32) {

@@ -2,23 +2,25 @@
 pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
-import {IERC20Permit} from "@openzeppelin/contracts/token/ERC20/extensions/IERC20Permit.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
 import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {SignedRequests} from "./SignedRequests.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {IOrganization, Kind, Review} from "./interfaces/IOrganization.sol";
+import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
 import {Hire, IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
 import {
+    Attempt,
     Cause,
+    Fault,
     ITaskManager,
-    Silence,
+    Ruling,
+    Standing,
     Task,
     TaskRequest,
-    TaskState,
-    Verdict
+    TaskState
 } from "./interfaces/ITaskManager.sol";
 import {Payments} from "./libraries/Payments.sol";
 import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
@@ -26,9 +28,7 @@ import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 import {KindId} from "./types/KindId.sol";
-import {Parties} from "./types/Parties.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
-import {Submission, packSubmission} from "./types/Submission.sol";
 import {NO_TASK, TaskId, unpackTask} from "./types/TaskId.sol";
 import {Weight, weigh} from "./types/Weight.sol";
 
@@ -48,22 +48,20 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         /// @dev When the newest task came, the policy was one that has to be asked. Known here, because a verdict would pay
         /// 2,100 gas to look it up.
         bool asks;
-        /// @dev How often the organization has changed the review of some kind; at most TaskRecords.MAX_CHANGES.
-        uint8 reviewsChanged;
         uint120 held;
     }
 
-    /// @dev Who does the tasks of a service, and the proof of the one that it does now. A service does one task at a
+    /// @dev The provider of a service, and the proof of the task that it does now. A service does one task at a
     /// time, and its word is written over with the next: a quarter of the gas of a word per task.
     struct Worker {
         address executor;
         bytes32 proof;
     }
 
-    /// @dev An attempt that waits for the auditors. Its service is free, so the proof is kept here.
-    struct Dispute {
+    /// @dev The judge of a kind's number.
+    struct Bench {
         address judge;
-        bytes32 proofHash;
+        bool removed;
     }
 
     /// @notice A shorter window would let a creator take work for which nobody can answer in time.
@@ -76,7 +74,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc ITaskManager
     uint256 public constant IMPOSSIBLE_SHARE = 10;
 
-    /// @notice What a payment may spend.
+    /// @notice The gas of a payment.
     uint256 public constant PAYMENT_GAS = Payments.GAS;
 
     /// @dev Makes the word of a service's proofs when the service is made, so that no task pays for it.
@@ -96,12 +94,19 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// name it (see _queue).
     mapping(uint256 queue => WeightTree.Tree) private _open;
     mapping(ServiceId serviceId => Worker) private _workers;
-    mapping(TaskId taskId => Dispute) private _disputes;
+    mapping(KindId kindId => Bench) private _benches;
+    /// @dev Only of tasks that are Ruled.
+    mapping(TaskId taskId => Standing) private _standing;
     /// @inheritdoc ITaskManager
     mapping(address account => uint256) public pendingPayments;
 
     modifier onlyServiceManager() {
         if (msg.sender != address(services)) revert NotServiceManager(msg.sender);
+        _;
+    }
+
+    modifier onlyOrganization() {
+        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
         _;
     }
 
@@ -123,21 +128,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc ITaskManager
     function registerTask(TaskRequest calldata request) external nonReentrant returns (TaskId) {
         return _register(_sender(), request);
-    }
-
-    /// @inheritdoc ITaskManager
-    function registerTaskWithPermit(
-        TaskRequest calldata request,
-        uint256 deadline,
-        uint8 v,
-        bytes32 r,
-        bytes32 s
-    ) external nonReentrant returns (TaskId) {
-        // Whoever sees the permit may use it first; the allowance is there then.
-        try IERC20Permit(address(token))
-            .permit(msg.sender, address(this), request.reward, deadline, v, r, s) {}
-            catch {}
-        return _register(msg.sender, request);
     }
 
     /// @inheritdoc ITaskManager
@@ -189,41 +179,50 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function postVerdict(
+    function rule(
         TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
-        Verdict verdict,
-        uint256 amount,
-        bytes32 reportHash,
-        string calldata reportUri,
-        string calldata reason
-    ) external nonReentrant returns (Submission judged, Parties parties) {
+        Ruling ruling,
+        Fault fault,
+        uint96 amount,
+        uint40 until,
+        bytes32 report
+    ) external nonReentrant returns (Attempt memory before) {
         Record memory t = _get(taskId);
-        parties = _requireJudge(taskId, t, attempt, proofHash, verdict);
-        _requireContent(taskId, t, verdict, amount, reportUri, reason);
-        judged = _describe(t);
-        emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
-        _decide(taskId, t, proofHash, verdict, amount);
+        bool afterRemoval = _requireJudge(t.kindId);
+        _requireRuling(taskId, t, ruling, amount, until);
+        before = _attempt(taskId, t);
+        if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
+        if (proofHash != before.proofHash) revert ProofMismatch(taskId, before.proofHash, proofHash);
+        _say(taskId, t, Standing(proofHash, ruling, amount, until, 0, afterRemoval), fault, report);
+    }
+
+    /// @inheritdoc ITaskManager
+    function conclude(TaskId taskId) external nonReentrant {
+        Record memory t = _get(taskId);
+        if (t.state == TaskState.Submitted) {
+            if (block.timestamp <= t.deadline) revert DeadlineNotPassed(taskId, t.deadline, block.timestamp);
+            _void(taskId, t, _benches[t.kindId].removed);
+            return;
+        }
+        _requireState(taskId, t, TaskState.Ruled);
+        Standing storage s = _standing[taskId];
+        if (_benches[t.kindId].removed && !s.afterRemoval) {
+            _void(taskId, t, true);
+            return;
+        }
+        if (block.timestamp <= s.until) revert RulingStands(taskId, s.until, block.timestamp);
+        _finish(taskId, t, s.ruling, s.amount);
     }
 
     /// @inheritdoc ITaskManager
     function expireTask(TaskId taskId) external nonReentrant {
         Record memory t = _get(taskId);
-        bool submitted = t.state == TaskState.Submitted;
-        bool undecided = t.state == TaskState.Undecided;
-        if (!submitted && !undecided) _requireState(taskId, t, TaskState.Assigned);
-        bool accepted = submitted || undecided || t.accepted;
-        uint256 end = accepted ? t.deadline : _graceEnd(t);
+        _requireState(taskId, t, TaskState.Assigned);
+        uint256 end = t.accepted ? t.deadline : _graceEnd(t);
         if (block.timestamp <= end) revert DeadlineNotPassed(taskId, end, block.timestamp);
-        if (undecided) {
-            _endAudit(taskId, t);
-        } else if (submitted && t.silence == Silence.Executor) {
-            _settle(taskId, t, t.price, Outcome.Unjudged);
-        } else {
-            Cause unproven = accepted ? Cause.ExecutionExpired : Cause.NotAccepted;
-            _failAttempt(taskId, t, submitted ? Cause.VerdictExpired : unproven);
-        }
+        _failAttempt(taskId, t, t.accepted ? Cause.ExecutionExpired : Cause.NotAccepted);
     }
 
     /// @inheritdoc ITaskManager
@@ -265,14 +264,22 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function onReviewChanged() external {
-        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
-        if (_totals.reviewsChanged != TaskRecords.MAX_CHANGES) ++_totals.reviewsChanged;
+    function recordJudge(KindId kindId, address judge) external onlyOrganization {
+        _benches[kindId].judge = judge;
     }
 
     /// @inheritdoc ITaskManager
-    function rescue(IERC20 token_, address to) external nonReentrant returns (uint256 amount) {
-        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
+    function removeJudge(KindId kindId) external onlyOrganization {
+        _benches[kindId].removed = true;
+    }
+
+    /// @inheritdoc ITaskManager
+    function rescue(IERC20 token_, address to)
+        external
+        nonReentrant
+        onlyOrganization
+        returns (uint256 amount)
+    {
         amount = token_.balanceOf(address(this));
         if (token_ == token) amount -= _totals.held;
         if (amount != 0) token_.safeTransfer(to, amount);
@@ -285,7 +292,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return Task({
             creator: t.creator,
             reward: uint96(t.reward),
-            kind: _kindOf(t),
+            kind: organization.kindNumbered(t.kindId),
             price: uint96(t.price),
             serviceId: ofProvider && (t.state == TaskState.Open || t.state == TaskState.Cancelled)
                 ? NO_SERVICE
@@ -304,10 +311,20 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function toJudge(TaskId taskId) external view returns (Submission, Parties) {
+    function attemptOf(TaskId taskId) external view returns (Attempt memory) {
         Record memory t = _get(taskId);
-        _requireState(taskId, t, TaskState.Submitted);
-        return (_describe(t), services.partiesOf(t.serviceId, t.creator));
+        if (t.state != TaskState.Ruled) _requireState(taskId, t, TaskState.Submitted);
+        return _attempt(taskId, t);
+    }
+
+    /// @inheritdoc ITaskManager
+    function standing(TaskId taskId) external view returns (Standing memory) {
+        return _standing[taskId];
+    }
+
+    /// @inheritdoc ITaskManager
+    function isRemoved(KindId kindId) external view returns (bool) {
+        return _benches[kindId].removed;
     }
 
     /// @inheritdoc IServiceListener
@@ -321,8 +338,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc IServiceListener
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId) {
-        return unpackTask(_open[_queueOf(organization.numberOf(kind))].first(Units.levelFor(price, _unit)));
+    function oldestOpen(KindId kindId, uint256 price) external view returns (TaskId) {
+        return unpackTask(_open[_queueOf(kindId)].first(Units.levelFor(price, _unit)));
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
@@ -330,10 +347,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record memory t;
         IMatchingPolicy policy;
         bytes32 rules;
-        (policy, rules, t.kindId, t.review, t.silence, t.auditWindow) = organization.admitTask(
+        (policy, rules, t.kindId, t.auditWindow) = organization.admitTask(
             request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
         );
-        t.reviewsChanged = _totals.reviewsChanged;
         _requireWindow(request.executionWindow);
         if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
             revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
@@ -417,7 +433,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
     }
 
-    /// @dev What the policy chooses from the queue; `oldest` if that is no task of this queue, or pays less than `price`.
+    /// @dev The policy's choice from the queue; `oldest` if that is no task of this queue, or pays less than `price`.
     function _choose(ServiceId serviceId, uint256 price, uint256 queue, TaskId oldest)
         private
         returns (TaskId taskId)
@@ -440,7 +456,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (Release memory r)
     {
         r = _release(t, serviceId, outcome, value);
-        if (r.available) _place(serviceId, t.kindId, r.price, r.named);
+        if (r.available) _place(serviceId, r.kindId, r.price, r.named);
     }
 
     /// @dev The service's attempt is over. While no task waits, it is in line again after this call.
@@ -452,6 +468,16 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         r = services.release(serviceId, outcome, value, t.creator, place);
         if (place == 0 || !r.available) return r;
         (_totals.places, r.available) = (place, false);
+    }
+
+    /// @dev The case of an attempt is over whose service was free before: its penalty is lost, or part of its bond again.
+    function _conclude(TaskId taskId, Record memory t, Outcome outcome, uint256 value)
+        private
+        returns (Release memory)
+    {
+        uint96 penalty = _standing[taskId].penalty;
+        delete _standing[taskId];
+        return services.conclude(t.serviceId, taskId, outcome, value, t.creator, penalty);
     }
 
     /// @dev Whether the service takes the task, at its own price; nothing happened if not.
@@ -484,37 +510,57 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return true;
     }
 
-    /// @dev What a verdict does; whether it may was checked.
-    function _decide(TaskId taskId, Record memory t, bytes32 proofHash, Verdict verdict, uint256 amount)
-        private
-    {
-        if (t.state == TaskState.Undecided) {
-            // Its service was released when the attempt became undecided.
-            if (verdict == Verdict.Accepted) _payAudited(taskId, t, amount);
-            else if (verdict == Verdict.Impossible) _payAudited(taskId, t, t.price / IMPOSSIBLE_SHARE);
-            else if (_endAttempt(taskId, t, Cause.Rejected)) _pay(t.creator, t.reward);
-        } else if (verdict == Verdict.Accepted) {
-            _settle(taskId, t, amount, Outcome.Completed);
-        } else if (verdict == Verdict.Impossible) {
-            _settle(taskId, t, t.price / IMPOSSIBLE_SHARE, Outcome.Unjudged);
-        } else if (verdict == Verdict.Rejected) {
-            _failAttempt(taskId, t, Cause.Rejected);
-        } else {
-            _askAuditors(taskId, t, proofHash);
+    /// @dev A ruling stands now, or is done at once.
+    function _say(TaskId taskId, Record memory t, Standing memory s, Fault fault, bytes32 report) private {
+        emit Ruled(taskId, t.attempt, s.proofHash, s.ruling, fault, s.amount, s.until, report);
+        if (s.until != 0) _stand(taskId, t, s);
+        else _finish(taskId, t, s.ruling, s.amount);
+    }
+
+    /// @dev A ruling stands now. With the first one the service is free, but for its penalty.
+    function _stand(TaskId taskId, Record memory t, Standing memory s) private {
+        if (t.state == TaskState.Ruled) {
+            s.penalty = _standing[taskId].penalty;
+            _standing[taskId] = s;
+            return;
         }
+        t.state = TaskState.Ruled;
+        _tasks.save(taskId, t, _unit);
+        Release memory r = _free(t, t.serviceId, Outcome.Pending, 0);
+        s.penalty = uint96(r.penalty);
+        _standing[taskId] = s;
+        _pay(r.payout, r.bond);
+    }
+
+    /// @dev Nobody has ruled, or who did may no more: void until the case ends, and at once if it has ended.
+    function _void(TaskId taskId, Record memory t, bool afterRemoval) private {
+        uint256 caseEnd = _caseEnd(t);
+        uint40 until = block.timestamp < caseEnd ? uint40(caseEnd) : 0;
+        Standing memory s = Standing(_proof(taskId, t), Ruling.Void, 0, until, 0, afterRemoval);
+        _say(taskId, t, s, Fault.Oracle, 0);
+    }
+
+    /// @dev A ruling is done, whether it stood before or not.
+    function _finish(TaskId taskId, Record memory t, Ruling ruling, uint256 amount) private {
+        if (ruling == Ruling.Accepted) _settle(taskId, t, amount, Outcome.Completed);
+        else if (ruling == Ruling.Impossible) _settle(taskId, t, t.price / IMPOSSIBLE_SHARE, Outcome.Unjudged);
+        else if (ruling == Ruling.Rejected) _failAttempt(taskId, t, Cause.Rejected);
+        else _failAttempt(taskId, t, ruling == Ruling.GivenUp ? Cause.GivenUp : Cause.Void);
     }
 
     function _settle(TaskId taskId, Record memory t, uint256 amount, Outcome outcome) private {
+        bool stood = t.state == TaskState.Ruled;
         _end(taskId, t, TaskState.Settled);
         uint256 refund = t.reward - amount;
         if (outcome == Outcome.Completed && t.attempt != 1) {
             services.countAbandoned(taskId, t.serviceId, t.creator);
         }
-        Release memory r = _release(t, t.serviceId, outcome, amount);
+        Release memory r =
+            stood ? _conclude(taskId, t, outcome, amount) : _release(t, t.serviceId, outcome, amount);
         emit TaskSettled(taskId, r.payout, amount, refund);
-        if (r.available) _place(t.serviceId, t.kindId, r.price, r.named);
-        uint120 sent = _send(r.payout, amount + r.bond);
-        sent += _send(t.creator, refund);
+        if (r.available) _place(t.serviceId, r.kindId, r.price, r.named);
+        uint120 sent = _send(0, r.payout, amount + r.bond);
+        sent = _send(sent, t.creator, refund);
         _totals.held -= sent;
     }
 
@@ -523,54 +569,27 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _tasks.save(taskId, t, _unit);
     }
 
-    /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
-    function _askAuditors(TaskId taskId, Record memory t, bytes32 proofHash) private {
-        _disputes[taskId] = Dispute(msg.sender, proofHash);
-        uint256 deadline = block.timestamp + t.auditWindow;
-        (t.state, t.deadline) = (TaskState.Undecided, deadline.toUint32());
-        _tasks.save(taskId, t, _unit);
-        emit AuditRequested(taskId, t.attempt, deadline, t.silence);
-        Release memory r = _free(t, t.serviceId, Outcome.Unjudged, 0);
-        _pay(r.payout, r.bond);
-    }
-
-    /// @dev The auditors were silent.
-    function _endAudit(TaskId taskId, Record memory t) private {
-        if (t.silence == Silence.Executor) {
-            _payAudited(taskId, t, t.price);
-        } else {
-            _end(taskId, t, TaskState.Failed);
-            emit TaskFailed(taskId, t.reward, t.attempt, Cause.AuditExpired);
-            _pay(t.creator, t.reward);
-        }
-    }
-
-    function _payAudited(TaskId taskId, Record memory t, uint256 amount) private {
-        uint256 refund = t.reward - amount;
-        address payout = services.payoutOf(_workers[t.serviceId].executor);
-        _end(taskId, t, TaskState.Settled);
-        emit TaskSettled(taskId, payout, amount, refund);
-        uint120 sent = _send(payout, amount);
-        sent += _send(t.creator, refund);
-        _totals.held -= sent;
-    }
-
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
     function _failAttempt(TaskId taskId, Record memory t, Cause cause) private {
-        ServiceId serviceId = t.serviceId;
-        uint256 price = t.price;
+        (ServiceId serviceId, uint256 price) = (t.serviceId, t.price);
+        bool stood = t.state == TaskState.Ruled;
+        // slither-disable-next-line uninitialized-local
+        Release memory r;
+        if (stood) r = _conclude(taskId, t, _outcome(cause), price);
         bool last = _endAttempt(taskId, t, cause);
-        Release memory r = _free(t, serviceId, _outcome(cause), price);
-        uint120 sent = _send(r.payout, r.bond);
-        sent += _send(address(organization), r.penalty);
-        if (last) sent += _send(t.creator, t.reward);
+        if (!stood) r = _release(t, serviceId, _outcome(cause), price);
+        if (r.available) _place(serviceId, r.kindId, r.price, r.named);
+        uint120 sent = _send(0, r.payout, r.bond);
+        sent = _send(sent, address(organization), r.penalty);
+        if (last) sent = _send(sent, t.creator, t.reward);
         if (sent != 0) _totals.held -= sent;
     }
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
     function _endAttempt(TaskId taskId, Record memory t, Cause cause) private returns (bool last) {
         // Who was named has said no, and would get it again at once.
-        last = t.attempt == t.maxAttempts || (cause == Cause.Abandoned && t.hired != Hire.None);
+        bool refused = cause == Cause.Abandoned && t.hired != Hire.None;
+        last = t.attempt == t.maxAttempts || cause == Cause.Void || refused;
         if (last) {
             _end(taskId, t, TaskState.Failed);
             emit TaskFailed(taskId, t.reward, t.attempt, cause);
@@ -593,16 +612,24 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     function _pay(address to, uint256 amount) private {
-        _totals.held -= _send(to, amount);
+        _totals.held -= _send(0, to, amount);
     }
 
-    /// @dev Returns what is no longer held. A token that refuses `to` holds up neither the task nor the service: the amount
-    /// waits for `withdrawPayments`.
-    function _send(address to, uint256 amount) private returns (uint120 sent) {
-        if (amount == 0) return 0;
-        if (Payments.pay(token, to, amount)) return uint120(amount);
-        pendingPayments[to] += amount;
-        emit PaymentDeferred(to, amount);
+    /// @dev Returns what is no longer held: what this call has `sent` before, and this payment. A token that refuses `to` holds
+    /// up neither the task nor the service: the amount waits for `withdrawPayments`. A token may move an amount and answer
+    /// that it did not. What is then missing of everything held was paid, or others' escrow would pay it again.
+    function _send(uint120 sent, address to, uint256 amount) private returns (uint120) {
+        if (amount == 0) return sent;
+        if (!Payments.pay(token, to, amount)) {
+            uint256 missing = Math.saturatingSub(_totals.held - sent, token.balanceOf(address(this)));
+            uint256 deferred = Math.saturatingSub(amount, missing);
+            if (deferred != 0) {
+                pendingPayments[to] += deferred;
+                emit PaymentDeferred(to, deferred);
+            }
+            amount -= deferred;
+        }
+        return sent + uint120(amount);
     }
 
     function _load(TaskId taskId) private view returns (Record memory t) {
@@ -614,18 +641,24 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
 
-    function _describe(Record memory t) private pure returns (Submission) {
-        uint256 submitted = t.state == TaskState.Submitted ? t.deadline - t.verdictWindow : 0;
-        return packSubmission(t.creator, t.serviceId, t.kindId, uint40(submitted));
+    function _attempt(TaskId taskId, Record memory t) private view returns (Attempt memory) {
+        return Attempt({
+            creator: t.creator,
+            serviceId: t.serviceId,
+            kindId: t.kindId,
+            state: t.state,
+            number: t.attempt,
+            price: uint96(t.price),
+            submitted: uint40(t.deadline - t.verdictWindow),
+            deadline: uint40(t.deadline),
+            caseEnd: uint40(_caseEnd(t)),
+            proofHash: _proof(taskId, t)
+        });
     }
 
-    function _kindOf(Record memory t) private view returns (bytes32) {
-        return organization.kindNumbered(t.kindId);
-    }
-
-    /// @dev The rules for work of this kind, as they are now.
-    function _rulesOf(Record memory t) private view returns (Kind memory) {
-        return organization.kindOf(_kindOf(t));
+    /// @dev Until then a ruling can be replaced.
+    function _caseEnd(Record memory t) private pure returns (uint256) {
+        return t.deadline + t.auditWindow;
     }
 
     function _requireState(TaskId taskId, Record memory t, TaskState expected) private view {
@@ -651,7 +684,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (caller != executor) revert NotExecutor(taskId, caller, executor);
     }
 
-    /// @dev Who wants this: the caller, or whose signature SignedRequests has seen (ERC-2771).
+    /// @dev The caller, or the signer whose request SignedRequests sends (ERC-2771).
     function _sender() private view returns (address sender) {
         sender = msg.sender;
         if (sender != address(signedRequests)) return sender;
@@ -667,58 +700,40 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return t.deadline - window + window / GRACE_SHARE;
     }
 
-    /// @dev The caller may give this verdict on this proof of the running attempt now.
-    /// @return parties see postVerdict
-    function _requireJudge(TaskId taskId, Record memory t, uint8 attempt, bytes32 proofHash, Verdict verdict)
+    /// @dev The caller judges tasks of this number.
+    /// @return afterRemoval whether that is because its judge was removed
+    function _requireJudge(KindId kindId) private view returns (bool afterRemoval) {
+        Bench storage bench = _benches[kindId];
+        afterRemoval = bench.removed;
+        address judge = bench.judge;
+        if (afterRemoval) {
+            address auditors = address(organization.auditors());
+            // Auditors that were removed as a kind's judge are no auditors of its tasks either.
+            judge = auditors == judge ? address(0) : auditors;
+        }
+        if (msg.sender != judge) revert NotJudge(msg.sender, kindId);
+    }
+
+    /// @dev A ruling can be made now, says something, and pays what it may.
+    function _requireRuling(TaskId taskId, Record memory t, Ruling ruling, uint256 amount, uint256 until)
         private
         view
-        returns (Parties parties)
     {
-        bool disputed = t.state == TaskState.Undecided;
-        // Not looked up, 2,100 gas, while no kind's review has changed since the task was posted.
-        uint8 changes = _totals.reviewsChanged;
-        Review review =
-            changes == t.reviewsChanged && changes != TaskRecords.MAX_CHANGES ? t.review : Review.None;
-        if (disputed) review = Review.Auditor;
-        bool mayJudge;
-        bool party;
-        (mayJudge, party, parties) =
-            services.rightOf(msg.sender, uint8(review), t.kindId, t.serviceId, t.creator);
-        if (!mayJudge) revert NotJudge(msg.sender, _kindOf(t));
-        if (party) revert JudgeIsParty(taskId, msg.sender);
-        // A task that was posted without an audit has no window for one, whatever its kind has now.
-        if (
-            verdict == Verdict.Undecided
-                && (disputed || t.auditWindow == 0 || _rulesOf(t).review != Review.Oracle)
-        ) {
-            revert AuditorMustDecide(taskId, msg.sender);
+        if (t.state != TaskState.Ruled) _requireState(taskId, t, TaskState.Submitted);
+        uint256 caseEnd = _caseEnd(t);
+        if (block.timestamp > caseEnd) revert CaseOver(taskId, caseEnd, block.timestamp);
+        if (until != 0 && (until <= block.timestamp || until > caseEnd)) {
+            revert InvalidUntil(taskId, until, caseEnd);
         }
-        _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
-        bytes32 submitted = _proof(taskId, t);
-        if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
-        if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
-    }
-
-    /// @dev The verdict says something, with an amount that it may carry.
-    function _requireContent(
-        TaskId taskId,
-        Record memory t,
-        Verdict verdict,
-        uint256 amount,
-        string calldata reportUri,
-        string calldata reason
-    ) private view {
-        if (verdict == Verdict.None) revert NoVerdict(taskId);
-        uint256 max = verdict == Verdict.Accepted ? t.price : 0;
+        if (ruling == Ruling.None) revert NoRuling(taskId);
+        uint256 max = ruling == Ruling.Accepted ? t.price : 0;
         if (amount > max || (amount == 0 && max != 0)) revert InvalidAmount(taskId, amount, max);
-        Texts.requireText(reportUri);
-        Texts.requireText(reason);
     }
 
-    /// @dev The proof that waits for its verdict; 0 if none does.
+    /// @dev The proof that waits for its ruling, or has one that stands; 0 if there is none.
     function _proof(TaskId taskId, Record memory t) private view returns (bytes32) {
         if (t.state == TaskState.Submitted) return _workers[t.serviceId].proof;
-        return t.state == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
+        return t.state == TaskState.Ruled ? _standing[taskId].proofHash : bytes32(0);
     }
 
     /// @dev The queue of an open task.
@@ -752,7 +767,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     function _outcome(Cause cause) private pure returns (Outcome) {
         if (cause == Cause.Rejected) return Outcome.Rejected;
-        if (cause == Cause.VerdictExpired) return Outcome.Unjudged;
+        if (cause == Cause.GivenUp || cause == Cause.Void) return Outcome.Unjudged;
         if (cause == Cause.NotAccepted) return Outcome.Missed;
         return cause == Cause.Abandoned ? Outcome.Abandoned : Outcome.Expired;
     }

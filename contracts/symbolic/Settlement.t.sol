@@ -6,8 +6,10 @@ import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {Review, Terms} from "../src/interfaces/IOrganization.sol";
-import {Silence, TaskRequest, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Terms} from "../src/interfaces/IOrganization.sol";
+import {Fault, Ruling, TaskRequest} from "../src/interfaces/ITaskManager.sol";
+import {Finding} from "../src/interfaces/IJudge.sol";
+import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 
@@ -33,6 +35,8 @@ contract SettlementSymbolic is Test {
     Organization private organization;
     ServiceManager private services;
     TaskManager private tasks;
+    RoleJudge private judges;
+    RoleJudge private auditors;
     TaskId private taskId;
 
     /// @dev The solver's machine numbers new contracts one after the other, whoever makes them.
@@ -49,12 +53,14 @@ contract SettlementSymbolic is Test {
         new Organization(coin, services, tasks, policy, ADMIN, 0, Terms(0, 0, 0));
         new ServiceManager(organization, tasks);
         assert(address(new TaskManager(organization, services)) == address(tasks));
+        auditors = new RoleJudge(organization, keccak256("AUDITOR_ROLE"), address(0));
+        judges = new RoleJudge(organization, keccak256("ORACLE_ROLE"), address(auditors));
         vm.warp(1_700_000_000);
         vm.startPrank(ADMIN);
         organization.grantRole(organization.ORACLE_ROLE(), JUDGE);
         organization.grantRole(organization.AUDITOR_ROLE(), AUDITOR);
-        organization.setAudit(KIND, WINDOW, Silence.Executor);
-        organization.allowKind(KIND, Review.Oracle, keccak256("rules"));
+        organization.setAudit(KIND, WINDOW);
+        organization.allowKind(KIND, judges, keccak256("rules"));
         organization.grantRole(organization.OPERATOR_ROLE(), ADMIN);
         vm.stopPrank();
         for (uint256 i = 0; i < holders.length; ++i) {
@@ -66,37 +72,58 @@ contract SettlementSymbolic is Test {
     }
 
     /// @dev An accepted amount is paid if and only if the agreed price covers it: to the wei, and to nobody else.
-    function check_acceptedWorkIsPaidWhatTheVerdictSays(uint256 amount, uint96 bond, uint96 penalty) public {
+    function check_acceptedWorkIsPaidWhatTheVerdictSays(uint96 amount, uint96 bond, uint96 penalty) public {
         _proven(bond, penalty);
-        bool done = _says(JUDGE, Verdict.Accepted, amount);
+        bool done = _says(JUDGE, Ruling.Accepted, amount);
         assert(done == (0 < amount && amount <= PRICE));
         if (done) _assertPaid(amount, REWARD - amount, 0, bond, bond);
     }
 
     /// @dev Rejected work is paid nothing, and costs the penalty.
-    function check_rejectedWorkIsPaidNothing(uint256 amount, uint96 bond, uint96 penalty) public {
+    function check_rejectedWorkIsPaidNothing(uint96 amount, uint96 bond, uint96 penalty) public {
         _proven(bond, penalty);
-        bool done = _says(JUDGE, Verdict.Rejected, amount);
+        bool done = _says(JUDGE, Ruling.Rejected, amount);
         assert(done == (amount == 0));
         if (done) _assertPaid(0, REWARD, penalty, bond, bond - penalty);
     }
 
     /// @dev What cannot be done is paid the share for its trouble.
-    function check_impossibleWorkIsPaidItsShare(uint256 amount, uint96 bond, uint96 penalty) public {
+    function check_impossibleWorkIsPaidItsShare(uint96 amount, uint96 bond, uint96 penalty) public {
         _proven(bond, penalty);
         uint256 share = PRICE / tasks.IMPOSSIBLE_SHARE();
-        bool done = _says(JUDGE, Verdict.Impossible, amount);
+        bool done = _says(JUDGE, Ruling.Impossible, amount);
         assert(done == (amount == 0));
         if (done) _assertPaid(share, REWARD - share, 0, bond, bond);
     }
 
     /// @dev What auditors say of work that the judge could not decide is paid like what judges say.
-    function check_auditedWorkIsPaidWhatTheVerdictSays(uint256 amount, uint96 bond, uint96 penalty) public {
+    function check_auditedWorkIsPaidWhatTheVerdictSays(uint96 amount, uint96 bond, uint96 penalty) public {
         _proven(bond, penalty);
-        assert(_says(JUDGE, Verdict.Undecided, 0));
-        bool done = _says(AUDITOR, Verdict.Accepted, amount);
+        assert(_says(JUDGE, Ruling.None, 0));
+        bool done = _says(AUDITOR, Ruling.Accepted, amount);
         assert(done == (0 < amount && amount <= PRICE));
         if (done) _assertPaid(amount, REWARD - amount, 0, bond, bond);
+    }
+
+    /// @dev What stands first and is concluded later pays the same, and the penalty only where it is rejected.
+    function check_whatStandsIsPaidWhenItIsConcluded(uint8 said, uint96 amount, uint96 bond, uint96 penalty)
+        public
+    {
+        _proven(bond, penalty);
+        Ruling ruling = said % 2 == 0 ? Ruling.Accepted : Ruling.Rejected;
+        bytes memory call = abi.encodeCall(
+            tasks.rule, (taskId, 1, PROOF, ruling, Fault.Nobody, amount, uint40(block.timestamp + WINDOW), 0)
+        );
+        vm.prank(address(judges));
+        (bool done,) = address(tasks).call(call);
+        uint256 max = ruling == Ruling.Accepted ? PRICE : 0;
+        assert(done == (amount <= max && (amount != 0 || max == 0)));
+        if (!done) return;
+        _assertPaid(0, 0, 0, bond, REWARD + bond);
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.conclude(taskId);
+        if (max != 0) _assertPaid(amount, REWARD - amount, 0, bond, bond);
+        else _assertPaid(0, REWARD, penalty, bond, bond - penalty);
     }
 
     /// @dev A task of one attempt, whose proof waits for a verdict.
@@ -113,13 +140,14 @@ contract SettlementSymbolic is Test {
         _assertPaid(0, 0, 0, bond, REWARD + bond);
     }
 
-    function _says(address judge, Verdict verdict, uint256 amount) private returns (bool done) {
-        bytes32 report = keccak256("report");
-        bytes memory call = abi.encodeCall(
-            tasks.postVerdict, (taskId, 1, PROOF, verdict, amount, report, "report", "because")
-        );
+    function _says(address judge, Ruling ruling, uint96 amount) private returns (bool done) {
+        Finding memory f =
+            Finding(taskId, 1, PROOF, keccak256("report"), 0, ruling, Fault.Nobody, amount, "because");
+        bytes memory call = judge == AUDITOR
+            ? abi.encodeCall(auditors.ruleFor, (judges, f, "report"))
+            : abi.encodeCall(judges.rule, (f, "report"));
         vm.prank(judge);
-        (done,) = address(tasks).call(call);
+        (done,) = judge == AUDITOR ? address(auditors).call(call) : address(judges).call(call);
     }
 
     /// @dev What each has got of the reward, the bond that the robot gave, and what stays in escrow.

@@ -6,17 +6,11 @@ import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {Vm} from "forge-std/Vm.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {
-    Hire,
-    ITaskManager,
-    Silence,
-    TaskRequest,
-    TaskState,
-    Verdict
-} from "../src/interfaces/ITaskManager.sol";
+import {Fault, Hire, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
+import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -104,7 +98,9 @@ contract AttackTest is Fixture {
         TaskId taskId = post(alice, 100 ether);
         vm.startPrank(oracle);
         vm.expectRevert(_wrongState(taskId, TaskState.Assigned, TaskState.Submitted));
-        tasks.postVerdict(taskId, 1, 0, Verdict.Accepted, 80 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, 0, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 80 ether, ""), ""
+        );
     }
 
     function test_attack_aVerdictIsAcceptedForAnotherProofThanWasSubmitted() public {
@@ -114,7 +110,9 @@ contract AttackTest is Fixture {
         bytes32 other = keccak256("other");
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ProofMismatch.selector, taskId, PROOF, other));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, other, Verdict.Accepted, 80 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, other, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 80 ether, ""), ""
+        );
     }
 
     function test_attack_theVerdictOnAnEarlierAttemptIsPlayedAgain() public {
@@ -124,7 +122,9 @@ contract AttackTest is Fixture {
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 80 ether, ""), ""
+        );
     }
 
     function test_attack_theProofOfTheLastTaskCountsForTheNext() public {
@@ -134,7 +134,9 @@ contract AttackTest is Fixture {
         assertEq(tasks.task(taskId).proofHash, 0);
         vm.expectRevert(_wrongState(taskId, TaskState.Assigned, TaskState.Submitted));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 80 ether, ""), ""
+        );
     }
 
     function test_attack_theProofIsReplacedAfterSubmission() public {
@@ -206,16 +208,15 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_theOracleNeverAnswers() public {
-        vm.prank(admin);
-        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
         ServiceId serviceId = offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
-        for (uint8 i = 1; i <= ATTEMPTS; ++i) {
-            submit(taskId);
-            vm.warp(block.timestamp + WINDOW + 1);
-            vm.prank(stranger);
-            tasks.expireTask(taskId);
-        }
+        submit(taskId);
+        vm.warp(block.timestamp + WINDOW + 1);
+        vm.prank(stranger);
+        tasks.conclude(taskId);
+        vm.warp(tasks.standing(taskId).until + 1);
+        vm.prank(stranger);
+        tasks.conclude(taskId);
         assertState(taskId, TaskState.Failed);
         assertEq(coin.balanceOf(alice), 2000 ether);
         assertEq(services.service(serviceId).failures, 0, "not the executor's fault");
@@ -231,12 +232,14 @@ contract AttackTest is Fixture {
         offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, robot1));
+        vm.expectRevert(abi.encodeWithSelector(IJudge.JudgeIsParty.selector, taskId, robot1));
         vm.prank(robot1);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
-        vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, alice));
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 80 ether, ""), ""
+        );
+        vm.expectRevert(abi.encodeWithSelector(IJudge.JudgeIsParty.selector, taskId, alice));
         vm.prank(alice);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "", "");
+        oracleJudge.rule(Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Rejected, Fault.Nobody, 0, ""), "");
     }
 
     function test_attack_aWindowThatIsTooShortForTheWorkHarvestsPenalties() public {
@@ -271,21 +274,17 @@ contract AttackTest is Fixture {
             vm.prank(alice);
             tasks.registerTask(r);
         }
-        // And where nobody judges in the shortest window, the kind says who wins: here the executor.
+        // And where nobody judges in the shortest window, nobody is paid: the creator has what it gave, and no work.
         r.verdictWindow = min;
         vm.prank(alice);
         TaskId taskId = tasks.registerTask(r);
         submit(taskId);
-        vm.prank(admin);
-        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
-        vm.warp(block.timestamp + min + 1);
-        vm.expectEmit(address(tasks));
-        emit ITaskManager.TaskSettled(taskId, robot1, 80 ether, 20 ether);
+        vm.warp(block.timestamp + min + AUDIT_WINDOW + 1);
         vm.prank(alice);
-        tasks.expireTask(taskId);
-        assertState(taskId, TaskState.Settled);
-        assertEq(coin.balanceOf(robot1), 2080 ether);
-        assertEq(coin.balanceOf(alice), 1920 ether);
+        tasks.conclude(taskId);
+        assertState(taskId, TaskState.Failed);
+        assertEq(coin.balanceOf(robot1), 2000 ether);
+        assertEq(coin.balanceOf(alice), 2000 ether);
         assertEq(services.service(serviceNo(1)).completed, 0, "nobody judged it");
     }
 

@@ -21,7 +21,7 @@ contract BudgetVotesTest is Fixture {
         super.setUp();
         members = new MemberVotes(organization);
         rounds = new BudgetVotes(organization, members);
-        bytes32 role = organization.TREASURER_ROLE();
+        bytes32 role = organization.ALLOCATOR_ROLE();
         vm.prank(admin);
         organization.grantRole(role, address(rounds));
         _admit(alice);
@@ -137,33 +137,58 @@ contract BudgetVotesTest is Fixture {
         uint256 roundId = _open(uint96(treasury));
         _vote(alice, roundId, 9, 1);
         vm.warp(block.timestamp + 1 days);
-        bytes32 role = organization.TREASURER_ROLE();
-        vm.startPrank(admin);
+        vm.prank(admin);
         organization.withdraw(admin, treasury / 2);
-        vm.stopPrank();
         vm.expectPartialRevert(IERC20Errors.ERC20InsufficientBalance.selector);
         rounds.pay(roundId, 0);
         rounds.pay(roundId, 1);
         assertEq(coin.balanceOf(recipients[1]), treasury / 10);
-        // What the treasurers may pay in a period bounds it, too.
         vm.startPrank(admin);
         coin.approve(address(organization), treasury);
         organization.deposit(treasury / 2);
-        organization.setBudget(role, uint96(treasury / 2), 1 days);
         vm.stopPrank();
-        vm.expectPartialRevert(IOrganization.OverBudget.selector);
-        rounds.pay(roundId, 0);
-        vm.prank(admin);
-        organization.setBudget(role, uint96(treasury), 1 days);
         rounds.pay(roundId, 0);
         assertEq(coin.balanceOf(recipients[0]), treasury / 10 * 9);
     }
 
-    function test_withoutTheRoleOfTreasurersNobodyIsPaid() public {
+    function test_sharesUseUpNoBudgetAndTreasurersKeepTheirs() public {
+        bytes32 role = organization.TREASURER_ROLE();
+        vm.prank(admin);
+        organization.setBudget(role, 10 ether, 1 days);
         uint256 roundId = _open(100 ether);
         _vote(alice, roundId, 10, 0);
         vm.warp(block.timestamp + 1 days);
-        bytes32 role = organization.TREASURER_ROLE();
+        vm.prank(admin);
+        organization.withdraw(admin, 10 ether);
+        rounds.pay(roundId, 0);
+        assertEq(coin.balanceOf(recipients[0]), 100 ether);
+        assertEq(organization.budgetOf(role).spent, 10 ether);
+        vm.expectPartialRevert(IOrganization.OverBudget.selector);
+        vm.prank(admin);
+        organization.withdraw(admin, 1);
+    }
+
+    function test_noKeyPaysShares() public {
+        bytes32 role = organization.ALLOCATOR_ROLE();
+        vm.startPrank(admin);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.NotAContract.selector, alice));
+        organization.grantRole(role, alice);
+        // A key to which EIP-7702 has given the code of a contract.
+        vm.etch(bob, abi.encodePacked(hex"ef0100", address(rounds)));
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.NotAContract.selector, bob));
+        organization.grantRole(role, bob);
+        vm.expectRevert(
+            abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, admin, role)
+        );
+        organization.payShare(admin, 1);
+        vm.stopPrank();
+    }
+
+    function test_withoutTheRoleOfAllocatorsNobodyIsPaid() public {
+        uint256 roundId = _open(100 ether);
+        _vote(alice, roundId, 10, 0);
+        vm.warp(block.timestamp + 1 days);
+        bytes32 role = organization.ALLOCATOR_ROLE();
         vm.prank(admin);
         organization.revokeRole(role, address(rounds));
         vm.expectRevert(

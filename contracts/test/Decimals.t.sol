@@ -7,7 +7,7 @@ import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
@@ -39,14 +39,6 @@ contract DecimalsTest is Fixture {
         assertEq(tasks.held(), 0);
     }
 
-    function test_aPermitIsNotNeeded() public {
-        offer(robot1, 80 * TOKEN);
-        vm.prank(alice);
-        TaskId taskId = tasks.registerTaskWithPermit(request(100 * TOKEN), 0, 0, 0, 0);
-        attempt(taskId, true);
-        assertEq(_token.balanceOf(robot1), 1080 * TOKEN);
-    }
-
     function test_bondsPenaltiesAndPartPaymentsAreExact() public {
         setTerms(uint96(50 * TOKEN), uint96(20 * TOKEN + 1), 0);
         ServiceId serviceId = offer(robot1, 80 * TOKEN);
@@ -54,7 +46,7 @@ contract DecimalsTest is Fixture {
         attempt(taskId, false);
         assertEq(_token.balanceOf(address(organization)), 20 * TOKEN + 1);
         submit(taskId);
-        judgeAs(oracle, taskId, Verdict.Accepted, 1);
+        judgeAs(oracle, taskId, Ruling.Accepted, 1);
         update(serviceId, 80 * TOKEN, ServiceState.Retired);
         assertEq(
             _token.balanceOf(robot1), 1000 * TOKEN - 20 * TOKEN, "less the penalty, with one unit of pay"
@@ -84,7 +76,7 @@ contract DecimalsTest is Fixture {
         assertEq(tasks.task(post(alice, TOKEN)).price, 3 * TOKEN / 100);
         TaskId waits = post(alice, 2 * TOKEN / 100 - 1);
         assertState(waits, TaskState.Open);
-        assertEq(tasks.oldestOpen(CLEANING, 19_900), waits, "three digits of it");
+        assertEq(tasks.oldestOpen(cleaning(), 19_900), waits, "three digits of it");
     }
 
     /// @dev A hundred tokens make a name, not a hundred billion of their smallest units.

@@ -7,9 +7,11 @@ import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {Review, Terms} from "../src/interfaces/IOrganization.sol";
+import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
+import {Terms} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Silence, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Fault, Ruling, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
@@ -63,6 +65,8 @@ abstract contract Fixture is Numbers, Test {
     Organization internal organization;
     ServiceManager internal services;
     TaskManager internal tasks;
+    RoleJudge internal oracleJudge;
+    RoleJudge internal auditorJudge;
 
     function setUp() public virtual {
         address[] memory holders = new address[](4);
@@ -92,16 +96,19 @@ abstract contract Fixture is Numbers, Test {
         new Organization(token, services, tasks, policy, admin, 0, Terms(0, 0, 0));
         new ServiceManager(organization, tasks);
         new TaskManager(organization, services);
+        auditorJudge = new RoleJudge(organization, organization.AUDITOR_ROLE(), address(0));
+        oracleJudge = new RoleJudge(organization, organization.ORACLE_ROLE(), address(auditorJudge));
 
         vm.startPrank(admin);
         organization.grantRole(organization.ORACLE_ROLE(), oracle);
         organization.grantRole(organization.AUDITOR_ROLE(), auditor);
         organization.grantRole(organization.OPERATOR_ROLE(), admin);
         organization.grantRole(organization.TREASURER_ROLE(), admin);
-        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Executor);
-        organization.setAudit(CHARGING, AUDIT_WINDOW, Silence.Creator);
-        organization.allowKind(CLEANING, Review.Oracle, RULES);
-        organization.allowKind(CHARGING, Review.Oracle, RULES);
+        organization.setAudit(CLEANING, AUDIT_WINDOW);
+        organization.setAudit(CHARGING, AUDIT_WINDOW);
+        organization.setAuditors(auditorJudge);
+        organization.allowKind(CLEANING, oracleJudge, RULES);
+        organization.allowKind(CHARGING, oracleJudge, RULES);
         vm.stopPrank();
     }
 
@@ -149,17 +156,30 @@ abstract contract Fixture is Numbers, Test {
 
     /// @dev The oracle accepts at the full price, or rejects.
     function judge(TaskId taskId, bool accepted) internal {
-        Task memory t = tasks.task(taskId);
-        (Verdict verdict, uint256 amount) =
-            accepted ? (Verdict.Accepted, uint256(t.price)) : (Verdict.Rejected, 0);
-        vm.prank(oracle);
-        tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, REPORT, "report", "because");
+        uint256 price = tasks.task(taskId).price;
+        judgeAs(oracle, taskId, accepted ? Ruling.Accepted : Ruling.Rejected, accepted ? price : 0);
     }
 
-    function judgeAs(address who, TaskId taskId, Verdict verdict, uint256 amount) internal {
-        Task memory t = tasks.task(taskId);
+    /// @dev The auditor rules on what the oracle has passed on, by the ruling None.
+    function judgeAs(address who, TaskId taskId, Ruling ruling, uint256 amount) internal {
+        Finding memory f = finding(taskId, ruling, amount);
         vm.prank(who);
-        tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, REPORT, "report", "because");
+        if (who == auditor) auditorJudge.ruleFor(oracleJudge, f, "report");
+        else oracleJudge.rule(f, "report");
+    }
+
+    function finding(TaskId taskId, Ruling ruling, uint256 amount) internal view returns (Finding memory) {
+        Task memory t = tasks.task(taskId);
+        return Finding(
+            taskId, t.attempt, t.proofHash, REPORT, RULES, ruling, Fault.Nobody, uint96(amount), "because"
+        );
+    }
+
+    /// @dev What the kind's judge says until `until`, whichever contract it is.
+    function ruleUntil(IJudge judge_, TaskId taskId, Ruling ruling, uint256 amount, uint256 until) internal {
+        Finding memory f = finding(taskId, ruling, amount);
+        vm.prank(address(judge_));
+        tasks.rule(taskId, f.attempt, f.proofHash, ruling, f.fault, f.amount, uint40(until), f.reportHash);
     }
 
     function state(TaskId taskId) internal view returns (TaskState) {
@@ -174,6 +194,11 @@ abstract contract Fixture is Numbers, Test {
         assertState(taskId, TaskState.Assigned);
         assertEq(tasks.task(taskId).serviceId, serviceId, "the task's service");
         assertEq(services.service(serviceId).taskId, taskId, "the service's task");
+    }
+
+    /// @dev Its number with the judge that it has now.
+    function cleaning() internal view returns (KindId) {
+        return organization.numberOf(CLEANING);
     }
 
     function exists(TaskId taskId) internal view returns (bool) {

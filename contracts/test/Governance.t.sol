@@ -7,8 +7,14 @@ import {TimelockController} from "@openzeppelin/contracts/governance/TimelockCon
 import {MemberVotes} from "../src/governance/MemberVotes.sol";
 import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
 import {OrganizationTimelock} from "../src/governance/OrganizationTimelock.sol";
+import {Instance} from "../src/interfaces/IDisputeJudge.sol";
+import {IJudge} from "../src/interfaces/IJudge.sol";
 import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {CommitteeJudge} from "../src/judges/CommitteeJudge.sol";
+import {DisputeJudge} from "../src/judges/DisputeJudge.sol";
+import {RoleJudge} from "../src/judges/RoleJudge.sol";
+import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -36,7 +42,7 @@ contract GovernanceTest is Fixture {
         uint64 nonce = vm.getNonce(address(this));
         address[] memory proposers = new address[](1);
         proposers[0] = vm.computeCreateAddress(address(this), nonce + 1);
-        timelock = new OrganizationTimelock(DELAY, proposers);
+        timelock = new OrganizationTimelock(DELAY, proposers, true);
         governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 25);
         vm.startPrank(admin);
         serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
@@ -94,6 +100,7 @@ contract GovernanceTest is Fixture {
         uint256 proposalId = _propose(alice);
         _vote(alice, proposalId, FOR);
         _vote(bob, proposalId, FOR);
+        _vote(robot1, proposalId, FOR);
         _endVote(proposalId);
         _queue();
         vm.warp(block.timestamp + DELAY);
@@ -223,7 +230,122 @@ contract GovernanceTest is Fixture {
         votes.delegateBySig(bob, 0, type(uint256).max, 0, 0, 0);
     }
 
+    function _member(uint160 number) private returns (address account) {
+        account = address(number << 96);
+        vm.prank(address(timelock));
+        organization.admit(account);
+        votes.sync(account);
+    }
+
+    function test_aQuorumIsRoundedUpIsTwoAndIsAMajorityOfFewerThanTen() public {
+        // 25 % of 3 to 13 members.
+        uint8[11] memory expected = [2, 3, 3, 4, 4, 5, 5, 3, 3, 3, 4];
+        for (uint160 i = 0; i < expected.length; ++i) {
+            assertEq(votes.getPastTotalSupply(block.timestamp - 1), 3 + i);
+            assertEq(governor.quorum(block.timestamp - 1), expected[i], "quorum");
+            _member(i + 1);
+            vm.warp(block.timestamp + 1);
+        }
+    }
+
+    function test_noPercentageLetsOneMemberDecide() public {
+        targets[0] = address(governor);
+        _decide(abi.encodeCall(governor.updateQuorumNumerator, (0)));
+        for (uint160 i = 1; i <= 9; ++i) {
+            _member(i);
+        }
+        vm.warp(block.timestamp + 1);
+        assertEq(governor.quorum(block.timestamp - 1), 2);
+    }
+
+    function test_attack_oneOfSevenTakesTheTreasury() public {
+        for (uint160 i = 1; i <= 4; ++i) {
+            _member(i);
+        }
+        vm.warp(block.timestamp + 1);
+        bytes32 treasurers = organization.TREASURER_ROLE();
+        calldatas[0] = abi.encodeCall(organization.grantRole, (treasurers, alice));
+        uint256 proposalId = _propose(alice);
+        _vote(alice, proposalId, FOR);
+        _vote(bob, proposalId, FOR);
+        _vote(robot1, proposalId, FOR);
+        _endVote(proposalId);
+        _assertState(proposalId, IGovernor.ProposalState.Defeated);
+    }
+
+    function _expectTooFew(uint256 members) private {
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.TooFewMembers.selector, members, 3));
+    }
+
+    function test_nobodyLeavesBelowThreeWhileMembersVote() public {
+        bytes32 role = organization.MEMBER_ROLE();
+        _expectTooFew(2);
+        vm.prank(bob);
+        organization.renounceRole(role, bob);
+        vm.startPrank(address(timelock));
+        _expectTooFew(2);
+        organization.dismiss(bob);
+        _expectTooFew(2);
+        organization.revokeRole(role, bob);
+        bytes[] memory both = new bytes[](2);
+        both[0] = abi.encodeCall(organization.dismiss, (bob));
+        both[1] = abi.encodeCall(organization.admit, (robot2));
+        _expectTooFew(2);
+        organization.multicall(both);
+        (both[0], both[1]) = (both[1], both[0]);
+        organization.multicall(both);
+        // Who is no member any more, or is one already, changes no number.
+        organization.dismiss(bob);
+        organization.admit(alice);
+        assertEq(organization.memberCount(), 3);
+        organization.beginDefaultAdminTransfer(admin);
+        vm.stopPrank();
+        // Where a key decides, there may be fewer.
+        vm.warp(block.timestamp + 1);
+        vm.startPrank(admin);
+        organization.acceptDefaultAdminTransfer();
+        organization.dismiss(robot2);
+        vm.stopPrank();
+        assertEq(organization.memberCount(), 2);
+    }
+
+    function test_votesAreNotSwitchedOnBelowThree() public {
+        found(coin);
+        vm.startPrank(admin);
+        organization.admit(alice);
+        organization.admit(bob);
+        organization.beginDefaultAdminTransfer(address(timelock));
+        vm.stopPrank();
+        vm.warp(block.timestamp + 1);
+        _expectTooFew(2);
+        timelock.acceptAdministration(organization);
+        vm.prank(admin);
+        organization.admit(robot1);
+        timelock.acceptAdministration(organization);
+        assertEq(organization.defaultAdmin(), address(timelock));
+    }
+
+    /// @dev The timelock administers it from the constructor on, and the founder has forgotten somebody.
+    function test_whereThereAreFewerThanThreeNobodyProposes() public {
+        found(coin);
+        votes = new MemberVotes(organization);
+        governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 25);
+        vm.startPrank(admin);
+        organization.admit(alice);
+        organization.admit(bob);
+        vm.stopPrank();
+        votes.sync(alice);
+        votes.sync(bob);
+        vm.warp(block.timestamp + 1);
+        _expectTooFew(2);
+        _propose(alice);
+        vm.prank(admin);
+        organization.admit(robot1);
+        _propose(alice);
+    }
+
     function test_whoIsDismissedDoesNotVoteAnyMore() public {
+        _member(1);
         _decide(abi.encodeCall(organization.dismiss, (bob)));
         description = "without bob";
         uint256 proposalId = _propose(alice);
@@ -233,7 +355,7 @@ contract GovernanceTest is Fixture {
         assertEq(inFavour, 0);
         votes.sync(bob);
         vm.warp(block.timestamp + 1);
-        assertEq(votes.getPastTotalSupply(block.timestamp - 1), 2);
+        assertEq(votes.getPastTotalSupply(block.timestamp - 1), 3);
         assertEq(votes.getVotes(bob), 0);
     }
 
@@ -246,7 +368,7 @@ contract GovernanceTest is Fixture {
     function test_whoSetsUpActsAtOnceAndEndsWithNothing() public {
         address[] memory proposers = new address[](2);
         (proposers[0], proposers[1]) = (address(governor), address(this));
-        OrganizationTimelock young = new OrganizationTimelock(0, proposers);
+        OrganizationTimelock young = new OrganizationTimelock(0, proposers, true);
         bytes32 proposer = young.PROPOSER_ROLE();
         address[] memory itself = new address[](3);
         (itself[0], itself[1], itself[2]) = (address(young), address(young), address(young));
@@ -284,7 +406,7 @@ contract WaitingAdministratorTest is Fixture {
         super.setUp();
         address[] memory proposers = new address[](1);
         proposers[0] = admin;
-        timelock = new OrganizationTimelock(0, proposers);
+        timelock = new OrganizationTimelock(0, proposers, false);
         vm.prank(admin);
         organization.beginDefaultAdminTransfer(address(timelock));
         vm.warp(block.timestamp + 1);
@@ -364,6 +486,38 @@ contract WaitingAdministratorTest is Fixture {
         vm.expectPartialRevert(bytes4(keccak256("AccessControlEnforcedDefaultAdminRules()")));
         vm.prank(address(timelock));
         organization.grantRole(administrator, admin);
+    }
+
+    /// @dev Another judge, its judges, its instances and the auditors: whoever looks can see them coming.
+    function test_aJudgeIsNamedAfterTheDelay() public {
+        RoleJudge other = new RoleJudge(organization, organization.ORACLE_ROLE(), address(0));
+        CommitteeJudge committee = new CommitteeJudge(organization, address(0));
+        DisputeJudge disputes = new DisputeJudge(organization, address(0));
+        bytes32 administrator = organization.DEFAULT_ADMIN_ROLE();
+        vm.startPrank(admin);
+        _expectUnauthorized(admin, administrator);
+        organization.allowKind(CLEANING, other, RULES);
+        _expectUnauthorized(admin, administrator);
+        organization.setAuditors(other);
+        bytes memory refusal = abi.encodeWithSelector(IJudge.NotAdministrator.selector, admin);
+        vm.expectRevert(refusal);
+        committee.seat(admin, admin, 0, 0);
+        vm.expectRevert(refusal);
+        committee.setQuorum(CLEANING, 1, 1, 0, 1);
+        vm.expectRevert(refusal);
+        disputes.setInstances(CLEANING, new Instance[](0));
+        vm.stopPrank();
+        KindId number = cleaning();
+        _propose(
+            address(organization), abi.encodeCall(organization.allowKind, (CLEANING, other, RULES)), 0, DELAY
+        );
+        vm.warp(block.timestamp + DELAY - 1);
+        vm.expectPartialRevert(TimelockController.TimelockUnexpectedOperationState.selector);
+        _execute(0);
+        vm.warp(block.timestamp + 1);
+        _execute(0);
+        assertTrue(cleaning() != number);
+        assertEq(address(organization.judgeNumbered(cleaning())), address(other));
     }
 
     function test_theDelayIsShortenedAfterTheDelayAndShortensNothingThatWaits() public {

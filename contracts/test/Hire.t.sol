@@ -9,7 +9,7 @@ import {
     Task,
     TaskRequest,
     TaskState,
-    Verdict
+    Ruling
 } from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -258,9 +258,9 @@ contract HireTest is Fixture {
         ServiceId first = offer(robot1, 60 ether);
         TaskId taskId = _hireFrom(robot1, 100 ether);
         submit(taskId);
-        judgeAs(oracle, taskId, Verdict.Undecided, 0);
+        judgeAs(oracle, taskId, Ruling.None, 0);
         update(first, 60 ether, ServiceState.Retired);
-        judgeAs(auditor, taskId, Verdict.Rejected, 0);
+        judgeAs(auditor, taskId, Ruling.Rejected, 0);
         assertState(taskId, TaskState.Open);
         vm.prank(stranger);
         tasks.matchTask(taskId);

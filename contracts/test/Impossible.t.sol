@@ -2,7 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Cause, ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Cause, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -276,7 +276,7 @@ contract ImpossibleTest is Fixture {
         submit(taskId);
         vm.expectEmit(address(tasks));
         emit ITaskManager.TaskSettled(taskId, robot1, 8 ether, 92 ether);
-        judgeAs(oracle, taskId, Verdict.Impossible, 0);
+        judgeAs(oracle, taskId, Ruling.Impossible, 0);
         assertState(taskId, TaskState.Settled);
         assertEq(coin.balanceOf(robot1), 1958 ether, "2000, less the bond");
         assertEq(coin.balanceOf(alice), 1992 ether);
@@ -289,8 +289,8 @@ contract ImpossibleTest is Fixture {
         offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        judgeAs(oracle, taskId, Verdict.Undecided, 0);
-        judgeAs(auditor, taskId, Verdict.Impossible, 0);
+        judgeAs(oracle, taskId, Ruling.None, 0);
+        judgeAs(auditor, taskId, Ruling.Impossible, 0);
         assertState(taskId, TaskState.Settled);
         assertEq(coin.balanceOf(robot1), 1958 ether);
         assertEq(coin.balanceOf(alice), 1992 ether);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Disputes} from "../src/Disputes.sol";
-import {OracleCommittee} from "../src/OracleCommittee.sol";
-import {Instance, Ruling} from "../src/interfaces/IDisputes.sol";
-import {Vote} from "../src/interfaces/IOracleCommittee.sol";
-import {Task, TaskRequest, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Instance} from "../src/interfaces/IDisputeJudge.sol";
+import {Finding} from "../src/interfaces/IJudge.sol";
+import {Fault, Ruling, Task, TaskRequest} from "../src/interfaces/ITaskManager.sol";
+import {CommitteeJudge} from "../src/judges/CommitteeJudge.sol";
+import {DisputeJudge} from "../src/judges/DisputeJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Committee} from "./Committee.sol";
 
@@ -19,24 +19,20 @@ abstract contract Instances is Committee {
     uint96 internal constant JUDGE_STAKE = 5 ether;
     string internal constant REPORT_URI = "https://store/report.json";
 
-    Disputes internal disputes;
-    OracleCommittee internal second;
-    OracleCommittee internal third;
+    DisputeJudge internal disputes;
+    CommitteeJudge internal second;
+    CommitteeJudge internal third;
     uint256[] internal secondKeys;
     uint256[] internal thirdKeys;
 
     function setUp() public virtual override {
         super.setUp();
-        disputes = new Disputes(organization);
+        disputes = new DisputeJudge(organization, address(auditorJudge));
         (second, secondKeys) = seated("second", 7, 4);
         (third, thirdKeys) = seated("third", 9, 5);
-        bytes32 role = organization.ORACLE_ROLE();
-        vm.startPrank(admin);
-        organization.revokeRole(role, address(committee));
-        organization.grantRole(role, address(disputes));
-        organization.setVerdictWindows(CLEANING, 2 hours, 1 days);
-        disputes.setInstances(CLEANING, three());
-        vm.stopPrank();
+        setInstances(three());
+        vm.prank(admin);
+        organization.allowKind(CLEANING, disputes, RULES);
         address[4] memory owners = [alice, robot1, judges[0], stranger];
         for (uint256 i = 0; i < 4; ++i) {
             vm.prank(bob);
@@ -49,13 +45,7 @@ abstract contract Instances is Committee {
     function everything() internal view returns (uint256) {
         return coin.balanceOf(alice) + coin.balanceOf(robot1) + coin.balanceOf(judges[0])
             + coin.balanceOf(address(organization)) + coin.balanceOf(address(tasks))
-            + coin.balanceOf(address(disputes));
-    }
-
-    function assertEmpty(TaskId taskId) internal view {
-        (Ruling[] memory rulings,,) = disputes.caseOf(taskId);
-        assertEq(rulings.length, 0);
-        assertEq(coin.balanceOf(address(disputes)), 0);
+            + coin.balanceOf(address(disputes)) + coin.balanceOf(stranger);
     }
 
     function three() internal view returns (Instance[] memory all) {
@@ -71,24 +61,10 @@ abstract contract Instances is Committee {
         (all[0].judgeStake, all[1].judgeStake) = (JUDGE_STAKE, JUDGE_STAKE);
     }
 
-    /// @dev What the stranger adds so that the judge has its stake.
-    function deposit(OracleCommittee who, uint8 seat) internal returns (uint256 missing) {
-        (uint256 stake,,) = disputes.stakeOf(who, seat);
-        if (stake >= JUDGE_STAKE) return 0;
-        missing = JUDGE_STAKE - stake;
+    /// @dev From the stranger's money.
+    function deposit(CommitteeJudge who, uint8 seat_, uint256 amount) internal {
         vm.prank(stranger);
-        disputes.depositStake(who, seat, missing);
-    }
-
-    /// @dev What judges of these committees have deposited.
-    function deposited() internal view returns (uint256 all) {
-        OracleCommittee[2] memory committees = [committee, second];
-        for (uint256 i = 0; i < 2; ++i) {
-            for (uint8 seat = 0; seat < 7; ++seat) {
-                (uint256 stake, uint256 leaving,) = disputes.stakeOf(committees[i], seat);
-                all += stake + leaving;
-            }
-        }
+        disputes.depositStake(who, seat_, amount);
     }
 
     function setInstances(Instance[] memory instances) internal {
@@ -98,18 +74,17 @@ abstract contract Instances is Committee {
 
     function seated(string memory name, uint8 count, uint8 votes)
         internal
-        returns (OracleCommittee made, uint256[] memory keys)
+        returns (CommitteeJudge made, uint256[] memory keys)
     {
-        made = new OracleCommittee(organization);
+        made = new CommitteeJudge(organization, address(0));
         keys = new uint256[](count);
-        vm.startPrank(admin);
         for (uint8 i = 0; i < count; ++i) {
             address key;
             (key, keys[i]) = makeAddrAndKey(string.concat(name, vm.toString(i)));
-            made.seat(key, key);
+            seatIn(made, key, keys[i], key);
         }
+        vm.prank(admin);
         made.setQuorum(CLEANING, votes, count, 0, uint64((1 << count) - 1));
-        vm.stopPrank();
     }
 
     /// @dev A task of alice's whose proof robot1 has submitted, with time for disputes.
@@ -122,24 +97,36 @@ abstract contract Instances is Committee {
         submit(taskId);
     }
 
-    function voteOf(TaskId taskId, Verdict verdict) internal view returns (Vote memory vote) {
+    function voteOf(TaskId taskId, Ruling ruling) internal view returns (Finding memory) {
         Task memory t = tasks.task(taskId);
-        vote = Vote(taskId, t.attempt, PROOF, REPORT, RULES, verdict, 0, "accepted");
-        if (verdict == Verdict.Accepted) vote.amount = t.price;
+        uint96 amount = ruling == Ruling.Accepted ? t.price : 0;
+        return Finding(taskId, t.attempt, PROOF, REPORT, RULES, ruling, Fault.Nobody, amount, "because");
     }
 
     /// @dev The first instance has said so.
-    function ruled(Verdict verdict) internal returns (Vote memory vote) {
-        vote = voteOf(waiting(), verdict);
+    function ruled(Ruling ruling) internal returns (TaskId taskId) {
+        taskId = waiting();
+        first(taskId, ruling);
+    }
+
+    function first(TaskId taskId, Ruling ruling) internal {
+        Finding memory vote = voteOf(taskId, ruling);
         disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
     }
 
-    function decide(OracleCommittee who, uint256[] memory keys, uint256 votes, TaskId taskId, Verdict verdict)
+    function decide(CommitteeJudge who, uint256[] memory keys, uint256 votes, TaskId taskId, Ruling ruling)
         internal
-        returns (Vote memory vote)
     {
-        vote = voteOf(taskId, verdict);
+        Finding memory vote = voteOf(taskId, ruling);
         disputes.postVotes(vote, REPORT_URI, by(who, keys, votes, vote));
+    }
+
+    function decideSecond(TaskId taskId, Ruling ruling) internal {
+        decide(second, secondKeys, 4, taskId, ruling);
+    }
+
+    function decideThird(TaskId taskId, Ruling ruling) internal {
+        decide(third, thirdKeys, 5, taskId, ruling);
     }
 
     function challenge(address who, TaskId taskId) internal {
@@ -147,22 +134,14 @@ abstract contract Instances is Committee {
         disputes.challenge(taskId, "wrong");
     }
 
-    function by(OracleCommittee who, uint256[] memory keys, uint256 count, Vote memory vote)
+    function by(CommitteeJudge who, uint256[] memory keys, uint256 count, Finding memory vote)
         internal
         view
         returns (bytes memory all)
     {
         for (uint256 i = 0; i < count; ++i) {
-            all = abi.encodePacked(all, signedBy(who, keys[i], vote));
+            (bytes32 r, bytes32 vs) = vm.signCompact(keys[i], who.digestOf(vote));
+            all = abi.encodePacked(all, r, vs);
         }
-    }
-
-    function signedBy(OracleCommittee who, uint256 key, Vote memory vote)
-        internal
-        view
-        returns (bytes memory)
-    {
-        (bytes32 r, bytes32 vs) = vm.signCompact(key, who.digestOf(vote));
-        return abi.encodePacked(r, vs);
     }
 }

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -43,31 +42,24 @@ contract PayoutTest is Fixture {
         assertEq(coin.balanceOf(alice), 1920 ether, "the surplus is the creator's");
     }
 
-    function test_soDoSilenceAndImpossibleAndTheAuditors() public {
+    function test_soDoImpossibleAndTheAuditorsAndSilencePaysNobody() public {
         offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        vm.warp(block.timestamp + WINDOW + 1);
-        tasks.expireTask(taskId);
-        _assertPaid(80 ether);
+        vm.warp(block.timestamp + WINDOW + AUDIT_WINDOW + 1);
+        tasks.conclude(taskId);
+        _assertPaid(0);
 
         taskId = post(alice, 100 ether);
         submit(taskId);
-        judgeAs(oracle, taskId, Verdict.Impossible, 0);
-        _assertPaid(88 ether);
+        judgeAs(oracle, taskId, Ruling.Impossible, 0);
+        _assertPaid(8 ether);
 
         taskId = post(alice, 100 ether);
         submit(taskId);
-        judgeAs(oracle, taskId, Verdict.Undecided, 0);
-        judgeAs(auditor, taskId, Verdict.Accepted, 50 ether);
-        _assertPaid(138 ether);
-
-        taskId = post(alice, 100 ether);
-        submit(taskId);
-        judgeAs(oracle, taskId, Verdict.Undecided, 0);
-        vm.warp(block.timestamp + AUDIT_WINDOW + 1);
-        tasks.expireTask(taskId);
-        _assertPaid(218 ether);
+        judgeAs(oracle, taskId, Ruling.None, 0);
+        judgeAs(auditor, taskId, Ruling.Accepted, 50 ether);
+        _assertPaid(58 ether);
     }
 
     function test_whatChangesAtWorkHoldsForThisWork() public {
@@ -325,24 +317,25 @@ contract PayoutOfStakesTest is Instances {
     }
 
     function test_aStakeAndWhatItWinsGoToThePayoutAddress() public {
-        Vote memory vote = ruled(Verdict.Rejected);
+        TaskId taskId = ruled(Ruling.Rejected);
         uint256 robots = coin.balanceOf(robot1);
-        challenge(robot1, vote.taskId);
-        decide(second, secondKeys, 4, vote.taskId, Verdict.Accepted);
-        challenge(alice, vote.taskId);
-        decide(third, thirdKeys, 5, vote.taskId, Verdict.Accepted);
-        assertState(vote.taskId, TaskState.Settled);
+        challenge(robot1, taskId);
+        decideSecond(taskId, Ruling.Accepted);
+        challenge(alice, taskId);
+        decideThird(taskId, Ruling.Accepted);
+        assertState(taskId, TaskState.Settled);
+        disputes.settle(taskId, 1);
         assertEq(coin.balanceOf(safe), 80 ether + STAKE + APPEAL, "price, stake and the stake of alice");
         assertEq(coin.balanceOf(robot1), robots - STAKE);
-        assertEmpty(vote.taskId);
+        assertEq(coin.balanceOf(address(disputes)), 0);
     }
 
     function test_aStakeThatGoesBackGoesThere() public {
-        Vote memory vote = ruled(Verdict.Rejected);
-        challenge(robot1, vote.taskId);
+        TaskId taskId = ruled(Ruling.Rejected);
+        challenge(robot1, taskId);
         skip(DECISION + 1);
-        disputes.close(vote, REPORT_URI);
+        disputes.settle(taskId, 1);
         assertEq(coin.balanceOf(safe), STAKE);
-        assertEmpty(vote.taskId);
+        assertEq(coin.balanceOf(address(disputes)), 0);
     }
 }

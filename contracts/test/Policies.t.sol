@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
@@ -174,7 +174,7 @@ contract PolicyTest is Fixture {
         }
         submit(taskId);
         if (how == Freed.Accepted || how == Freed.Rejected) judge(taskId, how == Freed.Accepted);
-        else judgeAs(oracle, taskId, how == Freed.Undecided ? Verdict.Undecided : Verdict.Impossible, 0);
+        else judgeAs(oracle, taskId, how == Freed.Undecided ? Ruling.None : Ruling.Impossible, 0);
     }
 
     /// @dev Whatever made it free.
@@ -190,7 +190,7 @@ contract PolicyTest is Fixture {
             stub.tell(Way.Answers, TaskId.unwrap(chosen));
             vm.expectCall(
                 address(stub),
-                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, services, CLEANING, serviceId, 10 ether))
+                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, services, cleaning(), serviceId, 10 ether))
             );
             _free(Freed(how), serviceId);
             assertAssigned(chosen, serviceId);
@@ -489,9 +489,9 @@ contract PolicyTest is Fixture {
                 }
             }
             uint256 reward = ((seed >> 64) % 6) * 1 ether;
-            assertEq(services.longestIdle(CLEANING, reward), _search(reward, _longer), "longest");
-            assertEq(services.cheapestIdle(CLEANING, reward), _search(reward, _cheaper), "cheapest");
-            assertEq(services.mostReputableIdle(CLEANING, reward), _search(reward, _better), "reputable");
+            assertEq(services.longestIdle(cleaning(), reward), _search(reward, _longer), "longest");
+            assertEq(services.cheapestIdle(cleaning(), reward), _search(reward, _cheaper), "cheapest");
+            assertEq(services.mostReputableIdle(cleaning(), reward), _search(reward, _better), "reputable");
         }
     }
 

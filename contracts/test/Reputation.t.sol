@@ -2,7 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {IServiceManager, Outcome, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Ruling} from "../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -39,7 +39,7 @@ contract ReputationTest is Fixture {
     function test_workThatIsPaidInPartCountsInPart() public {
         ServiceId serviceId = offer(robot1, 60 ether);
         submit(post(alice, 100 ether));
-        judgeAs(oracle, taskNo(1), Verdict.Accepted, 10 ether);
+        judgeAs(oracle, taskNo(1), Ruling.Accepted, 10 ether);
         assertEq(_of(serviceId), 33, "110 of 210");
     }
 
@@ -98,17 +98,27 @@ contract ReputationTest is Fixture {
         services.recordOwner(robot1, robot2);
     }
 
-    function test_undecidedUnjudgedAndImpossibleWorkDoesNotCount() public {
+    function test_workThatIsVoidGivenUpOrImpossibleDoesNotCount() public {
         ServiceId serviceId = offer(robot1, 80 ether);
         submit(post(alice, 100 ether));
-        judgeAs(oracle, taskNo(1), Verdict.Undecided, 0);
-        judgeAs(auditor, taskNo(1), Verdict.Accepted, 80 ether);
+        judgeAs(oracle, taskNo(1), Ruling.Void, 0);
         submit(post(alice, 100 ether));
-        judgeAs(oracle, taskNo(2), Verdict.Impossible, 0);
+        judgeAs(oracle, taskNo(2), Ruling.Impossible, 0);
         submit(post(alice, 100 ether));
-        vm.warp(block.timestamp + WINDOW + 1);
-        tasks.expireTask(taskNo(3));
+        judgeAs(oracle, taskNo(3), Ruling.GivenUp, 0);
+        submit(taskNo(3));
+        vm.warp(block.timestamp + WINDOW + AUDIT_WINDOW + 1);
+        tasks.conclude(taskNo(3));
         assertEq(_of(serviceId), NEWCOMER);
+    }
+
+    function test_whatAuditorsSayCountsLikeAnyOtherRuling() public {
+        ServiceId serviceId = offer(robot1, 80 ether);
+        submit(post(alice, 100 ether));
+        judgeAs(oracle, taskNo(1), Ruling.None, 0);
+        assertEq(_of(serviceId), NEWCOMER, "nobody has decided yet");
+        judgeAs(auditor, taskNo(1), Ruling.Accepted, 80 ether);
+        assertEq(_of(serviceId), 41, "180 of 280");
     }
 
     function test_aNewServiceHasTheReputationOfItsProvider() public {
@@ -162,12 +172,12 @@ contract ReputationTest is Fixture {
         ServiceId newcomer = offer(robot2, 80 ether);
         attempt(taskId, true);
         assertEq(_of(waiting), _of(working), "its provider's");
-        assertEq(services.mostReputableIdle(CLEANING, 80 ether), working);
+        assertEq(services.mostReputableIdle(cleaning(), 80 ether), working);
         update(waiting, 80 ether, ServiceState.Paused);
         update(working, 80 ether, ServiceState.Paused);
-        assertEq(services.mostReputableIdle(CLEANING, 80 ether), newcomer);
+        assertEq(services.mostReputableIdle(cleaning(), 80 ether), newcomer);
         update(waiting, 80 ether, ServiceState.Active);
-        assertEq(services.mostReputableIdle(CLEANING, 80 ether), waiting);
+        assertEq(services.mostReputableIdle(cleaning(), 80 ether), waiting);
     }
 
     function test_itNeverOverflows() public {

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IOrganization, Review} from "../src/interfaces/IOrganization.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {ITaskManager, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {KindId} from "../src/types/KindId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -12,7 +13,7 @@ contract RulesTest is Fixture {
 
     function _allow(bytes32 rules) private {
         vm.prank(admin);
-        organization.allowKind(CLEANING, Review.Oracle, rules);
+        organization.allowKind(CLEANING, oracleJudge, rules);
     }
 
     function _retire(bytes32 rules) private {
@@ -57,7 +58,7 @@ contract RulesTest is Fixture {
     function test_severalRulesAreCurrentAndATaskGetsTheNewest() public {
         _post(0, RULES);
         vm.expectEmit(address(organization));
-        emit IOrganization.KindAllowed(CLEANING, Review.Oracle, NEXT);
+        emit IOrganization.KindAllowed(CLEANING, KindId.wrap(1), oracleJudge, NEXT);
         _allow(NEXT);
         _assertRules(_list(RULES, NEXT));
         _post(0, NEXT);
@@ -78,11 +79,10 @@ contract RulesTest is Fixture {
         _post(0, NEXT);
     }
 
-    function test_whatAnOracleJudgesAlwaysHasRules() public {
-        bytes memory refusal = abi.encodeWithSelector(IOrganization.KindWithoutRules.selector, CLEANING);
-        vm.expectRevert(refusal);
+    function test_theLastRulesStayWhileTheKindIsAllowed() public {
         _allow(0);
-        vm.expectRevert(refusal);
+        _assertRules(_list(RULES));
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.KindWithoutRules.selector, CLEANING));
         _retire(RULES);
         _assertRules(_list(RULES));
     }
@@ -109,7 +109,7 @@ contract RulesTest is Fixture {
 
     function test_peopleJudgeWithOrWithoutRules() public {
         vm.startPrank(admin);
-        organization.allowKind("painting", Review.Auditor, 0);
+        organization.allowKind("painting", auditorJudge, 0);
         assertEq(organization.currentRules("painting").length, 0);
         TaskRequest memory r = request(1 ether);
         r.kind = "painting";
@@ -118,18 +118,19 @@ contract RulesTest is Fixture {
             taskNo(1), address(organization), "painting", 1 ether, WINDOW, WINDOW, ATTEMPTS, 0, "{}"
         );
         organization.registerTask(r);
-        organization.allowKind("painting", Review.Auditor, NEXT);
+        organization.allowKind("painting", auditorJudge, NEXT);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.KindWithoutRules.selector, bytes32("painting")));
         organization.retireRules("painting", NEXT);
-        assertEq(organization.currentRules("painting").length, 0);
     }
 
     function test_rulesEndWithTheirJudgesAndWithTheirKind() public {
         vm.expectEmit(address(organization));
         emit IOrganization.RulesRetired(CLEANING, RULES);
         vm.prank(admin);
-        organization.allowKind(CLEANING, Review.Auditor, 0);
+        organization.allowKind(CLEANING, auditorJudge, 0);
         _refused(RULES);
-        _allow(NEXT);
+        vm.prank(admin);
+        organization.allowKind(CLEANING, auditorJudge, NEXT);
         _assertRules(_list(NEXT));
         vm.expectEmit(address(organization));
         emit IOrganization.RulesRetired(CLEANING, NEXT);
@@ -159,7 +160,7 @@ contract RulesTest is Fixture {
         _retire(RULES);
         _refused(RULES);
         vm.prank(admin);
-        organization.allowKind(CHARGING, Review.Oracle, "charging");
+        organization.allowKind(CHARGING, oracleJudge, "charging");
         _refused("charging");
         assertEq(tasks.taskCount(), 0);
     }
@@ -172,7 +173,7 @@ contract RulesTest is Fixture {
         _refused(RULES);
         // Nor do people judge what she left to the oracle's rules.
         vm.prank(admin);
-        organization.allowKind(CLEANING, Review.Auditor, 0);
+        organization.allowKind(CLEANING, auditorJudge, 0);
         _refused(NEXT);
     }
 }

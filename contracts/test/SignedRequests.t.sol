@@ -5,7 +5,8 @@ import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.so
 import {SignedRequests} from "../src/SignedRequests.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {ISignedRequests} from "../src/interfaces/ISignedRequests.sol";
-import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Fault, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
+import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {SignerWallet, Signing} from "./Signing.sol";
@@ -59,11 +60,82 @@ contract SignedRequestsTest is Fixture {
 
     function test_theCreatorCancelsWithoutGas() public {
         TaskId taskId = post(alice, 100 ether);
-        bytes memory signature = Signing.cancellation(_key(alice), address(requests), alice, taskId, deadline);
+        bytes memory signature =
+            Signing.cancellation(_key(alice), address(requests), alice, taskId, NONCE, deadline);
         vm.prank(stranger);
-        requests.cancelTaskFor(alice, taskId, deadline, signature);
+        requests.cancelTaskFor(alice, taskId, NONCE, deadline, signature);
         assertState(taskId, TaskState.Cancelled);
         assertEq(coin.balanceOf(alice), 2000 ether);
+    }
+
+    function test_theExecutorAcceptsAndGivesBackWithoutGas() public {
+        vm.prank(robot1);
+        services.registerService(CLEANING, 80 ether, NO_LIMIT, false, "");
+        TaskId taskId = post(alice, 100 ether);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskAccepted(taskId, 1, robot1);
+        _accept(robot1, taskId, 1);
+        _abandon(robot1, taskId, 1, NONCE + 1);
+        assertEq(tasks.task(taskId).attempt, 2);
+    }
+
+    function test_attack_anotherThanTheExecutorAcceptsOrGivesBack() public {
+        vm.prank(robot1);
+        services.registerService(CLEANING, 80 ether, NO_LIMIT, false, "");
+        TaskId taskId = post(alice, 100 ether);
+        bytes memory reason = abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, bob, robot1);
+        bytes memory signature = _attemptSignature("AcceptTask", bob, taskId, 1, NONCE);
+        vm.expectRevert(reason);
+        requests.acceptTaskFor(bob, taskId, 1, NONCE, deadline, signature);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, robot1));
+        requests.acceptTaskFor(robot1, taskId, 1, NONCE, deadline, signature);
+        signature = _attemptSignature("AbandonTask", bob, taskId, 1, NONCE);
+        vm.expectRevert(reason);
+        requests.abandonTaskFor(bob, taskId, 1, NONCE, deadline, signature);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, robot1));
+        requests.abandonTaskFor(robot1, taskId, 1, NONCE, deadline, signature);
+        // What is signed is one of the two.
+        signature = _attemptSignature("AcceptTask", robot1, taskId, 1, NONCE);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, robot1));
+        requests.abandonTaskFor(robot1, taskId, 1, NONCE, deadline, signature);
+    }
+
+    function test_whatIsSignedCountsOnce() public {
+        vm.prank(robot1);
+        services.registerService(CLEANING, 80 ether, NO_LIMIT, false, "");
+        TaskId taskId = post(alice, 100 ether);
+        _accept(robot1, taskId, 1);
+        bytes memory again = _attemptSignature("AcceptTask", robot1, taskId, 1, NONCE);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, robot1, NONCE));
+        requests.acceptTaskFor(robot1, taskId, 1, NONCE, deadline, again);
+        again = _attemptSignature("AbandonTask", robot1, taskId, 1, NONCE);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, robot1, NONCE));
+        requests.abandonTaskFor(robot1, taskId, 1, NONCE, deadline, again);
+        _abandon(robot1, taskId, 1, NONCE + 1);
+        again = _attemptSignature("AbandonTask", robot1, taskId, 2, NONCE + 1);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, robot1, NONCE + 1));
+        requests.abandonTaskFor(robot1, taskId, 2, NONCE + 1, deadline, again);
+    }
+
+    function test_whatIsSignedIsRevokedWhateverItIs() public {
+        offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        TaskId open = post(alice, 100 ether);
+        bytes memory proof = _proofSignature(robot1, taskId, 1, PROOF);
+        bytes memory back = _attemptSignature("AbandonTask", robot1, taskId, 1, NONCE);
+        bytes memory cancelled =
+            Signing.cancellation(_key(alice), address(requests), alice, open, NONCE, deadline);
+        vm.prank(robot1);
+        requests.revokeRequest(NONCE);
+        vm.prank(alice);
+        requests.revokeRequest(NONCE);
+        bytes memory reason = abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, robot1, NONCE);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, NONCE, deadline, proof);
+        vm.expectRevert(reason);
+        requests.abandonTaskFor(robot1, taskId, 1, NONCE, deadline, back);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, alice, NONCE));
+        requests.cancelTaskFor(alice, open, NONCE, deadline, cancelled);
     }
 
     function test_requestsCountInAnyOrder() public {
@@ -138,15 +210,17 @@ contract SignedRequestsTest is Fixture {
         bytes memory reason = abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, robot1);
         vm.startPrank(stranger);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, taskId, 1, REPORT, URI, deadline, signature);
+        requests.submitProofFor(robot1, taskId, 1, REPORT, URI, NONCE, deadline, signature);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, taskId, 1, PROOF, "elsewhere", deadline, signature);
+        requests.submitProofFor(robot1, taskId, 1, PROOF, "elsewhere", NONCE, deadline, signature);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, deadline + 1, signature);
+        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, NONCE, deadline + 1, signature);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, taskId, 2, PROOF, URI, deadline, signature);
+        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, NONCE + 1, deadline, signature);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, following(taskId), 1, PROOF, URI, deadline, signature);
+        requests.submitProofFor(robot1, taskId, 2, PROOF, URI, NONCE, deadline, signature);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, following(taskId), 1, PROOF, URI, NONCE, deadline, signature);
         vm.stopPrank();
     }
 
@@ -231,10 +305,10 @@ contract SignedRequestsTest is Fixture {
         TaskId taskId = post(alice, 100 ether);
         bytes memory signature = _proofSignature(robot1, taskId, 1, PROOF);
         gas = bound(gas, 20_000, 200_000);
-        try requests.submitProofFor{gas: gas}(robot1, taskId, 1, PROOF, URI, deadline, signature) {}
+        try requests.submitProofFor{gas: gas}(robot1, taskId, 1, PROOF, URI, NONCE, deadline, signature) {}
         catch {
             assertState(taskId, TaskState.Assigned);
-            requests.submitProofFor(robot1, taskId, 1, PROOF, URI, deadline, signature);
+            requests.submitProofFor(robot1, taskId, 1, PROOF, URI, NONCE, deadline, signature);
         }
         assertState(taskId, TaskState.Submitted);
     }
@@ -258,7 +332,7 @@ contract SignedRequestsTest is Fixture {
         bytes memory signature = _proofSignature(robot2, taskId, 1, PROOF);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, robot2, robot1));
         vm.prank(robot1);
-        requests.submitProofFor(robot2, taskId, 1, PROOF, URI, deadline, signature);
+        requests.submitProofFor(robot2, taskId, 1, PROOF, URI, NONCE, deadline, signature);
     }
 
     function test_attack_aProofOfAnEarlierAttemptIsSent() public {
@@ -269,7 +343,7 @@ contract SignedRequestsTest is Fixture {
         tasks.abandonTask(taskId, 1);
         assertAssigned(taskId, serviceNo(1));
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
-        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, deadline, signature);
+        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, NONCE, deadline, signature);
     }
 
     function test_attack_aRelayedProofIsReplaced() public {
@@ -282,7 +356,7 @@ contract SignedRequestsTest is Fixture {
                 ITaskManager.WrongState.selector, taskId, TaskState.Submitted, TaskState.Assigned
             )
         );
-        requests.submitProofFor(robot1, taskId, 1, REPORT, URI, deadline, signature);
+        requests.submitProofFor(robot1, taskId, 1, REPORT, URI, NONCE, deadline, signature);
     }
 
     function test_attack_aProofOrACancellationIsSentTooLate() public {
@@ -290,18 +364,23 @@ contract SignedRequestsTest is Fixture {
         bytes memory reason =
             abi.encodeWithSelector(ISignedRequests.RequestExpired.selector, deadline, deadline + 1);
         vm.expectRevert(reason);
-        requests.submitProofFor(robot1, taskNo(1), 1, PROOF, URI, deadline, "");
+        requests.submitProofFor(robot1, taskNo(1), 1, PROOF, URI, NONCE, deadline, "");
         vm.expectRevert(reason);
-        requests.cancelTaskFor(alice, taskNo(1), deadline, "");
+        requests.cancelTaskFor(alice, taskNo(1), NONCE, deadline, "");
+        vm.expectRevert(reason);
+        requests.acceptTaskFor(robot1, taskNo(1), 1, NONCE, deadline, "");
+        vm.expectRevert(reason);
+        requests.abandonTaskFor(robot1, taskNo(1), 1, NONCE, deadline, "");
     }
 
     function test_attack_anotherThanTheCreatorCancels() public {
         TaskId taskId = post(alice, 100 ether);
-        bytes memory signature = Signing.cancellation(_key(bob), address(requests), bob, taskId, deadline);
+        bytes memory signature =
+            Signing.cancellation(_key(bob), address(requests), bob, taskId, NONCE, deadline);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotCreator.selector, taskId, bob, alice));
-        requests.cancelTaskFor(bob, taskId, deadline, signature);
+        requests.cancelTaskFor(bob, taskId, NONCE, deadline, signature);
         vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
-        requests.cancelTaskFor(alice, taskId, deadline, signature);
+        requests.cancelTaskFor(alice, taskId, NONCE, deadline, signature);
     }
 
     function test_attack_aJudgeSignsATaskThatItJudges() public {
@@ -312,11 +391,13 @@ contract SignedRequestsTest is Fixture {
         offer(robot1, 80 ether);
         TaskId taskId = _relay(alice, NONCE);
         submit(taskId);
-        vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, alice));
+        vm.expectRevert(abi.encodeWithSelector(IJudge.JudgeIsParty.selector, taskId, alice));
         vm.prank(alice);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "report", "because");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Rejected, Fault.Nobody, 0, "because"), "report"
+        );
         // Who relayed it is no party.
-        judgeAs(stranger, taskId, Verdict.Accepted, 80 ether);
+        judgeAs(stranger, taskId, Ruling.Accepted, 80 ether);
         assertState(taskId, TaskState.Settled);
     }
 
@@ -359,7 +440,7 @@ contract SignedRequestsTest is Fixture {
     function _relayProof(address executor, TaskId taskId, uint8 attempt_, bytes32 proofHash) private {
         bytes memory signature = _proofSignature(executor, taskId, attempt_, proofHash);
         vm.prank(stranger);
-        requests.submitProofFor(executor, taskId, attempt_, proofHash, URI, deadline, signature);
+        requests.submitProofFor(executor, taskId, attempt_, proofHash, URI, NONCE, deadline, signature);
     }
 
     function _signature(address signer, address creator, uint256 nonce) private returns (bytes memory) {
@@ -374,8 +455,28 @@ contract SignedRequestsTest is Fixture {
         returns (bytes memory)
     {
         return Signing.proof(
-            _key(executor), address(requests), executor, taskId, attempt_, proofHash, URI, deadline
+            _key(executor), address(requests), executor, taskId, attempt_, proofHash, URI, NONCE, deadline
         );
+    }
+
+    function _attemptSignature(string memory name, address signer, TaskId taskId, uint8 number, uint256 nonce)
+        private
+        returns (bytes memory)
+    {
+        uint256 key = _key(signer);
+        return Signing.attempt(name, key, address(requests), signer, taskId, number, nonce, deadline);
+    }
+
+    function _accept(address executor, TaskId taskId, uint8 number) private {
+        bytes memory signature = _attemptSignature("AcceptTask", executor, taskId, number, NONCE);
+        vm.prank(stranger);
+        requests.acceptTaskFor(executor, taskId, number, NONCE, deadline, signature);
+    }
+
+    function _abandon(address executor, TaskId taskId, uint8 number, uint256 nonce) private {
+        bytes memory signature = _attemptSignature("AbandonTask", executor, taskId, number, nonce);
+        vm.prank(stranger);
+        requests.abandonTaskFor(executor, taskId, number, nonce, deadline, signature);
     }
 
     function _wallet(address owner) private returns (SignerWallet wallet) {

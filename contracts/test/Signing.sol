@@ -59,13 +59,37 @@ library Signing {
         return _sign(key, requests, abi.encode(typehash, creator, task, nonce, deadline));
     }
 
-    function cancellation(uint256 key, address requests, address creator, TaskId taskId, uint256 deadline)
-        internal
-        view
-        returns (bytes memory)
-    {
-        bytes32 typehash = keccak256("CancelTask(address creator,uint256 taskId,uint256 deadline)");
-        return _sign(key, requests, abi.encode(typehash, creator, taskId, deadline));
+    function cancellation(
+        uint256 key,
+        address requests,
+        address creator,
+        TaskId taskId,
+        uint256 nonce,
+        uint256 deadline
+    ) internal view returns (bytes memory) {
+        bytes32 typehash = keccak256(
+            "CancelTask(address creator,uint256 taskId,uint256 nonce,uint256 deadline)"
+        );
+        return _sign(key, requests, abi.encode(typehash, creator, taskId, nonce, deadline));
+    }
+
+    /// @param name AcceptTask or AbandonTask
+    function attempt(
+        string memory name,
+        uint256 key,
+        address requests,
+        address executor,
+        TaskId taskId,
+        uint8 number,
+        uint256 nonce,
+        uint256 deadline
+    ) internal view returns (bytes memory) {
+        bytes32 typehash = keccak256(
+            abi.encodePacked(
+                name, "(address executor,uint256 taskId,uint8 attempt,uint256 nonce,uint256 deadline)"
+            )
+        );
+        return _sign(key, requests, abi.encode(typehash, executor, taskId, number, nonce, deadline));
     }
 
     function proof(
@@ -73,19 +97,17 @@ library Signing {
         address requests,
         address executor,
         TaskId taskId,
-        uint8 attempt,
+        uint8 number,
         bytes32 proofHash,
         string memory uri,
+        uint256 nonce,
         uint256 deadline
     ) internal view returns (bytes memory) {
         bytes32 typehash = keccak256(
-            "SubmitProof(address executor,uint256 taskId,uint8 attempt,bytes32 proofHash,string uri,uint256 deadline)"
+            "SubmitProof(address executor,uint256 taskId,uint8 attempt,bytes32 proofHash,string uri,uint256 nonce,uint256 deadline)"
         );
-        return _sign(
-            key,
-            requests,
-            abi.encode(typehash, executor, taskId, attempt, proofHash, keccak256(bytes(uri)), deadline)
-        );
+        bytes memory first = abi.encode(typehash, executor, taskId, number, proofHash);
+        return _sign(key, requests, bytes.concat(first, abi.encode(keccak256(bytes(uri)), nonce, deadline)));
     }
 
     function _sign(uint256 key, address requests, bytes memory said) private view returns (bytes memory) {

@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceListener} from "../src/interfaces/IServiceListener.sol";
 import {IServiceManager} from "../src/interfaces/IServiceManager.sol";
+import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 
@@ -30,11 +31,11 @@ contract StubPolicy is IMatchingPolicy {
         (way, chosen) = (way_, chosen_);
     }
 
-    function serviceFor(IServiceManager, bytes32, uint256) external view virtual returns (ServiceId) {
+    function serviceFor(IServiceManager, KindId, uint256) external view virtual returns (ServiceId) {
         return ServiceId.wrap(_answer());
     }
 
-    function taskFor(IServiceListener, IServiceManager, bytes32, ServiceId, uint256)
+    function taskFor(IServiceListener, IServiceManager, KindId, ServiceId, uint256)
         external
         view
         returns (TaskId)
@@ -57,28 +58,28 @@ contract StubPolicy is IMatchingPolicy {
 contract TaskStubPolicy is StubPolicy {
     constructor() StubPolicy(Way.Answers, 0) {}
 
-    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
         external
         view
         override
         returns (ServiceId)
     {
-        return services.longestIdle(kind, reward);
+        return services.longestIdle(kindId, reward);
     }
 }
 
 /// @notice Answers right, after it has spent most of what it may. Its third task goes first.
 contract SlowPolicy is IMatchingPolicy {
-    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
         external
         view
         returns (ServiceId)
     {
         _spend();
-        return services.longestIdle(kind, reward);
+        return services.longestIdle(kindId, reward);
     }
 
-    function taskFor(IServiceListener, IServiceManager, bytes32, ServiceId, uint256)
+    function taskFor(IServiceListener, IServiceManager, KindId, ServiceId, uint256)
         external
         view
         returns (TaskId)
@@ -95,25 +96,25 @@ contract SlowPolicy is IMatchingPolicy {
 
 /// @notice Of the tasks that wait it chooses any, or one that does not wait or pays too little, or fails.
 contract UnrulyPolicy is IMatchingPolicy {
-    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
         external
         view
         returns (ServiceId)
     {
-        return services.longestIdle(kind, reward);
+        return services.longestIdle(kindId, reward);
     }
 
     function taskFor(
         IServiceListener tasks,
         IServiceManager,
-        bytes32 kind,
+        KindId kindId,
         ServiceId serviceId,
         uint256 price
     ) external view returns (TaskId) {
         uint256 count = tasks.taskCount();
         uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
         require(seed % 16 != 0, "no");
-        if ((seed >> 8) % 2 == 0) return tasks.oldestOpen(kind, price + (seed >> 96) % 100 ether);
+        if ((seed >> 8) % 2 == 0) return tasks.oldestOpen(kindId, price + (seed >> 96) % 100 ether);
         return TaskId.wrap((seed >> 16) % (count + 2));
     }
 }

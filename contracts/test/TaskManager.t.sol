@@ -3,23 +3,24 @@ pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
-import {MessageHashUtils} from "@openzeppelin/contracts/utils/cryptography/MessageHashUtils.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {
+    Fault,
     Cause,
     ITaskManager,
-    Silence,
     Task,
     TaskRequest,
     TaskState,
-    Verdict
+    Ruling
 } from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
+import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
+import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -263,9 +264,13 @@ contract TaskManagerTest is Fixture {
         offer(robot1, 1 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, robot1, CLEANING));
+        vm.expectRevert(
+            abi.encodeWithSelector(RoleJudge.NotInRole.selector, robot1, organization.ORACLE_ROLE())
+        );
         vm.prank(robot1);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), ""
+        );
     }
 
     function test_withoutAProofThereIsNoVerdict() public {
@@ -277,7 +282,7 @@ contract TaskManagerTest is Fixture {
             )
         );
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, 0, Verdict.Accepted, 1 ether, REPORT, "", "");
+        oracleJudge.rule(Finding(taskId, 1, 0, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), "");
     }
 
     function test_aVerdictNamesTheSubmittedProof() public {
@@ -287,7 +292,9 @@ contract TaskManagerTest is Fixture {
         bytes32 other = keccak256("other");
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ProofMismatch.selector, taskId, PROOF, other));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, other, Verdict.Accepted, 1 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, other, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), ""
+        );
     }
 
     function test_aVerdictOnAnEarlierAttemptIsRefused() public {
@@ -298,28 +305,32 @@ contract TaskManagerTest is Fixture {
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), ""
+        );
     }
 
     function test_aLateVerdictIsRefused() public {
         offer(robot1, 1 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        uint256 deadline = block.timestamp + WINDOW;
-        vm.warp(deadline + 1);
-        vm.expectRevert(
-            abi.encodeWithSelector(ITaskManager.DeadlinePassed.selector, taskId, deadline, deadline + 1)
-        );
+        uint256 caseEnd = block.timestamp + WINDOW + AUDIT_WINDOW;
+        vm.warp(caseEnd + 1);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.CaseOver.selector, taskId, caseEnd, caseEnd + 1));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), ""
+        );
     }
 
     function test_theVerdictIsLoggedWithItsReasonAndReport() public {
         offer(robot1, 1 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
+        vm.expectEmit(address(oracleJudge));
+        emit IJudge.Reported(taskId, 1, REPORT, "report", "because");
         vm.expectEmit(address(tasks));
-        emit ITaskManager.VerdictPosted(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "report", "because");
+        emit ITaskManager.Ruled(taskId, 1, PROOF, Ruling.Rejected, Fault.Nobody, 0, 0, REPORT);
         judge(taskId, false);
     }
 
@@ -367,21 +378,6 @@ contract TaskManagerTest is Fixture {
         assertEq(services.service(serviceId).expired, 1);
     }
 
-    function test_anyoneExpiresAnOverdueVerdictAndTheExecutorIsNotBlamed() public {
-        vm.prank(admin);
-        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
-        ServiceId serviceId = offer(robot1, 80 ether);
-        TaskId taskId = post(alice, 100 ether);
-        submit(taskId);
-        vm.warp(block.timestamp + WINDOW + 1);
-        vm.expectEmit(address(tasks));
-        emit ITaskManager.TaskRequeued(taskId, 1, Cause.VerdictExpired);
-        vm.prank(stranger);
-        tasks.expireTask(taskId);
-        Service memory s = services.service(serviceId);
-        assertEq(s.expired + s.rejected + s.completed, 0);
-    }
-
     function test_theLastExpiryRefundsTheCreator() public {
         offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
@@ -415,7 +411,9 @@ contract TaskManagerTest is Fixture {
             )
         );
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), ""
+        );
         vm.warp(block.timestamp + 30 days);
         vm.expectRevert(
             abi.encodeWithSelector(
@@ -529,46 +527,6 @@ contract TaskManagerTest is Fixture {
         assertNotEq(keccak256(one), keccak256(two));
     }
 
-    // -- one transaction ----------------------------------------------------------------------------------
-
-    function test_aPermitAndItsTaskAreOneTransaction() public {
-        (address carol, uint256 key) = makeAddrAndKey("carol");
-        vm.prank(alice);
-        coin.transfer(carol, 100 ether);
-        (uint8 v, bytes32 r, bytes32 s) = _permit(carol, key, 100 ether);
-        ServiceId serviceId = offer(robot1, 80 ether);
-        vm.prank(carol);
-        TaskId taskId = tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
-        assertAssigned(taskId, serviceId);
-        assertEq(tasks.task(taskId).creator, carol);
-        assertEq(coin.balanceOf(carol), 0);
-        assertEq(coin.allowance(carol, address(tasks)), 0);
-    }
-
-    function test_aPermitThatSomebodyUsedFirstStopsNoTask() public {
-        (address carol, uint256 key) = makeAddrAndKey("carol");
-        vm.prank(alice);
-        coin.transfer(carol, 100 ether);
-        (uint8 v, bytes32 r, bytes32 s) = _permit(carol, key, 100 ether);
-        vm.prank(stranger);
-        coin.permit(carol, address(tasks), 100 ether, block.timestamp, v, r, s);
-        vm.prank(carol);
-        tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
-        assertEq(coin.balanceOf(address(tasks)), 100 ether);
-    }
-
-    function test_aPermitForLessThanTheRewardIsNoApproval() public {
-        (address carol, uint256 key) = makeAddrAndKey("carol");
-        (uint8 v, bytes32 r, bytes32 s) = _permit(carol, key, 99 ether);
-        vm.expectRevert(
-            abi.encodeWithSelector(
-                IERC20Errors.ERC20InsufficientAllowance.selector, address(tasks), 0, 100 ether
-            )
-        );
-        vm.prank(carol);
-        tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
-    }
-
     // -- texts --------------------------------------------------------------------------------------------
 
     function test_textsAreBounded() public {
@@ -594,11 +552,18 @@ contract TaskManagerTest is Fixture {
         submit(taskId);
         vm.startPrank(oracle);
         vm.expectRevert(refusal);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, long, "");
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), long
+        );
         vm.expectRevert(refusal);
-        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", long);
-        tasks.postVerdict(
-            taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, new string(8192), new string(8192)
+        oracleJudge.rule(
+            Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, long), ""
+        );
+        oracleJudge.rule(
+            Finding(
+                taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, new string(8192)
+            ),
+            new string(8192)
         );
     }
 
@@ -615,18 +580,5 @@ contract TaskManagerTest is Fixture {
             abi.encodeWithSelector(ITaskManager.NotWired.selector, address(organization), address(services))
         );
         new TaskManager(organization, IServiceManager(address(services)));
-    }
-
-    function _permit(address owner, uint256 key, uint256 amount)
-        private
-        view
-        returns (uint8 v, bytes32 r, bytes32 s)
-    {
-        bytes32 kind = keccak256(
-            "Permit(address owner,address spender,uint256 value,uint256 nonce,uint256 deadline)"
-        );
-        bytes32 message =
-            keccak256(abi.encode(kind, owner, address(tasks), amount, coin.nonces(owner), block.timestamp));
-        return vm.sign(key, MessageHashUtils.toTypedDataHash(coin.DOMAIN_SEPARATOR(), message));
     }
 }

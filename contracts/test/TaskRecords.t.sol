@@ -2,9 +2,9 @@
 pragma solidity ^0.8.28;
 
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
-import {IOrganization, Review} from "../src/interfaces/IOrganization.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {Hire, Silence, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Hire, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {Record, TaskRecords} from "../src/libraries/TaskRecords.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
@@ -34,9 +34,8 @@ contract TaskRecordsTest is Fixture {
         (t.serviceId, t.deadline, t.executionWindow) = (serviceNo(numbers[0]), numbers[1], numbers[2] >> 8);
         (t.verdictWindow, t.kindId, t.maxAttempts) =
         (uint24(numbers[1]), KindId.wrap(bytes_[0]), bytes_[1] & 15);
-        (t.review, t.reviewsChanged) = (Review(1 + bytes_[1] % 2), bytes_[4] & TaskRecords.MAX_CHANGES);
         (t.attempt, t.state, t.accepted) = (bytes_[2] & 15, TaskState(1 + bytes_[3] % 7), accepted);
-        (t.silence, t.hired) = (Silence(bytes_[4] % 3), Hire(bytes_[3] % 3));
+        t.hired = Hire(bytes_[3] % 3);
         t.auditWindow = uint24(numbers[2]);
         _store.keepConditions(taskNo(7), t);
         _store.save(taskNo(7), t, UNIT);
@@ -121,12 +120,12 @@ contract TaskRecordsTest is Fixture {
         assertEq(organization.kindOf(CHARGING).number, 2);
         vm.startPrank(admin);
         for (uint256 i = 3; i <= 255; ++i) {
-            organization.allowKind(bytes32(i), Review.Auditor, 0);
+            organization.allowKind(bytes32(i), oracleJudge, 0);
         }
-        organization.allowKind(CLEANING, Review.Oracle, RULES);
+        organization.allowKind(CLEANING, oracleJudge, RULES);
         assertEq(organization.numberOf(CLEANING), 1, "kept");
         vm.expectRevert(abi.encodeWithSelector(IOrganization.TooManyKinds.selector, bytes32("one more"), 255));
-        organization.allowKind("one more", Review.Auditor, 0);
+        organization.allowKind("one more", oracleJudge, 0);
     }
 
     function _costOfKeeping(TaskId taskId, address creator) private returns (uint256 gas) {
@@ -138,6 +137,6 @@ contract TaskRecordsTest is Fixture {
     }
 
     function _matching() private view returns (IMatchingPolicy matching) {
-        (matching,,,,,) = organization.admitTask(CLEANING, alice, WINDOW, WINDOW, 0);
+        (matching,,,) = organization.admitTask(CLEANING, alice, WINDOW, WINDOW, 0);
     }
 }

@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
 import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, Silence, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -70,17 +70,15 @@ contract TermsTest is Fixture {
 
     function test_aVerdictThatNeverComesCostsTheExecutorNothing() public {
         setTerms(50 ether, 20 ether, 1);
-        vm.prank(admin);
-        organization.setAudit(CLEANING, 1 hours, Silence.Creator);
         ServiceId serviceId = offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        vm.warp(block.timestamp + WINDOW + 1);
-        tasks.expireTask(taskId);
+        vm.warp(block.timestamp + WINDOW + AUDIT_WINDOW + 1);
+        tasks.conclude(taskId);
         Service memory s = services.service(serviceId);
         assertEq(s.bond, 50 ether);
         assertEq(s.failures, 0);
-        assertAssigned(taskId, serviceId);
+        assertState(taskId, TaskState.Failed);
     }
 
     function test_failuresInARowSuspendTheService() public {

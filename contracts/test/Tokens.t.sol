@@ -6,7 +6,8 @@ import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol
 import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Fault, ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
+import {Finding} from "../src/interfaces/IJudge.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -19,7 +20,9 @@ contract WeirdToken is ERC20("Weird", "WRD") {
         Reverts,
         TakesAFee,
         MovesNothing,
-        BurnsGas
+        BurnsGas,
+        MovesAndReturnsFalse,
+        MovesHalfAndReturnsFalse
     }
 
     error Refused();
@@ -69,6 +72,11 @@ contract WeirdToken is ERC20("Weird", "WRD") {
             if (_way == Way.Reverts) revert Refused();
             while (_way == Way.BurnsGas) {}
             if (_way == Way.MovesNothing) return true;
+            if (_way == Way.MovesHalfAndReturnsFalse) amount /= 2;
+            if (_way >= Way.MovesAndReturnsFalse) {
+                _transfer(from, to, amount);
+                return false;
+            }
             // A hundredth is lost on the way.
             _burn(from, amount / 100);
             amount -= amount / 100;
@@ -149,12 +157,6 @@ contract TokenTest is Fixture {
         offer(robot1, 1 ether);
     }
 
-    function test_aTokenWithoutPermitStillTakesAnApprovedTask() public {
-        vm.prank(alice);
-        tasks.registerTaskWithPermit(request(100 ether), 0, 0, 0, 0);
-        assertEq(_token.balanceOf(address(tasks)), 100 ether);
-    }
-
     // -- going out ----------------------------------------------------------------------------------------
 
     function _refuse(WeirdToken.Way way, address victim) private {
@@ -230,13 +232,57 @@ contract TokenTest is Fixture {
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
         _refuse(WeirdToken.Way.BurnsGas, robot1);
+        Finding memory f = finding(taskId, Ruling.Accepted, 80 ether);
         vm.prank(oracle);
-        tasks.postVerdict{gas: 1_000_000}(
-            taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "report", "because"
-        );
+        oracleJudge.rule{gas: 1_000_000}(f, "report");
         assertState(taskId, TaskState.Settled);
         assertEq(tasks.pendingPayments(robot1), 80 ether);
         assertEq(_token.balanceOf(alice), 920 ether, "the surplus came back");
+    }
+
+    /// @dev Three payments of one call: each is judged by what is still owed after those before it.
+    function test_attack_aTokenThatPaysAndSaysNoPaysTwice() public {
+        setTerms(70 ether, 20 ether, 0);
+        offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        TaskId others = post(bob, 100 ether);
+        _refuse(WeirdToken.Way.MovesAndReturnsFalse, address(tasks));
+        attempt(taskId, true);
+        assertEq(_token.balanceOf(robot1), 1010 ether, "1000 less the bond, and the price");
+        assertEq(tasks.pendingPayments(robot1) + tasks.pendingPayments(alice), 0);
+        for (uint8 i = 1; i <= ATTEMPTS; ++i) {
+            attempt(others, false);
+        }
+        assertEq(tasks.pendingPayments(address(organization)) + tasks.pendingPayments(bob), 0);
+        assertEq(_token.balanceOf(address(tasks)), tasks.held());
+    }
+
+    function test_attack_whatATokenKeptOfARefusedPaymentIsStillOwed() public {
+        offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        post(bob, 100 ether);
+        _refuse(WeirdToken.Way.MovesHalfAndReturnsFalse, address(tasks));
+        attempt(taskId, true);
+        assertEq(tasks.pendingPayments(robot1), 40 ether);
+        assertEq(tasks.pendingPayments(alice), 10 ether);
+        assertEq(_token.balanceOf(address(tasks)), tasks.held());
+    }
+
+    /// @dev The recipient pays in while it is paid, so that the balance seems untouched.
+    function test_attack_aRecipientHidesThatItWasPaid() public {
+        offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        post(bob, 100 ether);
+        submit(taskId);
+        _token.mint(address(_token), 80 ether);
+        vm.prank(address(_token));
+        _token.approve(address(tasks), 80 ether);
+        _token.reenter(address(tasks), abi.encodeCall(tasks.registerTask, (request(80 ether))));
+        _refuse(WeirdToken.Way.MovesAndReturnsFalse, robot1);
+        judge(taskId, true);
+        assertFalse(_token.entered());
+        assertEq(tasks.pendingPayments(robot1), 0);
+        assertEq(_token.balanceOf(address(tasks)), tasks.held());
     }
 
     // -- by mistake ---------------------------------------------------------------------------------------
@@ -341,21 +387,21 @@ contract TokenTest is Fixture {
         offer(robot1, 80 ether);
         TaskId open = post(address(_token));
         submit(open);
-        judgeAs(oracle, open, Verdict.Undecided, 0);
+        judgeAs(oracle, open, Ruling.None, 0);
         bytes[] memory calls = new bytes[](2);
-        calls[0] = abi.encodeCall(ITaskManager.expireTask, (open));
+        calls[0] = abi.encodeCall(ITaskManager.conclude, (open));
         calls[1] = abi.encodeCall(
-            ITaskManager.postVerdict, (open, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "")
+            ITaskManager.rule, (open, 1, PROOF, Ruling.Accepted, Fault.Nobody, 80 ether, 0, REPORT)
         );
         for (uint256 i = 0; i < 4; ++i) {
             uint256 snapshot = vm.snapshotState();
             _token.reenter(address(tasks), calls[i % 2]);
-            uint256 paid = i < 2 ? 50 ether : 80 ether;
+            uint256 paid = i < 2 ? 50 ether : 0;
             if (i < 2) {
-                judgeAs(auditor, open, Verdict.Accepted, paid);
+                judgeAs(auditor, open, Ruling.Accepted, paid);
             } else {
-                vm.warp(block.timestamp + AUDIT_WINDOW + 1);
-                tasks.expireTask(open);
+                vm.warp(tasks.standing(open).until + 1);
+                tasks.conclude(open);
             }
             assertFalse(_token.entered(), "entered");
             assertEq(_token.balanceOf(robot1), 1000 ether + paid);

@@ -13,12 +13,20 @@ from rodeo.chain.types import ContractEnum, Struct
 
 class Cause(ContractEnum):
     REJECTED = 0
-    EXECUTION_EXPIRED = 1
-    VERDICT_EXPIRED = 2
-    AUDIT_EXPIRED = 3
+    GIVEN_UP = 1
+    VOID = 2
+    EXECUTION_EXPIRED = 3
     NOT_ACCEPTED = 4
     ABANDONED = 5
     ABANDONED_LATE = 6
+
+
+class Fault(ContractEnum):
+    NOBODY = 0
+    CREATOR = 1
+    CREATORS_WITNESS = 2
+    OTHER_WITNESS = 3
+    ORACLE = 4
 
 
 class Hire(ContractEnum):
@@ -27,16 +35,19 @@ class Hire(ContractEnum):
     PROVIDER = 2
 
 
-class Review(ContractEnum):
-    NONE = 0
-    ORACLE = 1
-    AUDITOR = 2
-
-
 class Revocation(ContractEnum):
     NONE = 0
     SUPERSEDED = 1
     COMPROMISED = 2
+
+
+class Ruling(ContractEnum):
+    NONE = 0
+    ACCEPTED = 1
+    REJECTED = 2
+    GIVEN_UP = 3
+    IMPOSSIBLE = 4
+    VOID = 5
 
 
 class ServiceState(ContractEnum):
@@ -45,12 +56,7 @@ class ServiceState(ContractEnum):
     PAUSED = 2
     RETIRED = 3
     SUSPENDED = 4
-
-
-class Silence(ContractEnum):
-    NONE = 0
-    EXECUTOR = 1
-    CREATOR = 2
+    SHORT = 5
 
 
 class TaskState(ContractEnum):
@@ -58,18 +64,24 @@ class TaskState(ContractEnum):
     OPEN = 1
     ASSIGNED = 2
     SUBMITTED = 3
-    UNDECIDED = 4
+    RULED = 4
     SETTLED = 5
     CANCELLED = 6
     FAILED = 7
 
 
-class Verdict(ContractEnum):
-    NONE = 0
-    REJECTED = 1
-    ACCEPTED = 2
-    UNDECIDED = 3
-    IMPOSSIBLE = 4
+@dataclass(frozen=True)
+class Attempt(Struct):
+    creator: str
+    service_id: int
+    kind_id: int
+    state: TaskState
+    number: int
+    price: int
+    submitted: int
+    deadline: int
+    case_end: int
+    proof_hash: bytes
 
 
 @dataclass(frozen=True)
@@ -92,6 +104,19 @@ class Device(Struct):
 
 
 @dataclass(frozen=True)
+class Finding(Struct):
+    task_id: int
+    attempt: int
+    proof_hash: bytes
+    report_hash: bytes
+    rules_hash: bytes
+    ruling: Ruling
+    fault: Fault
+    amount: int
+    reason: str
+
+
+@dataclass(frozen=True)
 class Instance(Struct):
     committee: str
     window: int
@@ -101,20 +126,26 @@ class Instance(Struct):
 
 
 @dataclass(frozen=True)
-class Judge(Struct):
-    owner: str
-    seat: int
+class InstanceRuling(Struct):
+    report_hash: bytes
+    ruling: Ruling
+    fault: Fault
+    paid: int
+    voters: int
+    window_end: int
+    until: int
+    challenger: str
 
 
 @dataclass(frozen=True)
 class KindRules(Struct):
     allowed: bool
-    review: Review
     min_window: int
     audit_window: int
-    silence: Silence
     min_verdict_window: int
     max_verdict_window: int
+    judges_window: int
+    max_case: int
     number: int
 
 
@@ -124,16 +155,14 @@ class Quorum(Struct):
     panel: int
     rotation: int
     count: int
-    judges: int
+    seats: int
 
 
 @dataclass(frozen=True)
-class Ruling(Struct):
-    content: bytes
-    verdict: Verdict
-    amount: int
-    voters: int
-    challenger: str
+class Seat(Struct):
+    owner: str
+    number: int
+    since: int
 
 
 @dataclass(frozen=True)
@@ -153,6 +182,16 @@ class Service(Struct):
     max_failures: int
     failures: int
     auto_accept: bool
+
+
+@dataclass(frozen=True)
+class Standing(Struct):
+    proof_hash: bytes
+    ruling: Ruling
+    amount: int
+    until: int
+    penalty: int
+    after_removal: bool
 
 
 @dataclass(frozen=True)
@@ -192,15 +231,3 @@ class Terms(Struct):
     bond: int
     penalty: int
     max_failures: int
-
-
-@dataclass(frozen=True)
-class Vote(Struct):
-    task_id: int
-    attempt: int
-    proof_hash: bytes
-    report_hash: bytes
-    rules_hash: bytes
-    verdict: Verdict
-    amount: int
-    reason: str

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from rodeo.chain import contract_calls
 from rodeo.chain.abi import ServiceState, TaskRequest
-from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.types import Policy
 
@@ -24,6 +22,7 @@ class ParticipantCalls(Protocol):
         self, kind: str, price: int, max_bond: int, auto_accept: bool, description: str
     ) -> Call: ...
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call: ...
+    def agree(self, service_id: int) -> Call: ...
     def transfer(self, to: str, value: int) -> Call: ...
 
 
@@ -32,25 +31,12 @@ class Calls(
     contract_calls.ServiceManagerCalls,
     contract_calls.SignedRequestsCalls,
     contract_calls.IECoinCalls,
-    contract_calls.OracleCommitteeCalls,
 ):
-    """Calls of a participant in its own name, of an oracle, those that anyone may make, and those of the
-    administrator to the committee of oracles.
+    """Calls of a participant in its own name, and those that anyone may make.
 
     The sender of `register_task` must have approved the TaskManager for the reward, and that of
     `register_service` for the bond, where the organization asks for one.
     """
-
-
-class CommitteeCalls(contract_calls.OracleCommitteeCalls):
-    """Calls of the administrator to one of `artifacts.COMMITTEES`."""
-
-    def __init__(self, deployment: Deployment, committee: str) -> None:
-        super().__init__(deployment)
-        self._committee = committee
-
-    def _call(self, contract: str, function: str, *args: Any) -> Call:
-        return replace(super()._call(contract, function, *args), to=self._deployment.address(self._committee))
 
 
 class OrganizationCalls(contract_calls.OrganizationCalls):

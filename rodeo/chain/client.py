@@ -14,18 +14,20 @@ from web3.types import BlockIdentifier, TxReceipt
 
 from rodeo.chain import artifacts, events, transactions
 from rodeo.chain.abi import (
+    Attempt,
     Budget,
     Device,
     Instance,
-    Judge,
     KindRules,
     Quorum,
+    Seat,
     Service,
+    Standing,
     Task,
     Terms,
 )
-from rodeo.chain.calls import Calls, CommitteeCalls, OrganizationCalls
-from rodeo.chain.contract_calls import DisputesCalls
+from rodeo.chain.calls import Calls, OrganizationCalls
+from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain
@@ -74,8 +76,10 @@ class ChainClient:
         self.deployment = deployment
         self.calls = Calls(deployment)
         self.organization_calls = OrganizationCalls(deployment)
-        self.dispute_calls = DisputesCalls(deployment)
-        """Where verdicts can be challenged."""
+        self.oracle_calls = RoleJudgeCalls(deployment, "OracleJudge")
+        self.auditor_calls = RoleJudgeCalls(deployment, "AuditorJudge")
+        self.dispute_calls = DisputeJudgeCalls(deployment)
+        """Where rulings can be challenged."""
         self.governance_calls = GovernanceCalls(deployment)
         """Where the administrator is a timelock."""
         self._contracts: dict[str, Contract] = {
@@ -96,18 +100,8 @@ class ChainClient:
         return self.deployment.address("TaskManager")
 
     @property
-    def committee(self) -> ChecksumAddress:
-        """Judges in place of an oracle where several have to agree."""
-        return self.deployment.address("OracleCommittee")
-
-    @property
     def currency(self) -> Currency:
         return self.deployment.currency
-
-    @property
-    def disputes(self) -> ChecksumAddress | None:
-        """Judges in place of the committee where verdicts can be challenged."""
-        return self.deployment.address("Disputes") if self.deployment.has_disputes else None
 
     # -- views ---------------------------------------------------------------------------------------------
 
@@ -118,9 +112,17 @@ class ChainClient:
     def task_count(self) -> int:
         return self._view("TaskManager", "taskCount")
 
-    def oldest_open(self, kind: str, price: int) -> int | None:
-        """The oldest open task of `kind` that pays at least `price`."""
-        return self._view("TaskManager", "oldestOpen", kind_to_bytes32(kind), price) or None
+    def attempt_of(self, task_id: int) -> Attempt:
+        """Raises ContractReverted: WrongState unless the task is Submitted or Ruled."""
+        return self._view("TaskManager", "attemptOf", task_id)
+
+    def standing(self, task_id: int) -> Standing:
+        """The ruling that stands on the task; Ruling.NONE where none does."""
+        return self._view("TaskManager", "standing", task_id)
+
+    def oldest_open(self, number: int, price: int) -> int | None:
+        """The oldest open task of the kind of this number that pays at least `price`."""
+        return self._view("TaskManager", "oldestOpen", number, price) or None
 
     def service(self, service_id: int) -> Service:
         """Raises ContractReverted: UnknownService."""
@@ -137,9 +139,10 @@ class ChainClient:
     def service_count(self) -> int:
         return self._view("ServiceManager", "serviceCount")
 
-    def longest_idle(self, kind: str, max_price: int) -> int | None:
-        """The service of `kind` that has waited longest among those that cost at most `max_price`."""
-        return self._view("ServiceManager", "longestIdle", kind_to_bytes32(kind), max_price) or None
+    def longest_idle(self, number: int, max_price: int) -> int | None:
+        """The service of the kind of this number that has waited longest among those that cost at most
+        `max_price`."""
+        return self._view("ServiceManager", "longestIdle", number, max_price) or None
 
     def pending_payments(self, account: str) -> int:
         """What the token refused to `account` and `withdrawPayments` pays, wei."""
@@ -203,33 +206,54 @@ class ChainClient:
         """Between the announcement of another administrator and the handover, s."""
         return self._view("Organization", "defaultAdminDelay")
 
-    def judge(self, key: str, committee: str = artifacts.COMMITTEES[0]) -> Judge | None:
-        """The judge of the committee (one of `artifacts.COMMITTEES`) who signs with `key`."""
-        found: Judge = self._view(committee, "judge", to_checksum_address(key))
+    def judge_numbered(self, number: int) -> str:
+        """The address of the contract that judges the kind of this number."""
+        return str(self._view("Organization", "judgeNumbered", number))
+
+    def is_judge_removed(self, number: int) -> bool:
+        """Whether that contract rules no more."""
+        return self._view("TaskManager", "isRemoved", number)
+
+    def auditors(self) -> str:
+        """The address of the contract that rules in place of a judge that was removed."""
+        return str(self._view("Organization", "auditors"))
+
+    def seat(self, key: str, committee: str = artifacts.COMMITTEES[0]) -> Seat | None:
+        """The seat of the judge of the committee (one of `artifacts.COMMITTEES`) who signs with `key`."""
+        found: Seat = self._view(committee, "seatOf", to_checksum_address(key))
         return None if found.owner == NOBODY else found
 
     def quorum(self, kind: str, committee: str = artifacts.COMMITTEES[0]) -> Quorum:
         """Which judges of the committee vote on proofs of `kind`; 0 votes where none do."""
         return self._view(committee, "quorumOf", kind_to_bytes32(kind))
 
-    def committee_calls(self, committee: str) -> CommitteeCalls:
-        """The administrator's, to one of `artifacts.COMMITTEES`."""
-        return CommitteeCalls(self.deployment, committee)
+    def committee_calls(self, committee: str = artifacts.COMMITTEES[0]) -> CommitteeJudgeCalls:
+        """To one of `artifacts.COMMITTEES`."""
+        return CommitteeJudgeCalls(self.deployment, committee)
 
     def instances(self, kind: str) -> list[Instance]:
-        """Who judges `kind` one after the other; none where its verdicts cannot be challenged."""
-        return self._view("Disputes", "instancesOf", kind_to_bytes32(kind))
+        """Who judges `kind` one after the other; none where its rulings cannot be challenged."""
+        return self._view("DisputeJudge", "instancesOf", kind_to_bytes32(kind))
 
     def longest_case(self, kind: str) -> int:
-        """How long a case of `kind` lasts at most after its first verdict, s; 0 where there are none."""
-        return self._view("Disputes", "longestCase", kind_to_bytes32(kind))
+        """How long a case of `kind` lasts at most after its first ruling, s; 0 where there are none."""
+        return self._view("DisputeJudge", "longestCase", kind_to_bytes32(kind))
 
     def stake(self, seat: int, committee: str = artifacts.COMMITTEES[0]) -> int:
         """What counts for the votes of the judge in this seat of the committee, wei."""
-        raw = self._contracts["Disputes"].functions.stakeOf(self.deployment.address(committee), seat)
+        return self._stake_of(seat, committee)[0]
+
+    def stake_needed(self, seat: int, committee: str, amount: int) -> int:
+        """What it must be to stand for a proof, too, that is accepted and paid `amount`, wei."""
+        _stake, is_open, _leaving, _until = self._stake_of(seat, committee)
+        covers: int = self._view("DisputeJudge", "STAKE_COVERS")
+        return -(-(is_open + amount) // covers)
+
+    def _stake_of(self, seat: int, committee: str) -> list[int]:
+        """Stake, accepted amounts that are open, what leaves, and until when."""
+        raw = self._contracts["DisputeJudge"].functions.stakeOf(self.deployment.address(committee), seat)
         with translated(self.currency):
-            stake, _leaving, _until = raw.call()
-        return int(stake)
+            return [int(one) for one in raw.call()]
 
     def policy(self) -> ChecksumAddress:
         return self._view("Organization", "policy")

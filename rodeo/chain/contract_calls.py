@@ -6,17 +6,7 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 
 from __future__ import annotations
 
-from rodeo.chain.abi import (
-    Instance,
-    Review,
-    Revocation,
-    ServiceState,
-    Silence,
-    TaskRequest,
-    Terms,
-    Verdict,
-    Vote,
-)
+from rodeo.chain.abi import Finding, Instance, Revocation, ServiceState, TaskRequest, Terms
 from rodeo.chain.encoding import Call, ContractCalls
 from rodeo.chain.types import Role, TimelockRole
 
@@ -32,30 +22,44 @@ class BudgetVotesCalls(ContractCalls):
         return self._call("BudgetVotes", "vote", round_id, votes)
 
 
-class DisputesCalls(ContractCalls):
+class CommitteeJudgeCalls(ContractCalls):
+    def change_key(self, old_key: str, key: str, r: bytes, vs: bytes) -> Call:
+        return self._call("CommitteeJudge", "changeKey", old_key, key, r, vs)
+
+    def post_votes(self, finding: Finding, report_uri: str, signatures: bytes) -> Call:
+        return self._call("CommitteeJudge", "postVotes", finding, report_uri, signatures)
+
+    def seat(self, key: str, owner: str, r: bytes, vs: bytes) -> Call:
+        return self._call("CommitteeJudge", "seat", key, owner, r, vs)
+
+    def set_quorum(self, kind: str, votes: int, panel: int, rotation: int, seats: int) -> Call:
+        return self._call("CommitteeJudge", "setQuorum", kind, votes, panel, rotation, seats)
+
+
+class DisputeJudgeCalls(ContractCalls):
     def announce_withdrawal(self, committee: str, seat: int, amount: int) -> Call:
-        return self._call("Disputes", "announceWithdrawal", committee, seat, amount)
+        return self._call("DisputeJudge", "announceWithdrawal", committee, seat, amount)
 
     def challenge(self, task_id: int, reason: str) -> Call:
-        return self._call("Disputes", "challenge", task_id, reason)
-
-    def close(self, vote: Vote, report_uri: str) -> Call:
-        return self._call("Disputes", "close", vote, report_uri)
+        return self._call("DisputeJudge", "challenge", task_id, reason)
 
     def deposit_stake(self, committee: str, seat: int, amount: int) -> Call:
-        return self._call("Disputes", "depositStake", committee, seat, amount)
+        return self._call("DisputeJudge", "depositStake", committee, seat, amount)
 
-    def post_votes(self, vote: Vote, report_uri: str, signatures: bytes) -> Call:
-        return self._call("Disputes", "postVotes", vote, report_uri, signatures)
+    def post_votes(self, f: Finding, report_uri: str, signatures: bytes) -> Call:
+        return self._call("DisputeJudge", "postVotes", f, report_uri, signatures)
 
     def set_instances(self, kind: str, instances: list[Instance]) -> Call:
-        return self._call("Disputes", "setInstances", kind, instances)
+        return self._call("DisputeJudge", "setInstances", kind, instances)
+
+    def settle(self, task_id: int, attempt: int) -> Call:
+        return self._call("DisputeJudge", "settle", task_id, attempt)
 
     def withdraw_payments(self, account: str) -> Call:
-        return self._call("Disputes", "withdrawPayments", account)
+        return self._call("DisputeJudge", "withdrawPayments", account)
 
     def withdraw_stake(self, committee: str, seat: int) -> Call:
-        return self._call("Disputes", "withdrawStake", committee, seat)
+        return self._call("DisputeJudge", "withdrawStake", committee, seat)
 
 
 class IECoinCalls(ContractCalls):
@@ -77,20 +81,6 @@ class MemberVotesCalls(ContractCalls):
         return self._call("MemberVotes", "sync", account)
 
 
-class OracleCommitteeCalls(ContractCalls):
-    def change_key(self, old_key: str, key: str) -> Call:
-        return self._call("OracleCommittee", "changeKey", old_key, key)
-
-    def post_votes(self, vote: Vote, report_uri: str, signatures: bytes) -> Call:
-        return self._call("OracleCommittee", "postVotes", vote, report_uri, signatures)
-
-    def seat(self, key: str, owner: str) -> Call:
-        return self._call("OracleCommittee", "seat", key, owner)
-
-    def set_quorum(self, kind: str, votes: int, panel: int, rotation: int, judges: int) -> Call:
-        return self._call("OracleCommittee", "setQuorum", kind, votes, panel, rotation, judges)
-
-
 class OrganizationCalls(ContractCalls):
     def abandon_task(self, task_id: int, attempt: int) -> Call:
         return self._call("Organization", "abandonTask", task_id, attempt)
@@ -104,8 +94,11 @@ class OrganizationCalls(ContractCalls):
     def admit(self, account: str) -> Call:
         return self._call("Organization", "admit", account)
 
-    def allow_kind(self, kind: str, review: Review, rules: bytes) -> Call:
-        return self._call("Organization", "allowKind", kind, review, rules)
+    def agree(self, service_id: int) -> Call:
+        return self._call("Organization", "agree", service_id)
+
+    def allow_kind(self, kind: str, judge: str, rules: bytes) -> Call:
+        return self._call("Organization", "allowKind", kind, judge, rules)
 
     def begin_default_admin_transfer(self, new_admin: str) -> Call:
         return self._call("Organization", "beginDefaultAdminTransfer", new_admin)
@@ -157,6 +150,9 @@ class OrganizationCalls(ContractCalls):
     def reinstate_service(self, service_id: int) -> Call:
         return self._call("Organization", "reinstateService", service_id)
 
+    def remove_judge(self, number: int) -> Call:
+        return self._call("Organization", "removeJudge", number)
+
     def renounce_role(self, role: Role, account: str) -> Call:
         return self._call("Organization", "renounceRole", role, account)
 
@@ -178,8 +174,11 @@ class OrganizationCalls(ContractCalls):
     def rollback_default_admin_delay(self) -> Call:
         return self._call("Organization", "rollbackDefaultAdminDelay")
 
-    def set_audit(self, kind: str, audit_window: int, silence: Silence) -> Call:
-        return self._call("Organization", "setAudit", kind, audit_window, silence)
+    def set_audit(self, kind: str, audit_window: int) -> Call:
+        return self._call("Organization", "setAudit", kind, audit_window)
+
+    def set_auditors(self, auditors: str) -> Call:
+        return self._call("Organization", "setAuditors", auditors)
 
     def set_budget(self, role: str, amount: int, period: int) -> Call:
         return self._call("Organization", "setBudget", role, amount, period)
@@ -272,15 +271,17 @@ class OrganizationTimelockCalls(ContractCalls):
         return self._call("OrganizationTimelock", "updateDelay", new_delay)
 
 
+class RoleJudgeCalls(ContractCalls):
+    def rule(self, finding: Finding, report_uri: str) -> Call:
+        return self._call("RoleJudge", "rule", finding, report_uri)
+
+    def rule_for(self, judge: str, finding: Finding, report_uri: str) -> Call:
+        return self._call("RoleJudge", "ruleFor", judge, finding, report_uri)
+
+
 class ServiceManagerCalls(ContractCalls):
-    def count_abandoned(self, task_id: int, service_id: int, creator: str) -> Call:
-        return self._call("ServiceManager", "countAbandoned", task_id, service_id, creator)
-
-    def record_judge(self, account: str, reviews: int) -> Call:
-        return self._call("ServiceManager", "recordJudge", account, reviews)
-
-    def record_review(self, kind_id: int, review: int) -> Call:
-        return self._call("ServiceManager", "recordReview", kind_id, review)
+    def agree(self, service_id: int) -> Call:
+        return self._call("ServiceManager", "agree", service_id)
 
     def register_service(
         self, kind: str, price: int, max_bond: int, auto_accept: bool, description: str
@@ -300,8 +301,24 @@ class ServiceManagerCalls(ContractCalls):
 
 
 class SignedRequestsCalls(ContractCalls):
-    def cancel_task_for(self, creator: str, task_id: int, deadline: int, signature: bytes) -> Call:
-        return self._call("SignedRequests", "cancelTaskFor", creator, task_id, deadline, signature)
+    def abandon_task_for(
+        self, executor: str, task_id: int, attempt: int, nonce: int, deadline: int, signature: bytes
+    ) -> Call:
+        return self._call(
+            "SignedRequests", "abandonTaskFor", executor, task_id, attempt, nonce, deadline, signature
+        )
+
+    def accept_task_for(
+        self, executor: str, task_id: int, attempt: int, nonce: int, deadline: int, signature: bytes
+    ) -> Call:
+        return self._call(
+            "SignedRequests", "acceptTaskFor", executor, task_id, attempt, nonce, deadline, signature
+        )
+
+    def cancel_task_for(
+        self, creator: str, task_id: int, nonce: int, deadline: int, signature: bytes
+    ) -> Call:
+        return self._call("SignedRequests", "cancelTaskFor", creator, task_id, nonce, deadline, signature)
 
     def register_task_for(
         self, creator: str, request: TaskRequest, nonce: int, deadline: int, signature: bytes
@@ -318,6 +335,7 @@ class SignedRequestsCalls(ContractCalls):
         attempt: int,
         proof_hash: bytes,
         uri: str,
+        nonce: int,
         deadline: int,
         signature: bytes,
     ) -> Call:
@@ -329,6 +347,7 @@ class SignedRequestsCalls(ContractCalls):
             attempt,
             proof_hash,
             uri,
+            nonce,
             deadline,
             signature,
         )
@@ -344,49 +363,17 @@ class TaskManagerCalls(ContractCalls):
     def cancel_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "cancelTask", task_id)
 
+    def conclude(self, task_id: int) -> Call:
+        return self._call("TaskManager", "conclude", task_id)
+
     def expire_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "expireTask", task_id)
 
     def match_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "matchTask", task_id)
 
-    def on_review_changed(self) -> Call:
-        return self._call("TaskManager", "onReviewChanged")
-
-    def post_verdict(
-        self,
-        task_id: int,
-        attempt: int,
-        proof_hash: bytes,
-        verdict: Verdict,
-        amount: int,
-        report_hash: bytes,
-        report_uri: str,
-        reason: str,
-    ) -> Call:
-        return self._call(
-            "TaskManager",
-            "postVerdict",
-            task_id,
-            attempt,
-            proof_hash,
-            verdict,
-            amount,
-            report_hash,
-            report_uri,
-            reason,
-        )
-
     def register_task(self, request: TaskRequest) -> Call:
         return self._call("TaskManager", "registerTask", request)
-
-    def register_task_with_permit(
-        self, request: TaskRequest, deadline: int, v: int, r: bytes, s: bytes
-    ) -> Call:
-        return self._call("TaskManager", "registerTaskWithPermit", request, deadline, v, r, s)
-
-    def rescue(self, token: str, to: str) -> Call:
-        return self._call("TaskManager", "rescue", token, to)
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("TaskManager", "submitProof", task_id, attempt, proof_hash, uri)

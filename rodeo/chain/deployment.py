@@ -79,7 +79,7 @@ class Deployment(BaseModel):
     @property
     def has_disputes(self) -> bool:
         """Whether the contracts are there by which verdicts can be challenged."""
-        return "Disputes" in self.contracts
+        return "DisputeJudge" in self.contracts
 
     @property
     def committees(self) -> list[str]:

@@ -28,16 +28,17 @@ class Call:
 
 
 class ContractCalls:
-    """Encodes calls to the contracts of a deployment."""
+    """Encodes calls to the contracts of a deployment. `contract` says to which of several that are alike."""
 
-    def __init__(self, deployment: Deployment) -> None:
+    def __init__(self, deployment: Deployment, contract: str | None = None) -> None:
         self._deployment = deployment
+        self._contract = contract
 
     def _call(self, contract: str, function: str, *args: Any) -> Call:
         # Not web3's encode_abi: it reads the whole ABI anew, which takes longer than signing.
         selector, types, inputs = functions(contract)[function]
         data = "0x" + (selector + encode(types, raw_values(inputs, args))).hex()
-        return Call(self._deployment.address(contract), HexStr(data), function)
+        return Call(self._deployment.address(self._contract or contract), HexStr(data), function)
 
 
 @cache

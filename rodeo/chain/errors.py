@@ -57,10 +57,12 @@ _AMOUNTS_OF = {
     "WrongAmountReceived": {"expected", "received"},
     "OverBudget": {"left"},
     "BondTooHigh": {"max_bond"},
+    "StakeTooLow": {"stake"},
+    "WrongStakeReceived": {"expected", "received"},
 }
 """The same where another error's argument of that name is something else."""
-_NO_AMOUNTS_OF = {"TooFewVotes": {"needed"}, "TooFewCredits": {"needed"}, "TooLate": {"needed"}}
-"""Arguments of these names that are something else: a number of votes or credits, a time."""
+_NO_AMOUNTS_OF = {name: {"needed"} for name in ("TooFewVotes", "TooFewCredits", "TooLate", "TooLittleGas")}
+"""Arguments of these names that are something else: a number of votes or credits, a time, gas."""
 
 
 class ContractReverted(ChainError):

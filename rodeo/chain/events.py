@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rodeo.chain.abi import Cause, Instance, Review, Revocation, ServiceState, Silence, Verdict, Vote
+from rodeo.chain.abi import Cause, Fault, Instance, Revocation, Ruling, ServiceState
 from rodeo.chain.types import Event
 
 
@@ -30,7 +30,11 @@ class Transfer(Event):
 class AuditChanged(Event):
     kind: str
     audit_window: int
-    silence: Silence
+
+
+@dataclass(frozen=True)
+class AuditorsChanged(Event):
+    auditors: str
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,16 @@ class DeviceRevoked(Event):
 
 
 @dataclass(frozen=True)
+class JudgeRemoved(Event):
+    number: int
+    judge: str
+
+
+@dataclass(frozen=True)
 class KindAllowed(Event):
     kind: str
-    review: Review
+    number: int
+    judge: str
     rules: bytes
 
 
@@ -180,6 +191,13 @@ class BondPenalized(Event):
 
 
 @dataclass(frozen=True)
+class BondRanShort(Event):
+    service_id: int
+    bond: int
+    penalty: int
+
+
+@dataclass(frozen=True)
 class BondReturned(Event):
     service_id: int
     provider: str
@@ -193,6 +211,20 @@ class PayoutChanged(Event):
 
 
 @dataclass(frozen=True)
+class PenaltyReturned(Event):
+    service_id: int
+    task_id: int
+    amount: int
+
+
+@dataclass(frozen=True)
+class PenaltySetAside(Event):
+    service_id: int
+    task_id: int
+    amount: int
+
+
+@dataclass(frozen=True)
 class ProviderFellAsleep(Event):
     provider: str
     until: int
@@ -201,6 +233,12 @@ class ProviderFellAsleep(Event):
 @dataclass(frozen=True)
 class ProviderWokeUp(Event):
     provider: str
+
+
+@dataclass(frozen=True)
+class ServiceAgreed(Event):
+    service_id: int
+    kind_id: int
 
 
 @dataclass(frozen=True)
@@ -244,14 +282,6 @@ class TermsAgreed(Event):
 
 
 @dataclass(frozen=True)
-class AuditRequested(Event):
-    task_id: int
-    attempt: int
-    deadline: int
-    silence: Silence
-
-
-@dataclass(frozen=True)
 class PaymentCollected(Event):
     account: str
     amount: int
@@ -282,6 +312,18 @@ class ProofSubmitted(Event):
 class ProviderRequested(Event):
     task_id: int
     provider: str
+
+
+@dataclass(frozen=True)
+class Ruled(Event):
+    task_id: int
+    attempt: int
+    proof_hash: bytes
+    ruling: Ruling
+    fault: Fault
+    amount: int
+    until: int
+    report: bytes
 
 
 @dataclass(frozen=True)
@@ -351,18 +393,6 @@ class TaskSettled(Event):
 
 
 @dataclass(frozen=True)
-class VerdictPosted(Event):
-    task_id: int
-    attempt: int
-    proof_hash: bytes
-    verdict: Verdict
-    amount: int
-    report_hash: bytes
-    report_uri: str
-    reason: str
-
-
-@dataclass(frozen=True)
 class RequestRevoked(Event):
     signer: str
     nonce: int
@@ -374,6 +404,22 @@ class RequestUsed(Event):
     nonce: int
     task_id: int
     relayer: str
+
+
+@dataclass(frozen=True)
+class PassedOn(Event):
+    task_id: int
+    attempt: int
+    next: str
+
+
+@dataclass(frozen=True)
+class Reported(Event):
+    task_id: int
+    attempt: int
+    report_hash: bytes
+    report_uri: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -396,7 +442,7 @@ class QuorumChanged(Event):
     votes: int
     panel: int
     rotation: int
-    judges: int
+    seats: int
 
 
 @dataclass(frozen=True)
@@ -404,21 +450,14 @@ class VotesCounted(Event):
     task_id: int
     attempt: int
     rules: bytes
-    judges: int
+    seats: int
 
 
 @dataclass(frozen=True)
-class CaseClosed(Event):
+class CaseSettled(Event):
     task_id: int
     attempt: int
-    verdict: Verdict
-    amount: int
-
-
-@dataclass(frozen=True)
-class CaseVoided(Event):
-    task_id: int
-    attempt: int
+    voided: bool
 
 
 @dataclass(frozen=True)
@@ -432,18 +471,20 @@ class Challenged(Event):
 
 
 @dataclass(frozen=True)
-class InstancesChanged(Event):
-    kind: str
-    instances: list[Instance]
+class InstanceRuled(Event):
+    task_id: int
+    attempt: int
+    instance: int
+    ruling: Ruling
+    rules: bytes
+    voters: int
+    until: int
 
 
 @dataclass(frozen=True)
-class Ruled(Event):
-    task_id: int
-    instance: int
-    vote: Vote
-    report_uri: str
-    until: int
+class InstancesChanged(Event):
+    kind: str
+    instances: list[Instance]
 
 
 @dataclass(frozen=True)

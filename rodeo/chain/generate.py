@@ -18,12 +18,21 @@ from rodeo.chain import artifacts
 from rodeo.chain.types import RENAMED, TEXTS, field_name
 from rodeo.errors import snake_case
 
-BETWEEN_CONTRACTS = frozenset(
-    {
-        *("countVoters", "enqueue", "holdBond", "onServiceFree", "recordOwner", "reserve"),
-        *("reinstate", "release", "returnBond", "suspend", "suspendServicesOf"),
-    }
-)
+BETWEEN_CONTRACTS = {
+    "ServiceManager": frozenset(
+        {
+            *("conclude", "countAbandoned", "enqueue", "recordOwner", "reinstate", "release", "reserve"),
+            *("suspend", "suspendServicesOf"),
+        }
+    ),
+    "TaskManager": frozenset(
+        {"holdBond", "onServiceFree", "recordJudge", "removeJudge", "rescue", "returnBond", "rule"}
+    ),
+    "RoleJudge": frozenset({"ruleForNext"}),
+    "CommitteeJudge": frozenset({"ruleForNext"}),
+    "DisputeJudge": frozenset({"ruleForNext", "payOrRevert"}),
+    "Organization": frozenset({"payShare"}),
+}
 """Functions that refuse everybody but another of the contracts."""
 
 OF_GOVERNANCE = {
@@ -65,9 +74,8 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 
 def generated() -> dict[str, str]:
     """File in this folder -> what is in it."""
-    entries = [
-        (name, entry) for name in (*artifacts.CONTRACTS, "Disputes") for entry in artifacts.load(name).abi
-    ]
+    contracts = {one.name: one.abi for one in map(artifacts.load, (*artifacts.CONTRACTS, "DisputeJudge"))}
+    entries = [(name, entry) for name, abi in contracts.items() for entry in abi]
     entries += [
         (name, entry)
         for name, used in OF_GOVERNANCE.items()
@@ -77,11 +85,14 @@ def generated() -> dict[str, str]:
     functions = [
         (contract, entry)
         for contract, entry in entries
-        if entry["type"] == "function" and entry["name"] not in BETWEEN_CONTRACTS
+        if entry["type"] == "function" and entry["name"] not in BETWEEN_CONTRACTS.get(contract, ())
     ]
-    events = [
-        entry for _, entry in entries if entry["type"] == "event" and entry["name"] not in IGNORED_EVENTS
-    ]
+    # What all judges log is in each one's ABI.
+    events = {
+        entry["name"]: entry
+        for _, entry in entries
+        if entry["type"] == "event" and entry["name"] not in IGNORED_EVENTS
+    }.values()
     structs = dict(_structs([p for _, one in functions for p in (*one["inputs"], *one["outputs"])]))
     kept = [p for parameters in structs.values() for p in parameters]
     kept += [p for _, entry in entries if entry["type"] in ("event", "error") for p in entry["inputs"]]

@@ -48,6 +48,7 @@ class Role(StrEnum):
     AUDITOR = "AUDITOR_ROLE"
     MEMBER = "MEMBER_ROLE"
     GUARDIAN = "GUARDIAN_ROLE"
+    ALLOCATOR = "ALLOCATOR_ROLE"
 
     @property
     def id(self) -> bytes:

@@ -1,4 +1,9 @@
-"""What was done can be paid for once: acts, and which of them accepted verdicts have consumed.
+"""What was done can be paid for once: acts, and which of them were paid for or may be.
+
+While a ruling of acceptance stands, what its proof claims is claimed: somebody else who claims the same waits
+until that is concluded, or until the ruling is replaced. Once it is concluded, the act is spent. An executor
+claims an act once: while any of its own proofs has a ruling that may be replaced, the act is not free for
+another one.
 
 An act is a line of text, `<what it is>/<number>` or `<what it is>/<from>-<to>`: `bin/itrash/drop/7`,
 `mocap/item3/120-180`, `meter/dock1/register/1000.0-1200.0`. Two acts overlap when they are of the same thing
@@ -6,7 +11,7 @@ and their numbers do. Whole numbers count things, statements or drops, and both 
 decimals measure a quantity, and where one ends the next may begin.
 
 Nothing is kept here that chain and store do not say: `ConsumedActs` is made again at every start, from the
-events and from the reports that verdicts name.
+events and from the reports that rulings name.
 """
 
 from __future__ import annotations
@@ -23,7 +28,7 @@ from typing import NamedTuple, Self
 from rodeo.checks.report import Check
 from rodeo.errors import RodeoError
 from rodeo.foreign_text import quoted
-from rodeo.messages import DaoEvent, Outcome
+from rodeo.messages import DaoEvent, Ruling
 from rodeo.strict_json import read_json
 
 log = logging.getLogger(__name__)
@@ -36,7 +41,7 @@ _MAX_CHARACTERS = 300
 
 
 class Judged(NamedTuple):
-    """A file that the store must have, because a verdict names it."""
+    """A file that the store must have, because a ruling names it."""
 
     what: str
     """In words."""
@@ -46,12 +51,12 @@ class Judged(NamedTuple):
 
 
 def judged_files(events: Iterable[DaoEvent]) -> Iterator[Judged]:
-    """What the verdicts in a task's events, which are in chain order, say that the store has."""
+    """What the rulings in a task's events, which are in chain order, say that the store has."""
     proof: DaoEvent | None = None
     for event in events:
         if event.name == "ProofSubmitted":
             proof = event
-        elif event.name == "VerdictPosted":
+        elif event.name == "Reported":
             args = event.args
             of = f"task {event.task_id} attempt {args['attempt']}"
             # Nobody ever had the bytes of what was not handed over.
@@ -107,12 +112,14 @@ class Submission:
     executor: str
     block: int
     log_index: int
-    outcome: Outcome | None = None
-    """The last verdict; an undecided one is replaced by that of people."""
+    ruling: Ruling | None = None
+    """The last of a judge, whether it stands or is final; None while no judge has ruled."""
+    passed_on: bool = False
+    """The judge could not decide, and people may."""
     over: bool = False
-    """The attempt ended, with or without a verdict."""
+    """The attempt ended, with or without a ruling."""
     reports: tuple[tuple[str, str], ...] = ()
-    """(uri, SHA-256 as 0x hex) of each verdict's report."""
+    """(uri, SHA-256 as 0x hex) of each ruling's report."""
 
     @property
     def key(self) -> tuple[int, int]:
@@ -125,18 +132,24 @@ class Submission:
 
     @property
     def waits(self) -> bool:
-        """Whether its first verdict is still to come."""
-        return self.outcome is None and not self.over
+        """Whether its first ruling is still to come. After the verdict window, too: until the case ends it
+        may be ruled on."""
+        return self.ruling is None and not self.over
 
     @property
-    def with_auditors(self) -> bool:
-        """Whether people may still accept what could not be decided; their silence may, too."""
-        return self.outcome == "undecided" and not self.over
+    def stands(self) -> bool:
+        """Whether it has a ruling that may be replaced yet."""
+        return self.ruling is not None and not self.over
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it was paid for, or is as things stand."""
+        return self.ruling == "accepted"
 
 
 @dataclass(frozen=True)
 class Spent:
-    """An act that was paid for before, or that its executor already has somebody decide on."""
+    """An act that was paid for before, or that another proof claims that has a ruling already."""
 
     act: str
     by: Submission
@@ -144,6 +157,8 @@ class Spent:
     """The act of theirs that it overlaps."""
     earlier: bool
     """Whether it was submitted earlier in chain order."""
+    own: bool
+    """Whether both are of one executor."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +170,7 @@ class Wait:
 
 
 class ConsumedActs:
-    """The acts of accepted verdicts, by the chain's events. Thread-safe.
+    """The acts of accepted proofs, by the chain's events. Thread-safe.
 
     Args:
         tell: is called when something was learnt, under a lock: it must not ask anything here but `news`.
@@ -218,19 +233,19 @@ class ConsumedActs:
             return self._find(task_id, attempt)
 
     def waiting(self) -> list[Submission]:
-        """Those whose first verdict is still to come."""
+        """Those whose first ruling is still to come."""
         with self._lock:
             return [one for one in self._all() if one.waits]
 
     def judged_files(self) -> list[Judged]:
-        """What verdicts name in the store."""
+        """What rulings name in the store."""
         with self._lock:
             return [one for events in self._events.values() for one in judged_files(events)]
 
     def unread(self) -> list[Submission]:
         """Those with a report that has to be read: they were accepted, or may be yet."""
         with self._lock:
-            return [one for one in self._all() if one.outcome in _PAID_FOR and self._unread(one)]
+            return [one for one in self._all() if (one.accepted or one.stands) and self._unread(one)]
 
     def read(self, sha256: str, listed: Iterable[str]) -> None:
         """The report of this hash lists these acts; what is none is left out and logged."""
@@ -250,7 +265,7 @@ class ConsumedActs:
 
     def judged(self, task_id: int, attempt: int, claimed: Iterable[str] | None) -> None:
         """A verification ended, so that others do not wait for it in vain: the submission claims these acts,
-        none if it is refused. None where it gets no verdict from here."""
+        none if it is refused. None where it gets no ruling from here."""
         found = None if claimed is None else [Act.parse(text) for text in claimed]
         with self._lock:
             self._judged[task_id, attempt] = found
@@ -271,41 +286,43 @@ class ConsumedActs:
     ) -> Spent | Wait | None:
         """Whether any of the acts that a submission claims was paid for; None if none was.
 
-        What was submitted earlier goes first: while it waits for its verdict and may claim one of these acts,
-        the later one waits, too. What its own executor has auditors decide on is spent as well: they may
-        accept it, and no honest executor claims one act twice. Somebody else's claim there holds nobody up.
-        Nor do others' proofs that are not verified yet, once the verdict is `due`: they wait for it then.
+        What was submitted earlier goes first: while it waits for its ruling and may claim one of these acts,
+        the later one waits, too. So does everybody while the acceptance of somebody else's claim may still be
+        replaced. What its own executor claims in a proof that has a ruling is spent until that ruling is
+        final: it may be accepted yet, and no honest executor claims one act twice. Somebody else's claim that
+        was not accepted holds nobody up. Nor do others' proofs that are not verified yet, once the ruling is
+        `due`: they wait for it then. And what was accepted and may be replaced counts as spent then.
         """
         wanted: dict[str, list[Act]] = defaultdict(list)
         for text in claimed:
             act = Act.parse(text)
             wanted[act.what].append(act)
         with self._lock:
-            own = self._find(task_id, attempt)
-            if own is None or not wanted:
+            me = self._find(task_id, attempt)
+            if me is None or not wanted:
                 return None
             wait: Wait | None = None
             for other in sorted(self._all(), key=lambda one: one.place):
-                if other.kind != own.kind or other.key == own.key:
+                if other.kind != me.kind or other.key == me.key:
                     continue
-                earlier = other.place < own.place
-                if other.outcome == "accepted" or (other.with_auditors and other.executor == own.executor):
+                earlier, own = other.place < me.place, other.executor == me.executor
+                if other.accepted or (own and other.stands):
                     if self._unread(other):
-                        wait = wait or Wait(other, "the report of its verdict could not be read yet")
+                        wait = wait or Wait(other, "its report could not be read yet")
                     elif (both := _overlap(wanted, self._acts(other))) is not None:
-                        return Spent(both[0].text, other, both[1].text, earlier)
-                elif other.executor != own.executor and (
-                    other.key in self._away or (due and other.key not in self._judged)
-                ):
+                        if own or due or other.over:
+                            return Spent(both[0].text, other, both[1].text, earlier, own)
+                        wait = wait or Wait(other, "it was accepted, and that may be replaced yet")
+                elif not own and (other.key in self._away or (due and other.key not in self._judged)):
                     continue
                 elif (earlier or other.key in self._clear) and other.waits and wait is None:
                     known = other.key in self._judged
                     theirs = self._judged.get(other.key)
                     if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
                         was = "was submitted earlier" if earlier else "may be paid for it"
-                        wait = Wait(other, f"it {was} and has no verdict yet")
+                        wait = Wait(other, f"it {was} and has no ruling yet")
             if wait is None:
-                self._clear.add(own.key)
+                self._clear.add(me.key)
             return wait
 
     def _find(self, task_id: int, attempt: int) -> Submission | None:
@@ -324,20 +341,29 @@ class ConsumedActs:
 
 def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
     """Whether what a proof claims was paid for before, as the check that is asked last."""
-    source = "accepted verdicts on chain and their reports"
+    source = "accepted proofs on chain and their reports"
     if found is None:
         return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(map(quoted, claimed)))
     by = f"task {found.by.task_id} attempt {found.by.attempt}"
-    said = "is with auditors" if found.by.with_auditors else "was paid for"
-    # Who submitted first would have been paid, had its verdict come in time.
-    overtaken = not found.earlier and not found.by.with_auditors
+    if found.by.over:
+        said = "was paid for"
+    elif found.by.accepted:
+        said = "was accepted"
+    else:
+        said = "is with auditors" if found.by.passed_on else "has a ruling that may be replaced"
+    fault = None
+    if found.by.accepted and not found.earlier:
+        # Who submitted first would have been paid, had its ruling come in time.
+        fault = "the oracle, which decided a later submission first"
+    elif not found.by.over and not found.own:
+        fault = "another executor, whose claim may still be rejected"
     return Check(
         name="acts_unspent",
         passed=False,
         measured=quoted(found.act),
         source=source,
         detail=f"{quoted(found.act)} {said} in {by} as {quoted(found.theirs)}",
-        fault="the oracle, which decided a later submission first" if overtaken else None,
+        fault=fault,
     )
 
 
@@ -346,23 +372,13 @@ def acts_listed(data: bytes, sha256: str) -> list[str]:
     try:
         listed = read_json(data).get("acts", [])
     except ValueError as error:
-        log.error("the report %s of a verdict lists no acts: %r", sha256, error)
+        log.error("the report %s of a ruling lists no acts: %r", sha256, error)
         return []
     return [str(act) for act in listed] if isinstance(listed, list) else []
 
 
-_TELLING = frozenset(
-    {
-        "TaskRegistered",
-        "ProofSubmitted",
-        "VerdictPosted",
-        "TaskSettled",
-        "TaskRequeued",
-        "TaskFailed",
-        "TaskCancelled",
-    }
-)
-_PAID_FOR: frozenset[Outcome | None] = frozenset({"accepted", "undecided"})
+_ENDS = frozenset({"TaskSettled", "TaskRequeued", "TaskFailed", "TaskCancelled"})
+_TELLING = _ENDS | {"TaskRegistered", "ProofSubmitted", "Reported", "PassedOn", "Ruled"}
 
 
 def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
@@ -378,21 +394,20 @@ def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
             made.append(Submission(event.task_id or 0, attempt, kind, executor, event.block, event.log_index))
         elif not made:
             continue
-        elif event.name == "VerdictPosted":
+        elif event.name == "Reported":
             report = str(args["report_uri"]), str(args["report_hash"]).lower()
-            made[-1] = replace(made[-1], outcome=outcome_of(event), reports=(*made[-1].reports, report))
-        elif event.name == "TaskSettled":
-            # Also where nobody judged what was undecided, and the kind's rules say that it is paid then.
-            made[-1] = replace(made[-1], outcome="accepted", over=True)
-        else:
+            made[-1] = replace(made[-1], reports=tuple(dict.fromkeys((*made[-1].reports, report))))
+        elif event.name == "PassedOn":
+            made[-1] = replace(made[-1], passed_on=True)
+        elif event.name == "Ruled":
+            ruling: Ruling = args["ruling"]
+            # A void without a report no judge has said: nobody had ruled when the verdict window ended.
+            silent = ruling == "void" and not int(str(args["report"]), 16)
+            if made[-1].ruling is not None or not silent:
+                made[-1] = replace(made[-1], ruling=ruling)
+        elif event.name in _ENDS:
             made[-1] = replace(made[-1], over=True)
     yield from made
-
-
-def outcome_of(verdict: DaoEvent) -> Outcome:
-    """What a VerdictPosted says."""
-    outcome: Outcome = verdict.args["verdict"]
-    return outcome
 
 
 def _overlap(wanted: dict[str, list[Act]], others: Iterable[Act]) -> tuple[Act, Act] | None:

@@ -16,13 +16,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from decimal import Decimal
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from rodeo.foreign_text import printable, quoted, shortened
-from rodeo.messages import Outcome
 from rodeo.strict_json import plain, write_json
+
+Outcome = Literal["accepted", "rejected", "undecided", "impossible"]
 
 REASON_CHARACTERS = 500
 _DETAIL_CHARACTERS = 1000
@@ -87,8 +88,8 @@ class Report(BaseModel):
     amount_iec: Decimal | None = None
     """What an accepted proof is paid; None is the task's full price."""
     acts: list[str] = []
-    """What was done and can be paid for only once (`rodeo.checks.acts`). Of an accepted proof, and of an
-    undecided one as far as they are known: people may accept it yet."""
+    """What was done and can be paid for only once (`rodeo.checks.acts`). Of a proof that was not accepted as
+    far as they are known: people may accept it yet."""
     rules_sha256: str | None = None
     """Hash of the rules that the checks are (`rodeo.checks.rules`); None where people judge the kind."""
     checks: list[Check]
@@ -111,7 +112,7 @@ class Report(BaseModel):
         acts: Sequence[str] = (),
         rules_sha256: str | None = None,
     ) -> Report:
-        """The report that these checks make; what is paid, and for what, only where they allow it."""
+        """The report that these checks make; what is paid only where they allow it."""
         failed = [check for check in checks if check.passed is False]
         # The first that the executor answers for, else the first.
         decisive = min(failed, key=lambda check: check.fault is not None, default=None)
@@ -130,7 +131,7 @@ class Report(BaseModel):
             reason=describe(decisive) if decisive else "accepted" if checks else "nothing was checked",
             fault=decisive.fault if decisive else None,
             amount_iec=amount_iec if outcome == "accepted" else None,
-            acts=list(acts) if outcome in ("accepted", "undecided") else [],
+            acts=list(acts),
             rules_sha256=rules_sha256,
             checks=checks,
         )

@@ -78,9 +78,7 @@ def verify_proof(
     report = _report(checks, site, chain_record, case)
     if report.accepted:
         return _with_payment(report, case)
-    if report.outcome == "undecided":
-        return report.model_copy(update={"acts": _claimed(case)})
-    return report
+    return report.model_copy(update={"acts": _claimed(case)})
 
 
 def _with_payment(report: Report, case: Case) -> Report:
@@ -114,13 +112,13 @@ def case_of(proof: Proof, site: Site, chain_record: ChainRecord | None) -> Case:
 
 
 def _claimed(case: Case) -> list[str]:
-    """The acts of a proof that could not be decided, as far as it tells them."""
+    """The acts of a proof that was not accepted, as far as it tells them."""
     try:
         return case.checks.acts(case)
     except Exception as error:
         if is_machines(error):
             raise
-        log.info("cannot determine what an undecided proof claims: %r", error)
+        log.info("cannot determine what this proof claims: %r", error)
         return []
 
 

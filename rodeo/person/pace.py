@@ -8,7 +8,7 @@ While a person has something to do, `robot_sim` keeps the clock slow enough for 
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,30 +23,28 @@ _REAL = 0.05
 """Share by which a clock that keeps real time may look faster or slower than that when it is measured."""
 
 
-def deadline_s(task: Task, audited: Collection[str], kinds: Kinds) -> float | None:
+def deadline_s(task: Task, kinds: Kinds) -> float | None:
     """Until when, in site time, a person has to act on the task; None where none has to.
 
-    A person does it, or judges it: `audited` are the kinds whose proofs auditors judge. What the oracle
-    left undecided waits for an auditor, whatever its kind, and a challenged verdict for its judges.
+    A person does it, or judges it: an auditor also what the oracle passed on, or a removed judge has not
+    ended. A challenged ruling waits for its judges.
     """
-    if task.dispute is not None and task.dispute.challenger is not None:
-        return task.dispute.until
     if task.state == "assigned" and kinds.by_people(task.kind):
         return task.execution_deadline
-    if task.state == "submitted" and (kinds.by_people(task.kind) or task.kind in audited):
+    by_auditors = task.judge == "auditor" or task.passed_on or task.judge_removed
+    if task.state == "submitted" and by_auditors:
         return task.verdict_deadline
-    return task.audit_deadline if task.state == "undecided" else None
+    challenged = task.dispute is not None and task.dispute.challenger is not None
+    return task.standing.until if task.standing and (by_auditors or challenged) else None
 
 
 def running_out_s(task: Task) -> float | None:
     """The deadline, in site time, of the task's state, whoever has to act; None where nobody has to.
-    A verdict that can be challenged ends with its window."""
-    if task.dispute is not None:
-        return task.dispute.until
+    A ruling stands until its time is over."""
     by_state = {
         "assigned": task.execution_deadline,
         "submitted": task.verdict_deadline,
-        "undecided": task.audit_deadline,
+        "ruled": None if task.standing is None else task.standing.until,
     }
     return by_state.get(task.state)
 

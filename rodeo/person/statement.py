@@ -29,7 +29,7 @@ from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
 from rodeo.keys import Signer
 from rodeo.kinds import kinds_of
-from rodeo.messages import Outcome, PostVerdict, Task
+from rodeo.messages import Fault, Rule, Ruling, Task
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.strict_json import plain
@@ -65,7 +65,7 @@ class NotSubmitted(RequestError):
 
 
 class BadAmount(RequestError):
-    """No verdict pays this amount."""
+    """No ruling pays this amount."""
 
 
 class BadPhoto(RequestError):
@@ -179,55 +179,56 @@ def judge(
     site: Site,
     auditor: Participant,
     task_id: int,
-    accepted: bool,
+    ruling: Ruling,
     reason: str,
     amount_iec: Decimal | None = None,
-    impossible: bool = False,
+    fault: Fault = "nobody",
 ) -> None:
-    """An auditor's verdict on the proof that was submitted for a task, with a report of its own in the store.
+    """An auditor's ruling on the proof that was submitted for a task, with a report of its own in the store.
 
-    Accepted work is paid `amount_iec`, by default the agreed price. `impossible`, instead of a rejection,
-    says that nobody could do the task. A person's proof is only accepted if it can be read and its photos are
-    pictures: raises NoStatement, BadPhoto and EvidenceError. Raises BadReason, BadAmount, StoreUnavailable,
-    and what `Participant` raises: the contract refuses who may not judge this kind.
+    Accepted work is paid `amount_iec`, by default the agreed price. `fault` says whose doing a void ruling
+    is. A person's proof is only accepted if it can be read and its photos are pictures: raises NoStatement,
+    BadPhoto and EvidenceError. Raises BadReason, BadAmount, StoreUnavailable, and what `Participant` raises:
+    the contract refuses whoever may not judge this kind.
     """
     if not reason.strip() or len(reason) > MAX_REASON_CHARACTERS:
         raise BadReason(
             "the reason is missing or too long", characters=len(reason), limit=MAX_REASON_CHARACTERS
         )
-    task = auditor.task(task_id)
+    task, accepted = auditor.task(task_id), ruling == "accepted"
     if amount_iec is not None and not (accepted and 0 < amount_iec <= (task.price_iec or 0)):
         raise BadAmount(
-            "pay accepted work more than 0 IEC and at most its price; pay rejected work nothing",
+            "pay accepted work more than 0 IEC and at most its price; after other rulings pay nothing",
             amount_iec=str(amount_iec),
             price_iec=str(task.price_iec),
-            accepted=accepted,
+            ruling=ruling,
         )
-    if task.proof_sha256 is None or task.state not in ("submitted", "undecided"):
-        raise NotSubmitted("no proof of this task waits for a verdict", task_id=task_id, state=task.state)
+    if task.proof_sha256 is None or task.state not in ("submitted", "ruled"):
+        raise NotSubmitted("no proof of this task waits for a ruling", task_id=task_id, state=task.state)
     if accepted and kinds_of(site).by_people(task.kind):
         for photo in fetch_statement(Store(site), task.proof_uri or "", task.proof_sha256).photos:
             check_photo(photo)
     paid_iec = (amount_iec or task.price_iec) if accepted else None
-    outcome: Outcome = "accepted" if accepted else "impossible" if impossible else "rejected"
     report = {
         "kind": task.kind,
         "task_id": task.id,
         "attempt": task.attempt,
         "proof_sha256": task.proof_sha256,
-        "outcome": outcome,
+        "ruling": ruling,
+        "fault": fault,
         "amount_iec": None if paid_iec is None else str(paid_iec),
         "reason": reason,
         "auditor": auditor.name,
     }
     uri, digest = Store(site).put_bytes(json.dumps(report, indent=2, ensure_ascii=False).encode(), ".json")
     auditor.command(
-        "post_verdict",
-        PostVerdict(
+        "rule",
+        Rule(
             task_id=task.id,
             attempt=task.attempt,
             proof_sha256=task.proof_sha256,
-            outcome=outcome,
+            ruling=ruling,
+            fault=fault,
             amount_iec=paid_iec,
             reason=reason,
             report_sha256=digest,

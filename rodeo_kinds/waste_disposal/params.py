@@ -18,7 +18,7 @@ FARTHEST_M = 10_000.0
 """From the origin of a site's map: no robot drives so far."""
 Coordinate = Annotated[Number, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 
-_UNDER_WAY = ("open", "assigned", "submitted", "undecided")
+_UNDER_WAY = ("open", "assigned", "submitted", "ruled")
 
 
 class CleaningParams(BaseModel):

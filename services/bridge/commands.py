@@ -15,20 +15,10 @@ from eth_account import Account
 from eth_typing import ChecksumAddress
 from eth_utils import is_address, to_checksum_address
 
-from rodeo import messages, signed_requests, votes
+from rodeo import signed_requests, votes
 from rodeo.addresses import typed_address
 from rodeo.bus import validate
-from rodeo.chain.abi import (
-    Quorum,
-    Review,
-    Revocation,
-    ServiceState,
-    Silence,
-    TaskRequest,
-    Terms,
-    Verdict,
-    Vote,
-)
+from rodeo.chain.abi import Quorum, Revocation, ServiceState, TaskRequest, Terms
 from rodeo.chain.calls import ParticipantCalls
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
@@ -44,6 +34,7 @@ from rodeo.messages import (
     AbandonTask,
     AcceptTask,
     Admit,
+    Agree,
     AllowKind,
     AllowPayments,
     AnnounceWithdrawal,
@@ -52,15 +43,14 @@ from rodeo.messages import (
     CancelTask,
     CastBudgetVote,
     CastVote,
-    ChallengeVerdict,
+    Challenge,
     ChangeJudgeKey,
-    CloseDispute,
     Collect,
     Command,
+    Conclude,
     Deposit,
     DepositStake,
     Dismiss,
-    Dispute,
     ExecuteProposal,
     ExpireTask,
     GrantRole,
@@ -70,7 +60,6 @@ from rodeo.messages import (
     PauseTasks,
     PayBudgetShare,
     PostRoot,
-    PostVerdict,
     PostVotes,
     Prepare,
     Proposable,
@@ -83,12 +72,14 @@ from rodeo.messages import (
     ReinstateProvider,
     ReinstateService,
     Relay,
+    RemoveJudge,
     RescueTokens,
     ResumeTasks,
     RetireRules,
     RevokeDevice,
     RevokeRequest,
     RevokeRole,
+    Rule,
     SeatJudge,
     SetBudget,
     SetDelay,
@@ -97,6 +88,7 @@ from rodeo.messages import (
     SetPolicy,
     SetQuorum,
     SetTerms,
+    SettleStakes,
     Sign,
     SignedRequest,
     SignedVote,
@@ -108,12 +100,12 @@ from rodeo.messages import (
     TypedSignature,
     UnseatJudge,
     UpdateService,
+    Vote,
     Withdraw,
     WithdrawStake,
 )
 from rodeo.signed_requests import UNLIMITED
 from services.bridge.errors import (
-    AboveBudget,
     ActsAtOnce,
     AlreadyOffered,
     AlreadyProposed,
@@ -126,6 +118,7 @@ from services.bridge.errors import (
     InsufficientFunds,
     InvalidQuorum,
     KindWithoutChecks,
+    KindWithoutQuorum,
     KindWithoutRules,
     MembersDecide,
     NoCredits,
@@ -149,13 +142,12 @@ from services.bridge.errors import (
     UnknownProposal,
     UnknownService,
     UnknownTask,
-    VerdictWindowTooShort,
 )
 from services.bridge.index import Index, Row
 from services.bridge.journal import decoded
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.orders import Order
-from services.bridge.projection import ZERO_ADDRESS, proposal_key
+from services.bridge.projection import ORACLES, ZERO_ADDRESS, proposal_key
 from services.bridge.relaying import Requests, Said, nonce_of
 from services.bridge.transactions import Transactions
 
@@ -307,8 +299,8 @@ class Wallet:
                 return self._currency.to_units(command.amount_iec)
             case RegisterService():
                 return self._max_bond(command)
-            case ChallengeVerdict():
-                return self._stake(self._dispute(command.task_id), command.task_id)
+            case Challenge():
+                return self._stake(self._disputed(command.task_id))
             case RescueTokens() if to_checksum_address(command.token) == self.client.deployment.address(
                 "IECoin"
             ):
@@ -410,12 +402,13 @@ class Wallet:
 
     def _said(self, command: Command, deadline: int) -> Said:
         """The request of a command, whose checks are those of sending it. Raises RequestError."""
+        nonce = nonce_of(command.request_id)
         match command:
             case RegisterTask():
                 return signed_requests.RegisterTask(
                     creator=self.address,
                     request=signed_requests.TypedTask.of(self._task_request(command)),
-                    nonce=nonce_of(command.request_id),
+                    nonce=nonce,
                     deadline=deadline,
                 )
             case SubmitProof():
@@ -425,11 +418,22 @@ class Wallet:
                     attempt=command.attempt,
                     proof_hash=command.proof_sha256,
                     uri=self._proof_uri(command),
+                    nonce=nonce,
                     deadline=deadline,
                 )
             case CancelTask():
                 return signed_requests.CancelTask(
-                    creator=self.address, task_id=command.task_id, deadline=deadline
+                    creator=self.address, task_id=command.task_id, nonce=nonce, deadline=deadline
+                )
+            case AcceptTask() | AbandonTask():
+                back = isinstance(command, AbandonTask)
+                said = signed_requests.AbandonTask if back else signed_requests.AcceptTask
+                return said(
+                    executor=self.address,
+                    task_id=command.task_id,
+                    attempt=command.attempt,
+                    nonce=nonce,
+                    deadline=deadline,
                 )
         raise UnknownCommand("nobody sends this for another", command=type(command).__name__)
 
@@ -516,9 +520,7 @@ class Wallet:
         return [self.calls.abandon_task(command.task_id, command.attempt)]
 
     def _raise_reward(self, command: RaiseReward) -> list[Call]:
-        task = self.index.task(command.task_id)
-        if task is None:
-            raise UnknownTask("no such task", task_id=command.task_id)
+        task = self._task(command.task_id)
         reward = self._currency.to_units(command.reward_iec)
         if task["creator"] != self.address or task["state"] not in ("open", "cancelled"):
             raise CannotRaise(
@@ -580,96 +582,115 @@ class Wallet:
             )
         return uri
 
-    def _post_verdict(self, command: PostVerdict) -> list[Call]:
-        return [
-            self.client.calls.post_verdict(
-                command.task_id,
-                command.attempt,
-                _bytes32(command.proof_sha256),
-                Verdict[command.outcome.upper()],
-                self._currency.to_units(command.amount_iec or Decimal(0)),
-                _bytes32(command.report_sha256),
-                command.report_uri,
-                command.reason,
-            )
-        ]
+    def _rule(self, command: Rule) -> list[Call]:
+        task = self._task(command.task_id)
+        judge, removed = self._judge_of(task)
+        said = votes.finding(command, self._currency, task["rules_sha256"])
+        auditors = self.client.auditor_calls
+        if removed:
+            return [auditors.rule(said, command.report_uri)]
+        if task["passed_on"] and task["attempt"] == command.attempt:
+            return [auditors.rule_for(judge, said, command.report_uri)]
+        for calls, contract in ((self.client.oracle_calls, "OracleJudge"), (auditors, "AuditorJudge")):
+            if judge == self.client.deployment.address(contract):
+                return [calls.rule(said, command.report_uri)]
+        raise NotAJudge("no single account rules on this task: its judges post votes", judge=judge)
 
     def _post_votes(self, command: PostVotes) -> list[Call]:
+        judge, _ = self._judge_of(self._task(command.vote.task_id))
+        said = votes.finding(command.vote, self._currency)
         signatures = b"".join(_bytes32(one) for one in command.signatures)
-        disputes = self.client.disputes
-        held_back = disputes is not None and self.client.has_role(Role.ORACLE, disputes)
-        calls = self.client.dispute_calls if held_back else self.client.calls
-        return [calls.post_votes(_vote(command.vote, self._currency), command.report_uri, signatures)]
+        for calls, contract in (
+            (self.client.committee_calls(), "OracleCommittee"),
+            (self.client.dispute_calls, "DisputeJudge"),
+        ):
+            if judge == self.client.deployment.contracts.get(contract):
+                return [calls.post_votes(said, command.report_uri, signatures)]
+        raise NotAJudge("nobody votes on this task: another contract judges it", judge=judge)
 
-    def _challenge_verdict(self, command: ChallengeVerdict) -> list[Call]:
-        dispute, disputes = self._dispute(command.task_id), self.client.disputes
-        assert disputes is not None
-        stake = self._stake(dispute, command.task_id)
+    def _judge_of(self, task: Row) -> tuple[str, bool]:
+        """The contract that judged the kind when the task was posted, and whether it was removed."""
+        number = self.index.numbers()[task["number"]]
+        return number["judge"], number["removed"]
+
+    def _challenge(self, command: Challenge) -> list[Call]:
+        stake = self._stake(self._disputed(command.task_id))
         self._require_funds(self.key_address, stake)
         return [
-            *self._approval(disputes, stake),
+            *self._approval(self._disputes(), stake),
             self.client.dispute_calls.challenge(command.task_id, command.reason),
         ]
 
-    def _close_dispute(self, command: CloseDispute) -> list[Call]:
-        dispute = self._dispute(command.task_id)
-        return [self.client.dispute_calls.close(_vote(dispute.vote, self._currency), dispute.report_uri)]
+    def _conclude(self, command: Conclude) -> list[Call]:
+        return [self.client.calls.conclude(command.task_id)]
+
+    def _settle_stakes(self, command: SettleStakes) -> list[Call]:
+        self._disputes()
+        return [self.client.dispute_calls.settle(command.task_id, command.attempt)]
 
     def _sign_vote(self, request: SignVote) -> Reply:
-        """A vote of a judge who decides about a challenge, and relies on the report of the verdict that
+        """A vote of a judge who decides about a challenge, and relies on the report of the ruling that
         stands."""
         account = self.transactions.orders.wallets[self.participant].account
         if account is None:
             raise CannotSign("this participant signs for itself: its vote is EIP-712 typed data")
-        dispute, task = self._dispute(request.task_id), self.index.task(request.task_id)
-        assert task is not None
-        committee = self._committee_after(dispute)
-        judge = self.client.judge(account.address, committee)
+        task = self._disputed(request.task_id)
+        instance = task["dispute"]["instance"] + 1
+        committees = self.client.deployment.committees
+        if instance >= len(committees):
+            raise NoDispute("nobody decides about a challenge of this ruling", task_id=task["id"])
+        judge = self.client.seat(account.address, committees[instance])
         if judge is None:
             raise NotAJudge(
                 "this participant does not judge what is challenged", participant=self.participant
             )
-        self._require_stake(judge.seat, committee, task["kind"], dispute.instance + 1)
-        accepted = request.outcome == "accepted"
-        amount = request.amount_iec
+        accepted, amount = request.ruling == "accepted", request.amount_iec
         if not accepted and amount is not None:
-            raise InvalidRequest("only an accepted proof is paid an amount", outcome=request.outcome)
+            raise InvalidRequest("only an accepted proof is paid an amount", ruling=request.ruling)
         if accepted and amount is None:
             amount = self._currency.from_units(task["price"])
-        vote = dispute.vote.model_copy(
-            update={
-                "outcome": request.outcome,
-                "amount_iec": amount or Decimal(0),
-                "reason": request.reason or f"decided by {JUDGES[dispute.instance + 1]}",
-            }
+        paid = self._currency.to_units(amount or Decimal(0))
+        self._require_stake(judge.number, committees[instance], task["kind"], instance, paid)
+        vote = Vote(
+            task_id=task["id"],
+            attempt=task["attempt"],
+            proof_sha256=task["proof_sha256"],
+            report_sha256=task["report_sha256"] or NO_RULES,
+            rules_sha256=task["rules_sha256"] or NO_RULES,
+            ruling=request.ruling,
+            fault=request.fault,
+            amount_iec=amount or Decimal(0),
+            reason=request.reason or f"decided by {JUDGES[instance]}",
         )
         deployment = self.client.deployment
         signature = votes.sign(
-            vote, account, deployment.chain_id, deployment.address(committee), self._currency
+            vote, account, deployment.chain_id, deployment.address(committees[instance]), self._currency
         )
-        signed = SignedVote(vote=vote, report_uri=dispute.report_uri, signature=signature)
+        signed = SignedVote(vote=vote, report_uri=task["report_uri"] or "", signature=signature)
         return signed.model_dump(mode="json")
 
-    def _dispute(self, task_id: int) -> Dispute:
-        """The verdict that waits for its window. Raises NoDispute."""
+    def _task(self, task_id: int) -> Row:
+        """Raises UnknownTask."""
         task = self.index.task(task_id)
         if task is None:
             raise UnknownTask("no such task", task_id=task_id)
-        if task["dispute"] is None:
-            raise NoDispute("no verdict waits here to be challenged", task_id=task_id, state=task["state"])
-        return Dispute.model_validate(task["dispute"])
+        return task
 
-    def _committee_after(self, dispute: Dispute) -> str:
-        """Who decides if this verdict is challenged. Raises NoDispute."""
-        committees = self.client.deployment.committees
-        if dispute.instance + 1 >= len(committees):
-            raise NoDispute("nobody decides about a challenge of this verdict", task_id=dispute.vote.task_id)
-        return committees[dispute.instance + 1]
+    def _disputed(self, task_id: int) -> Row:
+        """A task on which a ruling stands that can be challenged, or was. Raises NoDispute."""
+        task = self._task(task_id)
+        if task["dispute"] is None or task["state"] != "ruled":
+            raise NoDispute(
+                "no ruling stands here that can be challenged", task_id=task_id, state=task["state"]
+            )
+        return task
 
-    def _require_stake(self, seat: int, committee: str, kind: str, instance: int) -> None:
+    def _require_stake(self, seat: int, committee: str, kind: str, instance: int, paid: int) -> None:
         """A vote without it would keep those of the others from counting. Raises StakeTooLow."""
         instances = self.client.instances(kind)
         needed = instances[instance].judge_stake if instance < len(instances) else 0
+        if needed:  # nothing overturns the last instance, whose judges stake nothing
+            needed = max(needed, self.client.stake_needed(seat, committee, paid))
         if (stake := self.client.stake(seat, committee)) < needed:
             raise StakeTooLow(
                 "the stake of this judge is too low for its vote to count: somebody has to deposit",
@@ -678,13 +699,12 @@ class Wallet:
                 needed_iec=self._currency.text(needed),
             )
 
-    def _stake(self, dispute: Dispute, task_id: int) -> int:
-        """What a challenge of the verdict costs whoever is wrong, wei. Raises NoDispute."""
-        task = self.index.task(task_id)
-        instances = [] if task is None else self.client.instances(task["kind"])
-        if dispute.challenger is not None or dispute.instance + 1 >= len(instances):
-            raise NoDispute("this verdict was challenged before", task_id=task_id, by=dispute.challenger)
-        return instances[dispute.instance].stake
+    def _stake(self, task: Row) -> int:
+        """What a challenge of the ruling costs whoever is wrong, wei. Raises NoDispute."""
+        instances, instance = self.client.instances(task["kind"]), task["dispute"]["instance"]
+        if instance + 1 >= len(instances):
+            raise NoDispute("nobody decides about a challenge of this ruling", task_id=task["id"])
+        return instances[instance].stake
 
     def _expire_task(self, command: ExpireTask) -> list[Call]:
         return [self.client.calls.expire_task(command.task_id)]
@@ -712,6 +732,9 @@ class Wallet:
         state = ServiceState[(command.state or service["state"]).upper()]
         woken = self._wake_up() if state is ServiceState.ACTIVE else []
         return [*woken, self.calls.update_service(command.service_id, price, state)]
+
+    def _agree(self, command: Agree) -> list[Call]:
+        return [self.calls.agree(command.service_id)]
 
     def _wake_up(self) -> list[Call]:
         """What comes before an offer of a provider that let too many attempts pass without a proof."""
@@ -754,8 +777,8 @@ class Wallet:
         owner = self.names.address(command.owner)
         device = self.names.address(command.device)
         calls = self.client.organization_calls
-        r, vs = _bytes32(command.signature[:66]), _bytes32("0x" + command.signature[66:])
-        return [calls.register_device(device, command.role, owner, command.name, r, vs)]
+        signed = _halves(command.signature)
+        return [calls.register_device(device, command.role, owner, command.name, *signed)]
 
     def _revoke_device(self, command: RevokeDevice) -> list[Call]:
         reason = Revocation[command.reason.upper()]
@@ -768,46 +791,59 @@ class Wallet:
 
     def _allow_kind(self, command: AllowKind) -> list[Call]:
         calls = self.client.organization_calls
-        if command.review == "oracle" and self.kinds.by_people(command.kind):
+        if command.judge == "oracle" and self.kinds.by_people(command.kind):
             raise KindWithoutChecks(
                 "the oracle has no checks for this kind: let auditors judge it",
                 kind=command.kind,
                 kinds_with_checks=sorted(name for name, kind in self.kinds.items() if not kind.by_people),
             )
         found: list[Call] = []
-        if command.audit_window_s is not None and command.at_silence is not None:
-            silence = Silence[command.at_silence.upper()]
-            found.append(calls.set_audit(command.kind, command.audit_window_s, silence))
+        if command.audit_window_s is not None:
+            found.append(calls.set_audit(command.kind, command.audit_window_s))
         if command.min_window_s is not None:
             found.append(calls.set_min_window(command.kind, command.min_window_s))
         if command.min_verdict_window_s is not None and command.max_verdict_window_s is not None:
             bounds = command.min_verdict_window_s, command.max_verdict_window_s
-            self._require_time_for_challenges(command.kind, command.min_verdict_window_s)
             found.append(calls.set_verdict_windows(command.kind, *bounds))
-        if command.review is None:
+        if command.judge is None:
             return [*found, calls.disallow_kind(command.kind)]
         # Last, so that nobody posts such a task before its rules hold.
-        kept = self.index.rules(command.kind, (command.review,))
+        judge = self._judge_for(command.kind, command.judge)
+        kept = self.index.rules(command.kind, judge)
         rules = command.rules_sha256 or next(reversed(kept), NO_RULES)
-        if command.review == "oracle" and rules == NO_RULES:
+        if command.judge == "oracle" and rules == NO_RULES:
             raise KindWithoutRules(
                 "say by which rules the oracle judges this kind: `rodeo kind show` names those of a kind",
                 kind=command.kind,
             )
-        return [*found, calls.allow_kind(command.kind, Review[command.review.upper()], _bytes32(rules))]
+        return [*found, calls.allow_kind(command.kind, judge, _bytes32(rules))]
 
-    def _require_time_for_challenges(self, kind: str, shortest_s: int) -> None:
-        """A task whose window is too short for a case is judged at once, and its creator chooses the window.
-        Raises VerdictWindowTooShort."""
-        longest_s = 0 if self.client.disputes is None else self.client.longest_case(kind)
-        if longest_s and shortest_s <= longest_s:
-            raise VerdictWindowTooShort(
-                "nobody could challenge verdicts on tasks with such windows: the shortest one has to be "
-                "longer than a case",
+    def _judge_for(self, kind: str, judge: str) -> str:
+        """The address of the contract that judges `kind` from now on. Where oracles judge it already, theirs
+        stays, however many they are by now. Raises KindWithoutQuorum."""
+        deployment, present = self.client.deployment, self.index.numbers().get(self.index.number_of(kind))
+        if present is not None and self.names.judge(present["judge"]) == judge:
+            return str(present["judge"])
+        if judge == "auditor":
+            return deployment.address("AuditorJudge")
+        if judge != "oracle":
+            return to_checksum_address(judge)
+        if not self.index.judges():
+            return deployment.address("OracleJudge")
+        if not self.client.quorum(kind).votes:
+            raise KindWithoutQuorum(
+                "several oracles judge here: say first how many have to agree about this kind, with "
+                "`rodeo organization quorum`",
                 kind=kind,
-                min_verdict_window_s=shortest_s,
-                longest_case_s=longest_s,
             )
+        can_be_challenged = deployment.has_disputes and bool(self.client.instances(kind))
+        return deployment.address("DisputeJudge" if can_be_challenged else "OracleCommittee")
+
+    def _remove_judge(self, command: RemoveJudge) -> list[Call]:
+        number = self.index.number_of(command.kind)
+        if not number:
+            raise UnknownKind("this kind never had a judge", kind=command.kind, known=self.index.kinds())
+        return [self.client.organization_calls.remove_judge(number)]
 
     def _retire_rules(self, command: RetireRules) -> list[Call]:
         calls = self.client.organization_calls
@@ -869,42 +905,43 @@ class Wallet:
         return [self.client.organization_calls.revoke_role(role, self.names.key_address(command.account))]
 
     def _change_judge_key(self, command: ChangeJudgeKey) -> list[Call]:
-        old = self._judges_key(command.judge)
-        return [self.client.calls.change_key(old, to_checksum_address(command.key))]
+        old, key = self._judges_key(command.judge), to_checksum_address(command.key)
+        return [self.client.committee_calls().change_key(old, key, *_halves(command.signature))]
 
     def _seat_judge(self, command: SeatJudge) -> list[Call]:
         key = to_checksum_address(command.key)
         owner = key if command.owner is None else self.names.address(command.owner)
-        return [self.client.calls.seat(key, owner)]
+        return [self.client.committee_calls().seat(key, owner, *_halves(command.signature))]
 
     def _unseat_judge(self, command: UnseatJudge) -> list[Call]:
         bit = self._judges_bit(command.judge)
         quorums = {row["kind"]: self.client.quorum(row["kind"]) for row in self.index.all_kinds()}
         calls = [
-            self._quorum_call(kind, now.votes, now.judges & ~bit, now)
+            self._quorum_call(kind, now.votes, now.seats & ~bit, now)
             for kind, now in quorums.items()
-            if now.judges & bit
+            if now.seats & bit
         ]
         if not calls:
             raise NotAJudge("this judge judges no kind of work", judge=command.judge)
         return calls
 
     def _set_quorum(self, command: SetQuorum) -> list[Call]:
-        self._require_kind(command.kind)
+        if command.kind not in self.kinds:  # else it may be allowed afterwards
+            self._require_kind(command.kind)
         now = self.client.quorum(command.kind)
-        judges = now.judges
+        seats = now.seats
         if command.judges is not None:
-            judges = 0
+            seats = 0
             for one in command.judges:
-                judges |= self._judges_bit(one)
+                seats |= self._judges_bit(one)
         if command.rotation_s is not None:
             now = replace(now, rotation=command.rotation_s)
-        return [self._quorum_call(command.kind, command.votes, judges, now, command.panel)]
+        return [self._quorum_call(command.kind, command.votes, seats, now, command.panel)]
 
-    def _quorum_call(self, kind: str, votes: int, judges: int, now: Quorum, panel: int | None = None) -> Call:
+    def _quorum_call(self, kind: str, votes: int, seats: int, now: Quorum, panel: int | None = None) -> Call:
         """What has `votes` of the seats with these bits judge `kind`. A decision by vote is executed days
         later, so the contract's refusal would come late. Raises InvalidQuorum."""
-        count = judges.bit_count()
+        count = seats.bit_count()
         if panel is None:
             panel = count if now.panel == now.count else min(now.panel, count)
         if not panel < 2 * votes <= 2 * panel or panel > count:
@@ -915,7 +952,7 @@ class Wallet:
                 panel=panel,
                 judges=count,
             )
-        return self.client.calls.set_quorum(kind, votes, panel, now.rotation, judges)
+        return self.client.committee_calls().set_quorum(kind, votes, panel, now.rotation, seats)
 
     def _judges_key(self, who: str) -> str:
         """Address with which a judge votes, who is named, or `who` itself. Raises UnknownParticipant."""
@@ -931,10 +968,10 @@ class Wallet:
 
     def _judges_seat(self, who: str) -> int:
         """Raises UnknownParticipant."""
-        sitting = self.client.judge(self._judges_key(who))
+        sitting = self.client.seat(self._judges_key(who))
         if sitting is None:
             raise UnknownParticipant("no judge votes with this key", who=who)
-        return sitting.seat
+        return sitting.number
 
     def _deposit_stake(self, command: DepositStake) -> list[Call]:
         disputes, amount = self._disputes(), self._currency.to_units(command.amount_iec)
@@ -961,15 +998,15 @@ class Wallet:
         key = self.names.keys.get(who, who)
         if who not in {row["name"] for row in self.index.judges()} and is_address(key):
             for committee in self.client.deployment.committees[1:]:
-                if (judge := self.client.judge(key, committee)) is not None:
-                    return self.client.deployment.address(committee), judge.seat
-        return self.client.committee, self._judges_seat(who)
+                if (judge := self.client.seat(key, committee)) is not None:
+                    return self.client.deployment.address(committee), judge.number
+        return self.client.deployment.address(ORACLES), self._judges_seat(who)
 
     def _disputes(self) -> ChecksumAddress:
         """Where judges have stakes. Raises NoDispute."""
-        if self.client.disputes is None:
-            raise NoDispute("verdicts cannot be challenged here, so judges have no stake")
-        return self.client.disputes
+        if not self.client.deployment.has_disputes:
+            raise NoDispute("rulings cannot be challenged here, so nobody has a stake")
+        return self.client.deployment.address("DisputeJudge")
 
     # -- decisions after a delay ---------------------------------------------------------------------------
 
@@ -1104,17 +1141,8 @@ class Wallet:
                 )
             if one in recipients[:number]:
                 raise NotARecipient("each recipient is named once", recipient=who)
-        # The members would split what is not there, or cannot be paid.
+        # The members would split what is not there.
         self._require_funds(self.client.organization, amount)
-        limit = self.client.budget(Role.TREASURER)
-        if limit.period and amount > limit.amount:
-            raise AboveBudget(
-                "one recipient could get more than treasurers may pay in a period: propose a higher budget "
-                "of the treasurers first, or a lower amount",
-                amount_iec=self._currency.text(amount),
-                budget_iec=self._currency.text(limit.amount),
-                period_s=limit.period,
-            )
         return [self.client.governance_calls.budgets.open(recipients, amount, command.duration_s)]
 
     def _cast_budget_vote(self, command: CastBudgetVote) -> list[Call]:
@@ -1305,13 +1333,15 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "abandon_task": (AbandonTask, Wallet._abandon_task),
     "raise_reward": (RaiseReward, Wallet._raise_reward),
     "submit_proof": (SubmitProof, Wallet._submit_proof),
-    "post_verdict": (PostVerdict, Wallet._post_verdict),
+    "rule": (Rule, Wallet._rule),
     "post_votes": (PostVotes, Wallet._post_votes),
-    "challenge_verdict": (ChallengeVerdict, Wallet._challenge_verdict),
-    "close_dispute": (CloseDispute, Wallet._close_dispute),
+    "challenge": (Challenge, Wallet._challenge),
+    "conclude": (Conclude, Wallet._conclude),
+    "settle_stakes": (SettleStakes, Wallet._settle_stakes),
     "expire_task": (ExpireTask, Wallet._expire_task),
     "register_service": (RegisterService, Wallet._register_service),
     "update_service": (UpdateService, Wallet._update_service),
+    "agree": (Agree, Wallet._agree),
     "set_payout": (SetPayout, Wallet._set_payout),
     "transfer": (Transfer, Wallet._transfer),
     "match_task": (MatchTask, Wallet._match_task),
@@ -1321,6 +1351,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "revoke_device": (RevokeDevice, Wallet._revoke_device),
     "post_root": (PostRoot, Wallet._post_root),
     "allow_kind": (AllowKind, Wallet._allow_kind),
+    "remove_judge": (RemoveJudge, Wallet._remove_judge),
     "retire_rules": (RetireRules, Wallet._retire_rules),
     "set_policy": (SetPolicy, Wallet._set_policy),
     "set_terms": (SetTerms, Wallet._set_terms),
@@ -1361,25 +1392,19 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
 }
 
 
-_OF_ADMINISTRATOR = frozenset(get_args(Proposable)) - {"change_judge_key", "resume_tasks", "update_service"}
+_OF_ADMINISTRATOR = frozenset(get_args(Proposable)) - {
+    *("change_judge_key", "remove_judge", "resume_tasks", "update_service")
+}
 """Commands of the administrator alone; the others may be those of judges, guardians and operators, too."""
 
 KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast", "sign", "sign_vote"})
 """Names of all commands."""
 
 
-def _vote(said: messages.Vote, currency: Currency) -> Vote:
-    """As the contracts take it."""
-    return Vote(
-        task_id=said.task_id,
-        attempt=said.attempt,
-        proof_hash=_bytes32(said.proof_sha256),
-        report_hash=_bytes32(said.report_sha256),
-        rules_hash=_bytes32(said.rules_sha256),
-        verdict=Verdict[said.outcome.upper()],
-        amount=currency.to_units(said.amount_iec),
-        reason=said.reason,
-    )
+def _halves(signature: str) -> tuple[bytes, bytes]:
+    """r, and s with its parity (EIP-2098)."""
+    raw = _bytes32(signature)
+    return raw[:32], raw[32:]
 
 
 def _bytes32(value: str) -> bytes:

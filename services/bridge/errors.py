@@ -12,7 +12,7 @@
     │   ├── CannotDo              the participant has nothing that does this kind of work
     │   ├── AlreadyOffered        the participant has a service of this kind
     │   ├── UnknownParticipant
-    │   ├── NotAJudge             the judge judges no kind of work, or nobody made it one
+    │   ├── NotAJudge             the judge judges no kind of work, nobody made it one, or others judge this
     │   ├── InvalidQuorum         the votes are not more than half of a panel of a kind's judges
     │   ├── InsufficientFunds     the wallet has less than the command needs
     │   ├── RewardBelowPrice      every service on offer costs more
@@ -29,12 +29,11 @@
     │   ├── UnknownBudgetVote
     │   ├── UnexpectedBudgetVoteState  members vote still, or no more
     │   ├── NotARecipient         nobody can vote for this account, or pay it its share
-    │   ├── AboveBudget           treasurers may not pay that much in a period
     │   ├── NoCredits             the account was no member before the budget vote was opened, or is none now
     │   ├── TooFewCredits         these votes cost more than a member has
     │   ├── NothingToPay          the recipient got no votes, or was paid its share
-    │   ├── VerdictWindowTooShort  challenges of verdicts take longer
-    │   ├── NoDispute             no verdict waits to be challenged, or it was challenged before
+    │   ├── KindWithoutQuorum     nobody said how many oracles have to agree about this kind
+    │   ├── NoDispute             no ruling stands that can be challenged
     │   ├── CannotSign            the participant signs nothing for others to send
     │   ├── NoPermit              the payment token takes no signed permits
     │   ├── NotSigned             the request to be sent for somebody lacks a signature
@@ -111,16 +110,16 @@ class UnknownParticipant(RequestError):
 
 
 class NotAJudge(RequestError):
-    """The committee's judge judges no kind of work, or the participant is no judge."""
+    """The committee's judge judges no kind of work, or the participant is no judge, or the task has another
+    sort of judge."""
 
 
 class StakeTooLow(RequestError):
     """A judge has not deposited what its vote needs."""
 
 
-class VerdictWindowTooShort(RequestError):
-    """A case lasts longer than the shortest verdict window of its kind is to be: nobody could challenge
-    verdicts on tasks with such windows."""
+class KindWithoutQuorum(RequestError):
+    """Several oracles judge in this organization, and nobody said how many have to agree about this kind."""
 
 
 class InvalidQuorum(RequestError):
@@ -192,10 +191,6 @@ class NotARecipient(RequestError):
     """The account gets no share of this budget vote, or can get none."""
 
 
-class AboveBudget(RequestError):
-    """Treasurers may not pay as much in a period as one recipient of the budget vote could get."""
-
-
 class NoCredits(RequestError):
     """Who was no member before the budget vote was opened, or is none any more, has no credits in it."""
 
@@ -217,7 +212,7 @@ class NotThisWallets(RequestError):
 
 
 class NoDispute(RequestError):
-    """No verdict waits to be challenged, or it was challenged before."""
+    """No ruling stands that can be challenged."""
 
 
 class CannotSign(RequestError):

@@ -404,23 +404,35 @@ class Index:
         return self._rows(select(schema.tasks).where(schema.tasks.c.state == "assigned"))
 
     def overdue(self, now_s: float) -> list[int]:
-        """Ids of the tasks whose running window ended before `now_s`."""
+        """Ids of the tasks that were assigned and whose execution window ended before `now_s`."""
         tasks = schema.tasks.c
-        late = select(tasks.id).where(
-            ((tasks.state == "assigned") & (now_s > _EXECUTION_END))
-            | ((tasks.state == "submitted") & (tasks.verdict_deadline < now_s))
-            | ((tasks.state == "undecided") & (tasks.audit_deadline < now_s))
-        )
+        late = select(tasks.id).where(tasks.state == "assigned", now_s > _EXECUTION_END)
         return [row["id"] for row in self._rows(late)]
 
-    def closable(self, now_s: float) -> list[int]:
-        """Ids of the tasks whose verdict could be challenged, or decided, before `now_s`."""
-        tasks = schema.tasks.c
-        return [row["id"] for row in self._rows(select(tasks.id).where(tasks.dispute_until < now_s))]
+    def concludable(self, now_s: float) -> list[int]:
+        """Ids of the tasks on which nobody ruled, or another ruling could be made, before `now_s`, and of
+        those on which a judge ruled that was removed since."""
+        tasks, numbers = schema.tasks.c, schema.numbers.c
+        removed = select(numbers.number).where(numbers.removed)
+        due = select(tasks.id).where(
+            ((tasks.state == "submitted") & (tasks.verdict_deadline < now_s))
+            | (tasks.standing_until < now_s)
+            | ((tasks.state == "ruled") & ~tasks.after_removal & tasks.number.in_(removed))
+        )
+        return [row["id"] for row in self._rows(due)]
 
-    def rulings(self) -> list[Row]:
-        """The tasks on which a verdict stands, or is challenged, that nobody has closed."""
-        return self._rows(select(schema.tasks).where(schema.tasks.c.dispute_until.is_not(None)))
+    def settleable(self, now_s: float) -> list[tuple[int, int]]:
+        """(Task, attempt) of the cases whose stakes can be freed or paid since before `now_s`."""
+        cases, numbers = schema.cases.c, schema.numbers.c
+        removed = select(numbers.number).where(numbers.removed)
+        due = select(cases.task_id, cases.attempt).where(
+            cases.staked, ~cases.settled, (cases.until < now_s) | cases.number.in_(removed)
+        )
+        return [(row["task_id"], row["attempt"]) for row in self._rows(due)]
+
+    def unconcluded(self) -> list[Row]:
+        """The tasks whose proof waits for a ruling, or has one that stands."""
+        return self._rows(select(schema.tasks).where(schema.tasks.c.state.in_(("submitted", "ruled"))))
 
     def late_verdicts(self, now_s: float) -> list[int]:
         """Ids of the submitted tasks of whose verdict window more than half had passed at `now_s`."""
@@ -431,16 +443,16 @@ class Index:
 
     def next_end_s(self, now_s: float) -> float | None:
         """When the first window that runs at `now_s` ends; None where none does."""
-        tasks = schema.tasks.c
+        tasks, cases = schema.tasks.c, schema.cases.c
         ends = [
-            select(func.min(deadline).label("end")).where(tasks.state == state, deadline >= now_s)
-            for state, deadline in (
-                ("assigned", _EXECUTION_END),
-                ("submitted", tasks.verdict_deadline),
-                ("undecided", tasks.audit_deadline),
+            select(func.min(end).label("end")).where(running, end >= now_s)
+            for running, end in (
+                (tasks.state == "assigned", _EXECUTION_END),
+                (tasks.state == "submitted", tasks.verdict_deadline),
+                (tasks.state == "ruled", tasks.standing_until),
+                (cases.staked & ~cases.settled, cases.until),
             )
         ]
-        ends.append(select(func.min(tasks.dispute_until).label("end")).where(tasks.dispute_until >= now_s))
         found = [row["end"] for one in ends for row in self._rows(one)]
         return min((float(end) for end in found if end is not None), default=None)
 
@@ -493,21 +505,45 @@ class Index:
         return self._rows(select(schema.services).where(mine).order_by(services.id))
 
     def active_prices(self, kind: str) -> list[int]:
-        """What the services of `kind` that take tasks cost, wei."""
-        services = schema.services.c
-        query = select(services.price).where(services.kind == kind, services.state == "active")
-        return [row["price"] for row in self._rows(query)]
+        """What the services of `kind` cost that take tasks which its present judge decides about, wei."""
+        services, number = schema.services.c, self.number_of(kind)
+        active = (services.kind == kind) & (services.number == number) & (services.state == "active")
+        return [row["price"] for row in self._rows(select(services.price).where(active))]
 
     def kinds(self) -> list[str]:
         """The kinds of work that the organization accepts."""
         query = select(schema.kinds.c.kind).where(schema.kinds.c.allowed).order_by(schema.kinds.c.kind)
         return [row["kind"] for row in self._rows(query)]
 
-    def rules(self, kind: str, review: tuple[str, ...] = ("oracle", "auditor")) -> list[str]:
+    def rules(self, kind: str, judge: str | None = None) -> list[str]:
         """Hashes of the rules under which tasks of a kind may be posted, the newest last; none where somebody
-        else judges it."""
-        row = self._first(select(schema.kinds).where(schema.kinds.c.kind == kind))
-        return [] if row is None or row["review"] not in review else list(row["rules_sha256"])
+        else judges it than the contract at `judge`."""
+        number = self.numbers().get(self.number_of(kind))
+        if judge is not None and (number is None or number["removed"] or number["judge"] != judge):
+            return []
+        return list(
+            self._scalar(select(schema.kinds.c.rules_sha256).where(schema.kinds.c.kind == kind)) or []
+        )
+
+    def number_of(self, kind: str) -> int:
+        """Of the kind with its present judge; 0 where it never had one."""
+        return int(self._scalar(select(schema.kinds.c.number).where(schema.kinds.c.kind == kind)) or 0)
+
+    def numbers(self) -> dict[int, Row]:
+        """Number of a kind with a judge -> that judge, and whether it was removed."""
+        return {row["number"]: row for row in self._rows(select(schema.numbers))}
+
+    def voids(self) -> dict[str, dict[str, int]]:
+        """Creator -> whose doing -> number of its tasks that ended void."""
+        tasks = schema.tasks.c
+        counts: dict[str, dict[str, int]] = {}
+        for row in self._rows(
+            select(tasks.creator, tasks.fault, func.count().label("number"))
+            .where(tasks.verdict == "void")
+            .group_by(tasks.creator, tasks.fault)
+        ):
+            counts.setdefault(row["creator"], {})[row["fault"]] = row["number"]
+        return counts
 
     def all_kinds(self) -> list[Row]:
         return self._rows(select(schema.kinds).order_by(schema.kinds.c.kind))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from eth_utils import is_address, to_checksum_address
 
 from rodeo import keystores
+from rodeo.chain import artifacts
+from rodeo.chain.client import NOBODY
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.types import Policy
 from rodeo.config import Site, oracle_names
@@ -80,3 +82,8 @@ class Names:
         """The policy's name in small letters; its address where it is none of ours."""
         ours = {self._contracts[policy]: policy.name.lower() for policy in Policy}
         return ours.get(address, address)
+
+    def judge(self, address: str) -> str:
+        """`oracle` for the contracts of oracles, `auditor`, `none`, or the address of another contract."""
+        ours = dict.fromkeys(map(self._contracts.get, artifacts.JUDGES), "oracle")
+        return {**ours, self._contracts["AuditorJudge"]: "auditor", NOBODY: "none"}.get(address, address)

@@ -38,7 +38,7 @@ from rodeo.deploying import deployment_under_way
 from rodeo.errors import ClockUnavailable, KeystoreMissing, RodeoError, WalletError
 from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
-from rodeo.messages import DaoEvent, Dispute
+from rodeo.messages import DaoEvent, Standing
 from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.process import Process
 from rodeo.serving import served_by
@@ -506,15 +506,13 @@ class Bridge:
         index = attachment.chain.index
         self._process.concern("verdicts", late_verdicts(index.late_verdicts(now_s)))
         here = {str(one.address): name for name, one in self._accounts.items() if name != ORGANIZATION}
-        due, next_s = own_rulings(index.rulings(), here, now_s)
+        due, next_s = own_rulings(index.unconcluded(), here, now_s)
         ends_s = [next_s]
         if ORGANIZATION in self._threads:
-            # Anyone may end a window; for the site the organization does. A verdict that stands is posted
-            # before the task could expire.
-            closable = index.closable(now_s)
-            overdue = [task_id for task_id in index.overdue(now_s) if task_id not in closable]
-            due += [_End(ORGANIZATION, "close_dispute", task_id) for task_id in closable]
-            due += [_End(ORGANIZATION, "expire_task", task_id) for task_id in overdue]
+            # Anyone may end a window; for the site the organization does.
+            due += [_End(ORGANIZATION, "conclude", task_id) for task_id in index.concludable(now_s)]
+            due += [_End(ORGANIZATION, "settle_stakes", *case) for case in index.settleable(now_s)]
+            due += [_End(ORGANIZATION, "expire_task", task_id) for task_id in index.overdue(now_s)]
             ends_s.append(index.next_end_s(now_s))
         self._expiring = {end: retry_s for end, retry_s in self._expiring.items() if end in due}
         jobs = []
@@ -585,22 +583,28 @@ class _End(NamedTuple):
     wallet: str
     command: str
     task_id: int
+    attempt: int | None = None
+    """Of the case whose stakes are settled: the task may be at another one by then."""
+
+    @property
+    def data(self) -> dict[str, int]:
+        return {"task_id": self.task_id} | ({} if self.attempt is None else {"attempt": self.attempt})
 
 
 def own_rulings(
     rows: Iterable[Mapping[str, Any]], executors: Mapping[str, str], now_s: float
 ) -> tuple[list[_End], float | None]:
-    """The rulings that pay `executors` (address -> name) and that these close themselves now, and when the
-    next one is due. The organization's bridge closes all of them earlier, unless it is away."""
+    """The tasks that `executors` (address -> name) have done and conclude themselves now, and when the next
+    one is due. The organization's bridge concludes all of them earlier, unless it is away."""
     due: list[_End] = []
     next_s: float | None = None
     for row in rows:
-        name, ruling = executors.get(row["executor"]), Dispute.model_validate(row["dispute"])
-        at_s = rulings.due_s(ruling, row["state"], row["attempt"], row["verdict_deadline"])
+        name, standing = executors.get(row["executor"]), row["standing"]
+        at_s = rulings.due_s(standing and Standing.model_validate(standing), row["verdict_deadline"])
         if name is None or at_s is None:
             continue
         if at_s < now_s:
-            due.append(_End(name, "close_dispute", row["id"]))
+            due.append(_End(name, "conclude", row["id"]))
         else:
             next_s = at_s if next_s is None else min(next_s, at_s)
     return due, next_s
@@ -609,18 +613,24 @@ def own_rulings(
 def _end(wallet: Wallet, end: _End) -> Future[Any] | None:
     """A job of our own, whose failure nobody else would hear of. None where it was refused."""
     try:
-        reply = wallet.execute(end.command, {"task_id": end.task_id})
+        reply = wallet.execute(end.command, end.data)
     except RodeoError as error:
-        log.warning("not done: %s: %s", end.command, error, extra={"task": end.task_id})
+        _warn(error, end)
         return None
     assert isinstance(reply, Future)
-    reply.add_done_callback(lambda done: _warn(done, end))
+    reply.add_done_callback(lambda done: _warn(done.exception(), end))
     return reply
 
 
-def _warn(done: Future[Any], end: _End) -> None:
-    if (error := done.exception()) is not None:
-        log.warning("not done: %s: %s", end.command, error, extra={"task": end.task_id})
+_LOST_RACES = rulings.LOST_RACES | {"no_case", "window_not_over", "wrong_attempt", "deadline_not_passed"}
+"""Codes of refusals where somebody else was faster, or the chain's clock is behind the site's."""
+
+
+def _warn(error: BaseException | None, end: _End) -> None:
+    if error is not None:
+        is_lost = isinstance(error, RodeoError) and error.code in _LOST_RACES
+        level = logging.INFO if is_lost else logging.WARNING
+        log.log(level, "not done: %s: %s", end.command, error, extra={"task": end.task_id})
 
 
 _LATE_NAMED = 5
@@ -633,8 +643,8 @@ def late_verdicts(task_ids: Sequence[int]) -> str:
     named, more = ", ".join(map(str, task_ids[:_LATE_NAMED])), len(task_ids) - _LATE_NAMED
     tasks = f"task{'s' if len(task_ids) > 1 else ''} {named}{f' and {more} more' if more > 0 else ''}"
     return (
-        f"half of the verdict window has passed without a final verdict on {tasks}: check that the judges "
-        "work. Without a verdict at its end nobody is paid, unless the kind's at_silence is executor"
+        f"half of the verdict window has passed without a ruling on {tasks}: check that the judges work. "
+        "Without a ruling at its end nobody is paid"
     )
 
 

@@ -11,7 +11,7 @@ from eth_utils import keccak
 
 from rodeo.bus import decode_json
 from rodeo.chain import artifacts, events
-from rodeo.chain.abi import Cause, Vote
+from rodeo.chain.abi import Cause, Ruling
 from rodeo.chain.governance import SUPPORT, shown_text, text_of
 from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work, is_own
@@ -38,20 +38,6 @@ def operation_key(operation_id: bytes) -> str:
     return "0x" + operation_id.hex()
 
 
-def vote_json(vote: Vote, currency: Currency) -> dict[str, Any]:
-    """`rodeo.messages.Vote`."""
-    return {
-        "task_id": vote.task_id,
-        "attempt": vote.attempt,
-        "proof_sha256": "0x" + vote.proof_hash.hex(),
-        "report_sha256": "0x" + vote.report_hash.hex(),
-        "rules_sha256": "0x" + vote.rules_hash.hex(),
-        "outcome": vote.verdict.name.lower(),
-        "amount_iec": currency.text(vote.amount),
-        "reason": vote.reason,
-    }
-
-
 @dataclass
 class Projection:
     """Applies events to `rows`. `contracts`: name -> address."""
@@ -64,15 +50,24 @@ class Projection:
     """(block, log index) of the last event of each thing that the contracts did."""
     _free: int | None = None
     """The service that becomes free by what they do now; at its end it has a task or a place in the line."""
+    _resumed: int | None = None
+    """The service that takes tasks again once the case has ended whose penalty it has back."""
+    _reported: tuple[str, events.Reported] | None = None
+    """The transaction of the last report, and what it says of the ruling that follows."""
 
     def prepare(self, logs: Iterable[Log]) -> None:
         """See all events that will be applied: a transfer is explained by its neighbours, before or after."""
         self._reasons = defaultdict(list)
         last: Log | None = None
+        final: tuple[str, int | None] | None = None
+        """Transaction and task of the last ruling, if it is final: how the attempt ends is part of it."""
         for log in logs:
             self._reasons[log.tx_hash] += self._explanations(log)
-            if last is not None and (last.tx_hash != log.tx_hash or isinstance(log.event, _BEGINNINGS)):
+            begins = isinstance(log.event, _BEGINNINGS) and final != _place(log)
+            if last is not None and (last.tx_hash != log.tx_hash or begins):
                 self._ends.add((last.block, last.log_index))
+            if isinstance(log.event, events.Ruled):
+                final = None if log.event.until else _place(log)
             last = log
         if last is not None:
             self._ends.add((last.block, last.log_index))
@@ -89,6 +84,7 @@ class Projection:
         match event:
             case events.TaskRegistered():
                 params, description = parse_task_text(event.params)
+                kind = self._kind(event.kind)
                 rows.add(
                     schema.tasks,
                     id=event.task_id,
@@ -102,6 +98,11 @@ class Projection:
                     refunded=0,
                     execution_window_s=event.execution_window,
                     verdict_window_s=event.verdict_window,
+                    audit_window_s=kind["audit_window_s"],
+                    number=kind["number"],
+                    after_removal=False,
+                    passed_on=False,
+                    set_aside=0,
                     rules_sha256="0x" + event.rules.hex() if any(event.rules) else None,
                     params=params,
                     description=description,
@@ -116,6 +117,8 @@ class Projection:
                 self._change_task(
                     event.task_id,
                     **dict.fromkeys(_OF_ATTEMPT),
+                    after_removal=False,
+                    passed_on=False,
                     state="assigned",
                     accepted=rows.get(schema.services, event.service_id)["auto_accept"],
                     attempt=event.attempt,
@@ -139,33 +142,23 @@ class Projection:
                     proof_sha256="0x" + event.proof_hash.hex(),
                     proof_uri=event.uri,
                     verdict_deadline=event.deadline,
+                    case_end=event.deadline + rows.get(schema.tasks, event.task_id)["audit_window_s"],
                 )
-            case events.VerdictPosted():
-                self._change_task(
-                    event.task_id,
-                    verdict=event.verdict.name.lower(),
-                    reason=event.reason,
-                    report_sha256="0x" + event.report_hash.hex(),
-                    report_uri=event.report_uri,
-                )
-            case events.AuditRequested():
-                self._release_service(event.task_id, None, 0, time_s)
-                self._change_task(
-                    event.task_id,
-                    state="undecided",
-                    audit_deadline=event.deadline,
-                    at_silence=event.silence.name.lower(),
-                )
+            case events.Reported():
+                self._reported = log.tx_hash, event
+            case events.PassedOn():
+                self._change_task(event.task_id, passed_on=True)
+            case events.Ruled():
+                self._rule(event, log.tx_hash)
             case events.TaskSettled():
-                # No completion without a verdict, where nobody judged in time and the executor wins then, and
-                # for a task that nobody could do.
-                verdict = rows.get(schema.tasks, event.task_id)["verdict"]
-                judged = verdict is not None
-                counter = "completed" if verdict == "accepted" else None
-                self._release_service(event.task_id, counter, event.paid, time_s)
+                standing = rows.get(schema.tasks, event.task_id)["standing"]
+                # A task that nobody could do is none that its executor has done.
+                counter = "completed" if standing["ruling"] == "accepted" else None
+                self._end_attempt(event.task_id, counter, event.paid, time_s)
                 self._change_task(
                     event.task_id,
-                    **{} if judged else _VERDICT_OF_EXPIRY[Cause.VERDICT_EXPIRED],
+                    **_WITHOUT_RULING,
+                    verdict=standing["ruling"],
                     state="settled",
                     settled=time_s,
                     ended=time_s,
@@ -173,20 +166,20 @@ class Projection:
                     refunded=event.refund,
                 )
             case events.TaskRequeued():
-                price = rows.get(schema.tasks, event.task_id)["price"]
-                self._release_service(event.task_id, _COUNTER[event.cause], price, time_s)
+                verdict = self._fail_attempt(event.task_id, event.cause, time_s)
                 self._change_task(
                     event.task_id,
+                    **_WITHOUT_RULING,
                     **dict.fromkeys(_OF_ASSIGNMENT),
-                    **_VERDICT_OF_EXPIRY.get(event.cause, {}),
+                    **verdict,
                     state="open",
                 )
             case events.TaskFailed():
-                price = rows.get(schema.tasks, event.task_id)["price"]
-                self._release_service(event.task_id, _COUNTER[event.cause], price, time_s)
+                verdict = self._fail_attempt(event.task_id, event.cause, time_s)
                 self._change_task(
                     event.task_id,
-                    **_VERDICT_OF_EXPIRY.get(event.cause, {}),
+                    **_WITHOUT_RULING,
+                    **verdict,
                     state="failed",
                     ended=time_s,
                     refunded=event.refund,
@@ -198,6 +191,7 @@ class Projection:
                     schema.services,
                     id=event.service_id,
                     kind=event.kind,
+                    number=self._kind(event.kind)["number"],
                     provider=event.provider,
                     price=event.price,
                     state="active",
@@ -207,6 +201,7 @@ class Projection:
                     rejected=0,
                     expired=0,
                     bond=0,
+                    set_aside=0,
                     penalty=0,
                     max_failures=0,
                     place=0,
@@ -221,13 +216,25 @@ class Projection:
                     penalty=event.penalty,
                     max_failures=event.max_failures,
                 )
+            case events.PenaltySetAside():
+                self._change_task(event.task_id, set_aside=event.amount)
+                self._change_bond(event.service_id, bond=-event.amount, set_aside=event.amount)
+            case events.PenaltyReturned():
+                self._change_bond(event.service_id, bond=event.amount, set_aside=-event.amount)
+                self._resume_short(event.service_id)
             case events.BondPenalized():
-                bond = rows.get(schema.services, event.service_id)["bond"]
-                rows.change(schema.services, event.service_id, bond=bond - event.amount)
+                was_set_aside = bool(rows.get(schema.tasks, event.task_id)["set_aside"])
+                lost = "set_aside" if was_set_aside else "bond"
+                self._change_bond(event.service_id, **{lost: -event.amount})
             case events.BondReturned():
-                rows.change(schema.services, event.service_id, bond=0)
+                # One that retires has it back when it is idle, and what was set aside when the case ends.
+                service = rows.get(schema.services, event.service_id)
+                retires = bool(service["bond"]) and service["task_id"] is None
+                self._change_bond(event.service_id, **{"bond" if retires else "set_aside": -event.amount})
             case events.ServiceSuspended():
                 rows.change(schema.services, event.service_id, state="suspended", place=0)
+            case events.BondRanShort():
+                rows.change(schema.services, event.service_id, state="short", place=0)
             case events.ServiceFellAsleep():
                 rows.change(schema.services, event.service_id, state="paused", place=0)
             case events.ServiceReinstated():
@@ -248,6 +255,9 @@ class Projection:
                 # It queues again at the back.
                 state = event.state.name.lower()
                 rows.change(schema.services, event.service_id, price=event.price, state=state, place=0)
+                self._free = event.service_id
+            case events.ServiceAgreed():
+                rows.change(schema.services, event.service_id, number=event.kind_id, place=0)
                 self._free = event.service_id
             case events.DeviceRegistered():
                 rows.add(
@@ -276,15 +286,19 @@ class Projection:
                     tx_hash=log.tx_hash,
                 )
             case events.KindAllowed():
-                self._change_kind(event.kind, allowed=True, review=event.review.name.lower())
+                rows.put(
+                    schema.numbers, number=event.number, kind=event.kind, judge=event.judge, removed=False
+                )
+                self._change_kind(event.kind, allowed=True, number=event.number)
                 self._change_rules(event.kind, event.rules, current=any(event.rules))
             case events.RulesRetired():
                 self._change_rules(event.kind, event.rules, current=False)
             case events.KindDisallowed():
                 self._change_kind(event.kind, allowed=False)
+            case events.JudgeRemoved():
+                rows.change(schema.numbers, event.number, removed=True)
             case events.AuditChanged():
-                silence = event.silence.name.lower()
-                self._change_kind(event.kind, audit_window_s=event.audit_window, silence=silence)
+                self._change_kind(event.kind, audit_window_s=event.audit_window)
             case events.MinWindowChanged():
                 self._change_kind(event.kind, min_window_s=event.min_window)
             case events.VerdictWindowsChanged():
@@ -305,7 +319,7 @@ class Projection:
             case events.JudgeKeyChanged():
                 rows.change(schema.judges, self._committee(log.contract), event.seat, key=event.key)
             case events.QuorumChanged():
-                seats = [seat for seat in range(64) if event.judges >> seat & 1]
+                seats = [seat for seat in range(64) if event.seats >> seat & 1]
                 committee = self._committee(log.contract)
                 if committee == ORACLES:
                     self._change_kind(
@@ -333,24 +347,24 @@ class Projection:
                 self._change_stake(event, 0, leaving=-event.amount)
             case events.StakeLost():
                 self._lose_stake(event)
-            case events.Ruled():
-                dispute = {
-                    "instance": event.instance,
-                    "vote": vote_json(event.vote, self.currency),
-                    "report_uri": event.report_uri,
-                    "until": event.until,
-                }
-                self._change_task(event.task_id, dispute=dispute, dispute_until=event.until)
+            case events.InstanceRuled() if event.ruling is not Ruling.NONE:
+                self._rule_as_instance(event, time_s)
             case events.Challenged():
-                dispute = rows.get(schema.tasks, event.task_id)["dispute"] | {
+                task = rows.get(schema.tasks, event.task_id)
+                dispute = task["dispute"] | {
                     "until": event.until,
                     "challenger": event.challenger,
                     "stake_iec": self.currency.text(event.stake),
                     "because": event.reason,
                 }
-                self._change_task(event.task_id, dispute=dispute, dispute_until=event.until)
-            case events.CaseClosed() | events.CaseVoided():
-                self._change_task(event.task_id, dispute=None, dispute_until=None)
+                self._change_task(event.task_id, dispute=dispute)
+                case = event.task_id, task["attempt"]
+                rows.change(schema.cases, *case, until=event.until, staked=True)
+            case events.CaseSettled():
+                rows.change(schema.cases, event.task_id, event.attempt, settled=True)
+                task = rows.get(schema.tasks, event.task_id)
+                if task["dispute"] is not None and task["attempt"] == event.attempt:
+                    self._change_task(event.task_id, dispute=task["dispute"] | {"settled": True})
             case events.TermsChanged():
                 terms = {
                     "bond_iec": self.currency.text(event.bond),
@@ -371,6 +385,8 @@ class Projection:
                 rows.put(schema.settings, name="paused_until_s", value=event.until)
             case events.TasksResumed():
                 rows.put(schema.settings, name="paused_until_s", value=0)
+            case events.AuditorsChanged():
+                rows.put(schema.settings, name="auditors", value=event.auditors)
             case events.PolicyChanged():
                 rows.put(schema.settings, name="policy", value=event.policy)
             case events.RoleGranted() if self._counts(log.contract, event.role):
@@ -527,6 +543,81 @@ class Projection:
     def _change_task(self, task_id: int, **values: Any) -> None:
         self.rows.change(schema.tasks, task_id, **values)
 
+    def _rule(self, event: events.Ruled, tx_hash: str) -> None:
+        """What a judge said of a proof; or that nobody has, or that who did rules no more."""
+        task = self.rows.get(schema.tasks, event.task_id)
+        removed = bool(self._number(task["number"])["removed"])
+        standing = {
+            "ruling": event.ruling.name.lower(),
+            "fault": event.fault.name.lower(),
+            "amount_iec": self.currency.text(event.amount),
+            "until": event.until,
+        }
+        if task["state"] == "submitted":
+            self._free_service(task)
+        # One that is final is done at once, by the events that follow.
+        self._change_task(
+            event.task_id,
+            **self._report_of(event, tx_hash, task),
+            state="ruled",
+            standing=standing,
+            standing_until=event.until or None,
+            after_removal=removed,
+        )
+
+    def _report_of(self, event: events.Ruled, tx_hash: str, task: Mapping[str, Any]) -> dict[str, Any]:
+        """What the judge says in words, if it does: in the same transaction, or before where the same ruling
+        stands longer now."""
+        sha256 = "0x" + event.report.hex() if any(event.report) else None
+        where, said = self._reported or ("", None)
+        is_said = said is not None and (said.task_id, said.report_hash) == (event.task_id, event.report)
+        if said is not None and is_said and where == tx_hash:
+            return {"reason": said.reason, "report_sha256": sha256, "report_uri": said.report_uri}
+        if sha256 is not None and sha256 == task["report_sha256"]:
+            return {}
+        return {"reason": None, "report_sha256": sha256, "report_uri": None}
+
+    def _rule_as_instance(self, event: events.InstanceRuled, time_s: int) -> None:
+        task = self.rows.get(schema.tasks, event.task_id)
+        dispute = {"instance": event.instance, "until": event.until or time_s}
+        self._change_task(event.task_id, dispute=dispute)
+        before = self.rows.find(schema.cases, event.task_id, event.attempt)
+        committee = artifacts.COMMITTEES[event.instance]
+        # Judges stake for what they accept, and nothing overturns the last ruling.
+        stakes = (
+            event.ruling is Ruling.ACCEPTED and event.until and self._judge_stake(committee, task["kind"])
+        )
+        self.rows.put(
+            schema.cases,
+            task_id=event.task_id,
+            attempt=event.attempt,
+            number=task["number"],
+            until=event.until,
+            staked=bool(stakes) or (before is not None and before["staked"]),
+            settled=False,
+        )
+
+    def _judge_stake(self, committee: str, kind: str) -> int:
+        """What each of its judges must have deposited for its vote on this kind."""
+        if committee == ORACLES:
+            return int(self._kind(kind)["judge_stake"])
+        row = self.rows.find(schema.challenge_kinds, committee, kind)
+        return 0 if row is None else int(row["judge_stake"])
+
+    def _change_bond(self, service_id: int, **by: int) -> None:
+        row = self.rows.get(schema.services, service_id)
+        self.rows.change(
+            schema.services, service_id, **{name: row[name] + change for name, change in by.items()}
+        )
+
+    def _resume_short(self, service_id: int) -> None:
+        """Its bond covers a penalty again: as ServiceManager.conclude."""
+        service = self.rows.get(schema.services, service_id)
+        if service["state"] == "short" and service["bond"] >= service["penalty"]:
+            awake = self._provider(service["provider"])["asleep_until"] is None
+            self.rows.change(schema.services, service_id, state="active" if awake else "paused")
+            self._resumed = service_id
+
     def _change_provider(self, address: str, **values: Any) -> None:
         self.rows.put(schema.providers, **{**self._provider(address), **values})
 
@@ -598,12 +689,11 @@ class Projection:
         unknown = {
             "kind": kind,
             "allowed": False,
-            "review": "none",
+            "number": 0,
             "min_window_s": 0,
             "min_verdict_window_s": 0,
             "max_verdict_window_s": 0,
             "audit_window_s": 0,
-            "silence": "none",
             "rules_sha256": [],
             "votes": 0,
             "panel": 0,
@@ -613,29 +703,45 @@ class Projection:
         }
         return self.rows.find(schema.kinds, kind) or unknown
 
-    def _release_service(self, task_id: int, counter: str | None, value: int, time_s: float) -> None:
-        """The attempt is over for the service that made it, and was paid, or would have been, `value` wei."""
+    def _number(self, number: int) -> Mapping[str, Any]:
+        """Who judges, and whether it still does."""
+        return self.rows.find(schema.numbers, number) or {"judge": ZERO_ADDRESS, "removed": False}
+
+    def _free_service(self, task: Mapping[str, Any]) -> None:
+        """The attempt is over for the service that made it, if not yet for its record."""
+        self.rows.change(schema.services, task["service_id"], task_id=None)
+        self._free = task["service_id"]
+
+    def _fail_attempt(self, task_id: int, cause: Cause, time_s: int) -> dict[str, Any]:
+        """Returns how the attempt ended."""
         task = self.rows.get(schema.tasks, task_id)
-        if task["state"] == "undecided":
-            return  # over since it was left undecided
+        self._end_attempt(task_id, _COUNTER.get(cause), task["price"], time_s)
+        if cause not in _OF_RULING:
+            return dict(_VERDICT_OF_EXPIRY[cause])
+        is_void = cause is Cause.VOID
+        return {"verdict": cause.name.lower(), "fault": task["standing"]["fault"] if is_void else None}
+
+    def _end_attempt(self, task_id: int, counter: str | None, value: int, time_s: float) -> None:
+        """The attempt was paid, or would have been, `value` wei; its service's `counter` goes up by one."""
+        task = self.rows.get(schema.tasks, task_id)
+        if task["state"] != "ruled":  # else it was free since the first ruling
+            self._free_service(task)
+        elif self._resumed is not None:
+            self._free, self._resumed = self._resumed, None
+        if counter is None:
+            return
         service = self.rows.get(schema.services, task["service_id"])
-        values: dict[str, Any] = {"task_id": None}
-        if counter is not None:
-            values[counter] = service[counter] + 1
         # As ServiceManager counts: failures in a row of all the provider's services.
-        if counter is not None:
-            provider = self._provider(service["provider"])
-            completed = counter == "completed"
-            work = Work(provider["done"], provider["failed"], provider["day"])
-            if not self._is_own(task["creator"], service["provider"]):
-                work = work.plus(value, completed, time_s, self.currency)
-            self._change_provider(
-                service["provider"],
-                failures=0 if completed else min(provider["failures"] + 1, 255),
-                **asdict(work),
-            )
-        self.rows.change(schema.services, service["id"], **values)
-        self._free = service["id"]
+        provider = self._provider(service["provider"])
+        completed, failures = counter == "completed", min(provider["failures"] + 1, 255)
+        work = Work(provider["done"], provider["failed"], provider["day"])
+        own = self._is_own(task["creator"], service["provider"])
+        if not own:
+            work = work.plus(value, completed, time_s, self.currency)
+        if completed:
+            failures = provider["failures"] if own else 0
+        self._change_provider(service["provider"], failures=failures, **asdict(work))
+        self.rows.change(schema.services, service["id"], **{counter: service[counter] + 1})
 
     def _is_own(self, creator: str, provider: str) -> bool:
         devices = {address: self.rows.find(schema.devices, address) for address in (creator, provider)}
@@ -693,12 +799,18 @@ class Projection:
     def _explanations(self, log: Log) -> list[_Reason]:
         """Why tokens move in the transaction of `log`, as its event tells."""
         tasks, organization = self.contracts.get("TaskManager"), self.contracts.get("Organization")
+        disputes = self.contracts.get("DisputeJudge")
         match event := log.event:
             case events.TaskRegistered():
                 return [_Reason("escrow", event.task_id, event.creator, tasks, event.reward)]
             case events.TaskSettled():
+                # A service that retired has its bond back, or what was set aside of it, in the same transfer.
+                bonds = [one.amount for one in self._reasons[log.tx_hash] if one.text == "bond_returned"]
                 return [
-                    _Reason("payment", event.task_id, tasks, event.payout, event.paid),
+                    *(
+                        _Reason("payment", event.task_id, tasks, event.payout, event.paid + bond)
+                        for bond in (0, *bonds)
+                    ),
                     _Reason("surplus", event.task_id, tasks, None, event.refund),
                 ]
             case events.TaskFailed() | events.TaskCancelled():
@@ -712,16 +824,12 @@ class Projection:
             case events.PaymentCollected():
                 return [_Reason("collected", None, tasks, self._payout_of(event.account), event.amount)]
             case events.Challenged():
-                disputes = self.contracts.get("Disputes")
                 return [_Reason("stake", event.task_id, event.challenger, disputes, event.stake)]
             case events.StakePaid():
-                disputes = self.contracts.get("Disputes")
                 return [_Reason("stake_paid", event.task_id, disputes, event.account, event.amount)]
             case events.StakeDeposited():
-                disputes = self.contracts.get("Disputes")
                 return [_Reason("judge_stake", None, event.payer, disputes, event.amount)]
             case events.StakeWithdrawn():
-                disputes = self.contracts.get("Disputes")
                 return [_Reason("judge_stake_paid", None, disputes, event.account, event.amount)]
             case events.Deposited():
                 return [_Reason("deposit", None, event.sender, organization, event.amount)]
@@ -737,6 +845,11 @@ class Projection:
         if transfer.sender == ZERO_ADDRESS:
             return _Reason("mint")
         return _Reason("burn" if transfer.to == ZERO_ADDRESS else "transfer")
+
+
+def _place(log: Log) -> tuple[str, int | None]:
+    """Transaction and task of what happened."""
+    return log.tx_hash, getattr(log.event, "task_id", None)
 
 
 @dataclass(frozen=True)
@@ -760,14 +873,15 @@ class _Reason:
 _OF_ATTEMPT = (
     "proof_submitted",
     "verdict_deadline",
-    "audit_deadline",
-    "at_silence",
+    "case_end",
     "proof_sha256",
     "proof_uri",
     "verdict",
+    "fault",
     "reason",
     "report_sha256",
     "report_uri",
+    "dispute",
 )
 """Columns that a new attempt starts without. Until then they tell how the last attempt ended."""
 
@@ -779,38 +893,39 @@ _OF_ASSIGNMENT = (
     "assigned",
     "execution_deadline",
     "verdict_deadline",
-    "audit_deadline",
-    "at_silence",
+    "case_end",
     "nonce",
 )
 """Columns that only an assigned task has."""
 
+_WITHOUT_RULING: dict[str, Any] = {"standing": None, "standing_until": None, "set_aside": 0}
+"""Columns of a task on which no ruling stands."""
+
 _BEGINNINGS = (
     events.TaskRegistered,
-    events.VerdictPosted,
+    events.Ruled,
     events.TaskRequeued,
     events.TaskFailed,
     events.ServiceRegistered,
     events.ServiceUpdated,
+    events.ServiceAgreed,
 )
 """With these the contracts begin something that may free a service or give it a task; a transaction of
 another contract may make them do several things."""
 
-_COUNTER: dict[Cause, str | None] = {
+_OF_RULING = (Cause.REJECTED, Cause.GIVEN_UP, Cause.VOID)
+"""Causes that a judge decides; the others are the executor's own."""
+
+_COUNTER = {
     Cause.REJECTED: "rejected",
     Cause.EXECUTION_EXPIRED: "expired",
-    Cause.VERDICT_EXPIRED: None,
-    Cause.AUDIT_EXPIRED: None,
-    Cause.NOT_ACCEPTED: None,
-    Cause.ABANDONED: None,
     Cause.ABANDONED_LATE: "expired",
 }
-"""What a failed attempt adds to its service's record; a verdict that never came is not its fault, nor
-is a task that it did not agree to."""
+"""What a failed attempt adds to its service's record. What is void, given up, or was not agreed to adds
+nothing."""
 
 _VERDICT_OF_EXPIRY = {
     Cause.EXECUTION_EXPIRED: {"verdict": "expired", "reason": "no proof within the execution window"},
-    Cause.VERDICT_EXPIRED: {"verdict": "expired", "reason": "no verdict within the verdict window"},
     Cause.NOT_ACCEPTED: {"verdict": "expired", "reason": "the executor did not accept the task in time"},
     Cause.ABANDONED: {"verdict": "abandoned", "reason": "the executor gave the task back"},
     Cause.ABANDONED_LATE: {

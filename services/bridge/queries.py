@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -10,7 +11,7 @@ from eth_typing import HexStr
 from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
-from rodeo.chain.client import ChainClient
+from rodeo.chain.client import NOBODY, ChainClient
 from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, WHY, described, shares
 from rodeo.chain.reputation import Work
 from rodeo.chain.types import Role
@@ -96,14 +97,20 @@ class Queries:
             text=filters.text,
             newest_first=filters.order == "newest",
         )
-        return {"tasks": [task_json(row, self._names, self._currency) for row in rows], "total": total}
+        numbers = self._index.numbers()
+        return {"tasks": [self._task_json(row, numbers) for row in rows], "total": total}
 
     def _task(self, text: str) -> Json:
         # 18 digits fit into an Id.
         row = self._index.task(int(text)) if text.isdecimal() and len(text) <= 18 else None
         if row is None:
             raise UnknownTask("no such task", task_id=text)
-        return task_json(row, self._names, self._currency)
+        return self._task_json(row, self._index.numbers())
+
+    def _task_json(self, row: Mapping[str, Any], numbers: Mapping[int, Mapping[str, Any]]) -> Json:
+        who = self._judge_of(numbers.get(row["number"]))
+        judge = {"judge": who["judge"], "judge_removed": who["removed"]}
+        return task_json(row, self._names, self._currency) | judge
 
     def _services(self, request: Request) -> Json:
         filters = validate(ServiceFilters, request.parameters)
@@ -112,11 +119,14 @@ class Queries:
             self._with_addresses(wanted, "provider"), Page(filters.limit, filters.offset)
         )
         providers, now_s = self._index.providers(), self._index.position.block_time_s
+        numbers = {row["kind"]: row["number"] for row in self._index.all_kinds()}
+        amounts = ("price", "bond", "penalty", "set_aside")
         return {
             "services": [
                 {
-                    **{key: value for key, value in row.items() if key not in ("price", "bond", "penalty")},
-                    **{f"{key}_iec": self._iec(row[key]) for key in ("price", "bond", "penalty")},
+                    **{key: value for key, value in row.items() if key not in (*amounts, "number")},
+                    **{f"{key}_iec": self._iec(row[key]) for key in amounts},
+                    "agrees": row["number"] == numbers.get(row["kind"]),
                     "failures": providers[row["provider"]]["failures"],
                     "asleep_until": providers[row["provider"]]["asleep_until"],
                     "provider_name": self._names.name(row["provider"]),
@@ -133,7 +143,7 @@ class Queries:
         roles = self._index.roles()
         payouts = self._index.payouts()
         created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
-        members = roles.get(Role.MEMBER, [])
+        members, voids = roles.get(Role.MEMBER, []), self._index.voids()
         named = self._names.addresses
         strangers = sorted((created.keys() | executed.keys()) - set(named.values()))
         people: list[tuple[str | None, str]] = [*named.items(), *((None, one) for one in strangers)]
@@ -149,6 +159,7 @@ class Queries:
                     "created": created.get(address, {}),
                     "executed": executed.get(address, {}),
                     "member": address in members,
+                    "voids": voids.get(address, {}),
                     **self._payout_json(payouts.get(address)),
                 }
                 for name, address in people
@@ -315,6 +326,9 @@ class Queries:
 
     def _organization(self, _request: Request) -> Json:
         address = self._names.addresses[ORGANIZATION]
+        numbers, voids = self._index.numbers(), Counter[str]()
+        for by_fault in self._index.voids().values():
+            voids.update(by_fault)
         return {
             "address": address,
             "treasury_iec": self._iec(self._balances([address])[address]),
@@ -322,11 +336,13 @@ class Queries:
             "kinds": [
                 {
                     **{key: row[key] for key in _OF_KIND},
+                    **self._judge_of(numbers.get(row["number"])),
                     "judge_stake_iec": self._iec(row["judge_stake"]),
                 }
                 for row in self._index.all_kinds()
             ],
             "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
+            "auditors": self._names.judge(self._index.setting("auditors") or NOBODY),
             "members_only": bool(self._index.setting("members_only")),
             "suspended_providers": [
                 {"address": address, "name": self._names.name(address)}
@@ -357,6 +373,7 @@ class Queries:
                 }
                 for committee in self._deployment.committees[1:]
             ],
+            "voids": dict(voids),
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
             "delay_s": self._client.decision_delay_s() if self._deployment.has_timelock else 0,
             "roles": {
@@ -365,6 +382,11 @@ class Queries:
             },
             "contracts": self._deployment.contracts,
         }
+
+    def _judge_of(self, number: Mapping[str, Any] | None) -> Json:
+        """Who rules on a kind, and whether it still does."""
+        known = number or {"judge": NOBODY, "removed": False}
+        return {"judge": self._names.judge(known["judge"]), "removed": known["removed"]}
 
     def _judge_json(self, row: Mapping[str, Any], name: str | None) -> Json:
         return {
@@ -489,11 +511,7 @@ def task_json(row: Mapping[str, Any], names: Names, currency: Currency) -> Json:
     """`rodeo.messages.Task`."""
     amounts = {"reward", "price", "paid", "refunded"}
     return {
-        **{
-            key: value
-            for key, value in row.items()
-            if key not in {*amounts, "text", "ended", "dispute_until"}
-        },
+        **{key: value for key, value in row.items() if key not in {*amounts, *_KEPT_OF_TASK}},
         **{f"{key}_iec": None if row[key] is None else currency.text(row[key]) for key in sorted(amounts)},
         "creator_name": names.name(row["creator"]),
         "requested_provider_name": names.name(row["requested_provider"]),
@@ -519,12 +537,11 @@ def transaction_json(row: Mapping[str, Any], names: Names) -> Json:
 _OF_KIND = (
     "kind",
     "allowed",
-    "review",
+    "number",
     "min_window_s",
     "min_verdict_window_s",
     "max_verdict_window_s",
     "audit_window_s",
-    "silence",
     "rules_sha256",
     "votes",
     "panel",
@@ -532,7 +549,16 @@ _OF_KIND = (
     "seats",
 )
 
-_OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
+_KEPT_OF_TASK = (
+    "text",
+    "ended",
+    "number",
+    "audit_window_s",
+    "standing_until",
+    "after_removal",
+    "set_aside",
+)
+"""Columns of a task that no answer has."""
 
 
 def _reputation(provider: Mapping[str, Any], time_s: float, currency: Currency) -> int:

@@ -15,7 +15,16 @@ from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
-from rodeo.signed_requests import CancelTask, Permit, RegisterTask, SubmitProof, Typed
+from rodeo.signed_requests import (
+    AbandonTask,
+    AcceptTask,
+    CancelTask,
+    Permit,
+    RegisterTask,
+    Said,
+    SubmitProof,
+    Typed,
+)
 from services.bridge.errors import NoPermit, NotSigned, OtherContracts
 
 _NONCE_BYTES = 6
@@ -26,7 +35,6 @@ _SIGNATURE_BYTES = 65
 _VERSIONS = ("1", "2")
 """Of tokens that take permits: OpenZeppelin's, and Circle's USDC."""
 
-Said = RegisterTask | CancelTask | SubmitProof
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -70,7 +78,12 @@ class Requests:
                 call = calls.register_task_for(said.creator, request, said.nonce, said.deadline, signature)
                 return [*self._permitted(signed, said), call]
             case CancelTask():
-                return [calls.cancel_task_for(said.creator, said.task_id, said.deadline, signature)]
+                cancelled = said.creator, said.task_id, said.nonce, said.deadline, signature
+                return [calls.cancel_task_for(*cancelled)]
+            case AcceptTask():
+                back = isinstance(said, AbandonTask)
+                send = calls.abandon_task_for if back else calls.accept_task_for
+                return [send(said.executor, said.task_id, said.attempt, said.nonce, said.deadline, signature)]
             case SubmitProof():
                 proof_hash = bytes.fromhex(said.proof_hash[2:])
                 return [
@@ -80,6 +93,7 @@ class Requests:
                         said.attempt,
                         proof_hash,
                         said.uri,
+                        said.nonce,
                         said.deadline,
                         signature,
                     )

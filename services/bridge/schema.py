@@ -23,7 +23,7 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-_CONTENT = 7
+_CONTENT = 8
 """Raise this when the same events write other rows than before. Changes of the tables need no raise."""
 
 metadata = MetaData()
@@ -136,20 +136,26 @@ tasks = Table(
     Column("ended", Float, doc="settled, cancelled or failed"),
     Column("execution_deadline", Float),
     Column("verdict_deadline", Float),
-    Column("audit_deadline", Float),
-    Column("at_silence", String(16), doc="who wins if the auditors do not answer: executor or creator"),
+    Column("case_end", Float, doc="until then a ruling on the submitted proof can be replaced"),
     Column("execution_window_s", BigInteger, nullable=False),
     Column("verdict_window_s", BigInteger, nullable=False),
+    Column("audit_window_s", BigInteger, nullable=False, doc="of the kind when the task was posted"),
+    Column("number", Integer, nullable=False, doc="of its kind and judge"),
     Column("rules_sha256", String(66), doc="by which it is judged; null where people judge without any"),
     Column("nonce", String(66)),
     Column("proof_sha256", String(66)),
     Column("proof_uri", Written),
     Column("verdict", String(16)),
+    Column("fault", String(20), doc="whose doing a void verdict is"),
     Column("reason", Written),
     Column("report_sha256", String(66)),
     Column("report_uri", Written),
-    Column("dispute", JSON, doc="a verdict that can be challenged: rodeo.messages.Dispute"),
-    Column("dispute_until", BigInteger, index=True),
+    Column("standing", JSON, doc="the last ruling on the proof that waits: rodeo.messages.Standing"),
+    Column("standing_until", BigInteger, index=True, doc="null unless a ruling stands"),
+    Column("after_removal", Boolean, nullable=False, doc="it was made after the judge was removed"),
+    Column("passed_on", Boolean, nullable=False, doc="the judge of the last proof could not decide"),
+    Column("set_aside", Wei, nullable=False, doc="of the executor's bond, until the case ends"),
+    Column("dispute", JSON, doc="how its last ruling can be or was challenged: rodeo.messages.Dispute"),
     Index("tasks_by_state_and_kind", "state", "kind"),
 )
 
@@ -158,6 +164,7 @@ services = Table(
     metadata,
     Column("id", BigInteger, primary_key=True, autoincrement=False),
     Column("kind", Word, nullable=False, index=True),
+    Column("number", Integer, nullable=False, doc="of the kind and the judge that its provider agreed to"),
     Column("provider", String(42), nullable=False, index=True),
     Column("price", Wei, nullable=False),
     Column("state", String(16), nullable=False),
@@ -168,6 +175,7 @@ services = Table(
     Column("rejected", Integer, nullable=False),
     Column("expired", Integer, nullable=False),
     Column("bond", Wei, nullable=False, doc="what is left of it"),
+    Column("set_aside", Wei, nullable=False, doc="what of it waits for the end of its cases"),
     Column("penalty", Wei, nullable=False),
     Column("max_failures", Integer, nullable=False),
     Column("place", BigInteger, nullable=False, doc="lower was idle earlier; 0 when it does not wait"),
@@ -218,18 +226,39 @@ kinds = Table(
     metadata,
     Column("kind", Word, primary_key=True),
     Column("allowed", Boolean, nullable=False),
-    Column("review", String(16), nullable=False, doc="who judges it: oracle, auditor, or none yet"),
+    Column("number", Integer, nullable=False, doc="of the kind with its present judge; 0 before the first"),
     Column("min_window_s", BigInteger, nullable=False),
     Column("min_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
     Column("max_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
     Column("audit_window_s", BigInteger, nullable=False),
-    Column("silence", String(16), nullable=False, doc="who wins if nobody judges, or none"),
     Column("rules_sha256", JSON, nullable=False, doc="those that are current, the newest last"),
     Column("votes", Integer, nullable=False, doc="of the committee's judges that make a verdict; or 0"),
     Column("panel", Integer, nullable=False, doc="how many judges may vote at once"),
     Column("rotation_s", BigInteger, nullable=False, doc="after which one more judge may vote; 0 for never"),
     Column("seats", JSON, nullable=False, doc="of its judges"),
     Column("judge_stake", Wei, nullable=False, doc="which the vote of each of them needs"),
+)
+
+numbers = Table(
+    "numbers",
+    metadata,
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("kind", Word, nullable=False),
+    Column("judge", String(42), nullable=False, doc="the address of the contract that rules"),
+    Column("removed", Boolean, nullable=False, doc="it rules no more"),
+    comment="each judge that a kind had or has",
+)
+
+cases = Table(
+    "cases",
+    metadata,
+    Column("task_id", BigInteger, primary_key=True, autoincrement=False),
+    Column("attempt", Integer, primary_key=True, autoincrement=False),
+    Column("number", Integer, nullable=False, doc="of its kind and judge"),
+    Column("until", BigInteger, nullable=False, doc="end of the running window; 0 after the last ruling"),
+    Column("staked", Boolean, nullable=False, doc="somebody has a stake in it"),
+    Column("settled", Boolean, nullable=False, doc="its stakes are free or paid"),
+    comment="attempts on which a judge with several instances has ruled",
 )
 
 judges = Table(
@@ -254,7 +283,7 @@ challenge_kinds = Table(
     Column("votes", Integer, nullable=False, doc="of its judges that decide; or 0"),
     Column("seats", JSON, nullable=False, doc="of the judges of this kind"),
     Column("judge_stake", Wei, nullable=False, doc="which the vote of each of them needs"),
-    comment="whose verdicts can be challenged before which committee",
+    comment="whose rulings can be challenged before which committee",
 )
 
 roles = Table(

@@ -150,6 +150,8 @@ class Charger:
         return on_battery
 
     def _on_event(self, event: DaoEvent) -> None:
+        if event.name == "KindAllowed":
+            self._offered_on = None  # perhaps with another judge
         if event.task_id is not None:
             with self._events_lock:
                 if event.chain != self._chain:
@@ -210,7 +212,7 @@ class Charger:
         energy = self._energy
         for number, dock in enumerate(self._site.docks):
             self._organization.offer_service(
-                energy.name, energy.price_iec, f"charging at {dock.name}", number
+                energy.name, energy.price_iec, f"charging at {dock.name}", number, energy.judge
             )
         self._offered_on = here
 

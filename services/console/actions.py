@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import Base64Bytes, BaseModel, Field, StringConstraints, model_validator
+from pydantic import Base64Bytes, BaseModel, Field, StringConstraints
 
-from rodeo import keystores, topics
+from rodeo import keystores, messages, topics
 from rodeo.bus import Bus, validate
 from rodeo.clock import Clock
 from rodeo.config import Site
@@ -26,10 +26,11 @@ from rodeo.messages import (
     CancelTask,
     CastBudgetVote,
     CastVote,
-    ChallengeVerdict,
+    Conclude,
     Deposit,
     Dismiss,
     ExecuteProposal,
+    Fault,
     Id,
     MatchTask,
     Message,
@@ -42,14 +43,17 @@ from rodeo.messages import (
     RegisterTask,
     ReinstateProvider,
     ReinstateService,
+    RemoveJudge,
     RescueTokens,
     ResumeTasks,
     RetireRules,
     RevokeDevice,
+    Ruling,
     SetBudget,
     SetMembersOnly,
     SetPolicy,
     SetTerms,
+    SettleStakes,
     SuspendProvider,
     SuspendService,
     UpdateService,
@@ -91,7 +95,11 @@ class ChangeService(UpdateService):
     participant: Name = ORGANIZATION
 
 
-class Challenge(ChallengeVerdict):
+class AgreeForService(messages.Agree):
+    participant: Name = ORGANIZATION
+
+
+class Challenge(messages.Challenge):
     participant: Name = ORGANIZATION
 
 
@@ -138,18 +146,12 @@ class SubmitWork(Message):
 
 class Judge(Message):
     task_id: Id
-    accepted: bool
+    ruling: Ruling
+    fault: Fault = "nobody"
+    """Whose doing a void task is."""
     reason: Annotated[str, StringConstraints(min_length=1, max_length=500)]
     amount_iec: Payment | None = None
     """What accepted work is paid; the agreed price by default."""
-    impossible: bool = False
-    """Instead of a rejection: nobody could do the task."""
-
-    @model_validator(mode="after")
-    def _one_verdict(self) -> Judge:
-        if self.accepted and self.impossible:
-            raise ValueError("give one verdict: accepted or impossible")
-        return self
 
 
 class Nothing(Message):
@@ -250,7 +252,9 @@ def _of_organization(command: str) -> Perform:
 
 
 def _of_participant(command: str) -> Perform:
-    def perform(actions: Actions, user: User, request: OfferService | ChangeService | Challenge) -> Json:
+    def perform(
+        actions: Actions, user: User, request: OfferService | ChangeService | AgreeForService | Challenge
+    ) -> Json:
         if not speaks_for(user, request.participant):
             raise Forbidden("your account may not act for this participant", participant=request.participant)
         return actions.command(request.participant, command, request)
@@ -292,12 +296,12 @@ def _judge(actions: Actions, user: User, request: Judge) -> Json:
         actions.site,
         auditor,
         request.task_id,
-        request.accepted,
+        request.ruling,
         request.reason,
         request.amount_iec,
-        request.impossible,
+        request.fault,
     )
-    return {"task_id": request.task_id, "accepted": request.accepted}
+    return {"task_id": request.task_id, "ruling": request.ruling}
 
 
 def _of_member(command: str) -> Perform:
@@ -369,13 +373,19 @@ def _command(name: str, summary: str, model: type[BaseModel], roles: frozenset[R
 _TABLE = (
     Action("post_task", "Post a task; its reward goes into escrow", RegisterTask, _OPERATOR, _post_task),
     _command("cancel_task", "Cancel a task that is not assigned; refund its reward", CancelTask, _OPERATOR),
-    Action("challenge_verdict", "Challenge a verdict before it settles; this takes a stake", Challenge,
-           _PROVIDER, _of_participant("challenge_verdict")),
+    Action("challenge", "Challenge a ruling while it stands; this takes a stake", Challenge, _PROVIDER,
+           _of_participant("challenge")),
+    Action("conclude", "Do what a ruling says that stands, when its time is over", Conclude, _PROVIDER,
+           _of_anybody("conclude")),
+    Action("settle_stakes", "Free and pay the stakes of a challenged attempt that is over", SettleStakes,
+           _PROVIDER, _of_anybody("settle_stakes")),
     _command("match_task", "Match an open task with a service again", MatchTask, _OPERATOR),
     Action("register_service", "Offer a service", OfferService, _PROVIDER,
            _of_participant("register_service")),
     Action("update_service", "Price, pause, resume or retire a service", ChangeService, _PROVIDER,
            _of_participant("update_service")),
+    Action("agree", "Agree that a service gets tasks under the present judge of its kind", AgreeForService,
+           _PROVIDER, _of_participant("agree")),
     _command("suspend_provider", "Suspend a provider and its services", SuspendProvider, _ADMINISTRATOR),
     _command("reinstate_provider", "Let a suspended provider offer services again", ReinstateProvider,
              _ADMINISTRATOR),
@@ -384,6 +394,7 @@ _TABLE = (
     _command("register_device", "Let a key sign evidence", RegisterDevice, _ADMINISTRATOR),
     _command("revoke_device", "Revoke a key", RevokeDevice, _ADMINISTRATOR),
     _command("allow_kind", "Allow or forbid a kind of work; who judges it", AllowKind, _ADMINISTRATOR),
+    _command("remove_judge", "Remove the judge of a kind at once and for good", RemoveJudge, _ADMINISTRATOR),
     _command("retire_rules", "Post no more tasks under these rules of a kind", RetireRules, _ADMINISTRATOR),
     _command("rescue_tokens", "Send on tokens that were sent to the contracts by mistake", RescueTokens,
              _ADMINISTRATOR),
@@ -409,8 +420,7 @@ _TABLE = (
     Action("accept_work", "Accept a task that is assigned to you", TaskId, _EXECUTOR, _accept_work),
     Action("submit_work", "Submit a note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),
-    Action("judge", "Approve or reject a proof that waits for an auditor, or call its task impossible", Judge,
-           _AUDITOR, _judge),
+    Action("judge", "Rule on a proof that waits for an auditor", Judge, _AUDITOR, _judge),
     Action("cast_vote", "Vote on a proposal as a member; once and for all", CastVote, _EXECUTOR,
            _of_member("cast_vote")),
     Action("cast_budget_vote", "Vote as a member on who gets how much of a budget", CastBudgetVote, _EXECUTOR,

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from rodeo.messages import DaoEvent
+from rodeo.messages import DaoEvent, Fault
 
 _ENDS = ("TaskSettled", "TaskFailed", "TaskCancelled")
 _EXPIRED = {
     "execution_expired": "no proof within the execution window",
-    "verdict_expired": "no verdict within the verdict window",
     "not_accepted": "the executor did not accept the task in time",
 }
 _ABANDONED = {
@@ -32,14 +31,18 @@ class Attempt:
     proof_sha256: str | None = None
     proof_uri: str | None = None
     verdict: str | None = None
-    """accepted, rejected, undecided, impossible, expired or abandoned"""
+    """accepted, rejected, given_up, impossible, void, expired or abandoned: how it ended"""
+    standing: str | None = None
+    """The ruling that stood last and could be replaced."""
+    fault: Fault = "nobody"
+    """Whose doing a void attempt is."""
     reason: str | None = None
     report_sha256: str | None = None
     report_uri: str | None = None
     verdict_tx: str | None = None
-    """The transaction that posted the last verdict; its sender judged."""
-    was_undecided: bool = False
-    """The oracle could not decide, so that auditors did."""
+    """The transaction in which the judge reported its ruling; its sender judged."""
+    passed_on: bool = False
+    """The oracle could not decide, so that auditors could."""
     paid_iec: str | None = None
     """What the executor was paid for it."""
 
@@ -68,22 +71,37 @@ def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
             made[-1] = replace(
                 made[-1], submitted_s=event.time_s, proof_sha256=args["proof_hash"], proof_uri=args["uri"]
             )
-        elif event.name == "Ruled":  # a verdict that waits for its window
-            made[-1] = replace(
-                made[-1], report_sha256=args["vote"]["report_hash"], report_uri=args["report_uri"]
-            )
-        elif event.name == "VerdictPosted":
+        elif event.name == "Reported":  # comes before its ruling
             made[-1] = replace(
                 made[-1],
-                verdict=args["verdict"],
                 reason=args["reason"],
                 report_sha256=args["report_hash"],
                 report_uri=args["report_uri"],
                 verdict_tx=event.tx_hash,
-                was_undecided=made[-1].was_undecided or args["verdict"] == "undecided",
+            )
+        elif event.name == "PassedOn":
+            made[-1] = replace(made[-1], passed_on=True)
+        elif event.name == "Ruled":
+            if args["report"] != made[-1].report_sha256:  # nobody has ruled, or a judge that reports nothing
+                made[-1] = replace(
+                    made[-1], reason=None, report_sha256=None, report_uri=None, verdict_tx=None
+                )
+            final = not int(args["until"])
+            made[-1] = replace(
+                made[-1],
+                verdict=args["ruling"] if final else None,
+                standing=None if final else args["ruling"],
+                fault=args["fault"],
             )
         elif event.name in ("TaskSettled", "TaskFailed", "TaskRequeued"):
-            made[-1] = replace(made[-1], ended_s=event.time_s, paid_iec=args.get("paid_iec"))
+            last = made[-1]
+            made[-1] = replace(
+                last,
+                ended_s=event.time_s,
+                paid_iec=args.get("paid_iec"),
+                verdict=last.verdict or last.standing,
+                standing=None,
+            )
             if (expiry := _EXPIRED.get(args.get("cause", ""))) is not None:
                 made[-1] = replace(made[-1], verdict="expired", reason=expiry)
             if (given_back := _ABANDONED.get(args.get("cause", ""))) is not None:

@@ -9,13 +9,15 @@ from typing import Any
 
 from rodeo.durations import span
 from rodeo.errors import RodeoError, snake_case
+from rodeo.messages import Fault
 from rodeo.queries import BudgetBallot, BudgetVote, KindRules, ProposedCall
+from rodeo.verdicts import FAULTS
 
 STATE_COLOURS = {
     "open": "warn",
     "assigned": "info",
     "submitted": "brand",
-    "undecided": "warn",
+    "ruled": "warn",
     "settled": "good",
     "failed": "bad",
     "cancelled": "",
@@ -23,6 +25,7 @@ STATE_COLOURS = {
     "paused": "warn",
     "retired": "",
     "suspended": "bad",
+    "short": "warn",
     "ready": "good",
     "not ready": "warn",
     "lost": "bad",
@@ -31,7 +34,9 @@ STATE_COLOURS = {
     "rejected": "bad",
     "expired": "bad",
     "abandoned": "warn",
+    "given up": "warn",
     "impossible": "warn",
+    "void": "warn",
     "paid": "good",
     "superseded": "",
     "compromised": "bad",
@@ -48,14 +53,12 @@ _ADVICE = {
     "reward_below_price": "Raise the reward, or let the task wait for a cheaper service.",
     "unknown_kind": "An administrator can allow this kind of work.",
     "kind_without_checks": "Let an auditor judge it.",
-    "kind_without_audit": "Under Undecided work, choose who decides if the oracle cannot.",
     "device_name_taken": "Revoke the key that has this name first, or choose another name.",
     "invalid_amount": "Pay more than nothing and at most the agreed price.",
     "bad_amount": "Pay more than nothing and at most the agreed price.",
     "cannot_do": "Choose a participant who can do this work.",
     "already_offered": "Change the price or the state of that service under Services.",
     "judge_is_party": "Another auditor has to judge it.",
-    "judged_before": "Another auditor has to judge it.",
     "robot_unavailable": "Check on the overview that the robot's agent is running.",
     "forbidden": "Ask an administrator for the role.",
     "unknown_command": "This site's bridge is too old for this action.",
@@ -94,7 +97,7 @@ FIELD_ADVICE = {
     "reason": "give a reason of at most 500 characters",
     "rules_sha256": "enter a hash: 0x and 64 hex digits, small letters",
     "max_attempts": "enter a whole number from 1 to 255",
-    "audit_window_s": "enter seconds, from a minute to 30 days",
+    "audit_window_s": "enter seconds, at most 30 days together with the verdict window",
     "min_verdict_window_s": "enter seconds, from a minute to 30 days",
     "max_verdict_window_s": "enter seconds, from a minute to 30 days",
     "execution_window_s": "give the executor at least a minute",
@@ -197,6 +200,11 @@ def split_in_words(vote: BudgetVote, ballot: BudgetBallot) -> str:
     """Whom a member gave how many votes: alice 6, bob 8."""
     given = zip(vote.recipients, ballot.votes, strict=True)
     return ", ".join(f"{party(to.name, to.address)} {votes}" for to, votes in given if votes) or "nobody"
+
+
+def voids_in_words(voids: Mapping[Fault, int]) -> str:
+    """How many attempts ended void, by whose doing they were; empty where none did."""
+    return ", ".join(f"{number:,} {FAULTS[fault]}" for fault, number in voids.items() if number)
 
 
 def quorum_in_words(kind: KindRules) -> str:

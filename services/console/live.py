@@ -284,7 +284,7 @@ class Live:
     def _summarize(self) -> Summary:
         counts: dict[str, int] = {}
         queue: list[Task] = []
-        for state in ("undecided", "submitted", "assigned", "open"):
+        for state in ("ruled", "submitted", "assigned", "open"):
             found, counts[state] = self._queries.tasks(QUEUE_SHOWN, state=state, order="oldest")
             queue += found
         judged, counts["ended"] = self._queries.tasks(_ENDED_ASKED, state="settled,failed")

@@ -2,8 +2,8 @@
 
 A store may lose or damage what it was given, be out of reach, or be one that this oracle was not told of.
 None of that is the executor's failure. But a proof that nobody but its executor ever saw proves nothing, and
-where auditors keep silent an undecided attempt may be paid. So what decides is whether the executor hands
-over, when it is asked, the bytes that it submitted the hash of. It keeps a copy until long after its verdict
+auditors should not have to look for it. So what decides is whether the executor hands over, when it is asked,
+the bytes that it submitted the hash of. It keeps a copy until long after its verdict
 (`rodeo.evidence.copies`); asked over the bus it puts them into the store again, and hands them to the oracle
 directly where the store cannot be read.
 
@@ -314,20 +314,22 @@ class MissingProofs:
 
 
 def due_s(task: Task, site: Site, patience: float = 1.0) -> float | None:
-    """Site time from which the verdict on a submitted task cannot wait any longer, or its window passes
-    without one; None where no window runs. `patience`: the share of the usual time before the end that who
-    asks needs. A verdict that can be challenged comes early enough for all that may follow."""
-    if task.verdict_deadline is None:
+    """Site time from which the verdict on a task cannot wait any longer, or its window passes without one;
+    None where no window runs. Where the verdict window has passed already, the case has to end. `patience`:
+    the share of the usual time before the end that who asks needs. A verdict that can be challenged comes
+    early enough for all that may follow."""
+    end_s = task.case_end if task.state == "ruled" else task.verdict_deadline
+    if end_s is None:
         return None
     longest_s = 0 if site.disputes is None else site.disputes.longest_s
     if task.verdict_window_s < longest_s:
         longest_s = 0  # posted before there were challenges: judged at once
     margin_s = min(site.min_verdict_window_s, _MARGIN_SHARE * (task.verdict_window_s - longest_s))
-    return task.verdict_deadline - longest_s - patience * margin_s
+    return end_s - longest_s - patience * margin_s
 
 
 def is_due(task: Task, site: Site, clock: Clock, patience: float = 1.0) -> bool:
-    """Whether the verdict on a submitted task cannot wait any longer; `patience` as for `due_s`."""
+    """Whether the verdict on a task cannot wait any longer; `patience` as for `due_s`."""
     time_s = due_s(task, site, patience)
     try:
         return time_s is not None and clock.now_s() >= time_s

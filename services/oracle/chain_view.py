@@ -42,7 +42,7 @@ def read_chain_record(participant: Participant, task_id: int) -> ChainRecord:
 def verdict_block(participant: Participant, task_id: int, attempt: int) -> int | None:
     """Of the last verdict on an attempt; None before. Raises BusError, RemoteError."""
     found = None
-    for event in _events(participant, name="VerdictPosted", task_id=task_id):
+    for event in _events(participant, name="Reported", task_id=task_id):
         if int(event.args["attempt"]) == attempt:
             found = event.block
     return found

@@ -1,14 +1,15 @@
-"""The oracle's process: every submitted proof gets one verdict, whatever is in it.
+"""The oracle's process: every submitted proof gets one ruling, whatever is in it, or is passed on.
 
 Submissions are learnt from the event stream, read from its beginning at every start: that and the reports in
 the store also tell which acts were paid for before (`rodeo.checks.acts`). Whether a submission still waits
-for a verdict is asked from the index when its turn comes, so nothing needs to be remembered across restarts.
+for a ruling is asked from the index when its turn comes, so nothing needs to be remembered across restarts.
+One on which nobody has ruled in the verdict window waits until its case ends.
 
 Several proofs are verified side by side, and their providers take turns (`services.oracle.turns`). But of two
 that claim the same act the one that was submitted earlier is decided first. Only what is due waits no longer
 for proofs that others have in line: people decide on those of them that claim the same act.
 
-Where a site has several oracles, each of them votes (`services.oracle.votes`) in place of posting a verdict.
+Where a site has several oracles, each of them votes (`services.oracle.votes`) in place of ruling.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from rodeo.files import replace_file, writing
 from rodeo.foreign_text import in_words
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, PostVerdict, Task, Vote
+from rodeo.messages import DaoEvent, Fault, Rule, Task, Vote
 from rodeo.process import Process
 from rodeo.serving import served_by
 from services.oracle import worker
@@ -60,6 +61,11 @@ SWEEP_S = 30.0
 _REPORT_BYTES = 16 << 20
 _PASSING = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeout", "rpc_failed"})
 """What the bridge answers while it cannot; everything else is its last word."""
+
+_NO_MORE = frozenset({"case_over", "passed_on_before", "not_judge", "not_a_judge"})
+"""What is answered when this oracle cannot rule any more, and others may."""
+_DECIDED = _NO_MORE | {"wrong_state", "wrong_attempt"}
+"""The same, and when the attempt has ended."""
 
 Answer = TypeVar("Answer")
 
@@ -236,7 +242,7 @@ class Oracle:
             log.warning("task %d attempt %d is due, and its turn to be verified has not come", *key)
         for key in self._late - late:
             submission = self._acts.submission(*key)
-            if submission is not None and submission.over and submission.outcome is None:
+            if submission is not None and submission.over and submission.ruling is None:
                 log.warning("task %d attempt %d: its window ended before it was verified", *key)
         self._late = late
         said = f"{len(late)} of {len(in_line)} proofs in line are due: too many to verify them in time"
@@ -286,8 +292,9 @@ class Oracle:
             return
         self._acts.away(*key, False)
         task, report = found
-        self._acts.judged(task_id, attempt, report.acts)
-        if report.outcome in ("accepted", "undecided"):  # what is undecided may yet be accepted by people
+        may_be_paid = report.outcome in ("accepted", "undecided")  # people may accept what is undecided
+        self._acts.judged(task_id, attempt, report.acts if may_be_paid else [])
+        if may_be_paid:
             check = self._unspent(task, report.acts)
             if check is None:
                 return
@@ -342,9 +349,9 @@ class Oracle:
                 state=chain_record.task.state,
                 submitted_in_block=submission.block,
             )
-        if chain_record.task.state != "submitted" or chain_record.task.attempt != attempt:
+        if chain_record.task.state not in ("submitted", "ruled") or chain_record.task.attempt != attempt:
             return None
-        if not is_ours(self._kinds, chain_record.task.kind, self._wallet.ask(queries.ORGANIZATION).kinds):
+        if not is_ours(self._kinds, chain_record.task):
             log.info(
                 "task %d attempt %d of %s waits for an auditor",
                 task_id,
@@ -385,30 +392,36 @@ class Oracle:
         return None if last_word is None else (task, last_word)
 
     def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
-        """Post the verdict; False when the task was decided meanwhile."""
-        verdict = PostVerdict(
+        """Rule, or pass the case on; False when others did meanwhile."""
+        rule = Rule(
             # A verification repeated after a crash may find other words for the same proof.
-            request_id=f"verdict-{task.id}-{task.attempt}-{report_sha256}",
+            request_id=f"rule-{task.id}-{task.attempt}-{report_sha256}",
             task_id=task.id,
             attempt=task.attempt,
             proof_sha256=task.proof_sha256 or "",
-            outcome=report.outcome,
+            ruling=report.outcome,
+            fault=_fault(report),
             amount_iec=_amount_iec(task, report),
             reason=report.reason,
+            rules_sha256=report.rules_sha256,
             report_sha256=report_sha256,
             report_uri=report_uri,
         )
         try:
-            self._wallet.command("post_verdict", verdict)
+            self._wallet.command("rule", rule)
         except RemoteError as error:
-            if error.code != "wrong_state":
+            if error.code not in _DECIDED:
                 raise
-            log.info("task %d attempt %d was decided meanwhile", task.id, task.attempt)
+            log.info("task %d attempt %d was decided meanwhile: %s", task.id, task.attempt, error)
+            self._acts.judged(task.id, task.attempt, None)
+            if error.code in _NO_MORE:
+                with self._lock:
+                    self._for_auditors.add((task.id, task.attempt))
             return False
         return True
 
     def _vote(self, votes: Votes, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
-        """Vote for the verdict; False when this oracle abstains, because what failed is itself."""
+        """Vote for the ruling; False when this oracle abstains, because what failed is itself."""
         if report.fault == FAULT:
             log.warning("task %d attempt %d: abstaining: %s", task.id, task.attempt, report.reason)
             with self._lock:
@@ -420,7 +433,7 @@ class Oracle:
             proof_sha256=task.proof_sha256 or "",
             report_sha256=report_sha256,
             rules_sha256=report.rules_sha256 or "",
-            outcome=report.outcome,
+            ruling=report.outcome,
             amount_iec=_amount_iec(task, report) or Decimal(0),
             reason=report.reason,
         )
@@ -464,7 +477,7 @@ class Oracle:
         self._clock.wait_for(lambda: self._acts.news != news, self._stop, until_s=until_s, resting=resting)
 
     def _read_reports(self) -> None:
-        """Read the reports of verdicts that paid for something, as soon as they are heard of."""
+        """Read the reports of what was paid for, or may be, as soon as they are heard of."""
         with self._clock.acting():
             while not self._stop.is_set():
                 news = self._acts.news
@@ -561,10 +574,15 @@ class Oracle:
             )
 
 
-def is_ours(kinds: Kinds, kind: str, rules: list[queries.KindRules]) -> bool:
-    """Whether the organization's rules have the oracle judge this kind of work. Never where the oracle has no
-    checks of its own: that somebody says so is no check."""
-    return not kinds.by_people(kind) and any(rule.kind == kind and rule.review == "oracle" for rule in rules)
+def is_ours(kinds: Kinds, task: Task) -> bool:
+    """Whether oracles judge this task, as the organization's rules were when it was posted. Never where the
+    oracle has no checks of its own, whatever those say, nor once the right to judge was taken from them."""
+    return not kinds.by_people(task.kind) and task.judge == "oracle" and not task.judge_removed
+
+
+def _fault(report: Report) -> Fault:
+    """Whose doing it is that the case is passed on, as far as the contracts have a word for it."""
+    return "oracle" if report.outcome == "undecided" and report.fault == FAULT else "nobody"
 
 
 def _amount_iec(task: Task, report: Report) -> Decimal | None:

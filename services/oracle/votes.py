@@ -3,7 +3,7 @@ signed the same.
 
 What was found is not published: it is in the signature's digest, so that who found the same can tell a vote
 from another, and who only listens has nothing to sign (`SealedVote`). A vote is published again and again
-until there is a verdict, so that who was away hears it. Every oracle keeps at most a few signatures of each
+until there is a ruling, so that who was away hears it. Every oracle keeps at most a few signatures of each
 other oracle on each submission that waits, so nobody can fill its memory. The oracle whose own vote is the
 last that was needed posts the verdict at once. The others wait in their order, and post it themselves if
 nobody did. Votes of judges who are not in the panel yet are posted again when the panel has grown to them.
@@ -39,6 +39,8 @@ TURN_S = 2.0
 """Wall time for which each oracle waits for the one before it to post what both can post."""
 _FIRST_S = 0.25
 """The same for the first in order: the one who completed the votes posts already."""
+_TIED_S = 60.0
+"""Site time after which a vote is tried again whose judge's stake stands for too much: cases end."""
 _LOOK_S = 1.0
 _EARLY = 4
 """Signatures that are kept of one oracle on a submission on which this one has not voted: until then it
@@ -46,10 +48,23 @@ cannot tell which of them is that oracle's."""
 _CHECKS_PER_WALL_S = 100.0
 """Signatures checked of what comes on one oracle's key: it publishes one of each submission in REPEAT_S."""
 _TOO_LOW = "stake_too_low"
-_REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor", _TOO_LOW})
+_REFUSED = frozenset(
+    {"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor", "key_too_new", _TOO_LOW}
+)
 """The contract does not count the vote of the judge that the error names, or not yet."""
-_RULED = "not_challenged"
-"""Another oracle has posted the votes, and the verdict can still be challenged."""
+_RULED = frozenset(
+    {
+        "not_challenged",
+        "passed_on_before",
+        "wrong_state",
+        "wrong_attempt",
+        "case_over",
+        "too_late",
+        "not_judge",
+    }
+)
+"""Another oracle has posted the votes, or nobody can any more: the case is over, or the oracles' contract may
+not judge it."""
 _UNKNOWN = "transaction_timeout"
 """The votes may still be mined, so the same request is repeated rather than made anew."""
 
@@ -87,7 +102,7 @@ class _Held:
     submitted_s: float | None
     """Block time of the proof."""
     end_s: float
-    """Site time at which the verdict window ends."""
+    """Site time at which the case ends."""
     vote: Vote
     report_uri: str
     signatures: dict[str, str] = field(default_factory=dict)
@@ -170,7 +185,7 @@ class Votes:
         currency = self._site.economy.currency
         signature = votes.sign(vote, self._account, committee.chain_id, committee.address, currency)
         key = task.id, task.attempt
-        end_s = math.inf if task.verdict_deadline is None else task.verdict_deadline
+        end_s = math.inf if task.case_end is None else task.case_end
         held = _Held(task.kind, task.proof_submitted, end_s, vote, report_uri, {self._name: signature})
         with self._lock:
             self._held[key] = held
@@ -389,8 +404,8 @@ class Votes:
             except RemoteError as error:
                 held.refusals += error.code != _UNKNOWN
                 refused = self._refused(error, held, agreed)
-                if error.code == _RULED:
-                    log.info("task %d attempt %d: the verdict waits for its window", *key)
+                if error.code in _RULED:
+                    log.info("task %d attempt %d: these votes are not needed any more: %s", *key, error)
                     self._is_posted(held)
                     return
                 if error.code not in _REFUSED or refused not in agreed:
@@ -398,9 +413,9 @@ class Votes:
                     return
                 log.warning("task %d attempt %d: the vote of %s does not count: %s", *key, refused, error)
                 without |= {refused}
-                in_panel_s = self._in_panel_s(held, error)
-                if in_panel_s is not None and in_panel_s <= held.end_s:
-                    later_s.append(in_panel_s)
+                again_s = self._again_s(held, error)
+                if again_s is not None and again_s <= held.end_s:
+                    later_s.append(again_s)
             except BusError as error:
                 log.warning("task %d attempt %d: the votes cannot be posted: %s", *key, error)
                 return
@@ -420,8 +435,11 @@ class Votes:
             signatures=list(agreed.values()),
         )
 
-    def _in_panel_s(self, held: _Held, error: RemoteError) -> float | None:
-        """Site time from which the judge that the error names is in the panel; None if it never is."""
+    def _again_s(self, held: _Held, error: RemoteError) -> float | None:
+        """Site time from which the judge that the error names may count: when it is in the panel, or its
+        stake may be free again; None if never."""
+        if error.code == _TOO_LOW:
+            return self._site_s() + _TIED_S
         committee = self._current()
         panel, rotation_s = (0, 0) if committee is None else committee.panels.get(held.kind, (0, 0))
         if error.code != "not_in_panel" or held.submitted_s is None or not rotation_s:

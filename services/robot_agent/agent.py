@@ -596,7 +596,8 @@ class Agent:
         for name in [name for name in self._behaviours if name in wanted]:
             kind = self._kinds[name]
             try:
-                self._dao.offer_service(name, self._prices.asked(kind), f"{kind.title} by {self._robot.name}")
+                said = f"{kind.title} by {self._robot.name}"
+                self._dao.offer_service(name, self._prices.asked(kind), said, judge=kind.judge)
             except RemoteError as error:
                 if error.code != "provider_is_asleep":
                     raise
@@ -609,7 +610,7 @@ class Agent:
         for kind in kinds:
             self._prices.withdrawn(kind)
             service = self._dao.own_service(kind)
-            if service is not None and service.state == "active":
+            if service is not None and service.state in ("active", "short"):
                 self._dao.set_service_state(service.id, "paused")
 
     # -- idle ------------------------------------------------------------------------------------------

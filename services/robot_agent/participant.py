@@ -12,7 +12,7 @@ from rodeo.messages import RegisterTask, SetPayout, Task, UpdateService
 from rodeo.robot.errors import CapReached
 
 _AHEAD = ("open", "assigned", "submitted")
-"""A task is still to be done or judged. What auditors decide may take days: nobody waits for it."""
+"""A task is still to be done or judged. Until a ruling is final it may take days: nobody waits for it."""
 DAY_S = 24 * 3600.0
 
 

@@ -36,10 +36,9 @@ GIVES_WORK = frozenset(
     {
         "TaskAssigned",
         "ProofSubmitted",
-        "AuditRequested",
+        "PassedOn",
         "Challenged",
-        "CaseVoided",
-        "KindAllowed",
+        "JudgeRemoved",
         "EventUndone",
     }
 )
@@ -142,14 +141,14 @@ class PeoplesTime:
             self._wake.clear()
             heard = self._heard
             try:
-                tasks, audited = self._ask()
+                tasks = self._ask()
             except (BusError, RemoteError) as error:
                 log.debug("cannot find out who has a task: %s", error)
                 self._warn_of_silence()
                 answered = False
             else:
                 answered = self._asked = True
-                self.take(tasks, audited, time.monotonic())
+                self.take(tasks, time.monotonic())
             if self._asked:
                 self.adjust(time.monotonic())
             if answered:
@@ -171,32 +170,30 @@ class PeoplesTime:
                 "the bridge has not said for %.0f s whether a person has a task: the clock goes on", STANDS_S
             )
 
-    def _ask(self) -> tuple[list[Task], list[str]]:
-        """Everything that is in work, and the kinds that auditors judge. Raises BusError or RemoteError."""
+    def _ask(self) -> list[Task]:
+        """Everything that is in work. Raises BusError or RemoteError."""
         tasks: list[Task] = []
         total = 1
         while len(tasks) < total:
             page = self._answer(
                 queries.TASKS,
-                state="assigned,submitted,undecided",
+                state="assigned,submitted,ruled",
                 order="oldest",
                 limit=_PAGE,
                 offset=len(tasks),
             )
             total = page.total if page.tasks else 0
             tasks += page.tasks
-        kinds = self._answer(queries.ORGANIZATION).kinds
-        return tasks, [kind.kind for kind in kinds if kind.review == "auditor"]
+        return tasks
 
     def _answer(self, query: Query[A], **parameters: Any) -> A:
         return queries.ask(self._bus, self._site.org, query, timeout_s=_QUERY_S, **parameters)
 
-    def take(self, tasks: Iterable[Task], audited: Iterable[str], wall_s: float) -> None:
+    def take(self, tasks: Iterable[Task], wall_s: float) -> None:
         """Remember what people have to do, from when it was first heard of (monotonic wall time)."""
-        kinds = frozenset(audited)
         ends: dict[Key, tuple[float, float]] = {}
         for task in tasks:
-            until_s = deadline_s(task, kinds, self._kinds)
+            until_s = deadline_s(task, self._kinds)
             if until_s is not None:
                 key = task.id, task.attempt, _waiting(task)
                 _, wall_end_s = self._ends.get(key, (until_s, wall_s + self._min_s))
@@ -224,4 +221,4 @@ class PeoplesTime:
 
 def _waiting(task: Task) -> str:
     """Its state. Each instance of judges who decide about a challenge has time of its own."""
-    return task.state if task.dispute is None else f"{task.state}, verdict {task.dispute.instance}"
+    return task.state if task.dispute is None else f"{task.state}, instance {task.dispute.instance}"

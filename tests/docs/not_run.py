@@ -9,7 +9,7 @@ _ROS = "needs a robot that runs ROS 2"
 _SHELL = "sets the reader's shell up"
 _FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the others beside it"
 _JUDGES = "needs a site with several oracles: tests/integration/test_quorum.py runs such commands"
-_DISPUTES = "needs a verdict that waits: tests/integration/test_disputes.py runs such commands"
+_DISPUTES = "needs a ruling that stands: tests/integration/test_disputes.py runs such commands"
 _MEMBERS = "needs an organization whose members vote: tests/integration/test_governance.py runs such commands"
 _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
@@ -72,7 +72,8 @@ NOT_RUN: dict[str, str] = {
     "rodeo site prepare --site my-site.toml": _CHAIN,
     "rodeo up router chain bridge oracle charger console robot_sim robot_agent": _FOREIGN,
     "python my_bin.py --site deploy/sites/lab.toml": _FOREIGN,
-    "rodeo organization seat 0x... --owner panther1": _JUDGES,
+    "rodeo organization sign-seat dora-device --owner panther1": _JUDGES,
+    "rodeo organization seat 0x... --owner panther1 --signature 0x...": _JUDGES,
     "rodeo organization unseat carl": _JUDGES,
     "rodeo organization quorum waste_disposal 2 --judge anna --judge bert --judge dora": _JUDGES,
     "rodeo organization budget-votes --as alice": _MEMBERS,

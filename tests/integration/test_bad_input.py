@@ -303,13 +303,10 @@ def assigned(dao: Dao) -> Iterator[int]:
 def verdict(dao: Dao, task_id: int, attempt: int) -> str:
     """Reason of the oracle's rejection."""
 
-    def posted() -> list[dict[str, Any]]:
-        return [
-            event.args
-            for event in list(dao.events)
-            if (event.name, event.task_id) == ("VerdictPosted", task_id) and event.args["attempt"] == attempt
-        ]
+    def said(name: str) -> list[dict[str, Any]]:
+        of = [event.args for event in list(dao.events) if (event.name, event.task_id) == (name, task_id)]
+        return [args for args in of if args["attempt"] == attempt]
 
-    dao.wait_for(lambda: bool(posted()), f"a verdict on task {task_id} attempt {attempt}")
-    assert posted()[0]["verdict"] == "rejected"
-    return str(posted()[0]["reason"])
+    dao.wait_for(lambda: bool(said("Ruled")), f"a ruling on task {task_id} attempt {attempt}")
+    assert [one["ruling"] for one in said("Ruled")] == ["rejected"]
+    return str(said("Reported")[0]["reason"])

@@ -143,7 +143,8 @@ def test_a_task_is_assigned_proved_judged_and_paid(dao: Dao) -> None:
         "TaskRegistered",
         "TaskAssigned",
         "ProofSubmitted",
-        "VerdictPosted",
+        "Reported",
+        "Ruled",
         "TaskSettled",
     ]
     assert_index_equals_contracts(dao)
@@ -318,7 +319,7 @@ def test_a_task_names_a_service_or_a_provider_that_does_such_work(dao: Dao) -> N
         assert refused.value.code == code
 
 
-def test_overdue_tasks_are_expired_by_the_bridge(dao: Dao) -> None:
+def test_overdue_tasks_are_expired_and_concluded_by_the_bridge(dao: Dao) -> None:
     before = dao.balances()
     task_id = dao.post(max_attempts=2, execution_window_s=600, verdict_window_s=900)
     deadline_s = dao.task(task_id)["execution_deadline"]
@@ -327,10 +328,13 @@ def test_overdue_tasks_are_expired_by_the_bridge(dao: Dao) -> None:
     dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 2, "the second assignment")
     dao.prove(task_id)
     dao.set_clock(dao.task(task_id)["verdict_deadline"] + 2)
-    dao.wait_for(lambda: "TaskFailed" in dao.names_of(task_id), "the second expiry")
+    dao.wait_for(lambda: "Ruled" in dao.names_of(task_id), "the end of the verdict window")
     task = dao.task(task_id)
-    assert (task["state"], task["verdict"]) == ("failed", "expired")
-    assert task["reason"] == "no verdict within the verdict window"
+    assert (task["state"], task["standing"]["ruling"], task["reason"]) == ("ruled", "void", None)
+    dao.set_clock(task["case_end"] + 2)
+    dao.wait_for(lambda: "TaskFailed" in dao.names_of(task_id), "the end of the case")
+    task = dao.task(task_id)
+    assert (task["state"], task["verdict"], task["fault"]) == ("failed", "void", "oracle")
     assert dao.balances() == before  # nobody is paid for what nobody judged
     assert_index_equals_contracts(dao)
 
@@ -422,18 +426,18 @@ def test_tokens_move_between_participants(dao: Dao) -> None:
         ("oracle", "make_coffee", {}, "unknown_command"),
         (
             "panther1",
-            "post_verdict",
+            "rule",
             {
                 "task_id": 1,
                 "attempt": 1,
                 "proof_sha256": "0x" + "a" * 64,
-                "outcome": "accepted",
+                "ruling": "accepted",
                 "amount_iec": "1",
                 "reason": "mine",
                 "report_sha256": "0x" + "b" * 64,
                 "report_uri": "",
             },
-            "not_judge",
+            "not_in_role",
         ),
         *(
             (
@@ -556,17 +560,15 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     (known,) = [one for one in dao.state("devices")["devices"] if one["address"] == device]
     assert known["revoked"] is not None and known["revoked_because"] == "compromised"
     # Nobody allows a kind without saying who judges it, and the oracle judges what it has checks for.
-    for fields, code in (({}, "invalid_request"), ({"review": "oracle"}, "kind_without_checks")):
+    for fields, code in (({}, "invalid_request"), ({"judge": "oracle"}, "kind_without_checks")):
         with pytest.raises(RemoteError) as refused:
             dao.command("organization", "allow_kind", kind="watering", **fields)
         assert refused.value.code == code
     assert "watering" not in dao.state("chain")["kinds"]
-    dao.command("organization", "allow_kind", kind="watering", review="auditor", min_window_s=60)
-    watering = {"kind": "watering", "allowed": True, "review": "auditor", "min_window_s": 60}
-    watering |= {"min_verdict_window_s": 0, "max_verdict_window_s": 0}
-    watering |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
-    watering |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}
-    assert watering in dao.state("organization")["kinds"]
+    dao.command("organization", "allow_kind", kind="watering", judge="auditor", min_window_s=60)
+    (watering,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == "watering"]
+    told = ("allowed", "judge", "removed", "min_window_s", "audit_window_s", "rules_sha256")
+    assert [watering[name] for name in told] == [True, "auditor", False, 60, 0, []]
     dao.command("organization", "allow_kind", kind="watering", allowed=False)
     assert "watering" not in dao.state("chain")["kinds"]
     before = dao.balances()
@@ -581,7 +583,7 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
         "deposit": {"amount_iec": "1"},
         "withdraw": {"to": "panther1", "amount_iec": "1"},
         "register_device": of("panther1", 2) | {"name": "b"},
-        "allow_kind": {"kind": "watering", "review": "auditor"},
+        "allow_kind": {"kind": "watering", "judge": "auditor"},
     }.items():
         with pytest.raises(RemoteError) as refused:
             dao.command("panther1", command, **fields)
@@ -589,19 +591,17 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     dao.command("organization", "withdraw", to="panther1", amount_iec="30")
 
 
-def test_each_kind_of_the_site_says_who_judges_it_and_who_wins_at_the_auditors_silence(dao: Dao) -> None:
+def test_each_kind_of_the_site_says_who_judges_it_and_in_which_windows(dao: Dao) -> None:
     rules = {one["kind"]: one for one in dao.state("organization")["kinds"]}
     for kind in (CLEANING, "battery_charging"):
-        told = (rules[kind]["allowed"], rules[kind]["review"], rules[kind]["silence"])
-        assert told == (True, "oracle", "creator")
+        assert (rules[kind]["allowed"], rules[kind]["judge"]) == (True, "oracle")
         assert rules[kind]["audit_window_s"] == 7 * 24 * 3600
     dao.command(
         "organization",
         "allow_kind",
         kind=CLEANING,
-        review="oracle",
+        judge="oracle",
         audit_window_s=3600,
-        at_silence="executor",
         min_verdict_window_s=1800,
         max_verdict_window_s=7200,
     )
@@ -609,22 +609,22 @@ def test_each_kind_of_the_site_says_who_judges_it_and_who_wins_at_the_auditors_s
         dao.post("1", allow_wait=True, verdict_window_s=1799)
     assert refused.value.code == "invalid_verdict_window"
     (changed,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == CLEANING]
-    assert (changed["audit_window_s"], changed["silence"]) == (3600, "executor")
+    assert (changed["audit_window_s"], changed["number"]) == (3600, rules[CLEANING]["number"])
     assert (changed["min_verdict_window_s"], changed["max_verdict_window_s"]) == (1800, 7200)
     assert changed["rules_sha256"] == rules[CLEANING]["rules_sha256"] != []  # what was left out stays
-    back = {"audit_window_s": rules[CLEANING]["audit_window_s"], "at_silence": rules[CLEANING]["silence"]}
+    back = {"audit_window_s": rules[CLEANING]["audit_window_s"]}
     back |= {"min_verdict_window_s": 900, "max_verdict_window_s": 7 * 24 * 3600}
-    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", **back)
+    dao.command("organization", "allow_kind", kind=CLEANING, judge="oracle", **back)
 
 
 def test_an_oracle_judges_by_named_rules_and_a_creator_by_current_ones(dao: Dao) -> None:
     (before,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == CLEANING]
     dao.command("organization", "allow_kind", kind=CLEANING, allowed=False)
     with pytest.raises(RemoteError) as refused:
-        dao.command("organization", "allow_kind", kind=CLEANING, review="oracle")
+        dao.command("organization", "allow_kind", kind=CLEANING, judge="oracle")
     assert refused.value.code == "kind_without_rules"
     own, other = ("0x" + digit * 64 for digit in "56")
-    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", rules_sha256=own)
+    dao.command("organization", "allow_kind", kind=CLEANING, judge="oracle", rules_sha256=own)
     with pytest.raises(RemoteError) as refused:
         dao.post("1", allow_wait=True, rules_sha256=other)
     assert refused.value.code == "rules_not_current"
@@ -632,13 +632,13 @@ def test_an_oracle_judges_by_named_rules_and_a_creator_by_current_ones(dao: Dao)
     with pytest.raises(RemoteError) as refused:
         dao.command("organization", "retire_rules", kind=CLEANING, rules_sha256=own)
     assert refused.value.code == "kind_without_rules"
-    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", rules_sha256=other)
+    dao.command("organization", "allow_kind", kind=CLEANING, judge="oracle", rules_sha256=other)
     for wanted, got in ((own, own), (None, other)):
         task_id = dao.post("1", allow_wait=True, **({} if wanted is None else {"rules_sha256": wanted}))
         assert dao.task(task_id)["rules_sha256"] == got
         dao.command("organization", "cancel_task", task_id=task_id)
     (installed,) = before["rules_sha256"]
-    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", rules_sha256=installed)
+    dao.command("organization", "allow_kind", kind=CLEANING, judge="oracle", rules_sha256=installed)
     for one in (own, other):
         dao.command("organization", "retire_rules", kind=CLEANING, rules_sha256=one)
     assert before in dao.state("organization")["kinds"]
@@ -649,10 +649,10 @@ def test_a_part_of_the_work_is_paid_in_part_and_the_ledger_tells_both(dao: Dao) 
     task_id = dao.post("120")
     dao.prove(task_id)
     for fields, code in (
-        ({"outcome": "accepted", "amount_iec": "100.5"}, "invalid_amount"),
-        ({"outcome": "accepted", "amount_iec": "0"}, "invalid_amount"),
-        ({"outcome": "accepted"}, "invalid_request"),
-        ({"outcome": "rejected", "amount_iec": "1"}, "invalid_request"),
+        ({"ruling": "accepted", "amount_iec": "100.5"}, "invalid_amount"),
+        ({"ruling": "accepted", "amount_iec": "0"}, "invalid_amount"),
+        ({"ruling": "accepted"}, "invalid_request"),
+        ({"ruling": "rejected", "amount_iec": "1"}, "invalid_request"),
     ):
         with pytest.raises(RemoteError) as refused:
             dao.verdict(task_id, **fields)
@@ -672,18 +672,20 @@ def test_a_part_of_the_work_is_paid_in_part_and_the_ledger_tells_both(dao: Dao) 
     ]
 
 
-def test_what_the_oracle_cannot_decide_auditors_do_and_their_silence_as_the_kind_says(dao: Dao) -> None:
-    audited, silent = dao.post("100"), 0
+def test_what_the_oracle_cannot_decide_auditors_do_and_without_them_it_is_void(dao: Dao) -> None:
+    audited = dao.post("100")
     dao.prove(audited)
     dao.verdict(audited, "undecided", "the verification hung twice")
     task = dao.task(audited)
-    assert (task["state"], task["verdict"], task["at_silence"]) == ("undecided", "undecided", "creator")
+    assert (task["state"], task["verdict"], task["passed_on"]) == ("ruled", None, True)
+    assert (task["standing"]["ruling"], task["standing"]["until"]) == ("void", task["case_end"])
+    assert_index_equals_contracts(dao)
     with pytest.raises(RemoteError) as refused:
         dao.judge(audited, accepted=True)
-    assert refused.value.code == "not_judge"
+    assert refused.value.code == "not_in_role"
     with pytest.raises(RemoteError) as refused:
         dao.verdict(audited, "undecided", "I do not know either", judge="organization")
-    assert refused.value.code == "auditor_must_decide"
+    assert refused.value.code == "must_rule"
     # The robot is free for its next task meanwhile, and its proof is kept.
     silent = dao.post("100")
     assert dao.task(silent)["state"] == "assigned"
@@ -693,12 +695,41 @@ def test_what_the_oracle_cannot_decide_auditors_do_and_their_silence_as_the_kind
     assert (task["state"], task["verdict"], task["paid_iec"]) == ("settled", "accepted", "60")
 
     before = dao.balances()
-    dao.verdict(silent, "undecided", "the verification hung twice")
-    dao.set_clock(dao.task(silent)["audit_deadline"] + 2)
-    dao.wait_for(lambda: "TaskFailed" in dao.names_of(silent), "the end of the auditors' window")
+    dao.verdict(silent, "undecided", "the verification hung twice", fault="oracle")
+    dao.set_clock(dao.task(silent)["case_end"] + 2)
+    dao.wait_for(lambda: "TaskFailed" in dao.names_of(silent), "the end of the case")
     task = dao.task(silent)
-    assert (task["state"], task["verdict"], task["paid_iec"]) == ("failed", "undecided", "0")
+    assert (task["state"], task["verdict"], task["fault"]) == ("failed", "void", "oracle")
     assert dao.balances()["panther1"] == before["panther1"]
+    assert dao.state("organization")["voids"]["oracle"] >= 1
+
+
+def test_what_a_judge_said_that_was_removed_is_void_and_the_next_one_needs_the_providers_word(
+    dao: Dao,
+) -> None:
+    task_id, before = dao.post("100"), dao.state("organization")["kinds"]
+    dao.prove(task_id)
+    dao.verdict(task_id, "undecided", "a hang")
+    (number, rules) = next((one["number"], one["rules_sha256"]) for one in before if one["kind"] == CLEANING)
+    dao.command("organization", "remove_judge", kind=CLEANING)
+    dao.wait_for(lambda: dao.names_of(task_id).count("Ruled") == 2, "the void of what it said")
+    (kind,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == CLEANING]
+    assert (kind["allowed"], kind["removed"], kind["number"]) == (False, True, number)
+    dao.verdict(task_id, "accepted", "seen", judge="organization", amount_iec="100")
+    assert dao.task(task_id)["state"] == "settled"
+
+    dao.command("organization", "allow_kind", kind=CLEANING, judge="oracle", rules_sha256=rules[-1])
+    (offer,) = [one for one in dao.state("services", kind=CLEANING)["services"] if one["state"] == "active"]
+    assert (offer["agrees"], offer["provider_name"]) == (False, "panther1")
+    waiting = dao.post("100")
+    assert dao.task(waiting)["state"] == "open"
+    dao.command("panther1", "agree", service_id=offer["id"])
+    assert dao.task(waiting)["state"] == "assigned"
+    dao.prove(waiting, digit="d")
+    dao.judge(waiting, accepted=True)
+    (offer,) = [one for one in dao.state("services", kind=CLEANING)["services"] if one["state"] == "active"]
+    assert offer["agrees"] is True
+    assert_index_equals_contracts(dao)
 
 
 def test_the_root_of_a_day_is_posted_once_and_known(dao: Dao) -> None:
@@ -837,7 +868,7 @@ def test_participants_and_wallets_are_known_by_name(dao: Dao) -> None:
     ],
 )
 def test_nobody_offers_what_they_cannot_do(dao: Dao, who: str, kind: str, why: str) -> None:
-    dao.command("organization", "allow_kind", kind="dusting", review="auditor")
+    dao.command("organization", "allow_kind", kind="dusting", judge="auditor")
     before = dao.state("services"), dao.balances()
     with pytest.raises(RemoteError) as refused:
         dao.command(who, "register_service", kind=kind, price_iec="1")
@@ -846,7 +877,7 @@ def test_nobody_offers_what_they_cannot_do(dao: Dao, who: str, kind: str, why: s
 
 
 def test_a_kind_is_offered_once_by_each_who_does_it_even_by_twenty_requests_at_once(dao: Dao) -> None:
-    dao.command("organization", "allow_kind", kind="dusting", review="auditor")
+    dao.command("organization", "allow_kind", kind="dusting", judge="auditor")
     offer = {"kind": "dusting", "price_iec": "3"}
 
     def ask(_number: int) -> str:
@@ -873,7 +904,7 @@ def test_a_kind_is_offered_once_by_each_who_does_it_even_by_twenty_requests_at_o
 
 def test_what_cannot_be_done_is_given_back_at_once_without_a_proof_and_the_next_gets_it(dao: Dao) -> None:
     """The contracts let a key offer anything; the bridge does not see who uses it elsewhere."""
-    dao.command("organization", "allow_kind", kind="dusting", review="auditor")
+    dao.command("organization", "allow_kind", kind="dusting", judge="auditor")
     w3, robot = Web3(Web3.HTTPProvider(dao.site.chain.url)), wallets.load(dao.site, "panther1")
     dao.set_clock(w3.eth.get_block("pending")["timestamp"] + 1)
     offer = dao.client().calls.register_service("dusting", 10**18, 0, False, "a robot that dusts")
@@ -915,7 +946,7 @@ def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
     for policy in ("lowest_price", "highest_reputation", "first_come"):
         dao.command("organization", "set_policy", policy=policy)
         assert dao.state("organization")["policy"] == policy
-    dao.command("organization", "allow_kind", kind="sweeping", review="auditor")
+    dao.command("organization", "allow_kind", kind="sweeping", judge="auditor")
     dao.command("organization", "set_terms", bond_iec="50", penalty_iec="20", max_failures=2)
     terms = {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
     assert dao.state("organization")["terms"] == terms

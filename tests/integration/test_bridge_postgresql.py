@@ -11,7 +11,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
 from rodeo.chain import events
-from rodeo.chain.abi import Cause, Review, Verdict
+from rodeo.chain.abi import Cause, Fault, Ruling
 from rodeo.chain.logs import Log
 from rodeo.chain.types import Event
 from services.bridge import journal
@@ -43,7 +43,7 @@ def history() -> list[list[Event]]:
     return [
         [
             events.Transfer("0x" + "0" * 40, CREATOR, 2**256 - 1),
-            events.KindAllowed("waste", Review.ORACLE, b"\1" * 32),
+            events.KindAllowed("waste", 1, CREATOR, b"\1" * 32),
         ],
         [
             events.ServiceRegistered(1, ROBOT, "waste", 100 * iec, True, HOSTILE),
@@ -56,7 +56,13 @@ def history() -> list[list[Event]]:
         ],
         [events.ProofSubmitted(1, 1, ROBOT, b"\x0a" * 32, HOSTILE, 1700)],
         [
-            events.VerdictPosted(1, 1, b"\x0a" * 32, Verdict.REJECTED, 0, b"\x0b" * 32, HOSTILE, HOSTILE),
+            events.InstanceRuled(1, 1, 0, Ruling.REJECTED, b"\1" * 32, 1, 1_800),
+            events.Reported(1, 1, b"\x0b" * 32, HOSTILE, HOSTILE),
+            events.Ruled(1, 1, b"\x0a" * 32, Ruling.REJECTED, Fault.NOBODY, 0, 1_800, b"\x0b" * 32),
+            events.PenaltySetAside(1, 1, 20 * iec),
+            events.Challenged(1, 0, CREATOR, iec, 1_900, HOSTILE),
+        ],
+        [
             events.BondPenalized(1, 1, 20 * iec),
             events.TaskRequeued(1, 1, Cause.REJECTED),
         ],
@@ -82,7 +88,7 @@ def everything(index: Index) -> dict[str, Any]:
     return {
         "events": [event.model_dump() for event in index.events_after(0, 1000)],
         "tasks": index.tasks(
-            {"creator": CREATOR}, Page(10), states=("open", "assigned", "submitted"), text="100 %"
+            {"creator": CREATOR}, Page(10), states=("open", "assigned", "submitted", "ruled"), text="100 %"
         ),
         "services": index.services({"kind": "waste"}, Page(10)),
         "transfers": index.transfers(CREATOR, None, 0, 2**48, Page(10)),
@@ -95,6 +101,10 @@ def everything(index: Index) -> dict[str, Any]:
         "balances": index.balances(),
         "position": index.position,
         "overdue": index.overdue(10**9),
+        "concludable": index.concludable(10**9),
+        "settleable": index.settleable(10**9),
+        "next_end": index.next_end_s(1_000),
+        "voids": index.voids(),
     }
 
 
@@ -116,7 +126,7 @@ def test_it_answers_as_sqlite_does_through_a_reorganization_and_a_restart(url: s
     for index in both:
         assert fork in index.recent_blocks()
         notices = index.roll_back(fork)
-        assert [notice.name for notice in notices] == [UNDONE] * 6
+        assert [notice.name for notice in notices] == [UNDONE] * sum(map(len, history()[3:]))
     # Everything is as it was, but that what happened since is remembered.
     for index, before in zip(both, at_fork, strict=True):
         assert without(everything(index), "events") == without(before, "events")

@@ -18,7 +18,7 @@ from rodeo.checks.readings import unpack
 from rodeo.dao import Participant
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
-from rodeo.messages import PostVerdict, RegisterTask, Task
+from rodeo.messages import RegisterTask, Rule, Task
 from rodeo.metering import STEP_WH
 from rodeo.witness.statement import MeterRecord, Receipt, parse
 from rodeo_testing.dock import TARGET_SOC, Buyer, Hardware
@@ -83,17 +83,17 @@ class Organization:
         proof = open_proof(path)
         assert proof.binding == self.robot.binding(task, "dock1")
         assert proof.signer == keystores.address(self.running.site, "dock1-device")
-        verdict = PostVerdict(
+        ruling = Rule(
             task_id=task.id,
             attempt=task.attempt,
             proof_sha256=str(task.proof_sha256),
-            outcome="accepted",
+            ruling="accepted",
             amount_iec=task.price_iec,
             reason="",
             report_sha256="0x" + "00" * 32,
             report_uri="",
         )
-        self.oracle.command("post_verdict", verdict)
+        self.oracle.command("rule", ruling)
         self.wait_for(task_id, "settled")
         return proof
 

@@ -104,7 +104,7 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
 def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_approves(desk: Desk) -> None:
     with desk.client("ada") as ada, desk.client("eva") as eva:
         for client, action, request in (
-            (ada, "allow-kind", {"kind": "wheel_cleaning", "review": "auditor"}),
+            (ada, "allow-kind", {"kind": "wheel_cleaning", "judge": "auditor"}),
             (eva, "register-service", {"kind": "wheel_cleaning", "price_iec": "5", "participant": "eva"}),
             (
                 ada,
@@ -138,7 +138,7 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     person.get_by_role("button", name="Review").click()
     person.get_by_role("button", name="Seal and hand in").click()
     handed_in = person.get_by_role("region", name="Handed in")
-    expect(handed_in.get_by_text("waiting for the verdict")).to_be_visible()
+    expect(handed_in.get_by_text("waiting for the ruling")).to_be_visible()
 
     auditor = desk.page("ada")
     open_page(auditor, "/work")
@@ -150,8 +150,8 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     expect(known.get_by_text(f"One photo should show the code {code}.")).to_be_visible()
     expect(known.get_by_text("Photo 1 has 320 x 240 pixels; it has no metadata.")).to_be_visible()
     auditor.get_by_label("Why?").fill("They shine")
-    auditor.get_by_role("button", name="Approve").click()
-    auditor.get_by_role("dialog", name="Approve this work?").get_by_role("button", name="Approve").click()
+    auditor.get_by_role("button", name="Rule", exact=True).click()
+    auditor.get_by_role("dialog", name="Rule on this work?").get_by_role("button", name="Rule").click()
 
     expect(handed_in.get_by_text("paid 5 IEC")).to_be_visible()
     expect(handed_in.get_by_text("accepted by an auditor (a person): “They shine”")).to_be_visible()

@@ -254,7 +254,7 @@ def test_what_is_typed_before_a_page_listens_stays(desk: Office) -> None:
 
 @pytest.mark.long
 def test_the_focus_stays_on_a_button_that_is_drawn_again(desk: Office) -> None:
-    desk.dao.command("organization", "allow_kind", kind="window_cleaning", review="auditor")
+    desk.dao.command("organization", "allow_kind", kind="window_cleaning", judge="auditor")
     offer = {"kind": "window_cleaning", "price_iec": "1000", "description": "dear"}
     service_id = desk.dao.command("eva", "register_service", **offer)["service_id"]
     page = desk.page("ada")
@@ -390,25 +390,36 @@ def test_a_service_is_offered_priced_paused_resumed_and_retired(desk: Office) ->
     page.close()
 
 
-def test_an_auditor_pays_a_part_of_what_the_oracle_could_not_decide(desk: Office) -> None:
+def rules_as_auditor(page: Page, task_id: int, ruling: str, why: str, **more: str) -> Locator:
+    """The dialog that asks the auditor whether it is sure, once the form is filled in."""
+    open_page(page, "/work")
+    page.get_by_role("button", name=f"Judge task {task_id}").click()
+    choose(page, "Ruling", ruling)
+    page.get_by_label("Why?").fill(why)
+    if "fault" in more:
+        choose(page, "Whose doing it is", more["fault"])
+    if "pay" in more:
+        page.get_by_label("Pay (IEC)").fill(more["pay"])
+    page.get_by_role("button", name="Rule", exact=True).click()
+    return page.get_by_role("dialog", name="Rule on this work?")
+
+
+def test_an_auditor_pays_a_part_of_what_the_oracle_passed_on(desk: Office) -> None:
     task_id = desk.dao.post("120")
     desk.dao.prove(task_id)
     desk.dao.verdict(task_id, "undecided", "the verification hung twice")
     page = desk.page("ada")
     open_page(page, f"/tasks/{task_id}")
     expect(page.get_by_text("An auditor decides")).to_be_visible()
-    expect(page.get_by_text("without one the creator wins")).to_be_visible()
-    open_page(page, "/work")
-    page.get_by_role("button", name=f"Judge task {task_id}").click()
-    expect(page.get_by_text("The oracle could not decide: the verification hung twice.")).to_be_visible()
-    page.get_by_label("Why?").fill("Half of it is there")
-    page.get_by_label("Pay, if approved (IEC)").fill("40.5")
-    page.get_by_role("button", name="Approve").click()
-    sure = page.get_by_role("dialog", name="Approve this work?")
+    stands = page.get_by_text(
+        "passed on to the auditors: the verification hung twice; void unless one rules by"
+    )
+    expect(stands).to_be_visible()
+    sure = rules_as_auditor(page, task_id, "accepted", "Half of it is there", pay="40.5")
     expect(sure.get_by_text("40.5 IEC")).to_be_visible()
-    sure.get_by_role("button", name="Approve").click()
+    sure.get_by_role("button", name="Rule").click()
     open_page(page, f"/tasks/{task_id}")
-    expect(page.get_by_text("An auditor decided")).to_be_visible()
+    expect(page.get_by_text("Verdict: accepted by an auditor")).to_be_visible()
     agreement = page.get_by_role("region", name="Agreement")
     expect(agreement.get_by_text("40.5 IEC")).to_be_visible()
     expect(agreement.get_by_text("79.5 IEC")).to_be_visible()
@@ -417,23 +428,24 @@ def test_an_auditor_pays_a_part_of_what_the_oracle_could_not_decide(desk: Office
     page.close()
 
 
-@pytest.mark.long
-def test_an_auditor_says_that_nobody_could_do_a_task(desk: Office) -> None:
+def test_a_void_task_says_whose_doing_it_was(desk: Office) -> None:
     task_id = desk.dao.post("120")
     desk.dao.prove(task_id)
     desk.dao.verdict(task_id, "undecided", "no place has these coordinates")
     page = desk.page("ada")
-    open_page(page, "/work")
-    page.get_by_role("button", name=f"Judge task {task_id}").click()
-    page.get_by_label("Why?").fill("The item is behind a wall")
-    page.get_by_role("button", name="Impossible").click()
-    sure = page.get_by_role("dialog", name="Could nobody do this task?")
-    price_iec = Decimal(desk.dao.task(task_id)["price_iec"])
-    expect(sure.get_by_text(f"{price_iec / 10:f} IEC", exact=True)).to_be_visible()
-    sure.get_by_role("button", name="Impossible").click()
-    desk.dao.wait_for(lambda: desk.dao.task(task_id)["state"] == "settled", "the verdict")
+    why = {"fault": "the creator's doing"}
+    sure = rules_as_auditor(page, task_id, "void", "The door was locked", **why)
+    expect(sure.get_by_text("the creator's doing")).to_be_visible()
+    sure.get_by_role("button", name="Rule").click()
+    desk.dao.wait_for(lambda: desk.dao.task(task_id)["state"] == "failed", "the ruling")
     task = desk.dao.task(task_id)
-    assert (task["verdict"], Decimal(task["paid_iec"])) == ("impossible", price_iec / 10)
+    assert (task["verdict"], task["fault"], task["refunded_iec"]) == ("void", "creator", "120")
+    open_page(page, f"/tasks/{task_id}")
+    tries = page.get_by_role("table", name="Attempts at this task")
+    word = "Void, the creator's doing, by the auditor organization (a person): “The door was locked”"
+    expect(tries.get_by_text(word)).to_be_visible()
+    open_page(page, "/services")
+    expect(page.get_by_text(re.compile(r"\d+ the creator's doing")).first).to_be_visible()
     page.close()
 
 

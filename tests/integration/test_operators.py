@@ -35,7 +35,7 @@ participants = [{ name = "alice" }]
 kinds = [
     { name = "waste_disposal" },
     { name = "battery_charging" },
-    { name = "wheel_cleaning", review = "auditor" },
+    { name = "wheel_cleaning", judge = "auditor" },
 ]
 
 [[agent.maintenance]]
@@ -98,17 +98,17 @@ def test_a_robot_asks_a_person_to_clean_its_wheels_and_an_auditor_has_it_paid(
     proof = open_proof(Store(site).fetch(submitted["proof_uri"], sha256))
     assert read_statement(proof).photos == (PNG,)
     auditor = Participant(running.bus, site.org, "organization")
-    verdict = {
+    ruling = {
         "task_id": task.id,
         "attempt": task.attempt,
         "proof_sha256": sha256,
-        "outcome": "accepted",
+        "ruling": "accepted",
         "amount_iec": "40",
         "reason": "seen",
         "report_sha256": sha256,
         "report_uri": submitted["proof_uri"],
     }
-    running.bus.query(f"rodeo/{site.org}/wallet/{auditor.name}/post_verdict", verdict, timeout_s=HANG_S)
+    running.bus.query(f"rodeo/{site.org}/wallet/{auditor.name}/rule", ruling, timeout_s=HANG_S)
     organization.wait_for_event("TaskSettled", task.id)
     assert Decimal(organization.task(task.id)["paid_iec"]) == 40
 

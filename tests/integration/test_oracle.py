@@ -183,7 +183,7 @@ def test_the_rules_of_a_kind_change_while_a_task_is_open_and_it_is_paid_by_its_o
     task_id = executor.assigned()
     needed = f"{entry['open_tasks'] + 1} open task"
     dao.running.wait_for_status("oracle", lambda status: needed in status.activity and own in status.activity)
-    change("allow_kind", next_rules, review="oracle")
+    change("allow_kind", next_rules, judge="oracle")
     change("retire_rules", own)
     assert [one["state"] for one in listed().values()] == ["newest", "retired"]
     assert dao.task(task_id)["rules_sha256"] == own
@@ -199,7 +199,7 @@ def test_the_rules_of_a_kind_change_while_a_task_is_open_and_it_is_paid_by_its_o
         "oracle", lambda status: any(next_rules in one for one in status.warnings)
     )
     assert warned.ready
-    assert "VerdictPosted" not in dao.names_of(other)
+    assert "Ruled" not in dao.names_of(other)
     dao.set_clock(dao.task(other)["verdict_deadline"] - 2)
     executor.film.wait(900)  # time does not go back
     verdict = executor.verdict(other, attempt)
@@ -212,7 +212,7 @@ def test_the_rules_of_a_kind_change_while_a_task_is_open_and_it_is_paid_by_its_o
         "oracle", lambda status: not any(next_rules in one for one in status.warnings)
     )
 
-    change("allow_kind", own, review="oracle")
+    change("allow_kind", own, judge="oracle")
     change("retire_rules", next_rules)
     assert listed()[own]["state"] == "newest"
 
@@ -244,7 +244,7 @@ def test_a_proof_that_the_store_damaged_is_put_there_again_and_paid(
     executor.submit(task_id, sha256, uri)
     waiting = dao.running.wait_for_status("oracle", lambda status: "waits for its proof" in status.activity)
     assert waiting.ready and "the bytes do not match the submitted hash" in waiting.activity
-    assert "VerdictPosted" not in dao.names_of(task_id)
+    assert "Ruled" not in dao.names_of(task_id)
     kept[sha256] = path  # the executor's process is there again
     assert executor.verdict(task_id, 1)["verdict"] == "accepted"
     assert in_store(uri).read_bytes() == path.read_bytes()
@@ -343,7 +343,7 @@ def test_what_was_paid_for_is_known_after_a_restart_and_awaited_while_the_store_
     executor.submit(second, *proofs[second])
     dao.running.start("oracle")
     dao.running.wait_for_status("oracle", lambda status: "could not be read" in status.activity)
-    assert "VerdictPosted" not in dao.names_of(second)
+    assert "Ruled" not in dao.names_of(second)
     lost.rename(report)
     spent(executor.verdict(second, 1), by=first)
 

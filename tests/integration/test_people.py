@@ -38,8 +38,8 @@ def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
 
 def test_an_offer_is_priced_paused_resumed_and_withdrawn_and_made_once(dao: Dao) -> None:
     told = rodeo(dao, "organization", "kind", "raking", status=1)
-    assert "choose who judges raking: --review auditor for people, or --review oracle" in told
-    rodeo(dao, "organization", "kind", "raking", "--review", "auditor")
+    assert "choose who judges raking: --judge auditor for people, or --judge oracle" in told
+    rodeo(dao, "organization", "kind", "raking", "--judge", "auditor")
     told = rodeo(dao, "service", "offer", "raking", "--price", "5", "--as", "alice")
     number = told.split()[-1].rstrip(".")
 
@@ -67,7 +67,7 @@ def test_an_offer_is_priced_paused_resumed_and_withdrawn_and_made_once(dao: Dao)
 
 @pytest.mark.parametrize(("who", "kind"), [("panther1", "raking"), ("alice", "waste_disposal")])
 def test_nobody_offers_from_the_terminal_what_they_cannot_do(dao: Dao, who: str, kind: str) -> None:
-    rodeo(dao, "organization", "kind", "raking", "--review", "auditor")
+    rodeo(dao, "organization", "kind", "raking", "--judge", "auditor")
     told = rodeo(dao, "service", "offer", kind, "--price", "5", "--as", who, status=1)
     assert f"{who} cannot do {kind}" in told
     assert dao.state("services", provider=who, kind=kind)["services"] == []
@@ -88,7 +88,7 @@ def test_a_copied_photo_and_note_are_shown_with_what_they_copy_and_the_auditor_d
     dao: Dao, tmp_path: Path
 ) -> None:
     for kind in ("wheel_cleaning", "dusting"):
-        rodeo(dao, "organization", "kind", kind, "--review", "auditor")
+        rodeo(dao, "organization", "kind", kind, "--judge", "auditor")
     own, copied = tmp_path / "own.jpg", tmp_path / "copied.jpg"
     cv2.imwrite(str(own), scene(1))
     cv2.imwrite(str(copied), jpeg(scene(1)[8:], 40))
@@ -116,7 +116,7 @@ def test_a_copied_photo_and_note_are_shown_with_what_they_copy_and_the_auditor_d
 
 
 def test_a_photo_that_is_no_picture_is_not_handed_in(dao: Dao, tmp_path: Path) -> None:
-    rodeo(dao, "organization", "kind", "sweeping", "--review", "auditor")
+    rodeo(dao, "organization", "kind", "sweeping", "--judge", "auditor")
     rodeo(dao, "service", "offer", "sweeping", "--price", "5", "--as", "alice")
     task_id = dao.post("6", kind="sweeping", params={})
     rodeo(dao, "task", "accept", str(task_id), "--as", "alice")
@@ -132,7 +132,7 @@ def test_a_photo_that_is_no_picture_is_not_handed_in(dao: Dao, tmp_path: Path) -
 
 
 def test_the_oracle_posts_nothing_on_a_kind_that_it_has_no_checks_for(dao: Dao, tmp_path: Path) -> None:
-    kind = ("organization", "kind", "polishing", "--review")
+    kind = ("organization", "kind", "polishing", "--judge")
     assert "kind_without_checks" in rodeo(dao, *kind, "oracle", status=1)
     rodeo(dao, *kind, "auditor")
     photo = tmp_path / "photo.png"
@@ -144,6 +144,6 @@ def test_the_oracle_posts_nothing_on_a_kind_that_it_has_no_checks_for(dao: Dao, 
     assert f"task {task_id} attempt 1 of polishing waits for an auditor" in dao.running.log("oracle")
     assert dao.task(task_id)["state"] == "submitted"
     verdict = ("task", "judge", str(task_id), "--reason", "There is no such handle")
-    assert "give one verdict" in rodeo(dao, *verdict, status=1)
+    assert "give one ruling" in rodeo(dao, *verdict, status=1)
     assert f"Task {task_id} is impossible" in rodeo(dao, *verdict, "--impossible")
     assert (dao.task(task_id)["state"], dao.task(task_id)["paid_iec"]) == ("settled", "0.5")

@@ -48,7 +48,7 @@ def lie(dao: Dao, task: Task, signed_by: str, name: str) -> None:
         proof_sha256=task.proof_sha256 or "",
         report_sha256="0x" + "11" * 32,
         rules_sha256=task.rules_sha256 or "",
-        outcome="rejected",
+        ruling="rejected",
         reason="I was paid for saying this",
     )
     key = wallets.load(dao.site, f"{signed_by}-device")
@@ -73,20 +73,18 @@ def test_three_of_five_pay_honest_work_while_one_lies_and_one_is_off(dao: Dao, t
         (held,) = status.details["votes"]
         assert (held["task_id"], held["attempt"], held["needed"]) == (task_id, attempt, 3)
         assert set(held["other"]) <= {"carl", "erin"}
-    assert "VerdictPosted" not in dao.names_of(task_id)
+    assert "Ruled" not in dao.names_of(task_id)
 
     with pytest.raises(RemoteError) as refused:  # alone, none of them is a judge
         dao.verdict(task_id, "accepted", judge="anna", amount_iec="100")
-    assert refused.value.code == "not_judge"
+    assert refused.value.code == "not_a_judge"
 
     dao.running.start("oracle.carl")  # it completes the votes
     verdict = executor.verdict(task_id, attempt)
     assert (verdict["verdict"], verdict["reason"]) == ("accepted", "accepted")
-    # Votes are counted after the payment.
-    dao.wait_for(lambda: "VotesCounted" in dao.names_of(task_id), "the votes")
-    assert "TaskSettled" in dao.names_of(task_id)
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "the payment")
     (counted,) = [one for one in dao.events if one.name == "VotesCounted" and one.task_id == task_id]
-    assert counted.args["judges"] == 0b00111
+    assert counted.args["seats"] == 0b00111
     assert counted.args["rules"] == task.rules_sha256
     assert "carl votes otherwise, or somebody publishes in its name" in dao.running.log("oracle.anna")
     dao.running.wait_for_status("oracle.anna", lambda one: not one.details.get("votes"))
@@ -98,9 +96,12 @@ def test_a_judges_key_changes_in_one_call(dao: Dao) -> None:
     assert (cleaning["votes"], cleaning["panel"], cleaning["seats"]) == (3, 5, [0, 1, 2, 3, 4])
     assert [one["name"] for one in before["judges"]] == list(ORACLES)
     key = keystores.address(dao.site, "panther1-device")
-    shown = CliRunner().invoke(
-        app, ["organization", "judge-key", "dora", key], env={"RODEO_SITE": str(dao.running.path)}
-    )
+    env = {"RODEO_SITE": str(dao.running.path)}
+    asked = ["organization", "sign-seat", "panther1-device", "--owner", keystores.address(dao.site, "dora")]
+    signed = CliRunner().invoke(app, asked, env=env)
+    assert signed.exit_code == 0, signed.output
+    change = ["organization", "judge-key", "dora", key, "--signature", signed.output.strip()]
+    shown = CliRunner().invoke(app, change, env=env)
     assert shown.exit_code == 0, shown.output
     after = dao.state("organization")["judges"]
     assert [one["name"] for one in after] == list(ORACLES)
@@ -126,10 +127,13 @@ def test_judges_are_seated_and_unseated_and_the_quorum_follows(dao: Dao) -> None
     def judges(*named: str) -> list[str]:
         return [part for one in named for part in ("--judge", one)]
 
-    fay = Account.create().address
+    account = Account.create()
+    fay, sits = account.address, ("--signature", dao.possession(account, "panther1"))
     rodeo("quorum", "waste_disposal", "3", "--panel", "5", "--rotation", "0", *judges(*ORACLES))
-    rodeo("seat", fay, "--owner", "panther1")
-    assert "already_seated" in rodeo("seat", fay, status=1)
+    rodeo("seat", fay, "--owner", "panther1", *sits)
+    assert "already_seated" in rodeo("seat", fay, "--owner", "panther1", *sits, status=1)
+    other = Account.create().address
+    assert "key_not_proven" in rodeo("seat", other, "--owner", "panther1", *sits, status=1)
     (seated,) = [one for one in dao.state("organization")["judges"] if one["key"] == fay]
     seat = seated["seat"]
     assert seat >= 5 and seated["owner_name"] == "panther1"

@@ -6,9 +6,10 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from eth_account.signers.local import LocalAccount
 from web3 import Web3
 
-from rodeo import topics
+from rodeo import topics, votes
 from rodeo.bus import DaoEvents
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
@@ -84,24 +85,24 @@ class Dao:
     def judge(
         self, task_id: int, accepted: bool, reason: str = "as it should be", judge: str = "oracle"
     ) -> None:
-        """The oracle's verdict on the submitted proof, at the full price."""
+        """The oracle's ruling on the submitted proof, at the full price."""
         task = self.task(task_id)
         amount = {"amount_iec": task["price_iec"]} if accepted else {}
         self.verdict(task_id, "accepted" if accepted else "rejected", reason, judge, **amount)
 
     def verdict(
-        self, task_id: int, outcome: str, reason: str = "", judge: str = "oracle", **fields: Any
+        self, task_id: int, ruling: str, reason: str = "", judge: str = "oracle", **fields: Any
     ) -> None:
-        """A verdict on the submitted proof."""
+        """A ruling on the submitted proof."""
         task = self.task(task_id)
         nobodys = {"report_sha256": "0x" + "b" * 64, "report_uri": f"{self.site.store_url}/{'b' * 64}.json"}
         self.command(
             judge,
-            "post_verdict",
+            "rule",
             task_id=task_id,
             attempt=task["attempt"],
             proof_sha256=task["proof_sha256"],
-            outcome=outcome,
+            ruling=ruling,
             reason=reason,
             **{**nobodys, **fields},
         )
@@ -134,6 +135,14 @@ class Dao:
     def client(self) -> ChainClient:
         """The contracts' own answers."""
         return ChainClient(self.site.chain.url, Deployment.load(self.site.data_dir, 31_337))
+
+    def possession(self, key: LocalAccount, owner: str) -> str:
+        """By which a new judge's key agrees to sit in the committee of oracles for `owner`, a name."""
+        chain = self.client()
+        address = next(one["address"] for one in self.state("wallets")["wallets"] if one["name"] == owner)
+        committee = chain.deployment.address("OracleCommittee")
+        r, vs = votes.possession(key, address, chain.w3.eth.chain_id, committee)
+        return "0x" + (r + vs).hex()
 
     def _on_event(self, event: DaoEvent) -> None:
         with self._changed:

@@ -75,19 +75,21 @@ class Executor:
             self.wallet.abandon_task(left[0])
 
     def verdict(self, task_id: int, attempt: int) -> dict[str, Any]:
-        """Arguments of the VerdictPosted of this attempt."""
+        """The first `verdict` on this attempt, undecided where it was passed on, with the arguments of its
+        events."""
+        told = ("PassedOn", "Reported", "Ruled")
 
-        def posted() -> list[dict[str, Any]]:
-            return [
-                event.args
-                for event in list(self.dao.events)
-                if event.name == "VerdictPosted"
-                and event.task_id == task_id
-                and event.args["attempt"] == attempt
-            ]
+        def said() -> dict[str, dict[str, Any]]:
+            return {
+                event.name: event.args
+                for event in reversed(list(self.dao.events))
+                if event.name in told and (event.task_id, event.args["attempt"]) == (task_id, attempt)
+            }
 
-        self.dao.wait_for(lambda: bool(posted()), f"a verdict on task {task_id} attempt {attempt}")
-        return posted()[0]
+        self.dao.wait_for(lambda: "Ruled" in said(), f"a verdict on task {task_id} attempt {attempt}")
+        found = said()
+        verdict = "undecided" if "PassedOn" in found else found["Ruled"]["ruling"]
+        return {**found.get("Reported", {}), **found["Ruled"], "verdict": verdict}
 
 
 def stored(executor: Executor, task_id: int) -> tuple[str, str]:

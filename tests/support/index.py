@@ -38,13 +38,19 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         found.check(f"{what}: hired", hired, kept.hired)
         found.check(f"{what}: provider", provider or NOBODY, kept.provider)
         found.check(f"{what}: service", indexed["service_id"] or named or 0, kept.service_id)
-        running = {
-            "assigned": "execution_deadline",
-            "submitted": "verdict_deadline",
-            "undecided": "audit_deadline",
-        }.get(indexed["state"])
-        found.check(f"{what}: deadline", indexed[running] if running else 0, kept.deadline)
-        waits = indexed["state"] in ("submitted", "undecided")
+        waits = indexed["state"] in ("submitted", "ruled")
+        running = "verdict_deadline" if waits else "execution_deadline"
+        runs = waits or indexed["state"] == "assigned"
+        found.check(f"{what}: deadline", indexed[running] if runs else 0, kept.deadline)
+        if waits:
+            found.check(f"{what}: case end", indexed["case_end"], client.attempt_of(task_id).case_end)
+        if indexed["standing"] is not None:
+            found.check_record(
+                f"{what}: ruling",
+                indexed["standing"],
+                client.standing(task_id),
+                without=("proof_hash", "penalty", "after_removal"),
+            )
         waiting = indexed["proof_sha256"] if waits else "0x" + "00" * 32
         found.check(f"{what}: proof", waiting, "0x" + kept.proof_hash.hex())
         found.check(f"{what}: price", Decimal(indexed["price_iec"] or 0), IEC.from_units(kept.price))
@@ -76,10 +82,16 @@ def _compare_money_and_rules(
     rules = state("organization")
     policies = {client.deployment.contracts[one]: one.name.lower() for one in Policy}
     found.check("policy", rules["policy"], policies[client.policy()])
+    named = {client.deployment.contracts["AuditorJudge"]: "auditor", NOBODY: "none"}
+    found.check("auditors", rules["auditors"], named.get(client.auditors(), client.auditors()))
     found.check("members only", rules["members_only"], client.members_only())
     found.check_record("terms", rules["terms"], client.terms())
     for kind in rules["kinds"]:
-        found.check_record(f"kind {kind['kind']}", kind, client.kind(kind["kind"]), without=("number",))
+        # What the judge asks for is in no event.
+        apart = ("judges_window", "max_case")
+        found.check_record(f"kind {kind['kind']}", kind, client.kind(kind["kind"]), without=apart)
+        removed = bool(kind["number"]) and client.is_judge_removed(kind["number"])
+        found.check(f"kind {kind['kind']}: removed", kind["removed"], removed)
     holders = {one["address"] for held in rules["roles"].values() for one in held}
     for role in Role:
         held = {one["address"] for one in rules["roles"].get(role, [])}

@@ -24,9 +24,9 @@ from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.messages import (
     Command,
     DaoEvent,
-    PostVerdict,
     RegisterService,
     RegisterTask,
+    Rule,
     SubmitProof,
     Transfer,
 )
@@ -349,13 +349,13 @@ class _Site:
         self._answered()
         self.command(
             "oracle",
-            "post_verdict",
-            PostVerdict(
-                request_id=f"verdict {number}",
+            "rule",
+            Rule(
+                request_id=f"ruling {number}",
                 task_id=task_id,
                 attempt=task["attempt"],
                 proof_sha256="0x" + sha256,
-                outcome="accepted",
+                ruling="accepted",
                 amount_iec=Decimal(task["price_iec"]),
                 reason="as it should be",
                 report_sha256="0x" + "b" * 64,

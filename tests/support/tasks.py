@@ -4,8 +4,8 @@ from typing import Any
 
 from rodeo.messages import Task
 
-UNTIL_S, DEADLINE_S = 1_000.0, 2_000.0
-"""Ends of the window in which a ruling can be challenged, and of the verdict window."""
+UNTIL_S, DEADLINE_S, CASE_END_S = 1_000.0, 1_500.0, 2_000.0
+"""Ends of the time for which a ruling stands, of the verdict window, and of the case."""
 
 
 def task(state: str, **changes: Any) -> Task:
@@ -26,22 +26,15 @@ def task(state: str, **changes: Any) -> Task:
         "registered": 0.0,
         "execution_window_s": 7200,
         "verdict_window_s": 3600,
+        "passed_on": False,
+        "judge": "oracle",
+        "judge_removed": False,
     }
     return Task.model_validate(unknown | known | changes)
 
 
-def ruled(task_id: int, outcome: str = "accepted", **changes: Any) -> Task:
-    """A submitted task on which a ruling stands."""
-    digests = dict.fromkeys(("proof_sha256", "report_sha256", "rules_sha256"), "0x" + "a" * 64)
-    amount = "100" if outcome == "accepted" else "0"
-    vote = {
-        "task_id": task_id,
-        "attempt": 1,
-        "outcome": outcome,
-        "amount_iec": amount,
-        "reason": "",
-        **digests,
-    }
-    ruling = {"instance": 0, "vote": vote, "report_uri": "file:///report", "until": UNTIL_S}
-    told = {"id": task_id, "dispute": ruling, "verdict_deadline": DEADLINE_S}
-    return task(**({"state": "submitted"} | told | changes))
+def ruled(task_id: int, ruling: str = "accepted", **changes: Any) -> Task:
+    """A task on whose proof a ruling stands."""
+    standing = {"ruling": ruling, "until": UNTIL_S, "amount_iec": "100" if ruling == "accepted" else "0"}
+    told: dict[str, Any] = {"id": task_id, "state": "ruled", "standing": standing, "case_end": CASE_END_S}
+    return task(**(told | {"verdict_deadline": DEADLINE_S} | changes))

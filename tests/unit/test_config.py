@@ -299,6 +299,24 @@ def test_votes_that_nobody_could_cast_are_an_error(tmp_path: Path) -> None:
     assert "governance.members" in caught.value.details["fields"]
 
 
+@pytest.mark.parametrize(
+    ("line", "field", "text"),
+    [
+        ("verdict_window_s = 59", "verdict_window_s", "at least 60 s"),
+        ("verdict_window_s = 2_592_001", "audit_window_s", "2592061 s together"),
+        ("audit_window_s = 2_592_000", "audit_window_s", "2764800 s together"),
+        ("audit_window_s = 2_592_001", "audit_window_s", "less than or equal to 2592000"),
+    ],
+)
+def test_a_case_that_no_judge_takes_is_an_error(tmp_path: Path, line: str, field: str, text: str) -> None:
+    path = tmp_path / "site.toml"
+    audit = "" if field in line else "\naudit_window_s = 60"
+    path.write_text(f'extends = "{LAB}"\n[economy]\n{line}{audit}\n')
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert text in caught.value.details["fields"][f"economy.{field}"]
+
+
 TOKEN = 'economy.token = { address = "0xA0b86991c6218b36c1d19D4a2e9Eb0cE3606eB48", decimals = 6 }\n'
 
 
@@ -309,7 +327,7 @@ TOKEN = 'economy.token = { address = "0xA0b86991c6218b36c1d19D4a2e9Eb0cE3606eB48
         ("governance.budgets.operator.iec = 0.0000001", "governance.budgets.operator.iec"),
         ("bridge.limits.panther1.daily_iec = 1.2345678", "bridge.limits.panther1.daily_iec"),
         (
-            'demo.kind = "dusting"\n[[kinds]]\nname = "dusting"\nreview = "auditor"\nprice_iec = 1.2345678',
+            'demo.kind = "dusting"\n[[kinds]]\nname = "dusting"\njudge = "auditor"\nprice_iec = 1.2345678',
             "kinds.0.price_iec",
         ),
         ("governance.terms.bond_iec = 0.000001", None),
@@ -349,7 +367,7 @@ def test_an_appeal_takes_more_time_and_what_is_left_out_costs_twice_the_stake(tm
     assert wanted is not None and wanted.appeal is not None
     assert [one.votes for one in wanted.instances] == [3, 4]
     assert (wanted.stake_iec, wanted.appeal.stake_iec) == (20, 40)
-    assert wanted.longest_s == 2 * 3600 + 24 * 3600 + 600 + 900
+    assert wanted.longest_s == 3600 + 24 * 3600 + 600 + 900
 
 
 def test_where_there_are_two_bridges_the_second_has_the_oracles_wallets(tmp_path: Path) -> None:

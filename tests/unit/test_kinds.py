@@ -21,7 +21,7 @@ from tests.support.site import LAB
 WATERING = """[[kinds]]
 name = "plant_watering"
 title = "Water the plants"
-review = "auditor"
+judge = "auditor"
 price_iec = 7
 execution_window_s = 600
 parameters = { type = "object", required = ["room"], properties = { room = { type = "string" } } }
@@ -64,7 +64,7 @@ def test_no_charge_may_cost_more_by_the_rates_than_a_task_pays(tmp_path: Path) -
         ("rates = [{ from_hour = 0, iec = 0 }]", "greater than 0"),
         ("rates = [{ from_hour = 24, iec = 1 }]", "less than or equal to 23"),
         ("rates = [{ from_hour = 6, iec = 1 }, { from_hour = 6, iec = 2 }]", "two rates begin at hour 6"),
-        ('review = "auditor"\nrates = [{ from_hour = 0, iec = 1 }]', "remove rates"),
+        ('judge = "auditor"\nrates = [{ from_hour = 0, iec = 1 }]', "remove rates"),
     ],
 )
 def test_wrong_rates_are_refused(tmp_path: Path, wrong: str, says: str) -> None:
@@ -82,7 +82,7 @@ def test_a_kind_that_measures_no_quantity_has_no_rates(tmp_path: Path) -> None:
 def test_a_table_declares_a_kind_that_people_do_and_judge(tmp_path: Path) -> None:
     found = kinds_of(site_with(tmp_path, WATERING))
     kind = found["plant_watering"]
-    assert (kind.title, kind.review, kind.execution_window_s, int(kind.price_iec)) == (
+    assert (kind.title, kind.judge, kind.execution_window_s, int(kind.price_iec)) == (
         "Water the plants", "auditor", 600, 7,
     )  # fmt: skip
     assert found.by_people("plant_watering")
@@ -98,8 +98,8 @@ def test_a_table_declares_a_kind_that_people_do_and_judge(tmp_path: Path) -> Non
     [
         'name = "plant_watering"\ntitle = "Water the plants"',
         'name = "plant_watering"\nparameters = { type = "object" }',
-        'name = "plant_watering"\nreview = "oracle"',
-        'name = "Plant watering"\nreview = "auditor"',
+        'name = "plant_watering"\njudge = "oracle"',
+        'name = "Plant watering"\njudge = "auditor"',
         'name = "waste_disposal"\n[[kinds]]\nname = "waste_disposal"',
     ],
     ids=["no judge", "no judge of a schema", "an oracle without checks", "no name", "twice"],
@@ -112,15 +112,14 @@ def test_a_table_that_leaves_something_open_is_refused(tmp_path: Path, table: st
 
 def test_a_kind_without_checks_cannot_have_the_oracle_judge_it() -> None:
     with pytest.raises(KindError):
-        Kind(name="guessing", title="Guess", description="", review="oracle")
+        Kind(name="guessing", title="Guess", description="", judge="oracle")
 
 
 def test_what_the_site_file_says_otherwise_holds(tmp_path: Path) -> None:
     table = '[[kinds]]\nname = "waste_disposal"\nprice_iec = 3\n'
-    table += 'execution_window_s = 60\nat_silence = "executor"\n'
+    table += "execution_window_s = 60\n"
     kind = kinds_of(site_with(tmp_path, table))["waste_disposal"]
-    assert (int(kind.price_iec), kind.execution_window_s, kind.at_silence) == (3, 60, "executor")
-    assert {kinds.load(name).at_silence for name in kinds.installed()} == {"creator"}
+    assert (int(kind.price_iec), kind.execution_window_s) == (3, 60)
     assert kind.params is kinds.load("waste_disposal").params
 
 
@@ -128,7 +127,7 @@ def test_care_that_a_robot_asks_for_is_of_a_kind_that_is_listed(tmp_path: Path) 
     care = 'kind = "wheel_cleaning"\nevery_km = 5\nreward_iec = 50\ndescription = "Clean my wheels"\n'
     with pytest.raises(ConfigError) as refused:
         site_with(tmp_path, f"[[agent.maintenance]]\n{care}")
-    assert 'review = "auditor"' in str(refused.value.details["fields"])
+    assert 'judge = "auditor"' in str(refused.value.details["fields"])
 
 
 @pytest.mark.parametrize("name", ["battery_charging", "waste_disposal"])

@@ -1,4 +1,4 @@
-"""An executor closes the rulings in its favour that nobody else has closed, and no others."""
+"""An executor concludes its tasks that nobody else has concluded, unless that costs it something."""
 
 from __future__ import annotations
 
@@ -13,62 +13,58 @@ from rodeo.dao import Participant
 from rodeo.errors import RemoteError
 from rodeo.messages import DaoEvent, Task
 from rodeo_testing.waiting import HANG_S
-from tests.support.tasks import DEADLINE_S, UNTIL_S, ruled
+from tests.support.tasks import CASE_END_S, DEADLINE_S, UNTIL_S, ruled
 
 DUE_S = UNTIL_S + rulings.GRACE_S
 
 
 class Bridge:
-    """Knows these tasks, and which of them it was asked to close."""
+    """Knows these tasks, and which of them it was asked to conclude."""
 
     def __init__(self, *tasks: Task, refuses: dict[int, str] | None = None) -> None:
         self.tasks, self.refuses = list(tasks), refuses or {}
-        self.closed: list[int] = []
+        self.concluded: list[int] = []
         self.asked = threading.Semaphore(0)
 
     def query(self, key: str, request: Any = None, *, parameters: Any = None, timeout_s: float) -> Any:
         self.asked.release()
         if parameters is not None:
-            assert parameters == {"state": "submitted", "executor": "alice", "limit": 100}
+            assert parameters == {"state": "submitted,ruled", "executor": "alice", "limit": 100}
             return {"tasks": [one.model_dump() for one in self.tasks], "total": len(self.tasks)}
-        assert key == "rodeo/lab/wallet/alice/close_dispute"
-        self.closed.append(request.task_id)
+        assert key == "rodeo/lab/wallet/alice/conclude"
+        self.concluded.append(request.task_id)
         if request.task_id in self.refuses:
             raise RemoteError(self.refuses[request.task_id], "refused", {})
         return {"tx_hash": "0x" + "d" * 64, "block": 1}
 
 
-def close_due(bridge: Bridge, now_s: float) -> float | None:
-    return Participant(bridge, "lab", "alice").close_rulings(now_s)  # type: ignore[arg-type]
+def conclude_due(bridge: Bridge, now_s: float) -> float | None:
+    return Participant(bridge, "lab", "alice").conclude_rulings(now_s)  # type: ignore[arg-type]
 
 
-def test_a_ruling_that_pays_is_closed_once_others_had_time_to() -> None:
-    bridge = Bridge(ruled(1), ruled(2, "impossible"))
-    assert close_due(bridge, UNTIL_S + 1) == DUE_S and bridge.closed == []
-    assert close_due(bridge, DUE_S + 1) is None and bridge.closed == [1, 2]
+def test_a_ruling_that_stands_is_concluded_once_others_had_time_to() -> None:
+    bridge = Bridge(ruled(1), ruled(2, "impossible"), ruled(3, "void"))
+    assert conclude_due(bridge, UNTIL_S + 1) == DUE_S and bridge.concluded == []
+    assert conclude_due(bridge, DUE_S + 1) is None and bridge.concluded == [1, 2, 3]
 
 
-def test_a_ruling_is_closed_long_before_its_verdict_window_ends() -> None:
-    bridge = Bridge(ruled(1, verdict_deadline=UNTIL_S + 80))
-    assert close_due(bridge, UNTIL_S) == UNTIL_S + 20
+def test_a_proof_on_which_nobody_ruled_keeps_no_service_busy() -> None:
+    bridge = Bridge(ruled(1, state="submitted", standing=None))
+    assert conclude_due(bridge, DEADLINE_S) == DEADLINE_S + rulings.GRACE_S
+    assert conclude_due(bridge, CASE_END_S) is None and bridge.concluded == [1]
 
 
-@pytest.mark.parametrize(
-    "task",
-    [ruled(1, "rejected"), ruled(1, dispute=None), ruled(1, attempt=2), ruled(1, state="undecided")],
-    ids=["rejected", "no ruling", "on an earlier attempt", "with the auditors"],
-)
-def test_no_other_ruling_is_closed(task: Task) -> None:
-    bridge = Bridge(task)
-    assert close_due(bridge, DEADLINE_S) is None and bridge.closed == []
+def test_no_executor_concludes_what_costs_it_its_penalty() -> None:
+    bridge = Bridge(ruled(1, "rejected"))
+    assert conclude_due(bridge, CASE_END_S + 1) is None and bridge.concluded == []
 
 
-def test_a_ruling_that_was_just_closed_is_no_problem_and_one_that_cannot_be_holds_up_no_other() -> None:
-    assert close_due(Bridge(ruled(1), refuses={1: "no_dispute"}), DUE_S + 1) is None
+def test_what_was_just_concluded_is_no_problem_and_one_that_cannot_be_holds_up_no_other() -> None:
+    assert conclude_due(Bridge(ruled(1), refuses={1: "wrong_state"}), DUE_S + 1) is None
     bridge = Bridge(ruled(1), ruled(2), refuses={1: "insufficient_funds"})
     with pytest.raises(RemoteError) as refused:
-        close_due(bridge, DUE_S + 1)
-    assert refused.value.code == "insufficient_funds" and bridge.closed == [1, 2]
+        conclude_due(bridge, DUE_S + 1)
+    assert refused.value.code == "insufficient_funds" and bridge.concluded == [1, 2]
 
 
 def test_a_running_executor_looks_again_when_a_ruling_comes() -> None:
@@ -81,4 +77,4 @@ def test_a_running_executor_looks_again_when_a_ruling_comes() -> None:
     assert bridge.asked.acquire(timeout=HANG_S) and bridge.asked.acquire(timeout=HANG_S)
     stop.set()
     watch.close()
-    assert bridge.closed == [1]
+    assert bridge.concluded == [1]

@@ -155,10 +155,18 @@ def _messages() -> list[dict[str, Any]]:
     )
     said = [
         signed_requests.RegisterTask(creator=address, request=task, nonce=7, deadline=2**64),
-        signed_requests.CancelTask(creator=address, task_id=1, deadline=2),
+        signed_requests.CancelTask(creator=address, task_id=1, nonce=4, deadline=2),
         signed_requests.SubmitProof(
-            executor=address, task_id=1, attempt=1, proof_hash="0x" + "0f" * 32, uri="file:///a", deadline=3
+            executor=address,
+            task_id=1,
+            attempt=1,
+            proof_hash="0x" + "0f" * 32,
+            uri="file:///a",
+            nonce=5,
+            deadline=3,
         ),
+        signed_requests.AcceptTask(executor=address, task_id=1, attempt=1, nonce=6, deadline=3),
+        signed_requests.AbandonTask(executor=address, task_id=1, attempt=1, nonce=6, deadline=3),
         signed_requests.Permit(owner=address, spender=address, value=2**256 - 1, nonce=0, deadline=1),
     ]
     return [*(one.typed_data(domain) for one in said), final_typed_data(BINDING, RunningHash())]

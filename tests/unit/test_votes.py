@@ -17,7 +17,7 @@ VOTE = Vote(
     proof_sha256="0x" + "3d" * 32,
     report_sha256="0x" + "4c" * 32,
     rules_sha256="0x" + "5b" * 32,
-    outcome="accepted",
+    ruling="accepted",
     amount_iec=Decimal(80),
     reason="accepted",
 )
@@ -37,11 +37,13 @@ def test_a_vote_is_the_judges_who_signed_it() -> None:
         {"proof_sha256": "0x" + "00" * 32},
         {"report_sha256": "0x" + "00" * 32},
         {"rules_sha256": "0x" + "00" * 32},
-        {"outcome": "rejected"},
+        {"ruling": "rejected"},
+        {"ruling": "undecided"},
+        {"fault": "oracle"},
         {"amount_iec": Decimal(79)},
         {"reason": "paid for"},
     ],
-    ids=lambda change: next(iter(change)),
+    ids=lambda change: "-".join(map(str, *change.items())),
 )
 def test_of_a_changed_vote_it_is_not(change: dict[str, object]) -> None:
     signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE, IEC)

@@ -8,7 +8,7 @@ import {IOrganization} from "../interfaces/IOrganization.sol";
 /// @title Members split an amount of the treasury by quadratic votes: n votes for a recipient cost n² credits.
 /// @notice Every identity has CREDITS credits in each round, so it has at most √CREDITS votes for one recipient. A
 /// person with k identities has k times as many votes. The organization admits each identity, which bounds k. The
-/// contract needs TREASURER_ROLE, and the budget of that role limits it.
+/// contract needs ALLOCATOR_ROLE. The administrator opens each round, so no budget limits it.
 contract BudgetVotes {
     struct Round {
         uint96 amount;
@@ -116,7 +116,7 @@ contract BudgetVotes {
         address recipient = round.recipients[index];
         uint256 share = round.total == 0 ? 0 : round.amount * round.votes[index] / round.total;
         emit BudgetPaid(roundId, recipient, share);
-        organization.withdraw(recipient, share);
+        organization.payShare(recipient, share);
     }
 
     /// @notice Returns a round as it is now. Reverts with UnknownRound.

@@ -14,11 +14,14 @@ import {GovernorVotes} from "@openzeppelin/contracts/governance/extensions/Gover
 import {
     GovernorVotesQuorumFraction
 } from "@openzeppelin/contracts/governance/extensions/GovernorVotesQuorumFraction.sol";
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
+import {IOrganization, MIN_VOTERS} from "../interfaces/IOrganization.sol";
 import {MemberVotes} from "./MemberVotes.sol";
 
 /// @title How an organization decides: OpenZeppelin's governor over a timelock, which is the administrator.
-/// @notice Each member has one vote, and may propose. Votes are those at the time of the proposal; more for than against and a
-/// quorum decide. What passed is queued in the timelock and executed after its delay, by anybody.
+/// @notice Each member has one vote, and may propose while there are MIN_VOTERS members. Votes are those at the time of the
+/// proposal; more for than against and a quorum decide. What passed is queued in the timelock and executed after its delay,
+/// by anybody.
 contract OrganizationGovernor is
     GovernorSettings,
     GovernorCountingSimple,
@@ -26,17 +29,41 @@ contract OrganizationGovernor is
     GovernorVotesQuorumFraction,
     GovernorTimelockControl
 {
+    /// @notice No member decides alone.
+    uint256 public constant MIN_QUORUM = 2;
+    /// @notice A quorum of fewer members is a majority: a percentage of so few would be one or two of them.
+    uint256 public constant SMALL_ORGANIZATION = 10;
+
+    IOrganization private immutable _organization;
+
     /// @param votes counts one vote for each member
     /// @param timelock the organization's administrator, of which this is the only proposer
     /// @param votingPeriod s
-    /// @param quorumPercent of all votes, for or abstaining
+    /// @param quorumPercent of all votes, for or abstaining; see `quorum`
     constructor(MemberVotes votes, TimelockController timelock, uint32 votingPeriod, uint256 quorumPercent)
         Governor("RODEO organization")
         GovernorSettings(0, votingPeriod, 1)
         GovernorVotes(votes)
         GovernorVotesQuorumFraction(quorumPercent)
         GovernorTimelockControl(timelock)
-    {}
+    {
+        _organization = votes.organization();
+    }
+
+    /// @notice Returns how many votes, for or abstaining, a decision needs: the percentage of all votes, rounded up, but never
+    /// less than MIN_QUORUM, and a majority of fewer than SMALL_ORGANIZATION members.
+    /// @param timepoint block time in seconds
+    function quorum(uint256 timepoint)
+        public
+        view
+        override(Governor, GovernorVotesQuorumFraction)
+        returns (uint256)
+    {
+        uint256 all = token().getPastTotalSupply(timepoint);
+        uint256 needed = Math.ceilDiv(all * quorumNumerator(timepoint), quorumDenominator());
+        if (all < SMALL_ORGANIZATION) needed = Math.max(needed, all / 2 + 1);
+        return Math.max(needed, MIN_QUORUM);
+    }
 
     function state(uint256 proposalId)
         public
@@ -58,6 +85,18 @@ contract OrganizationGovernor is
 
     function proposalThreshold() public view override(Governor, GovernorSettings) returns (uint256) {
         return super.proposalThreshold();
+    }
+
+    function _propose(
+        address[] memory targets,
+        uint256[] memory values,
+        bytes[] memory calldatas,
+        string memory description,
+        address proposer
+    ) internal override returns (uint256) {
+        uint256 members = _organization.memberCount();
+        if (members < MIN_VOTERS) revert IOrganization.TooFewMembers(members, MIN_VOTERS);
+        return super._propose(targets, values, calldatas, description, proposer);
     }
 
     function _queueOperations(

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {KindId} from "../types/KindId.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
@@ -11,12 +12,12 @@ import {IServiceManager} from "./IServiceManager.sol";
 /// replace it in one transaction without moving a task. A task that names a service or a provider needs no policy. A policy that reverts, uses
 /// more than 500,000 gas, or chooses what does not fit delays matching, and nothing else (ITaskManager.PolicyFailed).
 interface IMatchingPolicy {
-    /// @notice The idle service that gets a task of `kind` that pays `reward`.
+    /// @notice The idle service that gets a task of this kind that pays `reward`.
     /// @param services the contract that holds the queue of idle services
-    /// @param kind what is to be done, ASCII
+    /// @param kindId the number of what is to be done; a kind has another number with each judge
     /// @param reward the most the service may cost, in the token's smallest unit
     /// @return serviceId 0 if no idle service of that kind costs at most `reward`
-    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
         external
         view
         returns (ServiceId serviceId);
@@ -25,14 +26,14 @@ interface IMatchingPolicy {
     /// the service or its provider goes first, because it is older than what this returns.
     /// @param tasks the contract that holds the queue of waiting tasks
     /// @param services the contract that knows the service
-    /// @param kind what it does, ASCII
+    /// @param kindId the number of what it does
     /// @param serviceId the service
     /// @param price what it is paid, in the token's smallest unit
-    /// @return taskId an open task of `kind` that names nobody and whose reward is at least `price`
+    /// @return taskId an open task of this kind that names nobody and whose reward is at least `price`
     function taskFor(
         IServiceListener tasks,
         IServiceManager services,
-        bytes32 kind,
+        KindId kindId,
         ServiceId serviceId,
         uint256 price
     ) external view returns (TaskId taskId);

@@ -6,19 +6,22 @@ import {KindId} from "../types/KindId.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IDeviceRegistry} from "./IDeviceRegistry.sol";
+import {IJudge} from "./IJudge.sol";
 import {IMatchingPolicy} from "./IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "./IServiceManager.sol";
-import {ITaskManager, Silence, TaskRequest} from "./ITaskManager.sol";
+import {ITaskManager, TaskRequest} from "./ITaskManager.sol";
 
-/// @notice Who judges the proofs of a kind of work: the machine that replays recordings, or a person. None: nobody
-/// has said, and the kind was never allowed.
-enum Review {
-    None,
-    Oracle,
-    Auditor
+/// @dev With fewer members nobody votes: two of them could not outvote one.
+uint256 constant MIN_VOTERS = 3;
+
+/// @notice An administrator that does what members decide by vote supports this interface (ERC-165). While it administers
+/// an organization, that has at least MIN_VOTERS members.
+interface IDecidedByMembers {
+    /// @notice Returns whether members decide by vote.
+    function decidedByMembers() external view returns (bool);
 }
 
-/// @notice What a service agrees to when it is registered. All zero: nothing.
+/// @notice The terms to which a service agrees when it is registered. All zero: nothing.
 /// @param bond locked per service until it retires, in the token's smallest unit
 /// @param penalty what a rejected or expired attempt takes from the bond, for the treasury; at most `bond`
 /// @param maxFailures failures in a row that suspend the service; 0 for no limit
@@ -28,7 +31,7 @@ struct Terms {
     uint8 maxFailures;
 }
 
-/// @notice What a role may take out of the treasury. Posting a task costs its reward and offering a service its bond,
+/// @notice The amount that a role may take out of the treasury. Posting a task costs its reward and offering a service its bond,
 /// whatever comes back of them later.
 /// @param amount in one period, in the token's smallest unit
 /// @param period s; 0: no limit
@@ -43,20 +46,20 @@ struct Budget {
 }
 
 /// @param minWindow the shortest execution window that a task of this kind may have, s
-/// @param auditWindow how long auditors may look at what an oracle could not decide, s
-/// @param silence who wins a proof when the judges, or after them the auditors, do not answer; None where nobody has
-/// said, and the attempt is void then
+/// @param auditWindow how much longer than the verdict window a ruling can be replaced, s
 /// @param minVerdictWindow the shortest verdict window that a task of this kind may have, s; 0 for the default
 /// @param maxVerdictWindow the longest, s; 0 for the default
-/// @param number of the kind, from 1; 0 before it has its first rule
+/// @param judgesWindow what its judge wants as the shortest verdict window, s
+/// @param maxCase what its judge wants as the longest case, verdict and audit window together, s
+/// @param number of the kind with the judge that it has now, from 1; 0 before it has one
 struct Kind {
     bool allowed;
-    Review review;
     uint32 minWindow;
     uint32 auditWindow;
-    Silence silence;
     uint32 minVerdictWindow;
     uint32 maxVerdictWindow;
+    uint32 judgesWindow;
+    uint32 maxCase;
     KindId number;
 }
 
@@ -65,13 +68,18 @@ struct Kind {
 /// from and income goes to its own token balance. The administrator (OpenZeppelin's default admin, handed over
 /// in two steps) grants the other roles.
 interface IOrganization is IDeviceRegistry {
+    /// @param number of the kind with this judge
     /// @param rules 0 where people judge and no rules were named
-    event KindAllowed(bytes32 indexed kind, Review review, bytes32 rules);
+    event KindAllowed(bytes32 indexed kind, KindId indexed number, IJudge judge, bytes32 rules);
+    /// @notice The judge of this number rules no more.
+    event JudgeRemoved(KindId indexed number, IJudge judge);
+    /// @notice These auditors rule where a judge was removed.
+    event AuditorsChanged(IJudge indexed auditors);
     event RulesRetired(bytes32 indexed kind, bytes32 rules);
     event KindDisallowed(bytes32 indexed kind);
     event MinWindowChanged(bytes32 indexed kind, uint32 minWindow);
     event VerdictWindowsChanged(bytes32 indexed kind, uint32 min, uint32 max);
-    event AuditChanged(bytes32 indexed kind, uint32 auditWindow, Silence silence);
+    event AuditChanged(bytes32 indexed kind, uint32 auditWindow);
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
     event MembersOnlyChanged(bool membersOnly);
     /// @notice Its services are suspended, too.
@@ -90,18 +98,17 @@ interface IOrganization is IDeviceRegistry {
     error UnknownKind(bytes32 kind);
     /// @notice An organization has rules for up to 255 kinds in its life.
     error TooManyKinds(bytes32 kind, uint256 max);
-    /// @notice Allowing a kind requires saying who judges it.
-    error KindWithoutReview(bytes32 kind);
-    /// @notice What oracles judge needs auditors' rules first, because an oracle may leave a proof undecided. See
-    /// setAudit.
-    error KindWithoutAudit(bytes32 kind);
-    /// @notice What oracles judge is judged by rules that everybody can name, as long as it is allowed.
+    /// @notice It does not judge this kind: it has no terms for it, or wants a verdict window that is shorter than
+    /// MIN_VERDICT_WINDOW or a case that is longer than MAX_CASE.
+    error InvalidJudge(bytes32 kind, address judge);
+    error UnknownNumber(KindId number);
+    /// @notice A kind that has rules keeps at least one while it is allowed.
     error KindWithoutRules(bytes32 kind);
     /// @notice Tasks are posted under rules that are current, and only current ones are retired.
     error RulesNotCurrent(bytes32 kind, bytes32 rules);
     /// @notice Retire rules that no oracle has any more. See retireRules.
     error TooManyRules(bytes32 kind, uint256 max);
-    error InvalidAudit(uint32 auditWindow, Silence silence, uint32 min, uint32 max);
+    error AuditTooLong(uint32 auditWindow, uint32 max);
     /// @notice The organization is for members only.
     error NotMember(address account);
     /// @notice It offers no service until the administrator reinstates it.
@@ -113,12 +120,16 @@ interface IOrganization is IDeviceRegistry {
     error MinWindowTooLong(uint32 minWindow, uint32 max);
     /// @notice In a shorter one no honest judge can answer; a longer one freezes service and bond.
     error InvalidVerdictWindow(bytes32 kind, uint32 window, uint32 min, uint32 max);
-    /// @notice What bounds the verdict windows of a kind has bounds itself, and the lower one comes first.
+    /// @notice The bounds of a kind's verdict windows have bounds themselves, and the lower one comes first.
     error InvalidVerdictWindows(uint32 min, uint32 max, uint32 lowest, uint32 highest);
     error InvalidTerms(uint256 bond, uint256 penalty, uint8 maxFailures);
     error InvalidPolicy(address policy);
     /// @notice Only operators and treasurers take anything out of the treasury.
     error RoleWithoutBudget(bytes32 role);
+    /// @notice Members vote only if there are `min`, and while they vote, so many remain.
+    error TooFewMembers(uint256 members, uint256 min);
+    /// @notice Only contracts pay shares; keys have budgets.
+    error NotAContract(address account);
     /// @notice The role may take `left` until the period ends at `until`.
     error OverBudget(bytes32 role, uint256 amount, uint256 left, uint256 until);
     /// @notice A guardian has paused new tasks.
@@ -131,16 +142,18 @@ interface IOrganization is IDeviceRegistry {
 
     // -- administrator ------------------------------------------------------------------------------------
 
-    /// @notice Accept tasks and services of `kind` from now on, and let oracles or auditors judge their proofs.
+    /// @notice Accept tasks and services of `kind` from now on, and let `judge` rule on their proofs. Another judge than
+    /// before makes another number of the kind: its rules are retired, and its services get only tasks that were posted
+    /// before, until their providers agree (IServiceManager.agree). The judge is asked for its terms once, here.
     /// @param kind what is to be done, ASCII
-    /// @param review who judges; where that changes, the rules that were current are retired
+    /// @param judge who rules
     /// @param rules SHA-256 of the rules by which it is judged. They become the newest, beside those that are
-    /// current. 0, only where auditors judge, names none.
-    function allowKind(bytes32 kind, Review review, bytes32 rules) external;
+    /// current. 0, where people judge, names none.
+    function allowKind(bytes32 kind, IJudge judge, bytes32 rules) external;
 
     /// @notice Post no tasks under `rules` from now on. Those that were posted under them keep them.
     /// @param kind what is to be done, ASCII
-    /// @param rules one of currentRules; of what oracles judge never the last
+    /// @param rules one of currentRules; never the last while the kind is allowed
     function retireRules(bytes32 kind, bytes32 rules) external;
 
     /// @notice Accept no tasks and services of `kind` from now on, and retire all its rules. Live tasks go on, with
@@ -148,13 +161,15 @@ interface IOrganization is IDeviceRegistry {
     /// @param kind what is to be done, ASCII
     function disallowKind(bytes32 kind) external;
 
-    /// @notice What becomes of proofs of tasks of `kind` that are posted from now on, and that an oracle leaves undecided:
-    /// auditors decide within `auditWindow` seconds, and `silence` says who wins if they do not. Without penalty and
-    /// failure either way. A task that was posted before keeps what it had.
+    /// @notice How long rulings on tasks of `kind` that are posted from now on can be replaced after the verdict window. A
+    /// task that was posted before keeps what it had.
     /// @param kind what is to be done, ASCII
-    /// @param auditWindow s, from the undecided verdict
-    /// @param silence who wins when nobody decided
-    function setAudit(bytes32 kind, uint32 auditWindow, Silence silence) external;
+    /// @param auditWindow s; 0: what stands at the end of the verdict window is final
+    function setAudit(bytes32 kind, uint32 auditWindow) external;
+
+    /// @notice Name the contract that rules on proofs whose judge was removed.
+    /// @param auditors_ the contract of the organization's auditors
+    function setAuditors(IJudge auditors_) external;
 
     /// @notice Refuse tasks of `kind` that leave less time for the work, from now on. Where failures cost a bond,
     /// nobody can make others fail with a window in which the work cannot be done.
@@ -174,7 +189,7 @@ interface IOrganization is IDeviceRegistry {
     /// @param to who gets it
     function rescueTokens(IERC20 token_, address to) external;
 
-    /// @notice What services agree to that are registered from now on. Those that are there keep their terms.
+    /// @notice Set the terms of services that are registered from now on. Those that are there keep their terms.
     /// @param terms_ bond, penalty and failures in a row, for services that are registered from now on
     function setTerms(Terms calldata terms_) external;
 
@@ -221,6 +236,12 @@ interface IOrganization is IDeviceRegistry {
     function setBudget(bytes32 role, uint96 amount, uint24 period) external;
 
     // -- guardian -----------------------------------------------------------------------------------------
+
+    /// @notice A judge rules no more, from this call on: what it said and is not concluded is void until the case ends, and
+    /// the auditors may replace it. Nobody posts tasks of the kind until allowKind names its judge anew. The administrator,
+    /// or a guardian.
+    /// @param number of the kinds that it judges
+    function removeJudge(KindId number) external;
 
     /// @notice Take no new tasks for `duration` seconds, MAX_PAUSE at most. Everything else goes on: running windows,
     /// proofs, verdicts, expiry, refunds and withdrawals, and tasks that wait still find services. After a pause no
@@ -278,6 +299,10 @@ interface IOrganization is IDeviceRegistry {
     /// @param state Active, Paused or Retired
     function updateService(ServiceId serviceId, uint256 price, ServiceState state) external;
 
+    /// @notice IServiceManager.agree in the organization's name.
+    /// @param serviceId see registerService
+    function agree(ServiceId serviceId) external;
+
     // -- treasurer ----------------------------------------------------------------------------------------
 
     /// @notice Move `amount` of the caller's tokens into the treasury; the caller approved it before.
@@ -288,6 +313,14 @@ interface IOrganization is IDeviceRegistry {
     /// @param to who gets it
     /// @param amount in the token's smallest unit
     function withdraw(address to, uint256 amount) external;
+
+    // -- allocator ----------------------------------------------------------------------------------------
+
+    /// @notice Pay a share of an amount that the administrator had members split (BudgetVotes): it counts on no budget.
+    /// Only a contract can have ALLOCATOR_ROLE.
+    /// @param to who gets it
+    /// @param amount in the token's smallest unit
+    function payShare(address to, uint256 amount) external;
 
     // -- views --------------------------------------------------------------------------------------------
 
@@ -321,26 +354,28 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Whether tasks of `kind` may be posted.
     /// @param kind what is to be done, ASCII
     function isKindAllowed(bytes32 kind) external view returns (bool);
+
+    /// @notice Returns how many members there are.
+    function memberCount() external view returns (uint32);
+
     /// @notice Whether `account` is a member.
     /// @param account any account
     function isMember(address account) external view returns (bool);
 
-    /// @notice Whether `account` may post verdicts on submitted proofs of `kind`.
-    /// @param account who would judge
-    /// @param kind what is to be done, ASCII
-    function mayJudge(address account, bytes32 kind) external view returns (bool);
+    /// @notice Returns who rules on tasks of this number; 0 if there is no such number.
+    /// @param number see numberOf
+    function judgeNumbered(KindId number) external view returns (IJudge);
 
-    /// @notice Returns the number of a kind, from 1; 0 if it never had a rule.
+    /// @notice Returns who rules where a judge was removed.
+    function auditors() external view returns (IJudge);
+
+    /// @notice Returns the number of a kind with the judge that it has now, from 1; 0 if it never had one.
     /// @param kind what is to be done, ASCII
     function numberOf(bytes32 kind) external view returns (KindId);
 
     /// @notice Returns the kind with this number; 0 if there is none.
     /// @param number see numberOf
     function kindNumbered(KindId number) external view returns (bytes32);
-
-    /// @notice Whether `account` may decide what an oracle left undecided.
-    /// @param account who would decide
-    function mayAudit(address account) external view returns (bool);
 
     /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, WindowTooShort, InvalidVerdictWindow or
     /// RulesNotCurrent unless `creator` may post such a task.
@@ -352,26 +387,14 @@ interface IOrganization is IDeviceRegistry {
     /// @return matching what matches it; 0 for the service that has waited longest, as FirstComeFirstServed chooses
     /// @return rules by which it is judged; 0 where people judge and no rules were named
     /// @return kindId the number of the kind
-    /// @return review who judges it
-    /// @return silence who wins when judges or auditors are silent
-    /// @return auditWindow seconds that auditors have to decide what an oracle could not
+    /// @return auditWindow how much longer than the verdict window a ruling can be replaced, s
     function admitTask(
         bytes32 kind,
         address creator,
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    )
-        external
-        view
-        returns (
-            IMatchingPolicy matching,
-            bytes32 rules,
-            KindId kindId,
-            Review review,
-            Silence silence,
-            uint32 auditWindow
-        );
+    ) external view returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, uint32 auditWindow);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @param kind what is to be done, ASCII

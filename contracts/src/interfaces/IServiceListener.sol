@@ -32,10 +32,10 @@ interface IServiceListener {
     function returnBond(address payout, uint256 amount) external;
 
     /// @notice Returns the oldest open task that pays enough and names nobody.
-    /// @param kind what is to be done, ASCII
+    /// @param kindId the number of what is to be done, see IOrganization.numberOf
     /// @param price the least that it pays, in the token's smallest unit
     /// @return taskId 0 if there is none
-    function oldestOpen(bytes32 kind, uint256 price) external view returns (TaskId taskId);
+    function oldestOpen(KindId kindId, uint256 price) external view returns (TaskId taskId);
 
     /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);

@@ -2,11 +2,10 @@
 pragma solidity ^0.8.28;
 
 import {KindId} from "../types/KindId.sol";
-import {Parties} from "../types/Parties.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
-/// @notice Whom a task names: nobody, so that the policy chooses, one service, or one provider.
+/// @notice A task names nobody, so that the policy chooses, or one service, or one provider.
 enum Hire {
     None,
     Service,
@@ -15,24 +14,28 @@ enum Hire {
 
 /// @notice The provider sets Active, Paused and Retired. Only Active services get new tasks, and Retired is final. The
 /// organization, or the terms after repeated failures, set Suspended; the provider can only retire the service then.
+/// Short: what is left of the bond does not cover another penalty, until a case ends for which a part of it is set aside. The
+/// service is Active again then.
 enum ServiceState {
     None,
     Active,
     Paused,
     Retired,
-    Suspended
+    Suspended,
+    Short
 }
 
-/// @notice How an attempt ended for the service that made it. Unjudged: nobody judged it in time, or a judge found it
-/// undecided or impossible. Missed: without a proof, and the provider had not agreed to it. Abandoned: the provider gave
-/// it back early.
+/// @notice How an attempt ended for the service that made it. Unjudged: it was void, impossible or given up. Missed:
+/// without a proof, and the provider had not agreed to it. Abandoned: the provider gave it back early. Pending: a ruling
+/// stands that may be replaced, so that it has ended for the service and not for its record.
 enum Outcome {
     Completed,
     Rejected,
     Expired,
     Unjudged,
     Missed,
-    Abandoned
+    Abandoned,
+    Pending
 }
 
 /// @param price what one task costs, in the token's smallest unit
@@ -68,14 +71,16 @@ struct Service {
 
 /// @param payout who is paid: the provider's payout address
 /// @param available whether the provider wants another task; it waits in its line for it if it was given a place there
+/// @param kindId of which number that one is, see IOrganization.numberOf
 /// @param price what that one costs
-/// @param penalty taken from the bond for the attempt that ended
+/// @param penalty taken from the bond for the attempt that ended, or set aside
 /// @param bond to be returned, because the service retired while it was at work
 /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
 /// provider's address as a number; else 0
 struct Release {
     address payout;
     bool available;
+    KindId kindId;
     uint256 price;
     uint256 penalty;
     uint256 bond;
@@ -100,6 +105,13 @@ interface IServiceManager {
     event TermsAgreed(ServiceId indexed serviceId, uint256 bond, uint256 penalty, uint8 maxFailures);
     /// @param amount what the failed attempt took from the bond, for the organization's treasury
     event BondPenalized(ServiceId indexed serviceId, TaskId indexed taskId, uint256 amount);
+    /// @notice Until the case of this task ends, this part of the bond secures nothing else.
+    event PenaltySetAside(ServiceId indexed serviceId, TaskId indexed taskId, uint256 amount);
+    event PenaltyReturned(ServiceId indexed serviceId, TaskId indexed taskId, uint256 amount);
+    /// @notice With what is set aside, the bond does not cover another penalty: the service is Short.
+    event BondRanShort(ServiceId indexed serviceId, uint256 bond, uint256 penalty);
+    /// @notice Its provider agreed to the judge that the kind has now.
+    event ServiceAgreed(ServiceId indexed serviceId, KindId kindId);
     /// @param provider whose payout address gets it
     event BondReturned(ServiceId indexed serviceId, address indexed provider, uint256 amount);
     /// @notice From now on `payout` gets what the contracts owe `provider` for work, bonds and stakes.
@@ -126,7 +138,9 @@ interface IServiceManager {
     /// @notice The provider can only retire it.
     error ServiceIsSuspended(ServiceId serviceId);
     error ServiceNotSuspended(ServiceId serviceId, ServiceState state);
-    /// @notice What is left of the bond does not cover a penalty: retire the service and register a new one.
+    error ServiceIsBusy(ServiceId serviceId, TaskId taskId);
+    /// @notice The rest of the bond does not cover a penalty: wait until the cases end for which a part is set aside, or
+    /// retire the service and register a new one.
     error BondExhausted(ServiceId serviceId, uint256 bond, uint256 penalty);
     /// @notice A provider can set Active, Paused and Retired.
     error InvalidServiceState(ServiceState state);
@@ -177,6 +191,11 @@ interface IServiceManager {
     /// @param state Active, Paused or Retired
     function updateService(ServiceId serviceId, uint256 price, ServiceState state) external;
 
+    /// @notice The caller agrees that its service gets tasks which the judge decides about that its kind has now. Until then
+    /// it gets those that were posted under the judge before. Its bond stays.
+    /// @param serviceId an idle service of the caller
+    function agree(ServiceId serviceId) external;
+
     /// @notice The caller, who fell asleep, takes part again. Its services stay paused until it activates them.
     function wakeUp() external;
 
@@ -199,33 +218,21 @@ interface IServiceManager {
     /// @param account any account
     function payoutOf(address account) external view returns (address);
 
-    /// @notice Whether `account` would profit from a verdict on a task, as far as the organization's device registry knows:
-    /// it, or its owner, is the creator or the provider, or owns one of them.
-    /// @param account who judges
-    /// @param serviceId the service that does the task
-    /// @param creator who posted it
-    function isParty(address account, ServiceId serviceId, address creator) external view returns (bool);
+    /// @notice Returns whether two accounts are the same, or one owns the other, or somebody owns both, as the organization's
+    /// registry of devices knows.
+    /// @param account any account
+    /// @param other any account
+    function areRelated(address account, address other) external view returns (bool);
 
-    /// @notice All that a verdict has to know of who posts it.
-    /// @param account who judges
-    /// @param review the number of the Review by which it has to judge; 0 for the one of the kind
-    /// @param kindId the number of what is done, see IOrganization.numberOf
+    /// @notice Returns the first of `accounts` that would profit from a ruling: that is the creator or the provider, or is
+    /// related to one of them. 0 if none is.
+    /// @param accounts who judges
     /// @param serviceId the service that does the task
     /// @param creator who posted it
-    /// @return mayJudge whether the account may post a verdict on the task
-    /// @return party whether it is a party to the task, see isParty
-    /// @return parties for an account that was a contract when it got its role, such as a committee: partiesOf, in the same
-    /// call. NO_PARTIES for others, who do not ask, because a verdict of theirs would pay 2,300 gas for the answer
-    function rightOf(address account, uint8 review, KindId kindId, ServiceId serviceId, address creator)
+    function partyAmong(address[] calldata accounts, ServiceId serviceId, address creator)
         external
         view
-        returns (bool mayJudge, bool party, Parties parties);
-
-    /// @notice Returns who does a task, and whether others may be parties to it: unless its creator or provider is, or has
-    /// had, a device, nobody else is (isParty).
-    /// @param serviceId the service that does the task
-    /// @param creator who posted it
-    function partiesOf(ServiceId serviceId, address creator) external view returns (Parties);
+        returns (address);
 
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services
@@ -246,24 +253,24 @@ interface IServiceManager {
     function serviceCount() external view returns (uint256);
 
     /// @notice Returns the waiting service that has waited longest.
-    /// @param kind what is done, ASCII
+    /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @return serviceId 0 if no such service waits
-    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId serviceId);
+    function longestIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId serviceId);
 
     /// @notice Returns the cheapest waiting service. Among equals it prefers the best reputation, then the longest
     /// wait.
-    /// @param kind what is done, ASCII
+    /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @return serviceId 0 if no such service waits
-    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId serviceId);
+    function cheapestIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId serviceId);
 
     /// @notice Returns the waiting service with the best reputation. Among equals it prefers the lowest price, then
     /// the longest wait.
-    /// @param kind what is done, ASCII
+    /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @return serviceId 0 if no such service waits
-    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (ServiceId serviceId);
+    function mostReputableIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId serviceId);
 
     /// @notice Give the service no new task until it is reinstated. A running task continues. Only the organization.
     /// @param serviceId its number
@@ -278,17 +285,6 @@ interface IServiceManager {
     /// @param device the device's key
     /// @param owner the participant that owns the device
     function recordOwner(address device, address owner) external;
-
-    /// @notice Remember by which reviews an account judges, where a verdict finds it together with whose device the account
-    /// is. Only the organization, whose roles these are.
-    /// @param account who judges
-    /// @param reviews the bit 1 << review for each Review
-    function recordJudge(address account, uint8 reviews) external;
-
-    /// @notice Remember the review of a kind. Only the organization.
-    /// @param kindId the number of what is done, see IOrganization.numberOf
-    /// @param review the number of its Review
-    function recordReview(KindId kindId, uint8 review) external;
 
     /// @notice Returns the idle service that a policy chooses for a task. Never reverts because of the policy.
     /// @param policy the organization's, an IMatchingPolicy
@@ -337,6 +333,23 @@ interface IServiceManager {
     function release(ServiceId serviceId, Outcome outcome, uint256 value, address creator, uint40 place)
         external
         returns (Release memory);
+
+    /// @notice The case of an attempt is over whose service was released before. Only the task manager, which pays what this
+    /// returns.
+    /// @param serviceId the service that made the attempt
+    /// @param taskId the task
+    /// @param outcome Completed, Rejected or Unjudged
+    /// @param value as for release
+    /// @param creator as for release
+    /// @param penalty what release set aside: lost with Rejected, else it is part of the bond again
+    function conclude(
+        ServiceId serviceId,
+        TaskId taskId,
+        Outcome outcome,
+        uint256 value,
+        address creator,
+        uint96 penalty
+    ) external returns (Release memory);
 
     /// @notice A task that others abandoned was possible after all: each of them missed it. Only the task manager, before
     /// it releases the service.

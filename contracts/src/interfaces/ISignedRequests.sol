@@ -34,20 +34,61 @@ interface ISignedRequests {
         bytes calldata signature
     ) external returns (TaskId taskId);
 
-    /// @notice Cancel the open task whose creator signed this. A task is cancelled once, so no nonce is needed.
+    /// @notice Cancel the open task whose creator signed this. A task is cancelled once, so this uses up no nonce, as
+    /// submitProofFor does not: an attempt has one proof. The signer can revoke the nonce.
     /// @param creator who signed
     /// @param taskId an open task of the creator
+    /// @param nonce any number that the creator has neither used nor revoked
     /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of CancelTask
-    function cancelTaskFor(address creator, TaskId taskId, uint256 deadline, bytes calldata signature)
-        external;
+    function cancelTaskFor(
+        address creator,
+        TaskId taskId,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external;
 
-    /// @notice Submit the proof that the executor signed. An attempt has one proof, so no nonce is needed.
+    /// @notice Accept the task, as its executor signed.
+    /// @param executor who signed
+    /// @param taskId the task that the executor is assigned
+    /// @param attempt the running attempt
+    /// @param nonce any number that the executor has neither used nor revoked
+    /// @param deadline until when the request is valid, block time in seconds
+    /// @param signature of AcceptTask
+    function acceptTaskFor(
+        address executor,
+        TaskId taskId,
+        uint8 attempt,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external;
+
+    /// @notice Give the task back, as its executor signed. Whether that is free depends on when this is sent: a deadline
+    /// within the grace period leaves no choice to the relayer.
+    /// @param executor who signed
+    /// @param taskId the task that the executor is assigned
+    /// @param attempt the running attempt
+    /// @param nonce any number that the executor has neither used nor revoked
+    /// @param deadline until when the request is valid, block time in seconds
+    /// @param signature of AbandonTask
+    function abandonTaskFor(
+        address executor,
+        TaskId taskId,
+        uint8 attempt,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external;
+
+    /// @notice Submit the proof that the executor signed.
     /// @param executor who signed
     /// @param taskId the task that the executor does
     /// @param attempt the running attempt
     /// @param proofHash SHA-256 of the recording
     /// @param uri where it can be fetched; only in the event
+    /// @param nonce any number that the executor has neither used nor revoked
     /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of SubmitProof
     function submitProofFor(
@@ -56,11 +97,12 @@ interface ISignedRequests {
         uint8 attempt,
         bytes32 proofHash,
         string calldata uri,
+        uint256 nonce,
         uint256 deadline,
         bytes calldata signature
     ) external;
 
-    /// @notice The caller uses up a nonce, so that the request with it is void.
+    /// @notice The caller uses up a nonce, so that all requests with it are void, whatever they are about.
     /// @param nonce of the caller
     function revokeRequest(uint256 nonce) external;
 

@@ -3,52 +3,59 @@ pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {KindId} from "../types/KindId.sol";
-import {Parties} from "../types/Parties.sol";
 import {ServiceId} from "../types/ServiceId.sol";
-import {Submission} from "../types/Submission.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
 import {Hire} from "./IServiceManager.sol";
 
+/// @notice Ruled: a ruling on the proof stands until its time is over, and another one may replace it.
 enum TaskState {
     None,
     Open,
     Assigned,
     Submitted,
-    Undecided,
+    Ruled,
     Settled,
     Cancelled,
     Failed
 }
 
-/// @notice What a judge says of a proof. Undecided: neither side failed, and the organization's auditors decide.
+/// @notice A judge says one of five things of a proof.
+/// Accepted: the work was done, and is paid.
+/// Rejected: the executor claims what is not so. It pays the penalty, and its record says so.
+/// GivenUp: the executor could not do it. It is not paid, and pays nothing.
 /// Impossible: nobody could do this task. It ends, and the executor is paid a part of the price for its trouble.
-enum Verdict {
+/// Void: nobody's doing, or not to be told. The task ends without a payment, and nobody pays.
+enum Ruling {
     None,
-    Rejected,
     Accepted,
-    Undecided,
-    Impossible
+    Rejected,
+    GivenUp,
+    Impossible,
+    Void
+}
+
+/// @notice The party at fault for a void. The executor's fault is GivenUp or Rejected.
+/// CreatorsWitness: a device whose owner is the creator. Oracle: it was silent, or its own machine failed.
+enum Fault {
+    Nobody,
+    Creator,
+    CreatorsWitness,
+    OtherWitness,
+    Oracle
 }
 
 /// @notice Why an attempt failed. NotAccepted: the executor did not accept it in the grace period. Abandoned: the
 /// executor gave it back in the grace period. AbandonedLate: the executor had accepted it, and gave it back after the
-/// grace period.
+/// grace period. The others are rulings.
 enum Cause {
     Rejected,
+    GivenUp,
+    Void,
     ExecutionExpired,
-    VerdictExpired,
-    AuditExpired,
     NotAccepted,
     Abandoned,
     AbandonedLate
-}
-
-/// @notice Who wins when the judges, or the auditors, let their window pass. None: neither, and the attempt is void.
-enum Silence {
-    None,
-    Executor,
-    Creator
 }
 
 /// @param kind what is to be done, ASCII
@@ -81,7 +88,7 @@ struct TaskRequest {
 /// @param attempt 1 for the first assignment
 /// @param accepted the executor of the running (or last) attempt agreed to it; see acceptTask
 /// @param hired whether the creator named the service, or the provider
-/// @param proofHash SHA-256 of the proof that waits for its verdict; 0 unless Submitted or Undecided, earlier ones
+/// @param proofHash SHA-256 of the proof that waits for its ruling, or has one that stands; 0 unless Submitted or Ruled, earlier ones
 /// are in events
 struct Task {
     address creator;
@@ -101,36 +108,51 @@ struct Task {
     bytes32 proofHash;
 }
 
-/// @notice What a judge signs (EIP-712): the whole verdict, but not where its report lies.
-/// @param taskId which task,
-/// @param attempt which attempt at it
-/// @param proofHash SHA-256 of the proof that was judged
-/// @param reportHash SHA-256 of the report; judges whose reports differ in one number do not agree
-/// @param rulesHash SHA-256 of the rules that were applied
-/// @param verdict what the judge says
-/// @param amount what an accepted proof is paid, in the token's smallest unit
-/// @param reason the verdict's reason, as people read it
-struct Vote {
-    TaskId taskId;
-    uint8 attempt;
+/// @notice An attempt as a judge has to know it: its proof waits for a ruling, or has one that stands.
+/// @param kindId the number of the task's kind and judge, see IOrganization.numberOf
+/// @param number of the attempt, 1 for the first
+/// @param price the most that it may be paid
+/// @param submitted when the proof came, block time in seconds
+/// @param deadline end of the verdict window
+/// @param caseEnd until then a ruling can be replaced
+struct Attempt {
+    address creator;
+    ServiceId serviceId;
+    KindId kindId;
+    TaskState state;
+    uint8 number;
+    uint96 price;
+    uint40 submitted;
+    uint40 deadline;
+    uint40 caseEnd;
     bytes32 proofHash;
-    bytes32 reportHash;
-    bytes32 rulesHash;
-    Verdict verdict;
-    uint256 amount;
-    string reason;
+}
+
+/// @notice A ruling that stands.
+/// @param proofHash the proof that it is about
+/// @param amount what it pays
+/// @param until when it can be concluded, unless it is replaced before; block time in seconds
+/// @param penalty what was set aside of the bond until the case ends
+/// @param afterRemoval it was made after the organization took the judge's right away
+struct Standing {
+    bytes32 proofHash;
+    Ruling ruling;
+    uint96 amount;
+    uint40 until;
+    uint96 penalty;
+    bool afterRemoval;
 }
 
 /// @title Tasks and their escrow.
 /// @notice
-///     Open ──match──> Assigned ──proof──> Submitted ──accepted──> Settled
-///      │ ^               │                    │  │                 ^
-///      │ └───────────────┴── expired, rejected ┘  └─undecided─> Undecided ──rejected──> Open or Failed
-///      └──> Cancelled      (Failed at the last)                (silent auditors: Settled or Failed)
+///     Open ──match──> Assigned ──proof──> Submitted ──ruling──> Ruled ──conclude──> Settled
+///      │ ^               │                    │   └─── final ruling ──────────────────^
+///      │ └───────────────┴── expired, rejected, given up ┴──────────────┘ (Failed at the last, or void)
+///      └──> Cancelled
 /// The whole reward is held from registration to one of the three terminal states, in which the executor has what the
-/// verdict gave it and the creator the rest. The contract holds the bonds of services as well; whatever else it is
-/// sent can be rescued. An undecided attempt is over for its service: it costs it neither bond nor standing nor its
-/// next task.
+/// ruling gave it and the creator the rest. The contract holds the bonds of services as well; whatever else it is sent
+/// can be rescued. Where nobody rules, nobody is paid: the attempt is void. While a ruling stands, the service is free,
+/// and only the penalty is set aside of its bond. After Open every state has an exit that anybody can take.
 interface ITaskManager is IServiceListener {
     /// @param rules by which it is judged until it ends, whatever becomes current later; 0 where people judge and no
     /// rules were named. Only in the event: no contract decides by them.
@@ -167,18 +189,19 @@ interface ITaskManager is IServiceListener {
         string uri,
         uint256 deadline
     );
-    event VerdictPosted(
+    /// @notice The judge says it in words in its own event of the same transaction, IJudge.Reported.
+    /// @param until the ruling stands until then and may be replaced; 0 if it is final
+    /// @param report SHA-256 of the report; 0 where nobody has ruled
+    event Ruled(
         TaskId indexed taskId,
         uint8 attempt,
         bytes32 indexed proofHash,
-        Verdict verdict,
+        Ruling ruling,
+        Fault fault,
         uint256 amount,
-        bytes32 reportHash,
-        string reportUri,
-        string reason
+        uint256 until,
+        bytes32 report
     );
-    /// @notice Follows an undecided verdict: auditors decide until `deadline`, else `silence` does.
-    event AuditRequested(TaskId indexed taskId, uint8 attempt, uint256 deadline, Silence silence);
     /// @param payout who is paid: the executor, or whom it has named (IServiceManager.setPayout)
     /// @param refund the rest of the reward, which the creator has back
     event TaskSettled(TaskId indexed taskId, address indexed payout, uint256 paid, uint256 refund);
@@ -204,18 +227,16 @@ interface ITaskManager is IServiceListener {
     error WrongAttempt(TaskId taskId, uint8 current, uint8 given);
     error NotCreator(TaskId taskId, address caller, address creator);
     error NotExecutor(TaskId taskId, address caller, address executor);
-    /// @notice The organization lets others judge work of this kind. See IOrganization.allowKind.
-    error NotJudge(address caller, bytes32 kind);
-    /// @notice Whoever could not decide does not decide afterwards.
-    error JudgedBefore(TaskId taskId, address caller);
-    /// @notice Only an oracle may leave a proof undecided, only once, and only of a task whose kind had an audit when it
-    /// was posted: auditors accept or reject.
-    error AuditorMustDecide(TaskId taskId, address caller);
-    error NoVerdict(TaskId taskId);
-    /// @notice Accepted work is paid more than nothing and at most its price, other verdicts pay nothing.
+    /// @notice Another contract judges work of this kind. See IOrganization.allowKind.
+    error NotJudge(address caller, KindId kindId);
+    error NoRuling(TaskId taskId);
+    /// @notice Accepted work is paid more than nothing and at most its price, other rulings pay nothing.
     error InvalidAmount(TaskId taskId, uint256 amount, uint256 max);
-    /// @notice Neither the creator nor the executor judges, nor whoever owns one of them or has the same owner.
-    error JudgeIsParty(TaskId taskId, address caller);
+    /// @notice A ruling stands from now on, and no longer than its case.
+    error InvalidUntil(TaskId taskId, uint256 until, uint256 caseEnd);
+    error CaseOver(TaskId taskId, uint256 caseEnd, uint256 time);
+    /// @notice The ruling may still be replaced.
+    error RulingStands(TaskId taskId, uint256 until, uint256 time);
     error NotServiceManager(address caller);
     error NotOrganization(address caller);
     error InvalidWindow(uint32 window, uint32 min, uint32 max);
@@ -237,22 +258,6 @@ interface ITaskManager is IServiceListener {
     /// @param request the task; the caller approves this contract for its reward before
     /// @return taskId the number of the task, counted from 1
     function registerTask(TaskRequest calldata request) external returns (TaskId taskId);
-
-    /// @notice registerTask with the approval (EIP-2612) of the reward in the same transaction.
-    /// @dev If somebody used the permit before, the allowance is there, and the call succeeds.
-    /// @param request the task
-    /// @param deadline until when the permit is valid, block time in seconds
-    /// @param v of the signature of the permit
-    /// @param r of the signature of the permit
-    /// @param s of the signature of the permit
-    /// @return taskId the number of the task, counted from 1
-    function registerTaskWithPermit(
-        TaskRequest calldata request,
-        uint256 deadline,
-        uint8 v,
-        bytes32 r,
-        bytes32 s
-    ) external returns (TaskId taskId);
 
     /// @notice The creator cancels an open task, and gets the whole reward back.
     /// @param taskId an open task of the caller
@@ -280,46 +285,51 @@ interface ITaskManager is IServiceListener {
     /// @param uri where it can be fetched; only in the event
     function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
-    /// @notice A judge decides on the submitted proof in the verdict window. The organization names the judges of each
-    /// kind: oracles or auditors. After an undecided verdict an auditor decides, in the audit window.
+    /// @notice The task's judge rules on the proof, from its submission to the end of the case: the verdict window and,
+    /// after it, the audit window. Only the judge that the organization had for the kind when the task was posted; if
+    /// it has lost that right, the organization's auditors.
     /// @param taskId the task
     /// @param attempt the attempt that was judged
     /// @param proofHash the proof that was judged
-    /// @param verdict what the judge decides
+    /// @param ruling what the judge says
+    /// @param fault whose fault a void is
     /// @param amount what the executor is paid if the proof is accepted, at most the price; otherwise 0
-    /// @param reportHash SHA-256 of the report
-    /// @param reportUri where the report can be fetched; only in the event
-    /// @param reason why, in words; only in the event
-    /// @return judged what was judged, as it was before the verdict
-    /// @return parties those to the task, or NO_PARTIES; see IServiceManager.rightOf
-    function postVerdict(
+    /// @param until 0: final now. Else it stands until then, and the judge may replace it
+    /// @param report SHA-256 of the report
+    /// @return before the attempt as it was before this ruling
+    function rule(
         TaskId taskId,
         uint8 attempt,
         bytes32 proofHash,
-        Verdict verdict,
-        uint256 amount,
-        bytes32 reportHash,
-        string calldata reportUri,
-        string calldata reason
-    ) external returns (Submission judged, Parties parties);
+        Ruling ruling,
+        Fault fault,
+        uint96 amount,
+        uint40 until,
+        bytes32 report
+    ) external returns (Attempt memory before);
 
-    /// @notice Anyone ends an attempt whose window has passed, or that its executor did not accept in the grace
-    /// period. The task queues again, or fails and its creator is refunded. If nobody judged a proof in time and the
-    /// kind lets the executor win, the task settles at the full price. The same applies if the auditors did not
-    /// decide.
-    /// @param taskId a task that is assigned, submitted or undecided
+    /// @notice Anyone does what the ruling says that stands, after its time, whenever that is. A proof on which nobody
+    /// ruled in the verdict window is void until the case ends, and so is what a judge said that was removed.
+    /// @param taskId a task that is submitted or ruled
+    function conclude(TaskId taskId) external;
+
+    /// @notice Anyone ends an attempt whose execution window has passed, or that its executor did not accept in the
+    /// grace period. The task queues again, or fails and its creator is refunded.
+    /// @param taskId a task that is assigned
     function expireTask(TaskId taskId) external;
 
     /// @notice Anyone asks the policy again for an open task. This is useful only after PolicyFailed.
     /// @param taskId an open task
     function matchTask(TaskId taskId) external;
 
-    /// @notice What a committee has to know of a task before it judges. Reverts with WrongState unless a proof waits for
-    /// its verdict.
+    /// @notice Returns what a judge has to know of the attempt. Reverts with WrongState unless a proof waits for its
+    /// ruling, or has one that stands.
     /// @param taskId the task
-    /// @return submitted what is to be judged
-    /// @return parties those to the task
-    function toJudge(TaskId taskId) external view returns (Submission submitted, Parties parties);
+    function attemptOf(TaskId taskId) external view returns (Attempt memory);
+
+    /// @notice Returns the ruling that stands; all zero unless the task is Ruled.
+    /// @param taskId the task
+    function standing(TaskId taskId) external view returns (Standing memory);
 
     /// @notice Returns a task as it is now. Reverts with UnknownTask.
     /// @param taskId its number
@@ -341,8 +351,19 @@ interface ITaskManager is IServiceListener {
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);
 
-    /// @notice A kind is judged by others from now on, its tasks that run included. Only the organization.
-    function onReviewChanged() external;
+    /// @notice Name the judge of tasks with this number. Only the organization, once for each number.
+    /// @param kindId the number
+    /// @param judge the contract that rules
+    function recordJudge(KindId kindId, address judge) external;
+
+    /// @notice From now on the judge of this number rules no more, and what it said and is not concluded is void until
+    /// the case ends. Only the organization.
+    /// @param kindId the number
+    function removeJudge(KindId kindId) external;
+
+    /// @notice Returns whether the judge of this number was removed.
+    /// @param kindId the number
+    function isRemoved(KindId kindId) external view returns (bool);
 
     /// @notice Send on what reached this contract by mistake. Only the organization.
     /// @param token_ the contract that it is of

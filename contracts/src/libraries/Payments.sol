@@ -5,7 +5,7 @@ import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 
 /// @title Payments that whoever is paid cannot make fail.
 library Payments {
-    /// @notice What a payment may spend: whoever is called back by a token with hooks holds up neither party.
+    /// @notice The gas of a payment: a recipient that a token with hooks calls holds up neither party.
     uint256 internal constant GAS = 200_000;
 
     /// @notice Returns whether the token moved the amount: SafeERC20.trySafeTransfer with bounded gas and answer.

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Review} from "../interfaces/IOrganization.sol";
 import {Hire} from "../interfaces/IServiceManager.sol";
-import {Silence, TaskState} from "../interfaces/ITaskManager.sol";
+import {TaskState} from "../interfaces/ITaskManager.sol";
 import {KindId} from "../types/KindId.sol";
 import {ServiceId, unpackService} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
@@ -18,11 +17,8 @@ import {TaskId} from "../types/TaskId.sol";
 /// @param attempt the running (or last) one, 1 for the first
 /// @param conditions the first task that had the creator's conditions, which are the members below
 /// @param executionWindow has 24 bits in storage, and so has `verdictWindow`
-/// @param auditWindow how long the auditors have for an undecided attempt, in 24 bits, too
-/// @param silence who wins at the silence of judges or auditors. Both are as the kind had them when the task was posted
-/// @param review who judges work of this kind, Oracle or Auditor, unless an organization has changed that since
-/// @param reviewsChanged how often the organization had changed the review of some kind by then; at most
-/// TaskRecords.MAX_CHANGES
+/// @param auditWindow how much longer than the verdict window a ruling can be replaced, in 24 bits, too; as the kind had it
+/// when the task was posted
 /// @param hired only `serviceId`, or only its provider, may do the task, because its creator named it
 struct Record {
     uint256 reward;
@@ -39,17 +35,11 @@ struct Record {
     uint32 auditWindow;
     KindId kindId;
     uint8 maxAttempts;
-    Silence silence;
     Hire hired;
-    Review review;
-    uint8 reviewsChanged;
 }
 
 /// @title Tasks in few words of storage: one for each task, and one for the conditions that tasks of one creator share.
 library TaskRecords {
-    /// @notice So many changes have room in a word. After them nobody knows how many there were.
-    uint8 internal constant MAX_CHANGES = 127;
-
     struct Store {
         mapping(TaskId taskId => uint256) tasks;
         mapping(uint32 first => uint256) conditions;
@@ -79,10 +69,7 @@ library TaskRecords {
         t.auditWindow = uint24(wanted >> 24);
         t.kindId = KindId.wrap(uint8(wanted >> 16));
         t.maxAttempts = uint8(wanted >> 12) & 15;
-        t.silence = Silence(uint8(wanted >> 10) & 3);
         t.hired = Hire(uint8(wanted >> 8) & 3);
-        t.reviewsChanged = uint8(wanted >> 1) & MAX_CHANGES;
-        t.review = wanted & 1 == 0 ? Review.Oracle : Review.Auditor;
     }
 
     /// @notice Write what changes in the life of a task.
@@ -96,10 +83,8 @@ library TaskRecords {
     function keepConditions(Store storage store, TaskId taskId, Record memory t) internal {
         uint256 windows =
             uint256(t.executionWindow) << 72 | uint256(t.verdictWindow) << 48 | uint256(t.auditWindow) << 24;
-        uint256 rest =
-            uint256(KindId.unwrap(t.kindId)) << 16 | uint256(t.maxAttempts) << 12 | uint256(t.silence) << 10;
-        uint256 judged = uint256(t.reviewsChanged) << 1 | (t.review == Review.Oracle ? 0 : 1);
-        uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired) << 8 | judged;
+        uint256 rest = uint256(KindId.unwrap(t.kindId)) << 16 | uint256(t.maxAttempts) << 12;
+        uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired) << 8;
         t.conditions = store.firsts[wanted];
         if (t.conditions != 0) return;
         t.conditions = taskId.packConditions();

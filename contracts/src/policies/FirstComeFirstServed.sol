@@ -4,26 +4,27 @@ pragma solidity ^0.8.28;
 import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
 import {IServiceListener} from "../interfaces/IServiceListener.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
+import {KindId} from "../types/KindId.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
 /// @title The service that has waited longest.
 contract FirstComeFirstServed is IMatchingPolicy {
     /// @inheritdoc IMatchingPolicy
-    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
         external
         view
         returns (ServiceId)
     {
-        return services.longestIdle(kind, reward);
+        return services.longestIdle(kindId, reward);
     }
 
     /// @inheritdoc IMatchingPolicy
-    function taskFor(IServiceListener tasks, IServiceManager, bytes32 kind, ServiceId, uint256 price)
+    function taskFor(IServiceListener tasks, IServiceManager, KindId kindId, ServiceId, uint256 price)
         external
         view
         returns (TaskId)
     {
-        return tasks.oldestOpen(kind, price);
+        return tasks.oldestOpen(kindId, price);
     }
 }

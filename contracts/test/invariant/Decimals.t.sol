@@ -7,6 +7,7 @@ import {TaskManager} from "../../src/TaskManager.sol";
 import {Terms} from "../../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
+import {RoleJudge} from "../../src/judges/RoleJudge.sol";
 import {LowestPrice} from "../../src/policies/LowestPrice.sol";
 import {ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
@@ -19,6 +20,7 @@ contract DecimalsInvariants is Fixture {
         Organization organization;
         ServiceManager services;
         TaskManager tasks;
+        RoleJudge oracleJudge;
         PlainToken token;
         /// @dev How many of the token's smallest unit are a cent.
         uint256 cent;
@@ -39,7 +41,8 @@ contract DecimalsInvariants is Fixture {
         for (uint256 i = 0; i < decimals.length; ++i) {
             PlainToken token = new PlainToken(decimals[i]);
             found(token);
-            _twins.push(Twin(organization, services, tasks, token, 10 ** (decimals[i] - 2)));
+            uint256 cent = 10 ** (decimals[i] - 2);
+            _twins.push(Twin(organization, services, tasks, oracleJudge, token, cent));
             vm.prank(admin);
             organization.setPolicy(lowest);
             vm.prank(alice);
@@ -131,6 +134,7 @@ contract DecimalsInvariants is Fixture {
     function _in(uint256 i) private returns (uint256 cent) {
         Twin storage twin = _twins[i];
         (organization, services, tasks) = (twin.organization, twin.services, twin.tasks);
+        oracleJudge = twin.oracleJudge;
         return twin.cent;
     }
 }

@@ -1,13 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Vote} from "../../src/interfaces/IOracleCommittee.sol";
-import {TaskRequest, TaskState, Verdict} from "../../src/interfaces/ITaskManager.sol";
+import {Finding} from "../../src/interfaces/IJudge.sol";
+import {Ruling, TaskRequest, TaskState} from "../../src/interfaces/ITaskManager.sol";
+import {CommitteeJudge} from "../../src/judges/CommitteeJudge.sol";
 import {TaskId} from "../../src/types/TaskId.sol";
 import {Instances} from "../Instances.sol";
 
 /// @notice Whole cases, in which everybody acts at any time and in any way.
 contract DisputesInvariants is Instances {
+    /// @dev What happened in a case: what each instance said, who challenged it, and whether another took that over.
+    struct Course {
+        TaskId taskId;
+        Finding[3] said;
+        uint256 rulings;
+        address[2] challengers;
+        bool silent;
+    }
+
     address[4] private _people;
     uint256 private _wrong;
     uint256 private _wronglyPaid;
@@ -31,85 +41,123 @@ contract DisputesInvariants is Instances {
     }
 
     /// forge-config: default.invariant.runs = 16
-    /// @notice Verdicts stand when their time is over, only those who may object do, and stakes go to who is right. Judges
+    /// @notice What stands when its time is over is done, only those who may object do, and stakes go to who is right. Judges
     /// lose theirs for what is overturned, and for nothing else.
     function invariant_whoIsRightAtTheEndLosesNothing() public view {
         assertEq(_wrong, 0, "out of turn");
         assertEq(_wronglyPaid, 0, "paid");
-        assertEq(coin.balanceOf(address(disputes)), _deposited, "kept");
-        assertEq(deposited(), _deposited, "deposits");
+        assertEq(coin.balanceOf(address(disputes)), _deposited, "the stakes of cases are kept");
+        uint256 staked = 0;
+        for (uint8 seat = 0; seat < 4; ++seat) {
+            staked += _stakeOf(committee, seat) + _stakeOf(second, seat);
+        }
+        assertEq(staked, _deposited, "deposits");
     }
 
     function dispute(uint256 seed) external {
         _random = seed;
         if (_next(4) == 0) _takeWhatHasLeft();
         _deposit();
-        TaskRequest memory wanted =
-            TaskRequest(CLEANING, 1 gwei, WINDOW, 2 hours + 1, 1, 0, 0, address(0), "{}");
+        Course memory c;
         vm.prank(alice);
-        TaskId taskId = tasks.registerTask(wanted);
-        submit(taskId);
+        c.taskId = tasks.registerTask(
+            TaskRequest(CLEANING, 1 gwei, WINDOW, VERDICT_WINDOW, 1, 0, 0, address(0), "{}")
+        );
+        submit(c.taskId);
         if (_next(4) == 0) {
             _leave(uint8(_next(3)));
-            if (_rule(0, _any(taskId))) ++_wrong;
+            if (_rule(0, _any(c.taskId))) ++_wrong;
             _deposit();
         }
-        uint256 paid = coin.balanceOf(address(tasks));
         uint256[4] memory before = _balances();
-        Vote memory standing = _any(taskId);
-        if (!_rule(0, standing)) ++_wrong;
-        if (_next(4) == 0) _leave(uint8(_next(3)));
-        address[2] memory challengers;
-        Vote[3] memory said;
-        uint256 rulings = 1;
-        said[0] = standing;
-        bool open = true;
-        while (open) {
-            _tryWhatIsNotTime(standing, rulings);
-            bool late = _next(4) == 0;
-            skip(late ? CHALLENGE + 1 : _next(CHALLENGE));
-            address who = _people[_next(4)];
-            bool may = who != stranger && !late;
-            vm.prank(who);
-            try disputes.challenge(taskId, "wrong") {
-                if (!may) ++_wrong;
-                challengers[rulings - 1] = who;
-            } catch {
-                if (may) ++_wrong;
-            }
-            if (challengers[rulings - 1] == address(0)) {
-                skip(CHALLENGE + 1);
-                break;
-            }
-            if (_rule(rulings - 1, standing)) ++_wrong; // those who are challenged
-            late = _next(4) == 0;
-            skip(late ? DECISION + 1 : _next(DECISION));
-            Vote memory next = _any(taskId);
-            if (_rule(rulings, next) == late) ++_wrong;
-            if (late) {
-                challengers[rulings - 1] = address(0); // has its stake back
-                break;
-            }
-            said[rulings++] = standing = next;
-            open = rulings != 3;
+        c.said[0] = _any(c.taskId);
+        if (!_rule(0, c.said[0])) ++_wrong;
+        c.rulings = 1;
+        while (c.rulings < 3 && !c.silent) {
+            _tryWhatIsNotTime(c);
+            if (!_challenge(c)) break;
+            _takeOver(c);
+            _decide(c);
         }
-        if (rulings != 3) _close(standing);
-        if (tasks.task(taskId).state == TaskState.Submitted) ++_wrong;
-        if (coin.balanceOf(address(tasks)) != paid - 1 gwei) ++_wronglyPaid;
-        _count(before, challengers, said, rulings, standing);
+        _end(c);
+        _count(c, before);
+    }
+
+    /// @dev Somebody objects, in time or too late. Returns whether the next instance has to decide.
+    function _challenge(Course memory c) private returns (bool) {
+        bool late = _next(4) == 0;
+        skip(late ? CHALLENGE + 1 : _next(CHALLENGE / 2));
+        address who = _people[_next(4)];
+        bool may = who != stranger && !late;
+        if (_challenges(who, c.taskId) != may) ++_wrong;
+        if (may) c.challengers[c.rulings - 1] = who;
+        return may;
+    }
+
+    /// @dev Somebody wants to stand in another's place: a party may, in a judge's, while the window lasts.
+    function _takeOver(Course memory c) private {
+        bool late = _next(4) == 0;
+        skip(late ? CHALLENGE + 1 : _next(CHALLENGE / 2));
+        address who = _people[_next(4)];
+        bool party = who == alice || who == robot1;
+        bool may = party && c.challengers[c.rulings - 1] == judges[0] && !late;
+        if (_challenges(who, c.taskId) != may) ++_wrong;
+        if (may) c.challengers[c.rulings - 1] = who;
+    }
+
+    /// @dev The next instance answers, or lets its time pass.
+    function _decide(Course memory c) private {
+        if (_rule(c.rulings - 1, c.said[c.rulings - 1])) ++_wrong; // those who are challenged
+        (,, uint256 until) = disputes.caseOf(c.taskId, 1);
+        c.silent = _next(4) == 0;
+        vm.warp(c.silent ? until + 1 : block.timestamp + _next(until - block.timestamp));
+        Finding memory next = _any(c.taskId);
+        if (_rule(c.rulings, next) == c.silent) ++_wrong;
+        if (!c.silent) c.said[c.rulings++] = next;
+    }
+
+    /// @dev A stranger does what stands, and has the stakes paid, in any order, as late as it likes.
+    function _end(Course memory c) private {
+        bool final_ = c.rulings == 3;
+        if (!final_ && !c.silent) skip(CHALLENGE + 1);
+        if ((tasks.task(c.taskId).state == TaskState.Ruled) == final_) ++_wrong;
+        if (_next(4) == 0) skip(_next(30 days));
+        bool settlesFirst = _next(2) == 0;
+        if (settlesFirst) disputes.settle(c.taskId, 1);
+        if (!final_) {
+            vm.prank(stranger);
+            tasks.conclude(c.taskId);
+        }
+        if (!settlesFirst) disputes.settle(c.taskId, 1);
+        try disputes.settle(c.taskId, 1) {
+            ++_wrong;
+        } catch {}
+        if (tasks.task(c.taskId).reward != 1 gwei || coin.balanceOf(address(tasks)) != 0) ++_wronglyPaid;
     }
 
     /// @dev All that judges need is there.
     function _deposit() private {
         for (uint8 seat = 0; seat < 4; ++seat) {
-            if (seat < 3) _deposited += deposit(committee, seat);
-            _deposited += deposit(second, seat);
+            if (seat < 3) _fill(committee, seat);
+            _fill(second, seat);
         }
+    }
+
+    function _fill(CommitteeJudge who, uint8 seat) private {
+        (uint256 stake,,,) = disputes.stakeOf(who, seat);
+        if (stake >= JUDGE_STAKE) return;
+        deposit(who, seat, JUDGE_STAKE - stake);
+        _deposited += JUDGE_STAKE - stake;
+    }
+
+    function _stakeOf(CommitteeJudge who, uint8 seat) private view returns (uint256) {
+        (uint256 stake,, uint256 leaving,) = disputes.stakeOf(who, seat);
+        return stake + leaving;
     }
 
     /// @dev What counted for this judge of the first instance does not any more, and nobody takes it so soon.
     function _leave(uint8 seat) private {
-        (uint256 stake,,) = disputes.stakeOf(committee, seat);
+        (uint256 stake,,,) = disputes.stakeOf(committee, seat);
         vm.prank(judges[seat]);
         disputes.announceWithdrawal(committee, seat, stake);
         skip(_next(2));
@@ -121,7 +169,7 @@ contract DisputesInvariants is Instances {
     function _takeWhatHasLeft() private {
         skip(disputes.UNBONDING() + 1);
         for (uint8 seat = 0; seat < 3; ++seat) {
-            (, uint256 leaving,) = disputes.stakeOf(committee, seat);
+            (,, uint256 leaving,) = disputes.stakeOf(committee, seat);
             uint256 before = coin.balanceOf(judges[seat]);
             if (leaving != 0) disputes.withdrawStake(committee, seat);
             if (coin.balanceOf(judges[seat]) != before + leaving) ++_wronglyPaid;
@@ -129,70 +177,68 @@ contract DisputesInvariants is Instances {
         }
     }
 
-    /// @dev What anybody may try while a verdict stands unchallenged, in its window.
-    function _tryWhatIsNotTime(Vote memory standing, uint256 rulings) private {
-        try disputes.close(standing, REPORT_URI) {
+    /// @dev What anybody may try while a ruling stands unchallenged, in its window.
+    function _tryWhatIsNotTime(Course memory c) private {
+        try tasks.conclude(c.taskId) {
             ++_wrong;
         } catch {}
-        if (_rule(rulings, standing)) ++_wrong;
+        try disputes.settle(c.taskId, 1) {
+            ++_wrong;
+        } catch {}
+        Finding memory standing = c.said[c.rulings - 1];
+        if (_rule(c.rulings, standing)) ++_wrong;
         if (_rule(0, standing)) ++_wrong;
-    }
-
-    function _close(Vote memory standing) private {
-        Vote memory other = standing;
-        other.reason = "another";
-        try disputes.close(other, REPORT_URI) {
+        // A judge that votes for what stands has staked for it, and takes nothing of that back.
+        if (c.rulings != 1 || standing.ruling != Ruling.Accepted) return;
+        vm.prank(judges[0]);
+        try disputes.announceWithdrawal(committee, 0, JUDGE_STAKE) {
             ++_wrong;
         } catch {}
-        other.reason = "accepted";
-        disputes.close(standing, REPORT_URI);
     }
 
     /// @dev The rule in other words than the contract's.
-    function _count(
-        uint256[4] memory before,
-        address[2] memory challengers,
-        Vote[3] memory said,
-        uint256 rulings,
-        Vote memory standing
-    ) private {
+    function _count(Course memory c, uint256[4] memory before) private {
         uint256[4] memory due = before;
-        uint256 earned = _earned(standing);
-        due[0] += 1 gwei - earned;
-        due[1] += earned;
-        bool[2] memory right;
-        for (uint256 i = 0; i < 2 && i < rulings; ++i) {
-            bool overturned = said[i].verdict != standing.verdict;
-            right[i] = overturned;
-            if (challengers[i] == alice) right[i] = earned < _earned(said[i]);
-            if (challengers[i] == robot1) right[i] = earned > _earned(said[i]);
+        Finding memory end = c.said[c.rulings - 1];
+        due[0] -= _earned(end);
+        due[1] += _earned(end);
+        for (uint256 i = 0; i < 2 && i < c.rulings; ++i) {
+            bool overturned = c.said[i].ruling != end.ruling;
             uint256 lost = overturned ? JUDGE_STAKE * (i == 0 ? 3 : 4) : 0;
             due[3] += lost;
             _deposited -= lost;
-        }
-        for (uint256 i = 0; i < 2; ++i) {
-            if (challengers[i] == address(0) || right[i]) continue;
+            address who = c.challengers[i];
+            // Who was to decide and did not is no challenger's fault.
+            if (who == address(0) || (c.silent && i == c.rulings - 1)) continue;
             uint256 stake = i == 0 ? STAKE : APPEAL;
-            due[_place(challengers[i])] -= stake;
-            address other = challengers[1 - i];
-            if (other != address(0) && right[1 - i]) due[_place(other)] += stake;
-            else due[challengers[i] == alice ? 1 : challengers[i] == robot1 ? 0 : 3] += stake;
+            (uint256 then, uint256 now_) = (_goodFor(c.said[i]), _goodFor(end));
+            bool right = who == alice ? now_ < then : who == robot1 ? now_ > then : overturned;
+            if (right) continue;
+            due[_place(who)] -= stake;
+            due[who == alice || (who != robot1 && _earned(c.said[i]) != 0) ? 1 : 0] += stake;
         }
-        uint256[4] memory now_ = _balances();
+        uint256[4] memory balances = _balances();
         for (uint256 i = 0; i < 4; ++i) {
-            if (now_[i] != due[i]) ++_wronglyPaid;
+            if (balances[i] != due[i]) ++_wronglyPaid;
         }
     }
 
     /// @dev By the executor.
-    function _earned(Vote memory vote) private pure returns (uint256) {
-        if (vote.verdict == Verdict.Accepted) return 1 gwei;
-        return vote.verdict == Verdict.Impossible ? 0.1 gwei : 0;
+    function _earned(Finding memory f) private pure returns (uint256) {
+        if (f.ruling == Ruling.Accepted) return 1 gwei;
+        return f.ruling == Ruling.Impossible ? 0.1 gwei : 0;
     }
 
+    /// @dev For the executor: a rejection is worse than to be paid nothing.
+    function _goodFor(Finding memory f) private pure returns (uint256) {
+        if (f.ruling == Ruling.Rejected) return 0;
+        return f.ruling == Ruling.GivenUp || f.ruling == Ruling.Void ? 1 : 1 + _earned(f);
+    }
+
+    /// @dev What the task held when it was posted is in escrow still, and counts as alice's.
     function _balances() private view returns (uint256[4] memory) {
         return [
-            coin.balanceOf(alice),
+            coin.balanceOf(alice) + coin.balanceOf(address(tasks)),
             coin.balanceOf(robot1),
             coin.balanceOf(judges[0]),
             coin.balanceOf(address(organization))
@@ -203,13 +249,21 @@ contract DisputesInvariants is Instances {
         return who == alice ? 0 : who == robot1 ? 1 : 2;
     }
 
-    function _any(TaskId taskId) private returns (Vote memory) {
-        Verdict[3] memory verdicts = [Verdict.Accepted, Verdict.Rejected, Verdict.Impossible];
-        return voteOf(taskId, verdicts[_next(3)]);
+    function _any(TaskId taskId) private returns (Finding memory) {
+        return voteOf(taskId, Ruling(1 + _next(5)));
+    }
+
+    function _challenges(address who, TaskId taskId) private returns (bool) {
+        vm.prank(who);
+        try disputes.challenge(taskId, "wrong") {
+            return true;
+        } catch {
+            return false;
+        }
     }
 
     /// @dev Whether the votes of this instance were a ruling.
-    function _rule(uint256 instance, Vote memory vote) private returns (bool) {
+    function _rule(uint256 instance, Finding memory vote) private returns (bool) {
         if (instance == 3) return false;
         bytes memory votes = instance == 0
             ? signatures(vote, 3)

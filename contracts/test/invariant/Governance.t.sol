@@ -152,7 +152,7 @@ contract GovernanceInvariants is Fixture {
         super.setUp();
         _members = new MemberVotes(organization);
         _rounds = new BudgetVotes(organization, _members);
-        bytes32 role = organization.TREASURER_ROLE();
+        bytes32 role = organization.ALLOCATOR_ROLE();
         vm.prank(admin);
         organization.grantRole(role, address(_rounds));
         _handler = new VotersHandler(organization, _members, _rounds, admin);

@@ -9,18 +9,21 @@ import {Organization} from "../../src/Organization.sol";
 import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
-import {Kind, Review, Terms} from "../../src/interfaces/IOrganization.sol";
+import {Finding, IJudge} from "../../src/interfaces/IJudge.sol";
+import {Kind, Terms} from "../../src/interfaces/IOrganization.sol";
 import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {
+    Fault,
     Hire,
     ITaskManager,
-    Silence,
+    Ruling,
+    Standing,
     Task,
     TaskRequest,
-    TaskState,
-    Verdict
+    TaskState
 } from "../../src/interfaces/ITaskManager.sol";
 import {ISignedRequests} from "../../src/interfaces/ISignedRequests.sol";
+import {RoleJudge} from "../../src/judges/RoleJudge.sol";
 import {KindId} from "../../src/types/KindId.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
@@ -44,15 +47,9 @@ struct Work {
     uint256 day;
 }
 
-/// @notice An attempt that waits for the auditors.
-struct Disputed {
-    address judge;
-    bytes32 proofHash;
-}
-
 /// @notice Who judges a kind, and by which rules: the newest last.
 struct Judged {
-    Review review;
+    IJudge judge;
     bytes32[] rules;
 }
 
@@ -65,11 +62,14 @@ contract Handler is CommonBase, StdUtils, Numbers {
     uint256 private constant RULES = 12;
     uint256 private constant NO_LIMIT = type(uint256).max;
     bytes32 private constant PROOF = "relayed";
+    uint8 private constant ACCEPTED = 1;
 
     IECoin private immutable _coin;
     Organization private immutable _organization;
     ServiceManager private immutable _services;
     TaskManager private immutable _tasks;
+    RoleJudge private immutable _oracles;
+    RoleJudge private immutable _auditors;
     address private immutable _admin;
     address private immutable _oracle;
     address private immutable _auditor;
@@ -106,9 +106,12 @@ contract Handler is CommonBase, StdUtils, Numbers {
     mapping(TaskId taskId => ServiceId) private _hired;
     /// @dev The provider that the task names.
     mapping(TaskId taskId => address) private _hiredFrom;
-    mapping(TaskId taskId => Disputed) private _disputes;
-    /// @dev Who wins at the silence of judges or auditors, as it was when the task was posted.
-    mapping(TaskId taskId => Silence) private _silence;
+    /// @dev The attempt that the oracle has passed on last.
+    mapping(TaskId taskId => uint8) private _passedOn;
+    /// @dev What the judge said last, and nobody has concluded.
+    mapping(TaskId taskId => Standing) private _standing;
+    /// @dev As it was when the task was posted.
+    mapping(TaskId taskId => uint256) private _auditWindow;
     mapping(bytes32 kind => Judged) private _judged;
     mapping(address creator => mapping(uint256 nonce => bool)) private _usedNonces;
 
@@ -157,6 +160,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
         (_coin, _organization, _admin, _oracle, _auditor) = (coin, organization, admin, oracle, auditor);
         _services = ServiceManager(address(organization.services()));
         _tasks = TaskManager(address(organization.tasks()));
+        KindId number = organization.numberOf(CLEANING);
+        _oracles = RoleJudge(address(organization.judgeNumbered(number)));
+        _auditors = RoleJudge(address(organization.auditors()));
         (_creators, _providers, _policies) = (creators, providers, policies);
         for (uint256 i = 0; i < creators.length; ++i) {
             expected[creators[i]] = coin.balanceOf(creators[i]);
@@ -165,8 +171,8 @@ contract Handler is CommonBase, StdUtils, Numbers {
             expected[providers[i]] = coin.balanceOf(providers[i]);
         }
         expected[address(organization)] = coin.balanceOf(address(organization));
-        _judged[CLEANING] = Judged(Review.Oracle, organization.currentRules(CLEANING));
-        _judged[CHARGING] = Judged(Review.Oracle, organization.currentRules(CHARGING));
+        _judged[CLEANING] = Judged(_oracles, organization.currentRules(CLEANING));
+        _judged[CHARGING] = Judged(_oracles, organization.currentRules(CHARGING));
     }
 
     /// @notice In 64ths, from what was judged and paid alone.
@@ -249,7 +255,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         expected[creator] -= reward;
         _hired[taskNo(_tasks.taskCount())] = unpackService(request.serviceId);
         _hiredFrom[taskNo(_tasks.taskCount())] = request.provider;
-        _silence[taskNo(_tasks.taskCount())] = k.silence;
+        _auditWindow[taskNo(_tasks.taskCount())] = k.auditWindow;
         if (_rulesPosted() != (wanted == 0 ? current[current.length - 1] : wanted)) {
             violation = "a task was posted under other rules";
         }
@@ -301,6 +307,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
         }
     }
 
+    /// @dev A nonce that nobody uses up or revokes.
+    uint256 private constant UNUSED = type(uint256).max;
+
     /// @dev Whoever relays it: the creator pays, once, what it signed, and nothing where anything is wrong with it.
     function relayTask(uint256 who, uint256 reward, uint256 nonce, uint256 flaw) external inOrder {
         address creator = _creators[bound(who, 0, _creators.length - 1)];
@@ -322,7 +331,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         try requests.registerTaskFor(creator, request, nonce, deadline, signature) {
             if (!right) violation = "a request counted that should not";
             expected[creator] -= reward;
-            _silence[taskNo(_tasks.taskCount())] = _organization.kindOf(CLEANING).silence;
+            _auditWindow[taskNo(_tasks.taskCount())] = _organization.kindOf(CLEANING).auditWindow;
             if (_tasks.task(taskNo(_tasks.taskCount())).creator != creator) {
                 violation = "a relayer is the creator";
             }
@@ -368,9 +377,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
     ) private returns (bool) {
         ISignedRequests requests = _tasks.signedRequests();
         bytes memory signature = Signing.proof(
-            Possession.keyOf(key), address(requests), executor, taskId, attempt, PROOF, "", deadline
+            Possession.keyOf(key), address(requests), executor, taskId, attempt, PROOF, "", UNUSED, deadline
         );
-        try requests.submitProofFor(executor, taskId, attempt, proofHash, "", deadline, signature) {
+        try requests.submitProofFor(executor, taskId, attempt, proofHash, "", UNUSED, deadline, signature) {
             return true;
         } catch {
             return false;
@@ -385,10 +394,10 @@ contract Handler is CommonBase, StdUtils, Numbers {
         address key = _creators[bound(who, 0, _creators.length - 1)];
         ISignedRequests requests = _tasks.signedRequests();
         bytes memory signature = Signing.cancellation(
-            Possession.keyOf(key), address(requests), t.creator, taskId, block.timestamp
+            Possession.keyOf(key), address(requests), t.creator, taskId, UNUSED, block.timestamp
         );
         bool right = key == t.creator && t.state == TaskState.Open;
-        try requests.cancelTaskFor(t.creator, taskId, block.timestamp, signature) {
+        try requests.cancelTaskFor(t.creator, taskId, UNUSED, block.timestamp, signature) {
             if (!right) violation = "a task was cancelled that its creator did not cancel";
             expected[t.creator] += t.reward;
         } catch {
@@ -458,16 +467,22 @@ contract Handler is CommonBase, StdUtils, Numbers {
         try _services.updateService(serviceId, _price(price), next) {
             if (!right) violation = "whoever is paid changed a service";
             if (asleepUntil[s.provider] != 0 && next == ServiceState.Active) violation = "an update woke";
+            if (next == ServiceState.Active && _isShort(serviceId)) violation = "a bond secures two tasks";
             if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
             if (next == ServiceState.Retired) {
                 ghost[serviceId].suspended = false;
                 if (s.taskId == NO_TASK) _expectBondBack(serviceId, s.provider);
             }
         } catch {
-            bool may =
-                !ghost[serviceId].suspended && (next != ServiceState.Active || asleepUntil[s.provider] == 0);
+            bool able = asleepUntil[s.provider] == 0 && !_isShort(serviceId);
+            bool may = !ghost[serviceId].suspended && (next != ServiceState.Active || able);
             if (right && (may || next == ServiceState.Retired)) violation = "locked in";
         }
+    }
+
+    /// @dev What is left of the bond does not cover a penalty.
+    function _isShort(ServiceId serviceId) private view returns (bool) {
+        return ghost[serviceId].bond < ghost[serviceId].penalty;
     }
 
     /// @dev Anybody says who is paid for a provider's work, and is believed where it is paid itself.
@@ -557,7 +572,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
                 t = _tasks.task(taskId);
             }
             this.submitProof(TaskId.unwrap(taskId) - 1, "");
-            this.postVerdict(TaskId.unwrap(taskId) - 1, true, NO_LIMIT);
+            this.rule(TaskId.unwrap(taskId) - 1, ACCEPTED, NO_LIMIT);
         }
     }
 
@@ -574,7 +589,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
                 }
             }
             this.submitProof(_tasks.taskCount() - 1, "");
-            this.postVerdict(_tasks.taskCount() - 1, true, NO_LIMIT);
+            this.rule(_tasks.taskCount() - 1, ACCEPTED, NO_LIMIT);
         }
     }
 
@@ -610,135 +625,162 @@ contract Handler is CommonBase, StdUtils, Numbers {
 
     // -- judges -------------------------------------------------------------------------------------------
 
-    /// @dev After one on another proof was refused.
-    function postVerdict(uint256 which, bool accepted, uint256 amount) external inOrder {
-        TaskId taskId = _find(which, TaskState.Submitted);
-        if (taskId == NO_TASK) return;
+    /// @dev The oracle says something final, from submission to the end of the case, after it tried to speak of another
+    /// proof. What it has passed on it does not decide.
+    function rule(uint256 which, uint8 said, uint256 amount) public inOrder {
+        TaskId taskId = _findJudged(which, amount);
+        if (taskId == NO_TASK || block.timestamp > _caseEnd(taskId)) return;
         Task memory t = _tasks.task(taskId);
-        if (block.timestamp > t.deadline) return;
-        amount = _amount(t, accepted, amount);
-        Verdict verdict = accepted ? Verdict.Accepted : Verdict.Rejected;
-        bytes32 proofHash = t.proofHash;
-        t.proofHash = ~proofHash;
-        _mustNot(_oracle, taskId, t, verdict, amount, "a verdict on another proof counted");
+        Ruling ruling = _ruling(said);
+        Finding memory f = _finding(taskId, t, ruling, _amount(t, ruling, amount));
+        bytes32 proofHash = f.proofHash;
+        f.proofHash = ~proofHash;
+        _mustNot(_oracle, f, "a ruling on another proof counted");
+        f.proofHash = proofHash;
+        _mustNot(t.creator, f, "the creator is its oracle");
+        _mustNot(_services.providerOf(t.serviceId), f, "the executor is its oracle");
+        if (_passedOn[taskId] == t.attempt) {
+            _mustNot(_oracle, f, "who could not decide decided");
+            return;
+        }
         if (bytes(violation).length != 0) return;
-        t.proofHash = proofHash;
-        _judge(_oracle, taskId, t, verdict, amount);
-        _expectVerdict(taskId, t, accepted, amount);
+        vm.prank(_oracle);
+        _oracles.rule(f, "");
+        _expectFinal(taskId, t, ruling, f.amount);
     }
 
-    function _expectVerdict(TaskId taskId, Task memory t, bool accepted, uint256 amount) private {
-        if (accepted) {
-            _expectPayment(t, amount);
-            _expectForgiveness(taskId, t);
-            _expectReputation(t, amount, 0);
-            _expectRelease(t.serviceId);
-        } else {
-            _expectFailure(t, true);
-        }
+    /// @dev A judge whose ruling stands until a time that it says, and which replaces one that stands.
+    function ruleUntil(uint256 which, uint8 said, uint256 amount, uint256 until) public inOrder {
+        TaskId taskId = _findJudged(which, until);
+        if (taskId == NO_TASK || block.timestamp >= _caseEnd(taskId)) return;
+        Task memory t = _tasks.task(taskId);
+        Ruling ruling = _ruling(said);
+        Finding memory f = _finding(taskId, t, ruling, _amount(t, ruling, amount));
+        uint256 end = _caseEnd(taskId);
+        _mustNotStand(f, end + 1, "a case became longer");
+        _mustNotStand(f, block.timestamp, "a ruling stands that can be concluded at once");
+        if (bytes(violation).length != 0) return;
+        until = bound(until, block.timestamp + 1, end);
+        _stand(f, until);
+        _expectStanding(taskId, t, ruling, f.amount, until);
     }
 
     /// @dev Work that is rejected, and then work that is accepted.
     function failAndSucceed(uint256 which) external {
         for (uint256 i = 0; i < 2; ++i) {
             this.submitProof(which, "");
-            this.postVerdict(which, i == 1, 0);
+            this.rule(which, i == 1 ? ACCEPTED : ACCEPTED + 1, 0);
         }
     }
 
-    /// @dev The oracle cannot decide: the attempt is over for its service, and costs it nothing.
-    function leaveUndecided(uint256 which) external inOrder {
-        TaskId taskId = _find(which, TaskState.Submitted);
-        if (taskId == NO_TASK) return;
+    /// @dev The oracle cannot decide: the attempt is over for its service.
+    function passOn(uint256 which) external inOrder {
+        TaskId taskId = _findJudged(which, which);
+        if (taskId == NO_TASK || block.timestamp >= _caseEnd(taskId)) return;
         Task memory t = _tasks.task(taskId);
-        if (block.timestamp > t.deadline) return;
-        _judge(_oracle, taskId, t, Verdict.Undecided, 0);
-        _disputes[taskId] = Disputed(_oracle, t.proofHash);
-        _expectRelease(t.serviceId);
+        if (_passedOn[taskId] == t.attempt) return;
+        vm.prank(_oracle);
+        _oracles.rule(_finding(taskId, t, Ruling.None, 0), "");
+        _passedOn[taskId] = t.attempt;
+        _expectStanding(taskId, t, Ruling.Void, 0, _caseEnd(taskId));
     }
 
-    /// @dev Nobody could do it: the executor is paid a tenth, and it costs nobody anything else.
-    function findImpossible(uint256 which, bool audited) external inOrder {
-        TaskId taskId = _find(which, audited ? TaskState.Undecided : TaskState.Submitted);
-        if (taskId == NO_TASK) return;
+    /// @dev The auditor decides what was passed on, after everybody else who might has tried.
+    function audit(uint256 which, uint8 said, uint256 amount) external inOrder {
+        TaskId taskId = _find(which, TaskState.Ruled);
+        if (taskId == NO_TASK || block.timestamp > _caseEnd(taskId)) return;
         Task memory t = _tasks.task(taskId);
-        if (block.timestamp > t.deadline) return;
-        _judge(audited ? _auditor : _oracle, taskId, t, Verdict.Impossible, 0);
-        _expectPayment(t, t.price / 10);
-        if (!audited) _expectRelease(t.serviceId);
-    }
-
-    /// @dev The auditor decides, after everybody else who might has tried.
-    function audit(uint256 which, bool accepted, uint256 amount) external inOrder {
-        TaskId taskId = _find(which, TaskState.Undecided);
-        if (taskId == NO_TASK) return;
-        Task memory t = _tasks.task(taskId);
-        if (block.timestamp > t.deadline) return;
-        if (t.proofHash != _disputes[taskId].proofHash) violation = "the disputed proof is another";
-        Verdict verdict = accepted ? Verdict.Accepted : Verdict.Rejected;
-        amount = _amount(t, accepted, amount);
-        _mustNot(_disputes[taskId].judge, taskId, t, verdict, amount, "who could not decide decided");
-        _mustNot(t.creator, taskId, t, verdict, amount, "the creator judged");
+        Ruling ruling = _ruling(said);
+        Finding memory f = _finding(taskId, t, ruling, _amount(t, ruling, amount));
+        if (_passedOn[taskId] != t.attempt) {
+            _mustNotAudit(_auditor, f, "auditors decided what nobody passed on");
+            return;
+        }
+        _mustNotAudit(t.creator, f, "the creator judged");
         address executor = _services.providerOf(t.serviceId);
-        _mustNot(executor, taskId, t, verdict, amount, "the executor judged");
-        _mustNot(_owners[executor], taskId, t, verdict, amount, "the executor's owner judged");
-        _mustNot(_auditor, taskId, t, Verdict.Undecided, 0, "an auditor did not decide");
+        _mustNotAudit(executor, f, "the executor judged");
+        _mustNotAudit(_owners[executor], f, "the executor's owner judged");
+        f.ruling = Ruling.None;
+        _mustNotAudit(_auditor, f, "an auditor did not decide");
+        f.ruling = ruling;
         if (bytes(violation).length != 0) return;
-        _judge(_auditor, taskId, t, verdict, amount);
-        if (accepted) _expectPayment(t, amount);
-        else if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
+        vm.prank(_auditor);
+        _auditors.ruleFor(_oracles, f, "");
+        _expectFinal(taskId, t, ruling, f.amount);
     }
 
-    /// @dev Amounts that no verdict may carry.
-    function payWrongly(uint256 which, uint256 amount, bool submitted) external inOrder {
-        TaskId taskId = _find(which, submitted ? TaskState.Submitted : TaskState.Undecided);
-        if (taskId == NO_TASK) return;
+    /// @dev Amounts that no ruling may carry.
+    function payWrongly(uint256 which, uint256 amount) external inOrder {
+        TaskId taskId = _findJudged(which, amount);
+        if (taskId == NO_TASK || block.timestamp > _caseEnd(taskId)) return;
         Task memory t = _tasks.task(taskId);
-        if (block.timestamp > t.deadline) return;
-        address judge = submitted ? _oracle : _auditor;
         uint256 above = bound(amount, uint256(t.price) + 1, uint256(t.price) + 200 ether);
-        _mustNot(judge, taskId, t, Verdict.Accepted, above, "more than the price was paid");
-        if (t.price != 0) _mustNot(judge, taskId, t, Verdict.Accepted, 0, "accepted for nothing");
-        _mustNot(judge, taskId, t, Verdict.Rejected, above, "a rejection paid");
-        _mustNot(judge, taskId, t, Verdict.Impossible, above, "an impossible task paid the price");
-        _mustNot(judge, taskId, t, Verdict.None, 0, "a verdict said nothing");
+        Finding memory f = _finding(taskId, t, Ruling.Accepted, above);
+        _mustNotStand(f, 0, "more than the price was paid");
+        f.ruling = Ruling.Rejected;
+        _mustNotStand(f, 0, "a rejection paid");
+        f.ruling = Ruling.Impossible;
+        _mustNotStand(f, 0, "an impossible task paid the price");
+        f.ruling = Ruling.Void;
+        _mustNotStand(f, 0, "a void paid");
+        (f.ruling, f.amount) = (Ruling.None, 0);
+        _mustNotStand(f, 0, "a ruling said nothing");
+        f.ruling = Ruling.Accepted;
+        if (t.price != 0) _mustNotStand(f, 0, "accepted for nothing");
     }
 
-    /// @dev On nothing, on another proof, on another attempt, after the window.
-    function postWrongVerdict(uint256 which, bytes32 proofHash, uint8 attempt, bool accepted)
-        external
-        inOrder
-    {
+    /// @dev On nothing, on another proof, on another attempt, after the case.
+    function ruleWrongly(uint256 which, bytes32 proofHash, uint8 attempt, bool accepted) external inOrder {
         TaskId taskId = taskNo(_any(which));
         if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
-        bool right = t.state == TaskState.Submitted && t.attempt == attempt && t.proofHash == proofHash
-            && block.timestamp <= t.deadline;
-        if (right) return;
-        vm.prank(_oracle);
-        try _tasks.postVerdict(
-            taskId, attempt % 4, proofHash, Verdict(accepted ? 2 : 1), accepted ? t.price : 0, 0, "", ""
-        ) {
-            violation = "a wrong verdict was taken";
-        } catch {}
+        bool judged = t.state == TaskState.Submitted || t.state == TaskState.Ruled;
+        attempt %= 4;
+        bool right = judged && t.attempt == attempt && t.proofHash == proofHash;
+        if (right && block.timestamp <= _caseEnd(taskId)) return;
+        Finding memory f =
+            _finding(taskId, t, accepted ? Ruling.Accepted : Ruling.Rejected, accepted ? t.price : 0);
+        (f.attempt, f.proofHash) = (attempt, proofHash);
+        _mustNotStand(f, 0, "a wrong ruling was taken");
     }
 
     // -- anyone -------------------------------------------------------------------------------------------
 
-    function expireTask(uint256 which, uint8 state) external inOrder {
-        // Assigned, Submitted or Undecided.
-        TaskState running = TaskState(uint8(TaskState.Assigned) + state % 3);
-        TaskId taskId = _find(which, running);
+    function expireTask(uint256 which) external inOrder {
+        TaskId taskId = _find(which, TaskState.Assigned);
         if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
-        bool unaccepted = running == TaskState.Assigned && !_hasAccepted(taskId, t);
-        if (block.timestamp <= (unaccepted ? _graceEnd(t) : t.deadline)) {
+        if (block.timestamp <= (_hasAccepted(taskId, t) ? t.deadline : _graceEnd(t))) {
             try _tasks.expireTask(taskId) {
                 violation = "expired before its time";
             } catch {}
             return;
         }
-        _expire(taskId, t, running);
+        _expire(taskId, t);
+    }
+
+    /// @dev A stranger, of any task, at any time.
+    function conclude(uint256 which) external inOrder {
+        TaskId taskId = taskNo(_any(which));
+        if (taskId != NO_TASK) _conclude(taskId);
+    }
+
+    function _conclude(TaskId taskId) private {
+        Task memory t = _tasks.task(taskId);
+        Standing memory s = _standing[taskId];
+        bool silent = t.state == TaskState.Submitted && block.timestamp > t.deadline;
+        bool over = t.state == TaskState.Ruled && block.timestamp > s.until;
+        uint256 end = silent ? _caseEnd(taskId) : 0;
+        vm.prank(address(0xbad));
+        try _tasks.conclude(taskId) {
+            if (!silent && !over) violation = "a case was concluded before its time";
+        } catch {
+            if (silent || over) violation = "a case has no end";
+            return;
+        }
+        if (over) _expectFinal(taskId, t, s.ruling, s.amount);
+        else if (block.timestamp < end) _expectStanding(taskId, t, Ruling.Void, 0, end);
+        else if (silent) _expectFinal(taskId, t, Ruling.Void, 0);
     }
 
     /// @dev A provider is switched off for a while: nothing that it was given gets a proof.
@@ -765,7 +807,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
             }
             for (ServiceId serviceId = serviceNo(1); _exists(serviceId); serviceId = following(serviceId)) {
                 Service memory s = _services.service(serviceId);
-                if (s.provider != provider || s.state != ServiceState.Paused) continue;
+                if (s.provider != provider || s.state != ServiceState.Paused || _isShort(serviceId)) {
+                    continue;
+                }
                 vm.prank(provider);
                 _services.updateService(serviceId, 0, ServiceState.Active);
             }
@@ -779,40 +823,28 @@ contract Handler is CommonBase, StdUtils, Numbers {
             Task memory t = _tasks.task(taskId);
             while (t.state == TaskState.Assigned && _services.providerOf(t.serviceId) == provider) {
                 if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
-                _expire(taskId, t, TaskState.Assigned);
+                _expire(taskId, t);
                 t = _tasks.task(taskId);
             }
         }
     }
 
-    /// @dev Judges or auditors let their window pass, and the administrator would rather have another winner now.
-    function staySilent(uint256 which, bool executor, bool audited) external inOrder {
-        TaskState running = audited ? TaskState.Undecided : TaskState.Submitted;
-        TaskId taskId = _find(which, running);
+    /// @dev The judge lets its window pass, and the administrator would rather have another one now.
+    function staySilent(uint256 which, uint256 auditWindow) external inOrder {
+        TaskId taskId = _find(which, TaskState.Submitted);
         if (taskId == NO_TASK) return;
-        _setAudit(executor);
+        _setAudit(auditWindow);
         Task memory t = _tasks.task(taskId);
         if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
-        _expire(taskId, t, running);
+        _conclude(taskId);
     }
 
-    function _expire(TaskId taskId, Task memory t, TaskState running) private {
+    function _expire(TaskId taskId, Task memory t) private {
         Service memory s = _services.service(t.serviceId);
         _tasks.expireTask(taskId);
-        if (running == TaskState.Assigned) {
-            _expectMissed(s.provider);
-            _expectAsleep(t, s);
-        }
-        if (running == TaskState.Submitted && _silence[taskId] == Silence.Executor) {
-            _expectPayment(t, t.price);
-            _expectRelease(t.serviceId);
-        } else if (running != TaskState.Undecided) {
-            _expectFailure(t, running == TaskState.Assigned && _hasAccepted(taskId, t));
-        } else if (_silence[taskId] == Silence.Executor) {
-            _expectPayment(t, t.price);
-        } else {
-            expected[t.creator] += t.reward;
-        }
+        _expectMissed(s.provider);
+        _expectAsleep(t, s);
+        _expectFailure(t, _hasAccepted(taskId, t));
     }
 
     function _expectMissed(address provider) private {
@@ -868,13 +900,11 @@ contract Handler is CommonBase, StdUtils, Numbers {
     function rest(uint256 time) external {
         for (uint256 i = 0; i < 10; ++i) {
             this.submitProof(i, "");
-            this.postVerdict(i, true, NO_LIMIT);
+            this.rule(i, ACCEPTED, NO_LIMIT);
         }
         for (TaskId taskId = taskNo(1); _exists(taskId); taskId = following(taskId)) {
             TaskState state = _tasks.task(taskId).state;
-            if (state == TaskState.Assigned || state == TaskState.Submitted || state == TaskState.Undecided) {
-                return;
-            }
+            if (state == TaskState.Assigned || state == TaskState.Submitted) return;
         }
         vm.warp(block.timestamp + bound(time, 30 days, 200 days));
     }
@@ -900,8 +930,20 @@ contract Handler is CommonBase, StdUtils, Numbers {
         bytes memory cancel = abi.encodeCall(ITaskManager.cancelTask, (taskId));
         (bool believed,) = address(_tasks).call(bytes.concat(cancel, bytes20(t.creator)));
         if (believed) violation = "a stranger spoke for the creator";
-        try _tasks.postVerdict(taskId, t.attempt, t.proofHash, Verdict.Accepted, t.price, 0, "", "") {
+        try _tasks.rule(taskId, t.attempt, t.proofHash, Ruling.Accepted, Fault.Nobody, t.price, 0, 0) {
             violation = "a stranger judged";
+        } catch {}
+        try _oracles.rule(_finding(taskId, t, Ruling.Accepted, t.price), "") {
+            violation = "a stranger is an oracle";
+        } catch {}
+        try _oracles.ruleForNext(_finding(taskId, t, Ruling.Accepted, t.price), "") {
+            violation = "a stranger is the next judge";
+        } catch {}
+        try _tasks.recordJudge(KindId.wrap(1), who) {
+            violation = "a stranger named a judge";
+        } catch {}
+        try _tasks.removeJudge(KindId.wrap(1)) {
+            violation = "a stranger removed a judge";
         } catch {}
         try _tasks.onServiceFree(serviceNo(1), address(1), KindId.wrap(1), 0, 0) {
             violation = "a stranger placed a service";
@@ -914,6 +956,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
         } catch {}
         try _services.release(serviceNo(1), Outcome.Completed, 1 ether, who, 0) {
             violation = "a stranger released a service";
+        } catch {}
+        try _services.conclude(serviceNo(1), taskId, Outcome.Completed, 1 ether, who, 1 ether) {
+            violation = "a stranger concluded an attempt";
         } catch {}
         try _services.updateService(serviceNo(1), 0, ServiceState.Retired) {
             violation = "a stranger retired a service";
@@ -978,39 +1023,40 @@ contract Handler is CommonBase, StdUtils, Numbers {
         }
     }
 
-    function setAudit(bool executor) external {
-        _setAudit(executor);
+    function setAudit(uint256 auditWindow) external {
+        _setAudit(auditWindow);
     }
 
-    function _setAudit(bool executor) private {
+    function _setAudit(uint256 auditWindow) private {
         vm.prank(_admin);
-        _organization.setAudit(CLEANING, 1 hours, executor ? Silence.Executor : Silence.Creator);
+        _organization.setAudit(CLEANING, uint32(auditWindow % 3) * 1 hours);
     }
 
     /// @dev Cleanings are the oracle's throughout; who judges charges changes.
-    function allowKind(bool charging, uint8 review, uint256 which) external {
-        if (charging) _allowKind(CHARGING, Review(review % 3), _rulesAt(which));
-        else _allowKind(CLEANING, Review.Oracle, _rulesAt(which));
+    function allowKind(bool charging, uint256 who, uint256 which) external {
+        IJudge[3] memory judges = [IJudge(_oracles), IJudge(_auditors), IJudge(address(0))];
+        if (charging) _allowKind(CHARGING, judges[who % 3], _rulesAt(which));
+        else _allowKind(CLEANING, _oracles, _rulesAt(which));
     }
 
     /// @dev An administrator who never retires anything.
     function allowAll(bool charging) external {
         bytes32 kind = charging ? CHARGING : CLEANING;
         for (uint256 i = 1; i < RULES; ++i) {
-            _allowKind(kind, _judged[kind].review, _rulesAt(i));
+            _allowKind(kind, _judged[kind].judge, _rulesAt(i));
         }
     }
 
-    function _allowKind(bytes32 kind, Review review, bytes32 rules) private {
+    function _allowKind(bytes32 kind, IJudge judge, bytes32 rules) private {
         Judged storage judged = _judged[kind];
-        bool other = review != judged.review;
+        bool other = judge != judged.judge;
         bool full = judged.rules.length >= _organization.MAX_RULES() && !_isCurrent(judged.rules, rules);
-        bool right = review != Review.None && (rules == 0 ? review == Review.Auditor : other || !full);
+        bool right = address(judge) != address(0) && (rules == 0 || other || !full);
         vm.prank(_admin);
-        try _organization.allowKind(kind, review, rules) {
-            if (!right) violation = "a kind was allowed without judges or rules, or with too many";
+        try _organization.allowKind(kind, judge, rules) {
+            if (!right) violation = "a kind was allowed without a judge, or with too many rules";
             if (other) delete judged.rules;
-            judged.review = review;
+            judged.judge = judge;
             if (rules == 0) return;
             _forget(judged, rules);
             judged.rules.push(rules);
@@ -1025,7 +1071,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         uint256 count = judged.rules.length;
         // Every other one is current.
         bytes32 rules = which % 2 == 0 || count == 0 ? _rulesAt(which) : judged.rules[which % count];
-        bool right = _isCurrent(judged.rules, rules) && (count > 1 || judged.review == Review.Auditor);
+        bool right = _isCurrent(judged.rules, rules) && count > 1;
         vm.prank(_admin);
         try _organization.retireRules(kind, rules) {
             if (!right) violation = "rules were retired that are not current, or the last";
@@ -1109,28 +1155,91 @@ contract Handler is CommonBase, StdUtils, Numbers {
 
     // -- the rules ----------------------------------------------------------------------------------------
 
-    function _judge(address who, TaskId taskId, Task memory t, Verdict verdict, uint256 amount) private {
-        vm.prank(who);
-        _tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, 0, "", "");
+    function _finding(TaskId taskId, Task memory t, Ruling ruling, uint256 amount)
+        private
+        pure
+        returns (Finding memory)
+    {
+        return Finding(taskId, t.attempt, t.proofHash, 0, 0, ruling, Fault.Nobody, uint96(amount), "");
     }
 
-    function _mustNot(
-        address who,
-        TaskId taskId,
-        Task memory t,
-        Verdict verdict,
-        uint256 amount,
-        string memory what
-    ) private {
-        vm.prank(who);
-        try _tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, 0, "", "") {
+    /// @dev In the name of the contract that judges.
+    function _stand(Finding memory f, uint256 until) private {
+        vm.prank(address(_oracles));
+        _tasks.rule(f.taskId, f.attempt, f.proofHash, f.ruling, f.fault, f.amount, uint40(until), 0);
+    }
+
+    function _mustNotStand(Finding memory f, uint256 until, string memory what) private {
+        vm.prank(address(_oracles));
+        try _tasks.rule(f.taskId, f.attempt, f.proofHash, f.ruling, f.fault, f.amount, uint40(until), 0) {
             violation = what;
         } catch {}
     }
 
-    /// @dev What a verdict may pay.
-    function _amount(Task memory t, bool accepted, uint256 amount) private pure returns (uint256) {
-        return accepted && t.price != 0 ? bound(amount, 1, t.price) : 0;
+    function _mustNot(address who, Finding memory f, string memory what) private {
+        vm.prank(who);
+        try _oracles.rule(f, "") {
+            violation = what;
+        } catch {}
+    }
+
+    function _mustNotAudit(address who, Finding memory f, string memory what) private {
+        vm.prank(who);
+        try _auditors.ruleFor(_oracles, f, "") {
+            violation = what;
+        } catch {}
+    }
+
+    /// @dev One of the five.
+    function _ruling(uint8 said) private pure returns (Ruling) {
+        return Ruling(said == 0 ? 1 : (said - 1) % 5 + 1);
+    }
+
+    /// @dev What a ruling may pay.
+    function _amount(Task memory t, Ruling ruling, uint256 amount) private pure returns (uint256) {
+        return ruling == Ruling.Accepted && t.price != 0 ? bound(amount, 1, t.price) : 0;
+    }
+
+    /// @dev A ruling stands. With the first one its service is free, and the penalty alone is set aside.
+    function _expectStanding(TaskId taskId, Task memory t, Ruling ruling, uint256 amount, uint256 until)
+        private
+    {
+        uint96 aside = _standing[taskId].penalty;
+        if (t.state == TaskState.Submitted) {
+            Ghost storage g = ghost[t.serviceId];
+            aside = uint96(_min(g.penalty, g.bond));
+            g.bond -= aside;
+            _expectRelease(t.serviceId);
+        }
+        _standing[taskId] = Standing(t.proofHash, ruling, uint96(amount), uint40(until), aside, false);
+        if (_tasks.task(taskId).state != TaskState.Ruled) violation = "a ruling does not stand";
+    }
+
+    /// @dev What a ruling comes to, whether one stood before or not.
+    function _expectFinal(TaskId taskId, Task memory t, Ruling ruling, uint256 amount) private {
+        bool stood = t.state == TaskState.Ruled;
+        uint256 aside = _standing[taskId].penalty;
+        delete _standing[taskId];
+        if (ruling == Ruling.Accepted || ruling == Ruling.Impossible) {
+            _expectPayment(t, ruling == Ruling.Accepted ? amount : t.price / 10);
+        } else if (ruling == Ruling.Void || t.attempt == t.maxAttempts) {
+            expected[t.creator] += t.reward;
+        }
+        if (ruling == Ruling.Accepted) {
+            _expectForgiveness(taskId, t);
+            _expectReputation(t, amount, 0);
+        }
+        Ghost storage g = ghost[t.serviceId];
+        if (stood && ruling != Ruling.Rejected) {
+            bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
+            if (retired) expected[_payoutOf(_services.providerOf(t.serviceId))] += aside;
+            else g.bond += aside;
+        }
+        if (ruling == Ruling.Rejected) {
+            g.bond += aside;
+            _expectBlame(t, stood ? aside : _min(g.penalty, g.bond));
+        }
+        if (!stood) _expectRelease(t.serviceId);
     }
 
     function _expectPayment(Task memory t, uint256 amount) private {
@@ -1141,21 +1250,22 @@ contract Handler is CommonBase, StdUtils, Numbers {
     function _expectFailure(Task memory t, bool blamed) private {
         if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
         Ghost storage g = ghost[t.serviceId];
-        address provider = _services.providerOf(t.serviceId);
-        if (blamed) {
-            ++failures[provider];
-            _expectReputation(t, 0, t.price);
-        }
-        if (blamed && (g.bond != 0 || g.maxFailures != 0)) {
-            uint256 penalty = _min(g.penalty, g.bond);
-            g.bond -= penalty;
-            expected[address(_organization)] += penalty;
-            bool repeated = g.maxFailures != 0 && failures[provider] >= g.maxFailures;
-            bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
-            if ((repeated || g.bond < g.penalty) && !retired) g.suspended = true;
-            if (repeated) _expectAllSuspended(provider);
-        }
+        if (blamed) _expectBlame(t, _min(g.penalty, g.bond));
         _expectRelease(t.serviceId);
+    }
+
+    /// @dev The attempt counts against its provider, and costs so much of the bond.
+    function _expectBlame(Task memory t, uint256 penalty) private {
+        Ghost storage g = ghost[t.serviceId];
+        address provider = _services.providerOf(t.serviceId);
+        ++failures[provider];
+        _expectReputation(t, 0, t.price);
+        g.bond -= penalty;
+        expected[address(_organization)] += penalty;
+        bool repeated = g.maxFailures != 0 && failures[provider] >= g.maxFailures;
+        bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
+        if ((repeated || g.bond < g.penalty) && !retired) g.suspended = true;
+        if (repeated) _expectAllSuspended(provider);
     }
 
     function _expectAllSuspended(address provider) private {
@@ -1199,6 +1309,17 @@ contract Handler is CommonBase, StdUtils, Numbers {
     function _anyService(uint256 which) private view returns (uint256) {
         uint256 services = _services.serviceCount();
         return services == 0 ? 0 : which % services + 1;
+    }
+
+    /// @dev Until then a ruling can be replaced.
+    function _caseEnd(TaskId taskId) private view returns (uint256) {
+        return _tasks.task(taskId).deadline + _auditWindow[taskId];
+    }
+
+    /// @dev A task whose proof waits for a ruling, or, every fourth time, has one that stands.
+    function _findJudged(uint256 which, uint256 seed) private view returns (TaskId taskId) {
+        taskId = seed % 4 == 1 ? _find(which, TaskState.Ruled) : NO_TASK;
+        if (taskId == NO_TASK) taskId = _find(which, TaskState.Submitted);
     }
 
     /// @dev Some task in `state`, searched from a random place; 0 if there is none.

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {OracleCommittee} from "../../src/OracleCommittee.sol";
-import {Vote} from "../../src/interfaces/IOracleCommittee.sol";
+import {Finding} from "../../src/interfaces/IJudge.sol";
 import {TaskRequest} from "../../src/interfaces/ITaskManager.sol";
+import {CommitteeJudge} from "../../src/judges/CommitteeJudge.sol";
 import {TaskId} from "../../src/types/TaskId.sol";
 import {Committee} from "../Committee.sol";
 
@@ -17,7 +17,7 @@ contract VotesInvariants is Committee {
 
     uint256[SIGNERS] private _secrets;
     uint256 private _fresh = 1;
-    OracleCommittee private _other;
+    CommitteeJudge private _other;
     uint256 private _wronglyCounted;
     uint256 private _wronglyRefused;
 
@@ -25,22 +25,21 @@ contract VotesInvariants is Committee {
         super.setUp();
         (address ofRobot, uint256 secretOfRobot) = makeAddrAndKey("of robot1");
         (address ofCharges, uint256 secretOfCharges) = makeAddrAndKey("of charges");
-        (, uint256 stranger_) = makeAddrAndKey("another");
+        (, uint256 another) = makeAddrAndKey("another");
         for (uint256 i = 0; i < JUDGES; ++i) {
             _secrets[i] = judgeKeys[i];
         }
-        (_secrets[5], _secrets[6], _secrets[7]) = (secretOfRobot, secretOfCharges, stranger_);
-        vm.startPrank(admin);
-        committee.seat(ofRobot, robot1);
-        committee.seat(ofCharges, ofCharges);
-        committee.setQuorum(CLEANING, VOTES, PANEL, ROTATION, uint64((1 << LISTED) - 1));
+        (_secrets[5], _secrets[6], _secrets[7]) = (secretOfRobot, secretOfCharges, another);
+        seat(ofRobot, secretOfRobot, robot1);
+        seat(ofCharges, secretOfCharges, ofCharges);
+        setQuorum(VOTES, PANEL, ROTATION, uint64((1 << LISTED) - 1));
+        vm.prank(admin);
         committee.setQuorum(CHARGING, 1, 1, 0, 1 << 6);
-        vm.stopPrank();
-        _other = new OracleCommittee(organization);
+        _other = new CommitteeJudge(organization, address(0));
         offer(robot1, 1 gwei);
         offer(robot2, 1 gwei);
         bytes4[] memory actions = new bytes4[](2);
-        (actions[0], actions[1]) = (this.postVotes.selector, this.changeKey.selector);
+        (actions[0], actions[1]) = (this.postVotes.selector, this.changeAnyKey.selector);
         targetSelector(FuzzSelector(address(this), actions));
         targetContract(address(this));
     }
@@ -60,7 +59,7 @@ contract VotesInvariants is Committee {
         submit(taskId);
         uint256 submitted = block.timestamp;
         skip(bound(waited, 0, WINDOW));
-        Vote memory vote = accepting(taskId);
+        Finding memory vote = accepting(taskId);
         alteration = bound(alteration, 0, 5); // mostly none
         uint256[] memory signers = new uint256[](bound(number, 1, 5));
         for (uint256 i = 0; i < signers.length; ++i) {
@@ -73,21 +72,20 @@ contract VotesInvariants is Committee {
         } catch {
             if (due) ++_wronglyRefused;
             vm.warp(submitted + WINDOW + 1);
-            tasks.expireTask(taskId);
+            tasks.conclude(taskId);
         }
     }
 
-    function changeKey(uint256 which) external {
+    function changeAnyKey(uint256 which) external {
         which = bound(which, 0, LISTED - 1);
         uint256 secret = uint256(keccak256(abi.encode("fresh", ++_fresh)));
         address oldKey = vm.addr(_secrets[which]);
-        vm.prank(oldKey);
-        committee.changeKey(oldKey, vm.addr(secret));
+        changeKey(oldKey, oldKey, vm.addr(secret), secret);
         (_secrets[7], _secrets[which]) = (_secrets[which], secret);
     }
 
     /// @dev All that a signature may be of and for, beside what is posted.
-    function _signed(Vote memory vote, uint256[] memory signers, uint256 alteration)
+    function _signed(Finding memory vote, uint256[] memory signers, uint256 alteration)
         private
         returns (bytes memory all)
     {

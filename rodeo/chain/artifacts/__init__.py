@@ -17,23 +17,33 @@ CONTRACTS = (
     "ServiceManager",
     "TaskManager",
     "SignedRequests",
+    "AuditorJudge",
+    "OracleJudge",
     "OracleCommittee",
 )
 
 COMMITTEES = ("OracleCommittee", "DisputeCommittee", "AppealCommittee")
-"""Who judges, one after the other, if verdicts can be challenged: as many as the organization has."""
+"""Who judges, one after the other, if rulings can be challenged: as many as the organization has."""
 
-DISPUTES = (*COMMITTEES[1:], "Disputes")
-"""Contracts that an organization has, too, if verdicts can be challenged; without an appeal two of them."""
+DISPUTES = (*COMMITTEES[1:], "DisputeJudge")
+"""Contracts that an organization has, too, if rulings can be challenged; without an appeal two of them."""
 
-_BUILT_FROM = dict.fromkeys(COMMITTEES[1:], COMMITTEES[0])
-"""Contract that is there another time -> its artifact."""
+JUDGES = ("OracleJudge", "OracleCommittee", "DisputeJudge", "AuditorJudge")
+"""Contracts that the organization names as the judge of a kind. What one of them cannot decide it passes on
+to the auditors, which are the last."""
+
+_BUILT_FROM = {
+    "AuditorJudge": "RoleJudge",
+    "OracleJudge": "RoleJudge",
+    **dict.fromkeys(COMMITTEES, "CommitteeJudge"),
+}
+"""Contract -> its artifact, where that has another name."""
 
 GOVERNANCE = ("MemberVotes", "OrganizationTimelock", "OrganizationGovernor", "BudgetVotes")
 """Contracts that an organization has, too, if its members decide by vote. If its administrator proposes and
 waits, it has the timelock alone."""
 
-TOLD = (*CONTRACTS, "Disputes", *GOVERNANCE)
+TOLD = (*CONTRACTS, "DisputeJudge", *GOVERNANCE)
 """Contracts whose events and errors are read."""
 
 REGISTRY = "OrganizationRegistry"
@@ -45,6 +55,7 @@ class Artifact:
     """A built contract."""
 
     name: str
+    """Of the contract in the sources: RoleJudge for the OracleJudge, for instance."""
     abi: list[dict[str, Any]]
     bytecode: bytes
     """Init code, without constructor arguments."""
@@ -70,11 +81,11 @@ def enums() -> dict[str, list[str]]:
 
 @cache
 def load(name: str) -> Artifact:
-    """The artifact of contract `name`, one of CONTRACTS, DISPUTES or GOVERNANCE, or REGISTRY."""
+    """What contract `name` is built from: one of CONTRACTS, DISPUTES or GOVERNANCE, or REGISTRY."""
     text = (resources.files(__name__) / f"{_BUILT_FROM.get(name, name)}.json").read_text()
     built = json.loads(text)
     return Artifact(
-        name=name,
+        name=built["contractName"],
         abi=built["abi"],
         bytecode=bytes.fromhex(built["bytecode"].removeprefix("0x")),
         deployed_code=bytes.fromhex(built["deployedBytecode"].removeprefix("0x")),

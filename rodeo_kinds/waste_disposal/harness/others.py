@@ -265,14 +265,14 @@ def a_judge_that_seals(shop: CleaningWorkshop) -> Submission:
 @HARNESS.forgery("dropped", "no drop signed by the bin", role="judge")
 def a_verdict_in_the_recording(shop: CleaningWorkshop) -> Submission:
     """The recording has no drop, but an accepting verdict of this task among its events."""
-    verdict = noted(shop.take, event="VerdictPosted", task_id=BINDING.task_id, verdict="accepted")
+    verdict = noted(shop.take, event="Ruled", task_id=BINDING.task_id, ruling="accepted")
     return shop.submitted(said(shop.take.without("bin/drop"), verdict))
 
 
 @HARNESS.spoiling(role="judge")
 def a_rejection_in_the_recording(shop: CleaningWorkshop) -> Submission:
     """The recording contains a rejecting verdict of this task that nobody posted."""
-    verdict = noted(shop.take, event="VerdictPosted", task_id=BINDING.task_id, verdict="rejected")
+    verdict = noted(shop.take, event="Ruled", task_id=BINDING.task_id, ruling="rejected")
     return shop.submitted(said(shop.take, verdict))
 
 

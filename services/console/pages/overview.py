@@ -8,10 +8,9 @@ from typing import Any
 from nicegui import ui
 
 from rodeo.durations import span
-from rodeo.kinds import Kinds
 from rodeo.messages import Task
 from rodeo.queries import Wallet
-from rodeo.verdicts import is_peoples_verdict, verdict_words
+from rodeo.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
 from services.console.formatting import iec, kind, moment, party, process, share
 from services.console.lab_map import LabMap
 from services.console.live import ProcessState
@@ -57,7 +56,7 @@ def register(console: Console) -> None:
                     with card("Queue"):
                         queue = Section(_draw_queue).waiting()
                     with card("Last verdicts"):
-                        verdicts = Section(partial(_draw_verdicts, console.kinds)).waiting().live()
+                        verdicts = Section(_draw_verdicts).waiting().live()
                 with ui.element("div").classes("stack span-5"):
                     with card("Now"):
                         now = Section(_draw_now)
@@ -80,7 +79,7 @@ def register(console: Console) -> None:
                 problem.show(f"This page is not current. {summary.problem}" if summary.problem else "")
                 counts = summary.counts
                 open_.set_text(_count(counts, "open"))
-                working.set_text(_count(counts, "assigned", "submitted", "undecided"))
+                working.set_text(_count(counts, "assigned", "submitted", "ruled"))
                 settled.set_text(_count(counts, "settled"))
                 supply.set_text(iec(summary.supply_iec).removesuffix(" IEC"))
                 if counts:
@@ -160,10 +159,13 @@ def _draw_queue(tasks: list[Task]) -> None:
                 badge(task.state)
                 who = f" · {party(task.executor_name, task.executor)}" if task.executor else ""
                 amount = task.reward_iec if task.price_iec is None else task.price_iec
-                Text("span", f"{iec(amount)}{who}", "soft")
+                stands = ""
+                if (said := task.standing) is not None:
+                    stands = f" · {standing_words(task, iec(said.amount_iec), moment(said.until))}"
+                Text("span", f"{iec(amount)}{who}{stands}", "soft")
 
 
-def _draw_verdicts(kinds: Kinds, tasks: list[Task]) -> None:
+def _draw_verdicts(tasks: list[Task]) -> None:
     if not tasks:
         empty("No verdict yet.")
         return
@@ -171,10 +173,11 @@ def _draw_verdicts(kinds: Kinds, tasks: list[Task]) -> None:
         for task in tasks:
             with ui.element("li"):
                 Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
-                badge(task.verdict or "")
-                by_people = is_peoples_verdict(kinds, task.kind, task.verdict, task.audit_deadline)
+                verdict = task.verdict or ""
+                badge(WORDS.get(verdict, verdict))
+                by_people = is_peoples_verdict(task)
                 paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
-                said = f"{verdict_words(task.verdict or '', task.reason, None, by_people)} · "
+                said = f"{verdict_words(verdict, task.reason, None, by_people, task.fault)} · "
                 when = moment(task.settled or task.proof_submitted)
                 Text("span", (paid if task.state == "settled" else "") + said + when, "soft")
 

@@ -15,7 +15,16 @@ from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.kinds import KindError
 from services.console.actions import ORGANIZATION, speaks_for
-from services.console.formatting import iec, kind, moment, party, quorum_in_words, share, short
+from services.console.formatting import (
+    iec,
+    kind,
+    moment,
+    party,
+    quorum_in_words,
+    share,
+    short,
+    voids_in_words,
+)
 from services.console.pages.frame import (
     Console,
     act,
@@ -136,7 +145,7 @@ class ServicesPage:
                 (
                     partial(_service_name, one),
                     party(one.provider_name, one.provider),
-                    partial(badge, one.state),
+                    partial(_service_state, one),
                     iec(one.price_iec),
                     share(one.reputation / 64),
                     f"{one.completed} / {one.rejected} / {one.expired}",
@@ -154,8 +163,10 @@ class ServicesPage:
         about = f"service {service.id}"
         with ui.button(icon="more_vert").props(f'flat dense round aria-label="Change {about}"'), ui.menu():
             if own:
+                if not service.agrees:
+                    ui.menu_item("Agree to the present judge", partial(self._agree, service))
                 ui.menu_item("Change the price", partial(self._price, service))
-                if service.state == "active":
+                if service.state in ("active", "short"):
                     ui.menu_item("Pause", partial(self._set_state, service, "paused"))
                 elif service.state == "paused":
                     ui.menu_item("Resume", partial(self._set_state, service, "active"))
@@ -188,6 +199,18 @@ class ServicesPage:
             if not await confirm("Retire this service?", lines, "Retire it", danger=True):
                 return
         await self._update(service, {"state": state}, f"Service {service.id} is {state}")
+
+    @on_page
+    async def _agree(self, service: queries.Offer) -> None:
+        judged = next((one for one in self._organization.kinds if one.kind == service.kind), None)
+        lines = [
+            ("Service", f"{service.id} · {kind(service.kind)}"),
+            ("Judged by", "" if judged is None else _judges(judged)),
+            ("Bond that stands for it", iec(service.bond_iec)),
+        ]
+        if await confirm("Agree to the present judge?", lines, "Agree"):
+            request = {"service_id": service.id, "participant": service.provider_name}
+            await self._act("agree", request, f"Service {service.id} has agreed")
 
     async def _update(self, service: queries.Offer, change: Json, done: str) -> bool:
         request = {"service_id": service.id, "participant": service.provider_name, **change}
@@ -316,6 +339,8 @@ class ServicesPage:
             fact("Bond", iec(terms.bond_iec))
             fact("Penalty for a failure", iec(terms.penalty_iec))
             fact("Suspended after", f"{failures} failures in a row" if failures else "never")
+            if voids := voids_in_words(organization.voids):
+                fact("Void attempts", voids, "wrap")
         table(
             "Kinds of work",
             [("Kind of work", ""), ("Judged by", ""), ("Rules", "wide-only"), ("", "")],
@@ -364,7 +389,8 @@ class ServicesPage:
             with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
                 ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
-                ui.button("Undecided work", on_click=self._change_audit).props("outline dense")
+                ui.button("Time for auditors", on_click=self._change_audit).props("outline dense")
+                ui.button("Remove a judge", on_click=self._remove_judge).props("outline dense")
                 ui.button("Membership", on_click=self._membership).props("outline dense")
 
     def _kind_end(self, one: queries.KindRules) -> None:
@@ -385,12 +411,35 @@ class ServicesPage:
             )
 
     @on_page
+    async def _remove_judge(self) -> None:
+        judged = {one.kind: one for one in self._organization.kinds if one.allowed and not one.removed}
+
+        async def remove(answer: dict[str, str]) -> bool:
+            name = answer["kind"]
+            lines = [
+                ("Judge", _judges(judged[name])),
+                ("What it said and is not concluded", "becomes void; auditors may replace it"),
+                ("After that", "the kind needs another judge"),
+            ]
+            title = f"Remove the judge of {kind(name)}?"
+            if not await confirm(title, lines, "Remove for good", danger=True):
+                return False
+            return await self._act("remove_judge", answer, f"The judge of {kind(name)} rules no more")
+
+        await ask_form(
+            "Remove the judge of a kind",
+            {"kind": Field("Kind of work", choices={name: kind(name) for name in judged})},
+            "Remove it",
+            remove,
+        )
+
+    @on_page
     async def _change_hashes(self, one: queries.KindRules) -> None:
         async def change(answer: dict[str, str]) -> bool:
             request = {"kind": one.kind, "rules_sha256": answer["rules_sha256"]}
             if answer["action"] == "retire":
                 return await self._act("retire_rules", request, "No more tasks are posted under these rules")
-            request |= {"review": one.review}
+            request |= {"judge": one.judge}
             return await self._act("allow_kind", request, "New tasks are judged by these rules")
 
         await ask_form(
@@ -428,7 +477,7 @@ class ServicesPage:
             judges["oracle"] = "the oracle, where it has checks for it"
 
         async def allow(answer: dict[str, str]) -> bool:
-            if answer["review"] == _UNSAID:
+            if answer["judge"] == _UNSAID:
                 ui.notify("Choose who judges this kind of work", type="warning")
                 return False
             if not answer["rules_sha256"]:
@@ -440,7 +489,7 @@ class ServicesPage:
             f"Allow {kind(name)}" if name else "Allow a kind of work",
             {
                 "kind": Field("Name, for example window_cleaning", name),
-                "review": Field("Judged by", choices=judges),
+                "judge": Field("Judged by", choices=judges),
                 "rules_sha256": Field(
                     "Hash of the rules (0x…), where the oracle judges", await ask(self._installed_rules, name)
                 ),
@@ -451,22 +500,18 @@ class ServicesPage:
 
     @on_page
     async def _change_audit(self) -> None:
-        judged = [one for one in self._organization.kinds if not self._console.kinds.by_people(one.kind)]
+        judges = {one.kind: one.judge for one in self._organization.kinds if one.allowed}
         await ask_form(
-            "When the oracle cannot decide",
+            "When the judge cannot decide, or does not rule in time",
             {
-                "kind": Field("Kind of work", choices={one.kind: kind(one.kind) for one in judged}),
-                "audit_window_s": Field("Auditors may look at it for (s)", str(7 * 24 * 3600)),
-                "at_silence": Field(
-                    "If they do not answer",
-                    choices={"creator": "the creator is refunded", "executor": "the executor is paid"},
-                ),
+                "kind": Field("Kind of work", choices={name: kind(name) for name in judges}),
+                "audit_window_s": Field("Auditors may rule for (s); then it is void", str(7 * 24 * 3600)),
             },
-            "Set the rule",
+            "Set the time",
             lambda answer: self._act(
                 "allow_kind",
-                {"allowed": True, "review": "oracle", **answer},
-                f"The rule for {kind(answer['kind'])} is set",
+                {"allowed": True, "judge": judges[answer["kind"]], **answer},
+                f"The time for auditors of {kind(answer['kind'])} is set",
             ),
         )
 
@@ -545,6 +590,7 @@ def _draw_participants(participants: list[queries.Person]) -> None:
             ("Balance", "number"),
             ("Paid for its work", "wrap wide-only"),
             ("Posted", "number wide-only"),
+            ("Void", "wrap wide-only"),
             ("Done", "number wide-only"),
         ],
         [
@@ -555,6 +601,7 @@ def _draw_participants(participants: list[queries.Person]) -> None:
                 iec(one.balance_iec),
                 "itself" if one.payout is None else one.payout_name or partial(hash_text, one.payout),
                 f"{sum(one.created.values()):,}",
+                voids_in_words(one.voids) or "–",
                 f"{one.executed.get('settled', 0):,}",
             )
             for one in participants
@@ -576,10 +623,22 @@ def _stake(judge: queries.Judge, needed: Decimal) -> str:
 
 
 def _judges(one: queries.KindRules) -> str:
-    """Who judges work of this kind, and who wins where nobody can."""
+    """Who judges work of this kind, and who rules on what it cannot decide."""
     if not one.allowed:
         return "not allowed"
-    if one.review != "oracle":
-        return one.review
-    judges = quorum_in_words(one) if one.votes else "oracle"
-    return f"{judges}; undecided: auditors for {span(one.audit_window_s)}, then the {one.silence} wins"
+    if one.removed:
+        return "nobody: its judge was removed"
+    judges = one.judge if one.judge in ("oracle", "auditor") else f"the contract {short(one.judge)}"
+    if one.judge == "oracle" and one.votes:
+        judges = quorum_in_words(one)
+    if one.judge == "auditor" or not one.audit_window_s:
+        return judges
+    return f"{judges}; auditors for {span(one.audit_window_s)} where it cannot decide, then void"
+
+
+def _service_state(service: queries.Offer) -> None:
+    badge(service.state)
+    if not service.agrees:
+        Text("div", "has not agreed to the present judge", "soft wrap")
+    if service.set_aside_iec:
+        Text("div", f"{iec(service.set_aside_iec)} set aside", "soft")

@@ -14,11 +14,19 @@ from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.evidence.proof import open_proof
 from rodeo.kinds import Kinds
-from rodeo.messages import LIVE_STATES, Dispute, Task
+from rodeo.messages import LIVE_STATES, Task
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.queries import DEVICES, TRANSACTIONS, OwnedDevice, Transaction
-from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words
+from rodeo.verdicts import (
+    NO_REPORT,
+    WORDS,
+    is_peoples_verdict,
+    judge_of,
+    judge_words,
+    standing_words,
+    verdict_words,
+)
 from services.console.accounts import User, workers
 from services.console.actions import speaks_for
 from services.console.attempts import Attempt, attempts, ended_s
@@ -150,8 +158,7 @@ class TaskPage:
             self._transactions.show([], explain(error))
         people = workers(self._console.site)
         self._verdicts = {
-            one.number: _verdict(self._console.kinds.by_people(task.kind), one, transactions, people)
-            for one in self._attempts
+            one.number: _verdict(task.judge == "auditor", one, transactions, people) for one in self._attempts
         }
         self._tries.show(self._attempts, names, None if shown is None else shown.number, self._verdicts)
         self._agreement.show(task)
@@ -170,7 +177,8 @@ class TaskPage:
             self._proof.show(None, {})
             return
         if shown.report_sha256 is None:
-            self._report.show(None, "Nobody has judged this proof yet.")
+            ruled = shown.verdict or shown.standing
+            self._report.show(None, "No report." if ruled else "Nobody has judged this proof yet.")
         else:
             try:
                 self._report.show(await ask(self._console.queries.report, shown), "")
@@ -275,6 +283,8 @@ class TaskPage:
                 ui.button("Post again").props(f'outline href="/tasks/new?like={task.id}"')
             if (challenger := self._may_challenge(task, user())) is not None:
                 ui.button("Challenge", on_click=lambda: self._challenge(task, challenger)).props("outline")
+            if self._can_be_concluded(task) and user().has(Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR):
+                ui.button("Conclude", on_click=lambda: self._conclude(task)).props("outline")
         if task.description:
             Text("p", task.description, "soft wrap")
 
@@ -288,33 +298,48 @@ class TaskPage:
             await act(self._console, "cancel_task", {"task_id": task.id}, f"Task {task.id} is cancelled")
 
     def _may_challenge(self, task: Task, user: User) -> str | None:
-        """The party to the task, or the judge of challenges, that this person speaks for, if the verdict can
-        be challenged now."""
-        if task.dispute is None or task.dispute.challenger is not None:
+        """The party to the task, or the judge of challenges, that this person speaks for, if the ruling can
+        be challenged now. A party may take over what a judge has challenged."""
+        if task.standing is None or task.dispute is None:
+            return None
+        challenger, parties = task.dispute.challenger, (task.creator_name, task.executor_name)
+        names = {one.address: one.name for one in self._console.live.summary.wallets}
+        # The organization's own key challenges in its name.
+        if challenger in (task.creator, task.executor) or (challenger and names.get(challenger) in parties):
             return None
         disputes = self._console.site.disputes
         instances = [] if disputes is None else disputes.instances
-        judges = [name for one in instances for name in one.judges]
-        able = (one for one in (task.creator_name, task.executor_name, *judges) if one is not None)
+        judges = [name for one in instances for name in one.judges] if challenger is None else []
+        able = (one for one in (*parties, *judges) if one is not None)
         return next((one for one in able if speaks_for(user, one)), None)
 
     @on_page
     async def _challenge(self, task: Task, participant: str) -> None:
         async def perform(answer: dict[str, str]) -> bool:
             request = {"participant": participant, "task_id": task.id, **answer}
-            done = f"The verdict on task {task.id} is challenged"
-            return await act(self._console, "challenge_verdict", request, done) is not None
+            done = f"The ruling on task {task.id} is challenged"
+            return await act(self._console, "challenge", request, done) is not None
 
         disputes = self._console.site.disputes
         assert task.dispute is not None
         instances = [] if disputes is None else disputes.instances[task.dispute.instance :]
         stake = iec(instances[0].stake_iec) if instances else "its stake"
         await ask_form(
-            f"Challenge the verdict on task {task.id}? {participant} loses {stake} if it is right",
+            f"Challenge the ruling on task {task.id}? {participant} loses {stake} if it is right",
             {"reason": Field("Why it is wrong")},
             "Challenge",
             perform,
         )
+
+    def _can_be_concluded(self, task: Task) -> bool:
+        """Whether the time of the ruling is over, or that to rule; unknown while nobody tells the time."""
+        pace = self._console.live.pace
+        ends_s = running_out_s(task) if task.state in ("submitted", "ruled") else None
+        return pace is not None and ends_s is not None and pace.now_s > ends_s
+
+    @on_page
+    async def _conclude(self, task: Task) -> None:
+        await act(self._console, "conclude", {"task_id": task.id}, f"Task {task.id} is concluded")
 
     async def _load_replay(self) -> None:
         if self._shown is None:
@@ -355,19 +380,22 @@ def _seal_facts(seal: Seal, devices: list[OwnedDevice], names: dict[str, str]) -
 def _verdict(by_kind: bool, attempt: Attempt, transactions: list[Transaction], people: list[str]) -> str:
     """What was said of the attempt, and by whom; empty while nobody has said anything.
 
-    `by_kind`: people judge its kind of work.
+    `by_kind`: auditors judge its kind of work.
     """
-    if attempt.verdict is None:
+    said = attempt.verdict or attempt.standing
+    if said is None:
         return ""
     judge = judge_of(transactions, attempt.verdict_tx) if attempt.verdict_tx else None
-    by_people = attempt.verdict in ("accepted", "rejected") and (
-        by_kind or attempt.was_undecided or judge in people
-    )
-    return verdict_words(attempt.verdict, attempt.reason, judge, by_people)
+    by_people = (by_kind or attempt.passed_on or judge in people) and (said != "void" or judge is not None)
+    if attempt.passed_on and attempt.standing == "void":
+        return f"passed on to the auditors by {judge_words(None, False)}: {attempt.reason or NO_REPORT}"
+    stands = "stands: " if attempt.standing else ""
+    return stands + verdict_words(said, attempt.reason, judge, by_people, attempt.fault)
 
 
 def _draw_outcome(attempt: Attempt, verdict: str) -> None:
-    badge(attempt.verdict or ("in verification" if attempt.submitted_s else "at work"))
+    word = WORDS.get(attempt.verdict or "", attempt.verdict) or ("ruled" if attempt.standing else None)
+    badge(word or ("in verification" if attempt.submitted_s else "at work"))
     if attempt.paid_iec is not None:
         Text("div", f"paid {iec(attempt.paid_iec)}", "soft")
     if verdict:
@@ -385,18 +413,18 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
             "done" if task.proof_submitted else "now" if task.state == "assigned" else "",
         ),
         (
-            _verdict_step(console.kinds, task),
+            _verdict_step(task),
             None,
             {
                 "accepted": "done",
                 "rejected": "bad",
-                "expired": "bad",
-                "undecided": "done",
+                "given_up": "bad",
                 "impossible": "done",
+                "void": "bad",
+                "expired": "bad",
                 "abandoned": "bad",
-            }.get(task.verdict or "", "now" if task.state == "submitted" else ""),
+            }.get(task.verdict or "", "now" if task.state in ("submitted", "ruled") else ""),
         ),
-        *_audit_step(task),
         (
             {"failed": "Failed, refunded", "cancelled": "Cancelled, refunded"}.get(task.state, "Paid"),
             ended,
@@ -427,41 +455,24 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
         time_left(console, ends_s)
 
 
-def _verdict_step(kinds: Kinds, task: Task) -> str:
+def _verdict_step(task: Task) -> str:
+    if task.standing is not None:
+        return "An auditor decides" if task.passed_on else "Ruling stands"
     if not task.verdict:
         return "Verdict"
-    by_people = is_peoples_verdict(kinds, task.kind, task.verdict, task.audit_deadline)
-    return f"Verdict: {task.verdict}" + (" by an auditor" if by_people else "")
-
-
-def _audit_step(task: Task) -> list[tuple[str, float | None, str]]:
-    """What auditors do with a proof that the oracle could not decide; nothing where it could."""
-    if task.audit_deadline is None:
-        return []
-    if task.state == "undecided":
-        return [("An auditor decides", None, "now")]
-    silent = task.verdict == "undecided"
-    return [("No auditor answered" if silent else "An auditor decided", None, "bad" if silent else "done")]
-
-
-def _dispute(dispute: Dispute) -> str:
-    """What waits, and until when."""
-    until = moment(dispute.until)
-    if dispute.challenger is None:
-        return f"{dispute.vote.outcome}; it can be challenged until {until}"
-    return f"{dispute.vote.outcome}, challenged: {dispute.because}; the judges decide until {until}"
+    by_people = is_peoples_verdict(task)
+    word = WORDS.get(task.verdict, task.verdict)
+    return f"Verdict: {word}" + (" by an auditor" if by_people else "")
 
 
 def _deadline(task: Task) -> str:
-    if task.dispute is not None:
-        return f"; the verdict waits until {moment(task.dispute.until)}"
     if task.state == "assigned" and task.execution_deadline:
         return f"; the proof is due by {moment(task.execution_deadline)}"
     if task.state == "submitted" and task.verdict_deadline:
-        return f"; the verdict is due by {moment(task.verdict_deadline)}"
-    if task.state == "undecided" and task.audit_deadline:
-        due = moment(task.audit_deadline)
-        return f"; an auditor's decision is due by {due}, without one the {task.at_silence} wins"
+        return f"; the ruling is due by {moment(task.verdict_deadline)}"
+    if task.standing is not None:
+        stands = "auditors may rule" if task.passed_on else "the ruling stands"
+        return f"; {stands} until {moment(task.standing.until)}"
     return ""
 
 
@@ -470,8 +481,9 @@ def _draw_agreement(kinds: Kinds, task: Task) -> None:
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
-        if task.dispute is not None:
-            fact("Verdict that waits", _dispute(task.dispute), "wrap")
+        if task.standing is not None:
+            stands = standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))
+            fact("Stands", stands, "wrap")
         if task.requested_service_id is not None:
             fact("Only service", str(task.requested_service_id))
         if task.requested_provider is not None:

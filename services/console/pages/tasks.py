@@ -43,7 +43,7 @@ MAX_PAGES = 10**6
 MAX_SEARCH = 200
 """Characters, as many as the bridge takes."""
 _MAX_DIGITS = 18
-_STATES = ("open", "assigned", "submitted", "undecided", "settled", "failed", "cancelled")
+_STATES = ("open", "assigned", "submitted", "ruled", "settled", "failed", "cancelled")
 _ANY = ""
 _ANY_SERVICE = "any service"
 

@@ -12,13 +12,12 @@ from nicegui.events import UploadEventArguments
 
 from rodeo import queries
 from rodeo.errors import RodeoError
-from rodeo.kinds import Kinds
 from rodeo.messages import Task
 from rodeo.person import pace
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.person.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
-from rodeo.verdicts import is_peoples_verdict, verdict_words
+from rodeo.verdicts import FAULTS, WORDS, is_peoples_verdict, standing_words, verdict_words
 from services.console.formatting import count, explain, iec, kind, moment
 from services.console.pages.frame import (
     Console,
@@ -50,6 +49,14 @@ from services.console.roles import Role
 Json = dict[str, Any]
 
 SHOWN = 20
+RULINGS = {
+    "accepted": "accepted: the work was done, and is paid",
+    "rejected": "rejected: the executor claims what is not so, and pays the penalty",
+    "given_up": "given up: the executor could not do it, and pays nothing",
+    "impossible": "impossible: nobody could do it, and its executor is paid a tenth of the price",
+    "void": "void: nobody's doing, or not to be told; the task ends, and nobody is paid or pays",
+}
+"""What an auditor can say of a proof, in words."""
 
 
 def register(console: Console) -> None:
@@ -89,15 +96,15 @@ class ExecutorDesk:
             with ui.element("div").classes("stack span-7"), card("To do"):
                 self._assigned = Section(self._draw_assigned).waiting().live()
             with ui.element("div").classes("stack span-5"), card("Handed in"):
-                self._ended = Section(partial(_draw_ended, console.kinds)).waiting().live()
+                self._ended = Section(_draw_ended).waiting().live()
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
         mine = partial(self._console.queries.tasks, executor=self._participant)
         try:
             todo, total = await ask(mine, SHOWN, state="assigned", order="oldest")
-            ended, _ = await ask(mine, SHOWN, state="submitted,undecided,settled,failed")
-            _, waiting = await ask(mine, 1, state="submitted,undecided")
+            ended, _ = await ask(mine, SHOWN, state="submitted,ruled,settled,failed")
+            _, waiting = await ask(mine, 1, state="submitted,ruled")
             _, paid = await ask(mine, 1, state="settled")
             wallet = await ask(self._console.queries.ask, queries.WALLET, account=self._participant)
         except RodeoError as error:
@@ -194,7 +201,7 @@ class ExecutorDesk:
         await dialog
 
 
-def _draw_ended(kinds: Kinds, tasks: list[Task]) -> None:
+def _draw_ended(tasks: list[Task]) -> None:
     if not tasks:
         empty("You have submitted nothing yet.")
         return
@@ -202,30 +209,26 @@ def _draw_ended(kinds: Kinds, tasks: list[Task]) -> None:
         for task in tasks:
             with ui.element("li"):
                 Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
-                badge(task.verdict or task.state)
+                verdict = task.verdict or ""
+                badge(WORDS.get(verdict, verdict) or task.state)
+                by_people = is_peoples_verdict(task)
+                said = verdict_words(verdict, task.reason, None, by_people, task.fault)
                 if task.state == "settled":
-                    by_people = is_peoples_verdict(kinds, task.kind, task.verdict, task.audit_deadline)
-                    said = verdict_words(task.verdict or "", task.reason, None, by_people)
-                    outcome = f"paid {iec(task.paid_iec)} on {moment(task.settled)} · {said}"
-                elif task.state == "undecided":
-                    outcome = f"an auditor decides by {moment(task.audit_deadline)}: {task.reason}"
-                else:
-                    outcome = task.reason or "waiting for the verdict"
-                Text("span", outcome, "soft")
+                    said = f"paid {iec(task.paid_iec)} on {moment(task.settled)} · {said}"
+                elif task.standing is not None:
+                    said = standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))
+                Text("span", said or "waiting for the ruling", "soft")
 
 
 def _due(task: Task) -> str:
-    if task.state == "undecided":
-        return f" · the oracle could not decide · due by {moment(task.audit_deadline)}"
-    return f" · verdict due by {moment(task.verdict_deadline)}" if task.verdict_deadline else ""
-
-
-def _at_silence(task: Task) -> str:
-    return f"Without an answer by {moment(task.audit_deadline)} the {task.at_silence} wins."
+    if task.standing is not None:
+        return f" · {standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))}"
+    return f" · ruling due by {moment(task.verdict_deadline)}" if task.verdict_deadline else ""
 
 
 class AuditorDesk:
-    """Proofs of those kinds of work that people judge, and what the oracle could not decide."""
+    """Proofs that wait for an auditor: of kinds that auditors judge, what another judge passed on, and what
+    has lost its judge."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -237,19 +240,12 @@ class AuditorDesk:
     async def _load(self) -> None:
         tasks = self._console.queries.tasks
         try:
-            kinds = (await ask(self._console.queries.ask, queries.ORGANIZATION)).kinds
-            waiting = [
-                task
-                for one in kinds
-                if one.review == "auditor"
-                for task in (await ask(tasks, SHOWN, state="submitted", kind=one.kind, order="oldest"))[0]
-            ]
-            waiting += (await ask(tasks, SHOWN, state="undecided", order="oldest"))[0]
+            live, _ = await ask(tasks, queries.MAX_PAGE, state="submitted,ruled", order="oldest")
         except RodeoError as error:
             self._problem.show(stale(error))
             return
         self._problem.show("")
-        waiting.sort(key=lambda task: task.id)
+        waiting = [one for one in live if one.judge == "auditor" or one.passed_on or one.judge_removed]
         self._waiting.show(waiting[:SHOWN])
 
     def _draw(self, tasks: list[Task]) -> None:
@@ -284,8 +280,9 @@ class AuditorDesk:
             except RodeoError as error:
                 known = [f"Cannot load the proof's details: {explain(error)}"]
 
-        async def answer(word: str) -> None:
-            accepted, impossible = word == "Approve", word == "Impossible"
+        async def answer() -> None:
+            said: str = ruling.value
+            accepted = said == "accepted"
             text, paid = (reason.value or "").strip(), (amount.value or "").strip()
             if not text:
                 ui.notify("Give a reason: the executor reads it", type="warning")
@@ -293,14 +290,20 @@ class AuditorDesk:
             tenth = iec((task.price_iec or Decimal(0)) / 10)  # IMPOSSIBLE_SHARE of the contract
             lines = [
                 ("Task", f"{task.id} · {kind(task.kind)}"),
+                ("Ruling", RULINGS[said]),
                 ("Reason", text),
                 ("Agreed price", iec(task.price_iec)),
-                ("Paid to the executor", f"{paid} IEC" if accepted else tenth if impossible else iec(0)),
+                (
+                    "Paid to the executor",
+                    f"{paid} IEC" if accepted else tenth if said == "impossible" else iec(0),
+                ),
             ]
-            title = "Could nobody do this task?" if impossible else f"{word} this work?"
-            if not await confirm(title, lines, word, danger=not accepted):
+            if said == "void":
+                lines.insert(2, ("Whose doing", FAULTS[fault.value]))
+            if not await confirm("Rule on this work?", lines, "Rule", danger=not accepted):
                 return
-            request = {"task_id": task.id, "accepted": accepted, "impossible": impossible, "reason": text}
+            request = {"task_id": task.id, "ruling": said, "reason": text}
+            request |= {"fault": fault.value} if said == "void" else {}
             if accepted and task.price_iec:
                 request["amount_iec"] = paid
             if await act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
@@ -309,8 +312,9 @@ class AuditorDesk:
         with modal(f"Judge task {task.id}", "broad") as dialog:
             dialog.props("no-backdrop-dismiss")
             Text("p", task.description or kind(task.kind), "wrap")
-            if task.state == "undecided":
-                notice(f"The oracle could not decide: {task.reason}. {_at_silence(task)}")
+            if task.standing is not None:
+                stands = _due(task).removeprefix(" · ")
+                notice(f"{stands[:1].upper()}{stands[1:]}.")
             if statement is None:
                 notice("The proof holds no statement to show. The task's page has the recording.")
             else:
@@ -323,14 +327,15 @@ class AuditorDesk:
             with ui.element("ul").classes("list").props('aria-label="Known facts about the proof"'):
                 for line in known:
                     Text("li", line, "soft wrap")
-            reason = ui.input("Why?").props("outlined dense maxlength=500").style("width: 100%")
-            amount = ui.input("Pay, if approved (IEC)", value=f"{task.price_iec or 0:f}")
-            amount.props("outlined dense").style("width: 100%")
+            ruling = ui.select(RULINGS, value="accepted", label="Ruling").props("outlined dense")
+            fault = ui.select({**FAULTS}, value="nobody", label="Whose doing it is").props("outlined dense")
+            amount = ui.input("Pay (IEC)", value=f"{task.price_iec or 0:f}").props("outlined dense")
+            reason = ui.input("Why?").props("outlined dense maxlength=500")
+            for one in (ruling, fault, amount, reason):
+                one.style("width: 100%")
+            fault.bind_visibility_from(ruling, "value", value="void")
+            amount.bind_visibility_from(ruling, "value", value="accepted")
             with ui.element("div").classes("dialog-buttons"):
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
-                ui.button("Impossible", on_click=partial(answer, "Impossible")).props("flat").tooltip(
-                    "Nobody could do this task: its executor is paid a tenth of the price"
-                )
-                ui.button("Reject", on_click=partial(answer, "Reject"), color="negative").props("outline")
-                ui.button("Approve", on_click=partial(answer, "Approve")).props("unelevated")
+                ui.button("Rule", on_click=answer).props("unelevated")
         await dialog

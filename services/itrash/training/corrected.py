@@ -395,7 +395,7 @@ def next_steps(listed: Mapping[str, Sequence[str]], out: Path) -> list[str]:
         ),
         "2. `rodeo organization rules` says whether the newest rules are installed here. If not, announce:",
         "",
-        *(f"    rodeo organization kind {kind} --review oracle" for kind in listed),
+        *(f"    rodeo organization kind {kind} --judge oracle" for kind in listed),
         "",
         f"3. Where oracles run, copy {files}",
         f"   from {MODEL_DIR} to {MODEL_DIR / model_sha256()}:",

@@ -11,19 +11,19 @@ import pytest
 from rodeo import chain
 from rodeo.chain import artifacts
 from rodeo.chain.abi import (
+    Fault,
+    Finding,
     Instance,
-    Review,
     Revocation,
+    Ruling,
     ServiceState,
-    Silence,
     TaskRequest,
     Terms,
-    Verdict,
-    Vote,
 )
 from rodeo.chain.calls import Calls, OrganizationCalls
-from rodeo.chain.contract_calls import DisputesCalls
+from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
 from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import ContractCalls
 from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
 from rodeo.chain.types import Event, Policy, Role
 
@@ -44,20 +44,19 @@ SAMPLES: dict[str, Any] = {
     "kind": "cleaning",
     "state": ServiceState.ACTIVE,
     "proof_hash": bytes(32),
-    "report_hash": bytes(32),
-    "verdict": Verdict.ACCEPTED,
-    "silence": Silence.CREATOR,
     "root": bytes(32),
     "rules": bytes(32),
     "members_only": True,
     "terms": Terms(2, 1, 3),
-    "review": Review.AUDITOR,
     "name": "panther1",
     "r": bytes(32),
     "s": bytes(32),
     "vs": bytes(32),
     "policy": Policy.LOWEST_PRICE,
-    "vote": Vote(1, 1, bytes(32), bytes(32), bytes(32), Verdict.ACCEPTED, 1, "accepted"),
+    **dict.fromkeys(
+        ("finding", "f"),
+        Finding(1, 1, *[bytes(32)] * 3, Ruling.ACCEPTED, Fault.NOBODY, 1, "accepted"),
+    ),
     "signature": bytes(65),
     "signatures": bytes(192),
     "instances": [Instance(ADDRESS, 60, 0, 1, 1), Instance(ADDRESS, 0, 60, 0, 0)],
@@ -66,8 +65,8 @@ SAMPLES: dict[str, Any] = {
 
 def _entries(kind: str) -> list[tuple[str, dict[str, Any]]]:
     return [
-        (name, entry)
-        for name in (*artifacts.CONTRACTS, "Disputes")
+        (artifacts.load(name).name, entry)
+        for name in (*artifacts.CONTRACTS, "DisputeJudge")
         for entry in artifacts.load(name).abi
         if entry["type"] == kind
     ]
@@ -91,7 +90,7 @@ def test_another_abi_makes_another_file(monkeypatch: pytest.MonkeyPatch) -> None
             replace(load(name), abi=changed) if name == "TaskManager" else load(name)
         ),
     )
-    monkeypatch.setattr(artifacts, "enums", lambda: {"Review": ["None", "Oracle", "TwoOracles"]})
+    monkeypatch.setattr(artifacts, "enums", lambda: {"Fault": ["Nobody", "Oracle", "TwoOracles"]})
     after = generated()
     assert "    by: str\n" in after["events.py"] and "    by: str\n" not in before["events.py"]
     assert "    TWO_ORACLES = 2\n" in after["abi.py"]
@@ -110,10 +109,17 @@ def test_every_event_has_a_record_or_is_ignored_on_purpose() -> None:
     assert declared >= IGNORED_EVENTS
 
 
-@pytest.mark.parametrize(
-    "calls", [Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT), DisputesCalls(DEPLOYMENT)]
+ALL_CALLS = (
+    Calls(DEPLOYMENT),
+    OrganizationCalls(DEPLOYMENT),
+    RoleJudgeCalls(DEPLOYMENT, "OracleJudge"),
+    CommitteeJudgeCalls(DEPLOYMENT, "OracleCommittee"),
+    DisputeJudgeCalls(DEPLOYMENT),
 )
-def test_every_call_encodes(calls: Calls | OrganizationCalls | DisputesCalls) -> None:
+
+
+@pytest.mark.parametrize("calls", ALL_CALLS, ids=lambda calls: type(calls).__name__)
+def test_every_call_encodes(calls: ContractCalls) -> None:
     for name in _methods(calls):
         method = getattr(calls, name)
         parameters = method.__annotations__
@@ -125,13 +131,18 @@ def test_every_call_encodes(calls: Calls | OrganizationCalls | DisputesCalls) ->
 
 def test_every_transaction_has_a_call() -> None:
     encoded = set()
-    for calls in (Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT), DisputesCalls(DEPLOYMENT)):
+    for calls in ALL_CALLS:
         for name in _methods(calls):
             method = getattr(calls, name)
             arguments = [_sample(p, k) for p, k in method.__annotations__.items() if p != "return"]
             encoded.add(method(*arguments).name)
-    declared = {e["name"] for _, e in _entries("function") if e["stateMutability"] == "nonpayable"}
-    assert declared - BETWEEN_CONTRACTS == encoded
+    declared = {
+        entry["name"]
+        for contract, entry in _entries("function")
+        if entry["stateMutability"] == "nonpayable"
+        and entry["name"] not in BETWEEN_CONTRACTS.get(contract, ())
+    }
+    assert declared == encoded
 
 
 def _methods(calls: object) -> list[str]:

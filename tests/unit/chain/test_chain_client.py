@@ -8,12 +8,14 @@ from decimal import Decimal
 import pytest
 from eth_account import Account
 
-from rodeo.chain.abi import Cause, ServiceState, TaskRequest, TaskState, Verdict
+from rodeo.chain.abi import Cause, Fault, Finding, Ruling, ServiceState, TaskRequest, TaskState
 from rodeo.chain.client import NOBODY, ChainClient
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed
 from rodeo.chain.events import (
     ProofSubmitted,
+    Reported,
+    Ruled,
     ServiceRegistered,
     ServiceUpdated,
     TaskAssigned,
@@ -22,7 +24,6 @@ from rodeo.chain.events import (
     TaskRequeued,
     TaskSettled,
     Transfer,
-    VerdictPosted,
 )
 from rodeo.chain.types import Event, Role
 from rodeo.currency import IEC
@@ -51,6 +52,10 @@ def _refusal(organization: Organization, sender: str, call: Call) -> ContractRev
     with pytest.raises(ContractReverted) as refused:
         organization.client.simulate(call, sender)
     return refused.value
+
+
+def _found(task_id: int, attempt: int, ruling: Ruling, amount: int = 0, reason: str = "") -> Finding:
+    return Finding(task_id, attempt, PROOF, REPORT, bytes(32), ruling, Fault.NOBODY, amount, reason)
 
 
 def test_a_task_from_registration_to_payment(organization: Organization, service_id: int) -> None:
@@ -85,15 +90,14 @@ def test_a_task_from_registration_to_payment(organization: Organization, service
     assert (submitted.proof_hash, submitted.uri) == (PROOF, "file:///proof.mcap")
     assert (client.task(task_id).state, client.task(task_id).proof_hash) == (TaskState.SUBMITTED, PROOF)
 
-    verdict, settled = organization.events(
+    reported, ruled, settled = organization.events(
         organization.oracle,
-        client.calls.post_verdict(
-            task_id, 1, PROOF, Verdict.ACCEPTED, PRICE, REPORT, "file:///report.json", "all passed"
+        client.oracle_calls.rule(
+            _found(task_id, 1, Ruling.ACCEPTED, PRICE, "all passed"), "file:///report.json"
         ),
     )
-    assert verdict == VerdictPosted(
-        task_id, 1, PROOF, Verdict.ACCEPTED, PRICE, REPORT, "file:///report.json", "all passed"
-    )
+    assert reported == Reported(task_id, 1, REPORT, "file:///report.json", "all passed")
+    assert ruled == Ruled(task_id, 1, PROOF, Ruling.ACCEPTED, Fault.NOBODY, PRICE, 0, REPORT)
     assert settled == TaskSettled(task_id, robot, PRICE, REWARD - PRICE)
     task = client.task(task_id)
     assert (task.state, task.service_id, task.price) == (TaskState.SETTLED, service_id, PRICE)
@@ -108,16 +112,16 @@ def test_a_rejected_attempt_is_requeued_with_its_cause(organization: Organizatio
     organization.send(organization.robot, client.calls.submit_proof(task_id, 1, PROOF, "uri"))
     logged = organization.events(
         organization.oracle,
-        client.calls.post_verdict(task_id, 1, PROOF, Verdict.REJECTED, 0, REPORT, "", "dropped"),
+        client.oracle_calls.rule(_found(task_id, 1, Ruling.REJECTED), ""),
     )
-    assert [type(event) for event in logged] == [VerdictPosted, TaskRequeued, TaskAssigned]
-    assert logged[1] == TaskRequeued(task_id, 1, Cause.REJECTED)
+    assert [type(event) for event in logged] == [Reported, Ruled, TaskRequeued, TaskAssigned]
+    assert logged[2] == TaskRequeued(task_id, 1, Cause.REJECTED)
     assert client.task(task_id).attempt == 2
     for attempt in (2, 3):
         organization.send(organization.robot, client.calls.submit_proof(task_id, attempt, PROOF, "uri"))
         organization.send(
             organization.oracle,
-            client.calls.post_verdict(task_id, attempt, PROOF, Verdict.REJECTED, 0, REPORT, "", ""),
+            client.oracle_calls.rule(_found(task_id, attempt, Ruling.REJECTED), ""),
         )
     assert client.task(task_id).state is TaskState.FAILED
 
@@ -129,8 +133,9 @@ def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its
     before = client.balance(client.organization)
     task_id = _task_id(organization.post())
     assert client.task(task_id).creator == client.organization
-    assert client.oldest_open(KIND, REWARD) == task_id
-    assert client.oldest_open(KIND, REWARD + 10**9) is None
+    number = client.kind(KIND).number
+    assert client.oldest_open(number, REWARD) == task_id
+    assert client.oldest_open(number, REWARD + 10**9) is None
     logged = organization.events(organization.operator, client.organization_calls.cancel_task(task_id))
     assert logged == [TaskCancelled(task_id, REWARD)]
     assert client.balance(client.organization) == before
@@ -138,13 +143,13 @@ def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its
 
 def test_a_service_is_found_by_price_and_paused(organization: Organization, service_id: int) -> None:
     client = organization.client
-    assert client.longest_idle(KIND, PRICE) == service_id
-    assert client.longest_idle(KIND, PRICE - 10**9) is None
+    assert client.longest_idle(client.kind(KIND).number, PRICE) == service_id
+    assert client.longest_idle(client.kind(KIND).number, PRICE - 10**9) is None
     logged = organization.events(
         organization.robot, client.calls.update_service(service_id, PRICE, ServiceState.PAUSED)
     )
     assert logged == [ServiceUpdated(service_id, PRICE, ServiceState.PAUSED)]
-    assert client.longest_idle(KIND, PRICE) is None
+    assert client.longest_idle(client.kind(KIND).number, PRICE) is None
     assert client.service(service_id).state is ServiceState.PAUSED
 
 

@@ -13,9 +13,9 @@ from eth_utils import to_bytes
 
 from deploy import contracts
 from deploy.contracts import WithoutGasMoney
-from rodeo import keystores, wallets
+from rodeo import keys, keystores, votes, wallets
 from rodeo.chain import artifacts
-from rodeo.chain.abi import Instance, Review, Terms
+from rodeo.chain.abi import Instance, Terms
 from rodeo.chain.client import connect
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
@@ -28,7 +28,15 @@ from rodeo.currency import IEC
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
 
-CONTRACTS = (*artifacts.CONTRACTS, "Disputes", *artifacts.GOVERNANCE, artifacts.REGISTRY)
+CONTRACTS = (*artifacts.CONTRACTS, "DisputeJudge", *artifacts.GOVERNANCE, artifacts.REGISTRY)
+
+
+def judges_of(organization: Organization) -> dict[str, str]:
+    """What the chain says: kind -> the contract that judges it."""
+    client = organization.client
+    names = {address: name for name, address in client.deployment.contracts.items()}
+    numbers = {kind: client.kind(kind).number for kind in kinds_of(organization.site)}
+    return {kind: names[client.judge_numbered(number)] for kind, number in numbers.items()}
 
 
 def test_the_organization_is_set_up_as_the_site_says(organization: Organization) -> None:
@@ -50,6 +58,11 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
     assert client.has_role(Role.ORACLE, organization.oracle.address)
     assert not client.has_role(Role.ORACLE, organization.operator.address)
     assert all(client.is_kind_allowed(kind) for kind in kinds_of(site))
+    assert judges_of(organization) == {
+        name: "AuditorJudge" if kind.judge == "auditor" else "OracleJudge"
+        for name, kind in kinds_of(site).items()
+    }
+    assert client.auditors() == client.deployment.address("AuditorJudge")
     robot = client.device(keystores.address(site, "panther1-device"))
     assert (robot.role, robot.owner) == ("robot", organization.robot.address)
     meter = client.device(keystores.address(site, "dock1-device"))
@@ -129,7 +142,7 @@ def test_the_demos_site_says_that_it_has_neither_delay_nor_budgets(organization:
 def test_where_members_decide_nobody_else_does_from_the_beginning(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
         alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
-        governance = GovernanceConfig(kind="vote", delay_s=60, members=["panther1", "alice"])
+        governance = GovernanceConfig(kind="vote", delay_s=60, members=["panther1", "alice", "organization"])
         site = lab.model_copy(update={"governance": governance, "participants": [alice]})
         organization = Organization(site)
         organization.deploy()
@@ -166,23 +179,27 @@ def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest
         organization.deploy()
         client, (kind, *_) = organization.client, kinds_of(site)
         quorum = client.quorum(kind)
-        assert (quorum.votes, quorum.panel, quorum.judges) == (2, 3, 0b111) and not caplog.records
-        organization.send(organization.operator, client.calls.set_quorum(kind, 2, 2, 0, 0b011))
-        changed, bert = client.quorum(kind), keystores.address(site, "bert-device")
-        organization.send(organization.operator, client.calls.change_key(bert, "0x" + "be" * 20))
+        assert (quorum.votes, quorum.panel, quorum.seats) == (2, 3, 0b111) and not caplog.records
+        assert judges_of(organization)[kind] == "OracleCommittee"
+        calls, committee = client.committee_calls(), client.deployment.address("OracleCommittee")
+        organization.send(organization.operator, calls.set_quorum(kind, 2, 2, 0, 0b011))
+        changed, bert, key = (
+            client.quorum(kind),
+            keystores.address(site, "bert-device"),
+            keys.Key(b"\x07" * 32),
+        )
+        agreed = votes.possession(key, keystores.address(site, "bert"), CHAIN_ID, committee)
+        organization.send(organization.operator, calls.change_key(bert, key.address, *agreed))
         block = client.w3.eth.block_number
         organization.deploy()
-        assert client.quorum(kind) == changed and client.judge(bert) is None
+        assert client.quorum(kind) == changed and client.seat(bert) is None
         assert client.w3.eth.block_number == block
         assert f"2 of 2 oracles judge {kind} on chain, and 2 of 3 in the site file" in caplog.text
 
 
-def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> None:
+def test_rulings_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
-        people = [
-            ParticipantConfig(name="alice", address="0x" + "a1" * 20),
-            ParticipantConfig(name="bob", address="0x" + "b0" * 20),
-        ]
+        people = [ParticipantConfig(name="alice"), ParticipantConfig(name="bob")]
         wanted = DisputesConfig(
             judges=["alice", "bob", "panther1"],
             votes=3,
@@ -197,9 +214,9 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         organization = Organization(site)
         organization.deploy()
         client, (kind, *_) = organization.client, kinds_of(site)
-        deployment, disputes = client.deployment, client.disputes
-        assert disputes is not None and client.has_role(Role.ORACLE, disputes)
-        assert not client.has_role(Role.ORACLE, client.committee)
+        deployment, disputes = client.deployment, client.deployment.address("DisputeJudge")
+        assert judges_of(organization)[kind] == "DisputeJudge"
+        assert not client.has_role(Role.ORACLE, organization.oracle.address)
         assert client.instances(kind) == [
             Instance(
                 deployment.address("OracleCommittee"),
@@ -213,12 +230,12 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
         assert [client.stake(seat) for seat in range(3)] == [IEC.to_units(Decimal(5))] * 2 + [0]
         assert client.balance(disputes) == IEC.to_units(Decimal(10))
         quorum = client.quorum(kind, "DisputeCommittee")
-        assert (quorum.votes, quorum.panel, quorum.judges) == (3, 3, 0b111)
-        alice = "0x" + "a1" * 20
-        assert client.judge(alice, "DisputeCommittee") is not None and client.judge(alice) is None
+        assert (quorum.votes, quorum.panel, quorum.seats) == (3, 3, 0b111)
+        alice = keystores.address(site, "alice")
+        assert client.seat(alice, "DisputeCommittee") is not None and client.seat(alice) is None
         assert deployment.committees == ["OracleCommittee", "DisputeCommittee"]
-        assert client.longest_case(kind) == 2 * 600 + 900
-        assert client.kind(kind).min_verdict_window == 2 * 600 + 900 + site.oracle.verdict_within_s
+        assert client.longest_case(kind) == 600 + 900
+        assert client.kind(kind).min_verdict_window == 600 + 900 + site.oracle.verdict_within_s
         block = client.w3.eth.block_number
         organization.deploy()
         assert client.w3.eth.block_number == block
@@ -229,18 +246,18 @@ def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> No
                 threading.Event(),
             )
         # Without the table, the oracles' word is final again; the contracts stay.
+        number, installed = client.kind(kind).number, client.current_rules(kind)
         contracts.run(without, threading.Event())
-        assert client.has_role(Role.ORACLE, client.committee) and not client.has_role(Role.ORACLE, disputes)
+        assert judges_of(organization)[kind] == "OracleCommittee" and client.kind(kind).number > number
+        assert client.current_rules(kind) == installed
+        assert client.judge_numbered(number) == disputes  # of tasks that were posted before
 
 
 @pytest.mark.long
 def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
         names = ("alice", "bob", "carl", "dora")
-        people = [
-            ParticipantConfig(name=name, address="0x" + f"{number:02x}" * 20)
-            for number, name in enumerate(names, start=0xA1)
-        ]
+        people = [ParticipantConfig(name=name) for name in names]
         appeal = AppealConfig(
             judges=["bob", "carl", "dora"],
             votes=3,
@@ -269,11 +286,11 @@ def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
             Instance(address("AppealCommittee"), 0, 800, 0, 0),
         ]
         quorum = client.quorum(kind, "AppealCommittee")
-        assert (quorum.votes, quorum.panel, quorum.judges) == (3, 3, 0b111)
+        assert (quorum.votes, quorum.panel, quorum.seats) == (3, 3, 0b111)
         # The judges of challenges can be overturned now, and have a stake, too.
         assert [client.stake(seat, "DisputeCommittee") for seat in range(3)] == [iec(Decimal(4))] * 2 + [0]
         assert client.stake(0) == iec(Decimal(5)) and client.stake(0, "AppealCommittee") == 0
-        shortest_s = 2 * 600 + 900 + 700 + 800 + site.oracle.verdict_within_s
+        shortest_s = 600 + 900 + 700 + 800 + site.oracle.verdict_within_s
         assert client.kind(kind).min_verdict_window == shortest_s
         block = client.w3.eth.block_number
         organization.deploy()
@@ -283,20 +300,20 @@ def test_the_site_file_names_who_decides_on_appeal(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_founders_pay_the_first_stakes_of_oracles_also_where_members_decide(tmp_path: Path) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
-        alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
+        alice = ParticipantConfig(name="alice")
         wanted = DisputesConfig(judges=["alice", "panther1"], votes=2, window_s=600, decision_s=900)
         site = lab.model_copy(
             update={
                 "oracles": [JudgeConfig(name="anna")],
                 "participants": [alice],
                 "disputes": wanted,
-                "governance": GovernanceConfig(kind="vote", delay_s=60, members=["panther1"]),
+                "governance": GovernanceConfig(kind="vote", delay_s=60, members=["panther1", "organization"]),
             }
         )
         organization = Organization(site)
         organization.deploy()
-        client, disputes = organization.client, organization.client.disputes
-        assert disputes is not None
+        client = organization.client
+        disputes = client.deployment.address("DisputeJudge")
         assert client.stake(0) == client.balance(disputes) == IEC.to_units(wanted.judge_stake_iec)
         (kind, *_) = kinds_of(site)
         assert client.instances(kind)[0].judge_stake == client.stake(0)
@@ -307,7 +324,7 @@ def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with running_chain("eth-tester", tmp_path) as lab:
-        alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
+        alice = ParticipantConfig(name="alice")
         wanted = DisputesConfig(
             judges=["alice", "panther1"],
             votes=2,
@@ -328,6 +345,35 @@ def test_stakes_for_which_the_founder_has_no_tokens_are_left_to_others(
         assert organization.client.stake(0) == 0
         assert organization.client.instances(kind)[0].judge_stake > 0
         assert "the stakes of 1 judges take" in caplog.text
+
+
+def test_an_organization_is_not_founded_without_its_judges(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        alice = keys.Key(b"\x0a" * 32)
+        elsewhere = ParticipantConfig(name="alice", address=alice.address)
+        wanted = DisputesConfig(judges=["alice", "panther1"], votes=2, window_s=600, decision_s=900)
+        site = lab.model_copy(
+            update={
+                "oracles": [JudgeConfig(name="anna")],
+                "participants": [elsewhere],
+                "disputes": wanted,
+                "governance": GovernanceConfig(delay_s=60),
+            }
+        )
+        judged = [name for name, kind in kinds_of(site).items() if kind.judge == "oracle"]
+        organization = Organization(site)
+        with pytest.raises(contracts.WithoutJudges) as missing:
+            organization.deploy()
+        assert missing.value.details["kinds"] == judged
+        # It goes on with the key, and with the contracts that are there.
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(keystores.key_variable("alice"), "0x" + "0a" * 32)
+            organization.deploy()
+        client = organization.client
+        assert client.decision_delay_s() == 60 and {judges_of(organization)[one] for one in judged} == {
+            "DisputeJudge"
+        }
+        assert client.seat(alice.address, "DisputeCommittee") is not None
 
 
 def test_disputes_are_not_added_to_an_organization_that_has_none(organization: Organization) -> None:
@@ -352,11 +398,11 @@ def test_installed_rules_that_were_retired_stay_so(
     def send(call: Call) -> None:
         client.send(organization.operator, call)
 
-    send(calls.allow_kind(kind, Review.ORACLE, other))
+    send(calls.allow_kind(kind, client.deployment.address("OracleJudge"), other))
     send(calls.retire_rules(kind, installed))
     organization.deploy()
     assert client.current_rules(kind) == [other]
-    assert installed.hex() in caplog.text and f"rodeo organization kind {kind} --review oracle" in caplog.text
+    assert installed.hex() in caplog.text and f"rodeo organization kind {kind} --judge oracle" in caplog.text
     # A kind that is not allowed at all is allowed again, as the site file says, and needs rules.
     send(calls.disallow_kind(kind))
     organization.deploy()
@@ -436,7 +482,7 @@ def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
 def test_from_the_input_for_explorers_the_compiler_makes_what_is_deployed(tmp_path: Path) -> None:
     root = Path(__file__).parents[3]
     subprocess.run(["node", "contracts/build.mjs", "--standard-json", tmp_path], cwd=root, check=True)
-    assert {path.stem for path in tmp_path.iterdir()} == set(CONTRACTS)
+    assert {path.stem for path in tmp_path.iterdir()} == {artifacts.load(name).name for name in CONTRACTS}
     for name in ("IECoin", "TaskManager"):
         done = subprocess.run(
             ["node", "contracts/solc.mjs", "--standard-json"],

@@ -13,9 +13,9 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from rodeo import possession
-from rodeo.chain import events
-from rodeo.chain.abi import Review, Revocation, ServiceState, Silence, TaskState, Terms, Verdict
+from rodeo import possession, votes
+from rodeo.chain import artifacts, events
+from rodeo.chain.abi import Fault, Finding, Revocation, Ruling, ServiceState, TaskState, Terms
 from rodeo.chain.encoding import Call
 from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work
@@ -28,7 +28,10 @@ from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organizat
 STEPS = 90
 DEVICE_KEY = Account.from_key("0x" + "11" * 32)
 DEVICE = DEVICE_KEY.address
-JUDGES = [f"0x{number:040}" for number in (11, 12, 13)]
+JUDGE_KEYS = [Account.from_key(f"0x{number:064}") for number in (11, 12, 13)]
+JUDGES = [key.address for key in JUDGE_KEYS]
+LIVE = (TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.RULED)
+"""States in which a window runs."""
 
 
 @dataclass
@@ -49,10 +52,11 @@ class Life:
 
     def prepare(self) -> None:
         organization, calls = self.organization, self.organization.client.organization_calls
-        votes = self.organization.client.calls
+        seats = self.organization.client.committee_calls()
+        oracles, auditors = self.judges
         for call in (
             calls.set_terms(Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(4)), 4)),
-            calls.allow_kind("battery_charging", Review.AUDITOR, REPORT),
+            calls.allow_kind("battery_charging", auditors, REPORT),
             calls.set_min_window(KIND, 60),
             calls.set_verdict_windows(KIND, 600, 7200),
             calls.grant_role(Role.AUDITOR, organization.oracle.address),
@@ -68,23 +72,35 @@ class Life:
             calls.reinstate_provider(DEVICE),
             self.registered_device(organization.operator.address, 0),
             self.registered_device(organization.robot.address, 1),
-            *(calls.allow_kind(KIND, Review.ORACLE, rules) for rules in (PROOF, REPORT, PROOF)),
+            *(calls.allow_kind(KIND, oracles, rules) for rules in (PROOF, REPORT, PROOF)),
             calls.retire_rules(KIND, REPORT),
-            calls.allow_kind("painting", Review.AUDITOR, PROOF),
+            calls.allow_kind("painting", auditors, PROOF),
             calls.disallow_kind("painting"),
-            calls.set_audit(KIND, 3600, Silence.EXECUTOR),
+            calls.set_audit(KIND, 3600),
             calls.post_root(DEVICE, 0, REPORT, "file:///day"),
-            *(votes.seat(key, DEVICE) for key in JUDGES[:2]),
-            votes.set_quorum(KIND, 2, 2, 60, 0b11),
-            votes.change_key(JUDGES[1], JUDGES[2]),
+            *(seats.seat(key.address, key.address, *self.agreed(key, key.address)) for key in JUDGE_KEYS[:2]),
+            seats.set_quorum(KIND, 2, 2, 60, 0b11),
+            seats.change_key(JUDGES[1], JUDGES[2], *self.agreed(JUDGE_KEYS[2], JUDGES[1])),
         ):
             organization.send(organization.operator, call)
-        robot, operator = organization.robot, organization.operator
-        organization.send(robot, votes.set_payout(robot.address, operator.address))
-        organization.send(operator, votes.set_payout(robot.address, robot.address))
-        organization.send(operator, votes.set_payout(operator.address, robot.address))
+        robot, operator, payouts = organization.robot, organization.operator, organization.client.calls
+        organization.send(robot, payouts.set_payout(robot.address, operator.address))
+        organization.send(operator, payouts.set_payout(robot.address, robot.address))
+        organization.send(operator, payouts.set_payout(operator.address, robot.address))
         organization.send(organization.operator, calls.revoke_device(DEVICE, Revocation.COMPROMISED))
         organization.send(organization.operator, calls.revoke_role(Role.AUDITOR, organization.oracle.address))
+
+    @property
+    def judges(self) -> tuple[str, str]:
+        """The oracle's judge, and the auditors'."""
+        deployment = self.organization.client.deployment
+        return deployment.address("OracleJudge"), deployment.address("AuditorJudge")
+
+    def agreed(self, key: LocalAccount, owner: str) -> tuple[bytes, bytes]:
+        """By which a judge's key agrees to its seat."""
+        client = self.organization.client
+        committee = client.deployment.address(artifacts.COMMITTEES[0])
+        return votes.possession(key, owner, client.w3.eth.chain_id, committee)
 
     def registered_device(self, owner: str, nonce: int) -> Call:
         client = self.organization.client
@@ -94,7 +110,7 @@ class Life:
 
     def step(self) -> None:
         often = [self.post, self.offer, self.prove, self.judge, self.audit]
-        seldom = [self.update, self.expire, self.cancel, self.govern, self.accept, self.abandon]
+        seldom = [self.update, self.expire, self.cancel, self.govern, self.accept, self.abandon, self.agree]
         self.random.choice([*often, *often, *seldom])()
 
     def post(self) -> None:
@@ -172,8 +188,7 @@ class Life:
 
     def _pass_to(self, time_s: int) -> bool:
         """Let time pass, unless a window would end meanwhile."""
-        running = self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
-        if any(self.organization.client.task(task_id).deadline < time_s for task_id in running):
+        if any(self._end(task_id) < time_s for task_id in self._tasks(*LIVE)):
             return False
         self.clock.now_s = max(self.clock.now_s, time_s)
         return True
@@ -186,43 +201,69 @@ class Life:
             self.organization.send(self.organization.robot, call)
             return
 
+    def _end(self, task_id: int) -> int:
+        """When the window of a running task ends."""
+        client = self.organization.client
+        standing = client.standing(task_id)
+        return standing.until if standing.until else client.task(task_id).deadline
+
     def judge(self) -> None:
+        """The oracle rules, or passes the case on; an auditor rules where it judges alone."""
+        client, judges = self.organization.client, self.judges
         for task_id in self._tasks(TaskState.SUBMITTED):
-            verdict = self.random.choice([*list(Verdict)[1:], Verdict.UNDECIDED])
-            self._post_verdict(task_id, verdict, self.organization.oracle)
+            ruling = self.random.choice([*Ruling, Ruling.NONE])
+            number = client.attempt_of(task_id).kind_id
+            by_auditors = client.judge_numbered(number) == judges[1] or client.is_judge_removed(number)
+            if by_auditors:
+                found = self._found(task_id, ruling or Ruling.REJECTED)
+                call = client.auditor_calls.rule(found, "file:///report.json")
+                self.organization.send(self.organization.operator, call)
+            else:
+                call = client.oracle_calls.rule(self._found(task_id, ruling), "file:///report.json")
+                self.organization.send(self.organization.oracle, call)
             return
 
     def audit(self) -> None:
-        for task_id in self._tasks(TaskState.UNDECIDED):
-            verdict = self.random.choice([Verdict.REJECTED, Verdict.ACCEPTED, Verdict.IMPOSSIBLE])
-            self._post_verdict(task_id, verdict, self.organization.operator)
+        client = self.organization.client
+        for task_id in self._tasks(TaskState.RULED):
+            found = self._found(task_id, self.random.choice([Ruling.REJECTED, Ruling.ACCEPTED]))
+            judge, uri = client.judge_numbered(client.attempt_of(task_id).kind_id), "file:///audit.json"
+            if client.is_judge_removed(client.attempt_of(task_id).kind_id):
+                call = client.auditor_calls.rule(found, uri)
+            elif client.attempt_of(task_id).deadline < self.clock.now_s:
+                continue  # nobody has passed it on
+            else:
+                call = client.auditor_calls.rule_for(judge, found, uri)
+            self.organization.send(self.organization.operator, call)
             return
 
-    def _post_verdict(self, task_id: int, verdict: Verdict, judge: LocalAccount) -> None:
-        client = self.organization.client
-        task = client.task(task_id)
-        amount = self.random.randint(1, task.price) if verdict is Verdict.ACCEPTED else 0
-        call = client.calls.post_verdict(
-            task_id,
-            task.attempt,
-            PROOF,
-            verdict,
-            amount,
-            REPORT,
-            "file:///report.json",
-            "looked at it",
-        )
-        self.organization.send(judge, call)
+    def _found(self, task_id: int, ruling: Ruling) -> Finding:
+        task = self.organization.client.task(task_id)
+        amount = self.random.randint(1, task.price) if ruling is Ruling.ACCEPTED else 0
+        fault = self.random.choice([*Fault]) if ruling is Ruling.VOID else Fault.NOBODY
+        return Finding(task_id, task.attempt, PROOF, REPORT, bytes(32), ruling, fault, amount, "looked at it")
 
     def expire(self) -> None:
         """All that runs, now and then: the windows of the others end with that of the oldest."""
         client = self.organization.client
-        running = self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
+        running = self._tasks(*LIVE)
         if not running or self.random.random() < 0.5:
             return
-        self.clock.now_s = max(client.task(task_id).deadline for task_id in running) + 1
+        self.clock.now_s = max(self._end(task_id) for task_id in running) + 1
         for task_id in running:
-            self.organization.send(self.organization.operator, client.calls.expire_task(task_id))
+            end = client.calls.expire_task if self._is(task_id, TaskState.ASSIGNED) else client.calls.conclude
+            self.organization.send(self.organization.operator, end(task_id))
+
+    def _is(self, task_id: int, state: TaskState) -> bool:
+        return self.organization.client.task(task_id).state is state
+
+    def agree(self) -> None:
+        client = self.organization.client
+        for service_id in self._shuffled(client.service_count()):
+            service = client.service(service_id)
+            if service.state is not ServiceState.RETIRED and not service.task_id:
+                self.organization.send(self.organization.robot, client.calls.agree(service_id))
+                return
 
     def cancel(self) -> None:
         client = self.organization.client
@@ -235,10 +276,18 @@ class Life:
     def govern(self) -> None:
         client = self.organization.client
         calls = client.organization_calls
-        rules = [calls.set_audit(KIND, 3600, silence) for silence in list(Silence)[1:]]
-        rules.append(calls.allow_kind(KIND, Review.ORACLE, self.random.choice(client.current_rules(KIND))))
+        oracles, auditors = self.judges
+        rules = [calls.set_audit(KIND, 3600), calls.allow_kind(KIND, auditors, PROOF)]
+        rules += [calls.allow_kind(KIND, oracles, PROOF) for _ in range(3)]
         chosen = self.random.choice([*rules, *(calls.set_policy(policy) for policy in Policy)])
         self.organization.send(self.organization.operator, chosen)
+        if self.random.random() < 0.2:
+            number = client.kind(KIND).number
+            self.organization.send(self.organization.operator, calls.remove_judge(number))
+            self.organization.send(self.organization.operator, calls.allow_kind(KIND, oracles, PROOF))
+            for task_id in self._tasks(TaskState.RULED):
+                if client.attempt_of(task_id).kind_id == number:
+                    self.organization.send(self.organization.operator, client.calls.conclude(task_id))
         for service_id in self._shuffled(client.service_count()):
             service = client.service(service_id)
             if service.state is ServiceState.SUSPENDED and service.bond >= service.penalty:
@@ -296,11 +345,21 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     places = {service.place: i for i, service in services.items() if service.place}
     assert [places[place] for place in sorted(places)] == state.waiting
 
+    def set_aside(service_id: int) -> int:
+        ruled = [one for one in state.tasks if state.tasks[one].state is TaskState.RULED]
+        return sum(client.standing(one).penalty for one in ruled if client.task(one).service_id == service_id)
+
+    assert {key[0] for key in state.set_aside} == {i for i in services if set_aside(i)}
+    for task_id in state.tasks:
+        standing = client.standing(task_id)
+        assert (state.standing.get(task_id) or replace(standing, until=0)) == standing, task_id
+
     index = indexed(life, logs, time_s)
     for i, service in services.items():
         row = index.service(i)
         assert row is not None
         assert (row["place"], row["state"]) == (service.place, service.state.name.lower()), i
+        assert (row["bond"], row["set_aside"]) == (service.bond, set_aside(i)), i
         provider = index.providers()[service.provider]
         assert provider["failures"] == service.failures, i
         work = Work(provider["done"], provider["failed"], provider["day"])
@@ -316,20 +375,21 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     named = {kind: ["0x" + one.hex() for one in rules] for kind, rules in state.rules.items()}
     assert {kind: index.rules(kind) for kind in named} == named
     seated = {row["key"]: (row["owner"], row["seat"]) for row in index.judges()}
-    assert seated == {key: (judge.owner, judge.seat) for key, judge in state.judges.items()}
+    assert seated == {key: (seat.owner, seat.number) for key, seat in state.seats.items()}
     (voted_on,) = [row for row in index.all_kinds() if row["votes"]]
     assert [voted_on[name] for name in ("kind", "votes", "panel", "rotation_s", "seats")] == (
         [KIND, 2, 2, 60, [0, 1]]
     )
     index.close()
 
-    assert {key: client.judge(key) for key in JUDGES if client.judge(key)} == state.judges
-    assert state.judges.keys() == {JUDGES[0], JUDGES[2]} and client.quorum(KIND) == state.quorums[KIND]
+    assert {key: client.seat(key) for key in JUDGES if client.seat(key)} == state.seats
+    assert state.seats.keys() == {JUDGES[0], JUDGES[2]} and client.quorum(KIND) == state.quorums[KIND]
     for address, device in state.devices.items():
         assert client.device(address) == device
     assert state.roots == {(DEVICE, 0): REPORT} and client.root(DEVICE, 0) == REPORT
     for kind, rules in state.kinds.items():
-        assert client.kind(kind) == rules
+        assert replace(client.kind(kind), judges_window=0, max_case=0) == rules
+        assert client.judge_numbered(rules.number) == state.judges_of[rules.number]
         assert client.current_rules(kind) == state.rules.get(kind, [])
     assert client.terms() == state.terms
     assert client.members_only() == state.members_only
@@ -340,7 +400,7 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert state.payouts == {robot: robot, operator: robot}
     suspended = {one for one in (DEVICE, JUDGES[0], robot) if client.is_suspended(one)}
     assert suspended == state.suspended_providers == {JUDGES[0]}
-    assert client.policy() == state.policy
+    assert (client.policy(), client.auditors()) == (state.policy, state.auditors)
     budgets = {role: client.budget(role) for role in (Role.OPERATOR, Role.TREASURER)}
     assert {role: (one.amount, one.period) for role, one in budgets.items()} == state.budgets
     assert client.paused_until() == state.paused_until >= GENESIS_S
@@ -350,10 +410,11 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
 
     for account in accounts:
         assert client.balance(account) == state.balances.get(account, 0), account
-    live = (TaskState.OPEN, TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
+    live = (TaskState.OPEN, *LIVE)
     escrow = sum(task.reward for task in state.tasks.values() if task.state in live)
-    bonds = sum(service.bond for service in state.services.values())
+    bonds = sum(service.bond for service in state.services.values()) + sum(state.set_aside.values())
     assert state.balances[client.task_manager] == escrow + bonds + sum(state.owed.values())
     # A life in which nothing happened would prove nothing.
-    assert any(isinstance(log.event, events.AuditRequested) for log in logs)
+    happened = {type(log.event) for log in logs}
+    assert happened >= {events.PassedOn, events.PenaltyReturned, events.ServiceAgreed, events.JudgeRemoved}
     assert any(service.completed + service.rejected + service.expired for service in services.values())

@@ -51,7 +51,7 @@ def test_what_is_no_act_is_an_error(text: str) -> None:
 
 
 class Chain:
-    """Events as the index tells them, with the reports that verdicts name."""
+    """Events as the index tells them, with the reports that rulings name."""
 
     def __init__(self, kind: str = "waste_disposal") -> None:
         self.acts = ConsumedActs()
@@ -73,26 +73,46 @@ class Chain:
             self.event("TaskRegistered", task_id, kind=self.kind)
         return self.event("ProofSubmitted", task_id, attempt=attempt, executor=executor)
 
-    def accepted(
-        self, task_id: int, *acts: str, attempt: int = 1, read: bool = True, verdict: str = "accepted"
+    def ruled(
+        self,
+        task_id: int,
+        *acts: str,
+        ruling: str = "accepted",
+        attempt: int = 1,
+        read: bool = True,
+        passed_on: bool = False,
     ) -> DaoEvent:
-        sha256 = f"0x{task_id:062x}{attempt:02x}"
+        """A ruling that stands, with a report that lists `acts`."""
+        sha256 = f"0x{len(self._reports):056x}{task_id:06x}{attempt:02x}"
         self._reports[sha256] = list(acts)
         if read:
             self.acts.read(sha256, acts)
-        return self.event(
-            "VerdictPosted",
+        self.event(
+            "Reported",
             task_id,
             attempt=attempt,
-            verdict=verdict,
             report_hash=sha256,
             report_uri=f"{STORE}/{sha256[2:]}.json",
         )
+        if passed_on:
+            self.event("PassedOn", task_id, attempt=attempt)
+        return self.event("Ruled", task_id, attempt=attempt, ruling=ruling, report=sha256)
 
-    def rejected(self, task_id: int) -> DaoEvent:
-        return self.event(
-            "VerdictPosted", task_id, attempt=1, verdict="rejected", report_hash="0x00", report_uri=""
-        )
+    def passed_on(self, task_id: int, *acts: str) -> None:
+        self.ruled(task_id, *acts, ruling="void", passed_on=True)
+
+    def accepted(self, task_id: int, *acts: str, attempt: int = 1) -> DaoEvent:
+        """Accepted, and concluded."""
+        self.ruled(task_id, *acts, attempt=attempt)
+        return self.event("TaskSettled", task_id)
+
+    def rejected(self, task_id: int) -> None:
+        self.ruled(task_id, ruling="rejected")
+        self.event("TaskRequeued", task_id)
+
+    def silent(self, task_id: int) -> None:
+        """Nobody ruled in the verdict window."""
+        self.event("Ruled", task_id, attempt=1, ruling="void", report="0x" + "00" * 32)
 
     def undone(self, event: DaoEvent) -> None:
         assert event.task_id is not None
@@ -115,13 +135,13 @@ def chain() -> Chain:
 
 
 def spent_by(acts: ConsumedActs, task_id: int, *claimed: str) -> int | None:
-    """Task whose accepted verdict consumed one of these."""
+    """Task whose proof was paid for one of these, or claims it."""
     found = acts.spent(task_id, 1, claimed)
     assert not isinstance(found, Wait), found
     return found.by.task_id if found else None
 
 
-def test_an_act_of_an_accepted_verdict_is_spent(chain: Chain) -> None:
+def test_an_act_of_an_accepted_proof_is_spent(chain: Chain) -> None:
     chain.submitted(1)
     chain.accepted(1, "mocap/item3/120-180", DROP)
     chain.submitted(2)
@@ -133,7 +153,6 @@ def test_an_act_of_an_accepted_verdict_is_spent(chain: Chain) -> None:
 def test_what_was_spent_is_known_after_a_restart(chain: Chain) -> None:
     chain.submitted(1)
     chain.accepted(1, DROP)
-    chain.event("TaskSettled", 1)
     chain.submitted(2)
     assert spent_by(chain.rebuilt(), 2, DROP) == 1
 
@@ -166,11 +185,12 @@ def test_an_earlier_attempt_at_the_same_task_counts_like_any_other(chain: Chain)
 
 def test_while_the_report_of_an_accepted_verdict_is_missing_nothing_counts_as_unspent(chain: Chain) -> None:
     chain.submitted(1)
-    verdict = chain.accepted(1, DROP, read=False)
+    ruled = chain.ruled(1, DROP, read=False)
+    chain.event("TaskSettled", 1)
     chain.submitted(2)
     assert isinstance(chain.acts.spent(2, 1, ["bin/itrash/drop/8"]), Wait)
     assert [one.task_id for one in chain.acts.unread()] == [1]
-    chain.acts.read(verdict.args["report_hash"], [DROP])
+    chain.acts.read(ruled.args["report"], [DROP])
     assert spent_by(chain.acts, 2, DROP) == 1
 
 
@@ -261,14 +281,28 @@ def test_an_act_that_a_later_submission_was_paid_for_is_told_apart(chain: Chain)
     assert not found.earlier
 
 
-def test_a_verdict_that_was_taken_off_the_chain_consumed_nothing(chain: Chain) -> None:
+def test_a_ruling_that_was_taken_off_the_chain_consumed_nothing(chain: Chain) -> None:
     chain.submitted(1)
-    verdict = chain.accepted(1, DROP)
+    ruled = chain.ruled(1, DROP)
+    settled = chain.event("TaskSettled", 1)
     chain.submitted(2)
-    chain.undone(verdict)
+    chain.undone(settled)
+    chain.undone(ruled)
     assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
     chain.rejected(1)
     assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_after_a_reorganization_whoever_is_accepted_first_is_paid(chain: Chain) -> None:
+    """Its executor cannot have the claim that the other proof waited for forgotten."""
+    chain.submitted(1, executor="one")
+    ruled = chain.ruled(1, DROP)
+    chain.submitted(2, executor="the other")
+    chain.undone(ruled)
+    chain.accepted(2, DROP)
+    assert spent_by(chain.acts, 1, DROP) == 2
+    chain.ruled(1, ruling="rejected")
+    assert spent_by(chain.rebuilt(), 1, DROP) == 2
 
 
 def test_a_submission_that_was_taken_off_the_chain_is_waited_for_no_longer(chain: Chain) -> None:
@@ -278,39 +312,115 @@ def test_a_submission_that_was_taken_off_the_chain_is_waited_for_no_longer(chain
     assert spent_by(chain.acts, 2, DROP) is None
 
 
-def test_what_auditors_decide_on_is_not_claimed_again_by_the_same_executor(chain: Chain) -> None:
+@pytest.mark.parametrize(
+    ("ruling", "said"),
+    [
+        ("accepted", "was accepted in"),
+        ("rejected", "has a ruling that may be replaced in"),
+        ("void", "is with auditors in"),
+    ],
+)
+def test_an_executor_claims_nothing_again_that_one_of_its_rulings_may_pay_for(
+    chain: Chain, ruling: str, said: str
+) -> None:
+    """Two tasks, one challenged, one concluded: also where the judges of the challenge accept it."""
     chain.submitted(1)
-    chain.accepted(1, DROP, verdict="undecided")
+    chain.ruled(1, DROP, ruling=ruling, passed_on=ruling == "void")
     chain.submitted(2)
     found = chain.acts.spent(2, 1, [DROP])
     assert isinstance(found, Spent)
     check = acts_unspent([DROP], found)
     assert check.passed is False
     assert check.fault is None
-    assert "is with auditors in task 1 attempt 1" in check.detail
+    assert f"{said} task 1 attempt 1" in check.detail
     assert spent_by(chain.rebuilt(), 2, DROP) == 1
+    assert spent_by(chain.acts, 2, "bin/itrash/drop/8") is None
 
 
-def test_both_submitted_at_once_the_later_waits_until_the_earlier_is_undecided(chain: Chain) -> None:
+def test_both_submitted_at_once_the_later_waits_until_the_earlier_is_passed_on(chain: Chain) -> None:
     chain.submitted(1)
     chain.submitted(2)
     chain.acts.judged(1, 1, [DROP])
     assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
-    chain.accepted(1, DROP, verdict="undecided")
+    chain.passed_on(1, DROP)
     assert spent_by(chain.acts, 2, DROP) == 1
 
 
-def test_somebody_elses_undecided_claim_takes_nothing_from_who_proves_it(chain: Chain) -> None:
+@pytest.mark.parametrize("ruling", ["rejected", "given_up", "impossible", "void"])
+def test_somebody_elses_claim_that_was_not_accepted_takes_nothing_from_who_proves_it(
+    chain: Chain, ruling: str
+) -> None:
     chain.submitted(1, executor="a thief")
-    chain.accepted(1, DROP, verdict="undecided")
+    chain.ruled(1, DROP, ruling=ruling)
     chain.submitted(2)
     assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_somebody_elses_claim_that_was_accepted_is_waited_for_until_it_is_concluded(chain: Chain) -> None:
+    chain.submitted(1, executor="a thief")
+    chain.ruled(1, DROP)
+    chain.submitted(2)
+    wait = chain.acts.spent(2, 1, [DROP])
+    assert isinstance(wait, Wait) and wait.on.task_id == 1
+    # Nobody is rejected for what is not decided: who is due is for people to decide.
+    found = chain.acts.spent(2, 1, [DROP], due=True)
+    assert isinstance(found, Spent)
+    assert acts_unspent([DROP], found).fault == "another executor, whose claim may still be rejected"
+    chain.event("TaskSettled", 1)
+    settled = chain.acts.spent(2, 1, [DROP])
+    assert isinstance(settled, Spent) and acts_unspent([DROP], settled).fault is None
+
+
+@pytest.mark.parametrize("ruling", ["rejected", "given_up", "impossible", "void"])
+def test_an_acceptance_that_was_replaced_frees_what_it_claimed(chain: Chain, ruling: str) -> None:
+    chain.submitted(1, executor="a thief")
+    chain.ruled(1, DROP)
+    chain.ruled(1, ruling=ruling)
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_what_judges_of_a_challenge_accept_is_claimed_as_the_first_report_says(chain: Chain) -> None:
+    chain.submitted(1, executor="one")
+    rejected = chain.ruled(1, DROP, ruling="rejected")
+    chain.event("Ruled", 1, attempt=1, ruling="accepted", report=rejected.args["report"])
+    chain.event("TaskSettled", 1)
+    chain.submitted(2)
+    assert spent_by(chain.rebuilt(), 2, DROP) == 1
+
+
+def test_an_impossible_task_settles_and_spends_nothing(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.ruled(1, DROP, ruling="impossible")
+    chain.event("TaskSettled", 1)
+    chain.submitted(2)
+    assert spent_by(chain.rebuilt(), 2, DROP) is None
+
+
+def test_what_nobody_judged_in_time_may_be_judged_until_its_case_ends(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.silent(1)
+    assert [one.task_id for one in chain.acts.waiting()] == [1]
+    chain.submitted(2)
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    chain.event("TaskFailed", 1)
+    assert [one.task_id for one in chain.acts.waiting()] == [2]
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_what_a_judge_accepted_that_was_removed_is_free_for_others(chain: Chain) -> None:
+    chain.submitted(1, executor="a thief")
+    chain.ruled(1, DROP)
+    chain.silent(1)
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+    assert [one.task_id for one in chain.acts.waiting()] == [2]
 
 
 @pytest.mark.parametrize("end", ["TaskRequeued", "TaskFailed"])
 def test_what_auditors_refused_may_be_claimed(chain: Chain, end: str) -> None:
     chain.submitted(1)
-    chain.accepted(1, DROP, verdict="undecided")
+    chain.passed_on(1, DROP)
     chain.event(end, 1)
     chain.submitted(2)
     assert spent_by(chain.acts, 2, DROP) is None

@@ -13,14 +13,13 @@ from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.evidence.recorder import Recorder
 from rodeo.kinds import kinds_of
-from rodeo.queries import KindRules, Organization
 from rodeo.topics import EVENT_CHANNEL
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
-from rodeo_testing import answers
 from rodeo_testing.assignments import BINDING
 from rodeo_testing.recordings import Sample, Take
 from services.oracle.process import is_ours
 from tests.support.site import LAB
+from tests.support.tasks import task
 from tests.unit.person.test_statement import JPEG, by_another_program
 
 
@@ -36,20 +35,15 @@ def check(report: Report, name: str) -> Check:
 KINDS = kinds_of(Site.load(LAB))
 
 
-def judged(review: str, *kinds: str) -> list[KindRules]:
-    who = {"audited": kinds} if review == "auditor" else {"measured": kinds}
-    return Organization.model_validate(answers.organization(**who)).kinds
-
-
 def test_a_kind_without_checks_of_its_own_is_never_the_oracles_whatever_the_rules_say() -> None:
-    rules = judged("oracle", "wheel_cleaning", "waste_disposal")
-    assert is_ours(KINDS, "waste_disposal", rules)
-    assert not is_ours(KINDS, "wheel_cleaning", rules)
+    assert is_ours(KINDS, task("submitted", judge="oracle"))
+    assert not is_ours(KINDS, task("submitted", judge="oracle", kind="wheel_cleaning"))
 
 
-def test_a_kind_that_the_rules_leave_to_auditors_is_not_the_oracles() -> None:
-    assert not is_ours(KINDS, "waste_disposal", judged("auditor", "waste_disposal"))
-    assert not is_ours(KINDS, "waste_disposal", [])
+@pytest.mark.parametrize("judge", ["auditor", "none", "0x" + "11" * 20])
+def test_a_task_that_others_judge_is_not_the_oracles(judge: str) -> None:
+    assert not is_ours(KINDS, task("submitted", judge=judge))
+    assert not is_ours(KINDS, task("submitted", judge="oracle", judge_removed=True))
 
 
 def test_a_good_statement_is_left_to_people_and_never_accepted(site: Site, tmp_path: Path) -> None:

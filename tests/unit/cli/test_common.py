@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, QueryTimeout
+from rodeo.signed_requests import AbandonTask, AcceptTask, CancelTask, SubmitProof
 from rodeo_cli import app, common
 from rodeo_cli.common import send_command, write_file
 from rodeo_testing.waiting import HANG_S, wait_until
@@ -39,14 +41,27 @@ def test_what_is_no_signed_task_cannot_be_revoked(tmp_path: Path, typed: dict[st
     assert done.exit_code == 1 and done.output.startswith("invalid_request: "), done.output
 
 
-@pytest.mark.parametrize("signed", ["CancelTask", "SubmitProof"])
-def test_who_revokes_a_signed_cancellation_or_proof_is_told_that_it_stays_valid(
-    tmp_path: Path, signed: str
-) -> None:
+def test_whatever_was_signed_can_be_revoked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = list[Any]()
+    monkeypatch.setattr("rodeo_cli.tasks.connected", lambda _site: nullcontext((None, None)))
+    monkeypatch.setattr(
+        "rodeo_cli.tasks.send_command", lambda *told, **fields: sent.append((told[2:], fields))
+    )
+    address = "0x" + "Ab" * 20
+    signed = [
+        CancelTask(creator=address, task_id=7, nonce=1, deadline=9),
+        AcceptTask(executor=address, task_id=7, attempt=1, nonce=2, deadline=9),
+        AbandonTask(executor=address, task_id=7, attempt=1, nonce=3, deadline=9),
+        SubmitProof(
+            executor=address, task_id=7, attempt=1, proof_hash="0x" + "0f" * 32, uri="", nonce=4, deadline=9
+        ),
+    ]
     file = tmp_path / "signed.json"
-    file.write_text(json.dumps({"request": {"typed_data": {"primaryType": signed}}}))
-    done = CliRunner().invoke(app, ["task", "revoke", str(file), "--as", "alice"])
-    assert done.exit_code == 1 and "stays valid until its deadline" in " ".join(done.output.split())
+    for one in signed:
+        file.write_text(json.dumps({"request": {"typed_data": one.typed_data({})}}))
+        done = CliRunner().invoke(app, ["task", "revoke", str(file), "--as", "alice"])
+        assert done.exit_code == 0, done.output
+    assert sent == [(("alice", "revoke_request"), {"nonce": nonce}) for nonce in (1, 2, 3, 4)]
 
 
 class SlowBridge:

@@ -53,12 +53,12 @@ def told(model: type[BaseModel], data: dict[str, Any], command: Callable[..., An
             tasks.create,
             ["KIND: ", "--reward: enter an amount of IEC", "--max-attempts: "],
         ),
-        (messages.AllowKind, {"kind": "sweeping"}, organization.kind, ["--review is needed"]),
+        (messages.AllowKind, {"kind": "sweeping"}, organization.kind, ["--judge is needed"]),
         (
             messages.AllowKind,
-            {"kind": "sweeping", "review": "auditor", "audit_window_s": 60},
+            {"kind": "sweeping", "judge": "auditor", "min_verdict_window_s": 60},
             organization.kind,
-            ["--audit-window and --at-silence go together"],
+            ["--min-verdict-window and --max-verdict-window go together"],
         ),
         (messages.SetTerms, {"bond_iec": "-5"}, organization.terms, ["--bond: "]),
         (messages.Deposit, {"amount_iec": "0"}, organization.deposit, ["AMOUNT: "]),
@@ -165,7 +165,7 @@ def test_a_robots_state_is_told_in_words() -> None:
 
 def test_a_challenge_needs_a_reason() -> None:
     data = {"task_id": 1, "reason": " "}
-    assert "--reason: give a reason" in told(messages.ChallengeVerdict, data, disputes.challenge)
+    assert "--reason: give a reason" in told(messages.Challenge, data, disputes.challenge)
 
 
 def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:
@@ -183,29 +183,25 @@ def test_a_report_on_who_or_what_nobody_knows_is_refused() -> None:
     assert refused.value.details == {"participant": ["panter1"], "known": ["organization", "panther1"]}
 
 
-def test_a_task_says_which_verdict_stands_and_how_long_it_can_be_challenged() -> None:
-    vote = {
-        "task_id": 12,
-        "attempt": 1,
-        **{f"{name}_sha256": "0x" + "a" * 64 for name in ("proof", "report", "rules")},
-        "outcome": "rejected",
-        "amount_iec": "0",
-        "reason": "nothing was lifted",
-    }
-    dispute = {"instance": 0, "vote": vote, "report_uri": "", "until": 3600.0}
-    stands = messages.Dispute.model_validate(dispute)
-    challenged = messages.Dispute.model_validate({**dispute, "challenger": "0x1"})
-    waits = whole_task("submitted").model_copy(update={"verdict_deadline": 7200.0})
+def test_a_task_says_which_ruling_stands_and_how_long_it_can_be_challenged() -> None:
+    standing = messages.Standing(ruling="rejected", until=3600.0)
+    stands = messages.Dispute(instance=0, until=3600.0)
+    challenged = messages.Dispute(instance=0, until=3600.0, challenger="0x1", because="it lies there")
+    waits = whole_task("ruled").model_copy(
+        update={"verdict_deadline": 7200.0, "standing": standing, "reason": "nothing was lifted"}
+    )
     one = waits.model_copy(update={"dispute": stands})
     said = dict(tasks._told(one, Site.load(LAB)))
-    assert said["stands"] == "rejected" and said["challenge"] == "until 1970-01-01 01:00:00 (simulated time)"
+    until = "1970-01-01 01:00:00 (simulated time)"
+    assert said["stands"] == f"rejected: nothing was lifted; it can be challenged until {until}"
     assert not said["due by"] and running_out_s(one) == 3600
+    assert said["stands"] in "\n".join(listed(one, width=500))
     one = waits.model_copy(update={"dispute": challenged})
     said = dict(tasks._told(one, Site.load(LAB)))
-    assert said["stands"] == "rejected; it is challenged" and "01:00:00" in said["decision"]
+    assert "challenged: it lies there" in said["stands"] and until in said["stands"]
     plain = one.model_copy(update={"proof_uri": "file:///store/aa.mcap"})
     said = dict(disputes._told(Site.load(LAB), plain, challenged))
-    assert said["replay"] == "rodeo verify /store/aa.mcap"
+    assert said["replay"] == "rodeo verify /store/aa.mcap" and said["report"] == "no report"
     hostile = one.model_copy(update={"proof_uri": "file:///store/aa.mcap; reboot"})
     said = dict(disputes._told(Site.load(LAB), hostile, challenged))
     assert said["replay"] == "rodeo verify '/store/aa.mcap; reboot'", "one argument of a shell's command"
@@ -235,7 +231,10 @@ def task(**changes: Any) -> messages.Task:
 
 def listed(*several: messages.Task, width: int = 80) -> list[str]:
     columns = ("id", "kind", "state", "try", "creator", "executor", "reward", "paid")
-    return [line.plain for line in lines(columns, [tasks._task_row(t) for t in several], width, (1, 4, 5))]
+    return [
+        line.plain
+        for line in lines(columns, [tasks._task_row(t, Site.load(LAB)) for t in several], width, (1, 4, 5))
+    ]
 
 
 def test_kinds_and_names_are_whole_in_eighty_columns_and_a_failure_has_its_reason() -> None:

@@ -39,7 +39,7 @@ def test_a_listing_says_which_kinds_the_site_uses_and_has_those_that_it_declares
     path.write_text(
         f"extends = {json.dumps(str(LAB))}\n"
         '[[kinds]]\nname = "waste_disposal"\n'
-        '[[kinds]]\nname = "water_plants"\ntitle = "Water the plants"\nreview = "auditor"\n'
+        '[[kinds]]\nname = "water_plants"\ntitle = "Water the plants"\njudge = "auditor"\n'
         "[agent]\nmaintenance = []\n"
     )
     found = entries(path)

@@ -22,7 +22,7 @@ from rodeo.config import Site
 from rodeo.errors import RemoteError
 from rodeo.messages import Status
 from rodeo.processes import processes_of
-from rodeo_cli import app, budget_votes, common, organization, proposals, robot, tasks
+from rodeo_cli import app, budget_votes, common, organization, people, proposals, robot, tasks
 from rodeo_cli import site as site_commands
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
@@ -37,7 +37,8 @@ ACTS = {
     "rodeo site prepare", "rodeo kind new", "rodeo bin correct",
     "rodeo task accept", "rodeo task abandon", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
     "rodeo task revoke", "rodeo task allow-payments",
-    "rodeo task dispute challenge", "rodeo task dispute vote",
+    "rodeo task dispute challenge", "rodeo task dispute vote", "rodeo task dispute settle",
+    "rodeo task conclude", "rodeo service agree",
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
     "rodeo service withdraw", "rodeo service payout",
     "rodeo console create-admin", "rodeo console create", "rodeo console passphrase", "rodeo console token",
@@ -48,14 +49,14 @@ ACTS = {
         "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
         "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
-        "seat", "unseat", "quorum",
+        "seat", "unseat", "quorum", "remove-judge", "sign-seat",
         "deposit-stake", "announce-withdrawal", "withdraw-stake", "vote-budget", "pay-budget",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
-        "price", "judge-key", "seat", "unseat", "quorum", "hand-over", "delay", "budget-vote",
+        "price", "judge-key", "remove-judge", "seat", "unseat", "quorum", "hand-over", "delay", "budget-vote",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""
@@ -68,17 +69,20 @@ TASK: dict[str, Any] = {
     "executor_name": None, "reward_iec": "100", "paid_iec": "0", "refunded_iec": "100", "price_iec": None,
     "accepted": None, "verdict": "rejected", "reason": "the item does not rise in the gripper, " * 6,
     "description": DESCRIPTION,
-    "params": {}, "execution_deadline": None, "verdict_deadline": None, "audit_deadline": None,
+    "params": {}, "execution_deadline": None, "verdict_deadline": None, "case_end": None,
+    "fault": None, "standing": None, "passed_on": False, "judge": "auditor", "judge_removed": False,
     "service_id": None, "requested_service_id": None, "requested_provider": None,
     "requested_provider_name": None,
     "registered": 1.0, "assigned": None, "proof_submitted": None, "settled": None,
-    "execution_window_s": 60, "verdict_window_s": 60, "at_silence": None, "proof_sha256": None,
+    "execution_window_s": 60, "verdict_window_s": 60, "proof_sha256": None,
     "rules_sha256": None,
     "proof_uri": None, "report_sha256": None, "report_uri": None, "nonce": None, "dispute": None,
 }  # fmt: skip
 OFFER = {
     "id": 1, "kind": "waste_disposal", "provider": ALICE, "provider_name": "alice", "price_iec": "5",
-    "state": "active", "description": "", "auto_accept": True, "task_id": None, "completed": 0, "rejected": 0,
+    "state": "active", "description": "", "auto_accept": True, "task_id": None, "agrees": True,
+    "set_aside_iec": "0",
+    "completed": 0, "rejected": 0,
     "expired": 0,
     "bond_iec": "0", "penalty_iec": "0", "max_failures": 0, "failures": 0, "asleep_until": None, "place": 1,
     "reputation": 32,
@@ -218,8 +222,39 @@ def test_a_long_name_a_long_reason_and_a_long_description_stay_on_their_lines(
 ) -> None:
     header, row, reason, total = CliRunner().invoke(app, ["task", "list"]).stdout.splitlines()
     assert header.split()[0] == "id" and TASK["creator_name"] in row
-    assert reason.strip() == TASK["reason"].strip() and total == "1 of 1 task"
+    assert reason.strip() == f"rejected: {TASK['reason']}".strip() and total == "1 of 1 task"
     assert DESCRIPTION in CliRunner().invoke(app, ["task", "show", "12"]).stdout
+
+
+def test_a_service_that_has_not_agreed_to_the_judge_says_what_to_do(
+    answered: dict[str, dict[str, Any]],
+) -> None:
+    offer = OFFER | {"agrees": False, "set_aside_iec": "2"}
+    answered["services"] = {"services": [offer], "total": 1}
+    said = CliRunner().invoke(app, ["service", "list"]).stdout
+    assert "`rodeo service agree 1`" in said and "2 IEC of its bond are set aside" in said
+
+
+@pytest.mark.parametrize(
+    ("given", "ruling", "fault"),
+    [
+        (["--accept"], "accepted", "nobody"),
+        (["--given-up"], "given_up", "nobody"),
+        (["--void", "creator"], "void", "creator"),
+    ],
+)
+def test_an_auditor_gives_one_ruling(
+    monkeypatch: pytest.MonkeyPatch, answered: Any, given: list[str], ruling: str, fault: str
+) -> None:
+    ruled: list[Any] = []
+    monkeypatch.setattr(people, "connected", tasks.connected)
+    monkeypatch.setattr("rodeo.person.statement.judge", lambda *told: ruled.append(told[2:]))
+    command = ["task", "judge", "12", "--reason", "so it is"]
+    assert "give one ruling" in CliRunner().invoke(app, [*command, *given, "--impossible"]).output
+    assert "whose doing" in CliRunner().invoke(app, [*command, "--void", "me"]).output
+    assert ruled == []
+    done = CliRunner().invoke(app, [*command, *given])
+    assert ruled == [(12, ruling, "so it is", None, fault)], done.output
 
 
 @pytest.mark.parametrize(("named", "shown"), [(None, []), (7, [["named", "service", "7"]])])

@@ -10,12 +10,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from eth_account import Account
 from typer.testing import CliRunner
 
 from rodeo.checks.rules import rules_hash
 from rodeo.config import Site
 from rodeo.kinds import kinds_of, load
+from rodeo.votes import possession
 from rodeo_cli import app, organization
+from rodeo_testing import answers
 from tests.support.site import LAB
 
 OTHER = "0x" + "ab" * 32
@@ -40,7 +43,7 @@ def test_a_kind_is_announced_with_the_networks_and_rates_of_the_site_file(
     sent: dict[str, Any] = {}
     monkeypatch.setattr(organization, "send", lambda *_args, **fields: sent.update(fields))
     done = CliRunner().invoke(
-        app, ["organization", "kind", name, "--review", "oracle", "--site", str(listing)]
+        app, ["organization", "kind", name, "--judge", "oracle", "--site", str(listing)]
     )
     assert done.exit_code == 0, done.output
     assert sent["rules_sha256"] == rules_hash(kinds_of(Site.load(listing))[name])
@@ -52,11 +55,11 @@ def test_the_rules_of_the_site_file_are_the_installed_ones(
 ) -> None:
     name = "waste_disposal"
     own, as_it_comes = rules_hash(kinds_of(Site.load(listing))[name]), rules_hash(load(name))
-    answers = {
+    told = {
         "ORGANIZATION": SimpleNamespace(kinds=[SimpleNamespace(kind=name, rules_sha256=[as_it_comes, own])]),
         "TASKS": SimpleNamespace(tasks=[], total=0),
     }
-    asked = {getattr(organization.queries, what): answer for what, answer in answers.items()}
+    asked = {getattr(organization.queries, what): answer for what, answer in told.items()}
 
     @contextmanager
     def running(path: Path) -> Iterator[tuple[Site, Any]]:
@@ -68,3 +71,49 @@ def test_the_rules_of_the_site_file_are_the_installed_ones(
     assert done.exit_code == 0, done.output
     listed = {one["rules_sha256"]: one["installed"] for one in json.loads(done.stdout)["rules"]}
     assert listed == {own: True, as_it_comes: False}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"judge": "auditor"}, "judged by an auditor"),
+        ({"judge": "oracle", "removed": True}, "its judge was removed"),
+        ({"judge": OTHER[:42]}, f"judged by the contract {OTHER[:42]}"),
+        (
+            {"judge": "oracle", "audit_window_s": 3600},
+            "the oracle; 1 h 0 min more for auditors, where the judge",
+        ),
+        ({"judge": "oracle", "allowed": False}, "not accepted"),
+    ],
+)
+def test_a_kind_says_who_judges_it(changes: dict[str, Any], says: str) -> None:
+    kind = {"kind": "x", "allowed": True, "min_window_s": 0, "audit_window_s": 0} | changes
+    assert says in organization._kind_in_words(organization.queries.KindRules.model_validate(kind))
+
+
+def test_void_attempts_are_counted_by_whose_doing_they_were() -> None:
+    assert organization.voids_in_words({"nobody": 2, "creator": 1, "oracle": 0}) == (
+        "2 nobody's doing, 1 the creator's doing"
+    )
+    assert organization.voids_in_words({}) == ""
+
+
+def test_a_judge_signs_that_it_sits_for_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+    key, owner = Account.create(), "0x" + "cd" * 20
+    asked = {
+        organization.queries.CHAIN: answers.chain(),
+        organization.queries.PARTICIPANTS: {"participants": []},
+    }
+
+    @contextmanager
+    def connected(_site: Path) -> Iterator[tuple[Site, None]]:
+        yield Site.load(LAB), None
+
+    monkeypatch.setattr(organization, "connected", connected)
+    monkeypatch.setattr("rodeo.keystores.open_key", lambda *_: key)
+    monkeypatch.setattr(
+        organization.queries, "ask", lambda _bus, _org, query, **_: query.answer.model_validate(asked[query])
+    )
+    done = CliRunner().invoke(app, ["organization", "sign-seat", "anna", "--owner", owner])
+    r, vs = possession(key, owner, answers.chain()["chain_id"], answers.CONTRACTS["OracleCommittee"])
+    assert done.stdout.strip() == "0x" + (r + vs).hex(), done.output

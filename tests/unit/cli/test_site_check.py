@@ -59,19 +59,19 @@ def test_the_lab_that_comes_along_is_a_good_site() -> None:
 BINS = '[[bins]]\nname = "{}"\npose = {{ x_m = 5.2, y_m = 4.45, yaw_rad = -1.5708 }}\nhttp_port = {}\n'
 WRONG = [
     (
-        '[governance]\nkind = "vote"\nmembers = ["panther1"]\ndelay_s = 0\n',
+        '[governance]\nkind = "vote"\nmembers = ["panther1", "alice", "bob"]\ndelay_s = 0\n',
         6,
         "governance.delay_s: decisions by vote take effect after a delay: set more than 0",
     ),
     (
-        '[governance]\nkind = "vote"\nmembers = ["panther2"]\ndelay_s = 9\n',
+        '[governance]\nkind = "vote"\nmembers = ["panther2", "alice", "bob"]\ndelay_s = 9\n',
         5,
         'governance.members.0: nobody on this site is called panther2; is "panther1" meant?',
     ),
     (
-        '[governance]\nkind = "vote"\ndelay_s = 9\nmembers = []\n',
+        '[governance]\nkind = "vote"\ndelay_s = 9\nmembers = ["panther1", "organization", "panther1"]\n',
         6,
-        "governance.members: nobody could decide: name the members who vote",
+        "governance.members: 2 members cannot decide by vote: name at least 3",
     ),
     (
         item(x_m=14.6),
@@ -224,7 +224,7 @@ doors = [{ wall = "north", at_m = 0.9 }]
 
 def test_robots_and_docks_need_a_kind_that_provides_energy(said: Said) -> None:
     """Also where the file forgets that its list replaces the one of the file that it extends."""
-    wheels = '[[kinds]]\nname = "wheel_cleaning"\nreview = "auditor"\n'
+    wheels = '[[kinds]]\nname = "wheel_cleaning"\njudge = "auditor"\n'
     (found,) = said(wheels)
     assert "no kind provides energy, which robots and docks need" in found and "battery_charging" in found
     assert said(wheels + '[[kinds]]\nname = "battery_charging"\n') == []
@@ -255,6 +255,14 @@ DOUBTFUL = [
         3,
         "clock.idle_speed: the clock may jump over a person's whole window before the simulator hears of the "
         'task: list "bridge" in clock.holders, too',
+    ),
+    (
+        "".join(f'[[oracles]]\nname = "{name}"\n' for name in ("anna", "bert", "carl"))
+        + '[[participants]]\nname = "dora"\n[[participants]]\nname = "erin"\n[[participants]]\nname = "fay"\n'
+        + '[disputes]\njudges = ["dora", "erin", "fay"]\nvotes = 3\njudge_stake_iec = 19\n',
+        18,
+        "disputes.judge_stake_iec: a stake of 19 IEC covers 190 IEC of accepted work, and one "
+        "battery_charging costs 200 IEC: no vote for it would count",
     ),
     (item(x_m=6.98), 7, "items.0.pose: item1 reaches into a wall"),
     (item() + item("item2", x_m=4.63), 12, "items.1.pose: item2 overlaps item1"),

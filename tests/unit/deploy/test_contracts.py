@@ -9,10 +9,8 @@ import pytest
 
 from deploy.contracts import _told
 from rodeo import keystores, wallets
-from rodeo.chain.abi import Review, Silence
-from rodeo.config import Site
-from rodeo.kinds import kinds_of
-from tests.support.organization import KIND, Organization, founded
+from rodeo.config import KindConfig, Site
+from tests.support.organization import KIND, founded
 from tests.support.site import write_site
 
 
@@ -31,35 +29,25 @@ def test_a_keystore_that_cannot_be_read_is_passed_over(
     assert _told(site, "panther1") is None
 
 
-def silences(organization: Organization) -> dict[str, tuple[Silence, int]]:
-    """What the chain says: kind that oracles judge -> who wins at silence, auditors' window."""
-    rules = {kind: organization.client.kind(kind) for kind in kinds_of(organization.site)}
-    return {
-        kind: (one.silence, one.audit_window) for kind, one in rules.items() if one.review is Review.ORACLE
-    }
-
-
-def test_silence_pays_nobody_on_a_new_chain_nor_on_one_that_says_otherwise(tmp_path: Path) -> None:
-    with founded(tmp_path) as organization:
-        before = silences(organization)
-        assert {winner for winner, _ in before.values()} == {Silence.CREATOR} and len(before) == 2
-        # As earlier releases have set it, with a window that somebody chose.
-        calls = organization.client.organization_calls
-        organization.send(organization.operator, calls.set_audit(KIND, 3600, Silence.EXECUTOR))
+def test_a_judge_that_was_named_on_chain_stays_unless_it_is_a_machine_for_people(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    people = "tidying"
+    kinds = [*Site.load(write_site(tmp_path)).kinds, KindConfig(name=people, judge="auditor")]
+    with founded(tmp_path, kinds=kinds) as organization:
+        client = organization.client
+        calls, address = client.organization_calls, client.deployment.address
+        judges = {KIND: address("AuditorJudge"), people: address("OracleJudge")}
+        for kind, judge in judges.items():
+            organization.send(organization.operator, calls.allow_kind(kind, judge, bytes(32)))
+        before = {kind: client.kind(kind).number for kind in judges}
+        organization.send(organization.operator, calls.set_audit(KIND, 3600))
         organization.deploy()
-        assert silences(organization) == before | {KIND: (Silence.CREATOR, 3600)}
-        block = organization.client.w3.eth.block_number
+        assert client.kind(KIND).number == before[KIND] and client.kind(KIND).audit_window == 3600
+        assert f"judges {KIND} on chain" in caplog.text
+        # The oracle has no checks for what people do.
+        assert client.kind(people).number > before[people]
+        assert client.judge_numbered(client.kind(people).number) == address("AuditorJudge")
+        block = client.w3.eth.block_number
         organization.deploy()
-        assert organization.client.w3.eth.block_number == block  # nothing is left to say
-
-
-def test_a_site_file_that_pays_the_executor_at_silence_leaves_the_chain_so(tmp_path: Path) -> None:
-    with founded(tmp_path) as organization:
-        calls = organization.client.organization_calls
-        organization.send(organization.operator, calls.set_audit(KIND, 3600, Silence.EXECUTOR))
-        pays = [
-            one.model_copy(update={"at_silence": "executor"}) if one.name == KIND else one
-            for one in organization.site.kinds
-        ]
-        Organization(organization.site.model_copy(update={"kinds": pays})).deploy()
-        assert silences(organization)[KIND] == (Silence.EXECUTOR, 3600)
+        assert client.w3.eth.block_number == block  # nothing is left to say

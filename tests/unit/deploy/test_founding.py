@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from eth_account.signers.local import LocalAccount
+from eth_utils import to_checksum_address
 from web3 import Web3
 from web3.types import TxReceipt
 
@@ -20,7 +21,7 @@ from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ChainUnavailable, ContractReverted
 from rodeo.chain.registry import Registry
 from rodeo.chain.types import Role
-from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, Site
+from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig, Site
 from rodeo.deploying import deployment_under_way
 from rodeo.errors import ConfigError
 from rodeo.kinds import kinds_of
@@ -136,7 +137,7 @@ def test_with_votes_and_disputes_no_transaction_has_more_gas_than_one_may_have(
     monkeypatch.setattr(transactions, "send", note)
     full = site.model_copy(
         update={
-            "governance": GovernanceConfig(kind="vote", delay_s=60, members=["panther1"]),
+            "governance": GovernanceConfig(kind="vote", delay_s=60, members=["panther1", "organization"]),
             "oracles": [JudgeConfig(name=name) for name in ("anna", "bert", "carl")],
             "disputes": DisputesConfig(judges=["organization"], votes=1),
         }
@@ -145,7 +146,17 @@ def test_with_votes_and_disputes_no_transaction_has_more_gas_than_one_may_have(
     w3 = connect(full.chain.url)
     contracts._fund(w3, [keystores.address(full, name) for name in keystores.wallet_names(full)])
     founding.create_contracts(full, w3, wallets.load(full, "organization"), lambda _text: None)
-    assert len(gas) == 4 and max(gas) * transactions.GAS_MARGIN < 2**24
+    assert len(gas) == 5 and max(gas) * transactions.GAS_MARGIN < 2**24
+
+
+def test_two_members_are_two_accounts(site: Site) -> None:
+    address = "0x" + "a1" * 20
+    named = [ParticipantConfig(name=name, address=address) for name in ("alice", "bob")]
+    governance = GovernanceConfig(kind="vote", members=["organization", "alice", "bob"])
+    wallets.ensure_wallets(site)
+    with pytest.raises(contracts.MemberTwice) as twice:
+        contracts._first_members(site.model_copy(update={"participants": named, "governance": governance}))
+    assert twice.value.details[to_checksum_address(address)] == "bob"
 
 
 @pytest.mark.parametrize("before", range(1, 4))

@@ -18,6 +18,7 @@ from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
+from rodeo.messages import Ruling
 from rodeo.person.statement import (
     MAX_PHOTO_BYTES,
     PHOTO_TOPIC,
@@ -248,26 +249,27 @@ def test_a_proof_whose_photo_is_no_picture_can_be_rejected_and_not_accepted(
 ) -> None:
     auditor = Auditor("wheel_cleaning", by_another_program(site, tmp_path, b"\xff\xd8\xff\xe0 no photo"))
     with pytest.raises(BadPhoto):
-        judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
+        judge(site, auditor, 1, "accepted", reason="clean")  # type: ignore[arg-type]
     assert auditor.posted == []
-    judge(site, auditor, 1, accepted=False, reason="no photo")  # type: ignore[arg-type]
-    judge(site, auditor, 1, False, "no such wheel", impossible=True)  # type: ignore[arg-type]
-    assert [request.outcome for _, request in auditor.posted] == ["rejected", "impossible"]
+    judge(site, auditor, 1, "rejected", reason="no photo")  # type: ignore[arg-type]
+    judge(site, auditor, 1, "void", "locked", fault="creator")  # type: ignore[arg-type]
+    said = [(request.ruling, request.fault) for _, request in auditor.posted]
+    assert said == [("rejected", "nobody"), ("void", "creator")]
     assert [request.amount_iec for _, request in auditor.posted] == [None, None]
 
 
 def test_a_proof_with_a_picture_is_accepted(site: Site, tmp_path: Path) -> None:
     auditor = Auditor("wheel_cleaning", by_another_program(site, tmp_path, JPEG))
-    judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
+    judge(site, auditor, 1, "accepted", reason="clean")  # type: ignore[arg-type]
     assert len(auditor.posted) == 1
 
 
 def test_accepted_work_is_paid_its_price_or_what_the_auditor_says(site: Site, tmp_path: Path) -> None:
     auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, JPEG))
-    judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
-    judge(site, auditor, 1, True, "half of it", Decimal("40.5"))  # type: ignore[arg-type]
-    judge(site, auditor, 1, accepted=False, reason="dirty")  # type: ignore[arg-type]
-    said = [(request.outcome, request.amount_iec) for _, request in auditor.posted]
+    judge(site, auditor, 1, "accepted", reason="clean")  # type: ignore[arg-type]
+    judge(site, auditor, 1, "accepted", "half of it", Decimal("40.5"))  # type: ignore[arg-type]
+    judge(site, auditor, 1, "rejected", reason="dirty")  # type: ignore[arg-type]
+    said = [(request.ruling, request.amount_iec) for _, request in auditor.posted]
     assert said == [("accepted", 80), ("accepted", Decimal("40.5")), ("rejected", None)]
 
 
@@ -275,23 +277,25 @@ def test_accepted_work_is_paid_its_price_or_what_the_auditor_says(site: Site, tm
 def test_no_auditor_judges_without_a_reason_that_fits(site: Site, tmp_path: Path, reason: str) -> None:
     auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, JPEG))
     with pytest.raises(BadReason) as refused:
-        judge(site, auditor, 1, accepted=True, reason=reason)  # type: ignore[arg-type]
+        judge(site, auditor, 1, "accepted", reason=reason)  # type: ignore[arg-type]
     assert refused.value.details == {"characters": len(reason), "limit": 500}
     assert auditor.posted == []
 
 
-@pytest.mark.parametrize(("accepted", "amount"), [(True, "80.1"), (True, "0"), (True, "-1"), (False, "1")])
+@pytest.mark.parametrize(
+    ("ruling", "amount"), [("accepted", "80.1"), ("accepted", "0"), ("accepted", "-1"), ("rejected", "1")]
+)
 def test_no_auditor_pays_above_the_price_nothing_or_for_what_it_rejects(
-    site: Site, tmp_path: Path, accepted: bool, amount: str
+    site: Site, tmp_path: Path, ruling: Ruling, amount: str
 ) -> None:
     auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, JPEG))
     with pytest.raises(BadAmount) as refused:
-        judge(site, auditor, 1, accepted, "so", Decimal(amount))  # type: ignore[arg-type]
+        judge(site, auditor, 1, ruling, "so", Decimal(amount))  # type: ignore[arg-type]
     assert refused.value.details["price_iec"] == "80"
     assert auditor.posted == []
 
 
 def test_of_a_robots_work_an_auditor_needs_no_statement(site: Site, tmp_path: Path) -> None:
     auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, b"no photo"))
-    judge(site, auditor, 1, accepted=True, reason="seen it")  # type: ignore[arg-type]
+    judge(site, auditor, 1, "accepted", reason="seen it")  # type: ignore[arg-type]
     assert len(auditor.posted) == 1

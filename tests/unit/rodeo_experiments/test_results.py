@@ -107,12 +107,12 @@ def a_run(**changes: Any) -> Run:
             name=name,
             task_id=one.id,
             tx_hash=f"0x{one.id}{step}",
-            verdict="accepted" if name == "VerdictPosted" else "",
+            verdict="accepted" if name == "Ruled" else "",
             block_s=one.registered,
             wall_s=10.0 * one.id + step,
         )
         for one in TASKS
-        for step, name in enumerate(("TaskRegistered", "ProofSubmitted", "VerdictPosted"))
+        for step, name in enumerate(("TaskRegistered", "ProofSubmitted", "Ruled"))
     ]
     transactions = [
         Transaction(
@@ -176,6 +176,15 @@ def a_run(**changes: Any) -> Run:
         "notes": [],
     }
     return Run(**fields | changes)
+
+
+def test_a_void_attempt_and_one_that_was_given_up_are_no_rejections() -> None:
+    run = a_run()
+    ends = ("rejected", "given_up", "void")
+    more = [run.events[-1].model_copy(update={"verdict": end}) for end in ends]
+    tasks = [TASKS[0].model_copy(update={"state": "failed", "verdict": "void"}), *TASKS[1:]]
+    results = Figures(a_run(events=[*run.events, *more], tasks=tasks)).results()
+    assert (results["tasks_rejected"], results["tasks_void"]) == (1, 1)
 
 
 def test_every_key_is_there_and_the_numbers_follow_from_the_record() -> None:

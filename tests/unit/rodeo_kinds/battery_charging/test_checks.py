@@ -314,8 +314,9 @@ def tell(spent: ConsumedActs, task_id: int, paid_for: Sequence[str] | None = Non
     if paid_for is not None:
         sha256 = f"0x{task_id:064x}"
         spent.read(sha256, paid_for)
-        verdict = {"attempt": 1, "verdict": "accepted", "report_hash": sha256, "report_uri": ""}
-        registered.append(("VerdictPosted", verdict))
+        registered.append(("Reported", {"attempt": 1, "report_hash": sha256, "report_uri": ""}))
+        registered.append(("Ruled", {"attempt": 1, "ruling": "accepted", "report": sha256}))
+        registered.append(("TaskSettled", {}))
     for number, (name, args) in enumerate(registered):
         block = 10 * task_id + number
         event = {"seq": block, "block": block, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}

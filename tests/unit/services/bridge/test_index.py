@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy
 
 from rodeo.chain import events
-from rodeo.chain.abi import Cause, Instance, Review, Revocation, ServiceState, Silence, Verdict
+from rodeo.chain.abi import Cause, Fault, Instance, Revocation, Ruling, ServiceState
 from rodeo.chain.logs import Log
 from rodeo.chain.types import Event
 from services.bridge import schema
@@ -22,6 +22,7 @@ from services.bridge.projection import ZERO_ADDRESS, parse_task_text
 GENESIS = "0x" + "01" * 32
 CONTRACTS = {"TaskManager": "0x" + "aa" * 20}
 CREATOR, ROBOT = "0x" + "11" * 20, "0x" + "22" * 20
+ORACLE_JUDGE = "0x" + "01" * 20
 IEC = 10**18
 
 
@@ -37,7 +38,7 @@ class Chain:
         """Sequence numbers of a new block's events, which `contract` has logged."""
         number = self.index.position.block + 1
         logs = [
-            TimedLog(Log(event, contract, number, f"0x{number:064x}", i, "0x" + "0" * 64), time_s)
+            TimedLog(Log(event, contract, number, f"0x{number:064x}", i, f"0x{number:064x}"), time_s)
             for i, event in enumerate(happened)
         ]
         return [event.seq for event in self.index.apply(logs, Position(number, f"0x{number:064x}", time_s))]
@@ -70,9 +71,18 @@ def proved(attempt: int = 1) -> Event:
     return events.ProofSubmitted(1, attempt, ROBOT, b"\x0a" * 32, "file:///p.mcap", 1_700)
 
 
-def judged(accepted: bool, attempt: int = 1) -> Event:
-    verdict = Verdict.ACCEPTED if accepted else Verdict.REJECTED
-    return events.VerdictPosted(1, attempt, b"\x0a" * 32, verdict, 0, b"\x0b" * 32, "file:///r.json", "why")
+def ruled(ruling: Ruling, attempt: int = 1, until: int = 0) -> Event:
+    return events.Ruled(1, attempt, b"\x0a" * 32, ruling, Fault.NOBODY, 0, until, b"\x0b" * 32)
+
+
+def judged(accepted: bool, attempt: int = 1) -> list[Event]:
+    """Finally."""
+    report = events.Reported(1, attempt, b"\x0b" * 32, "file:///r.json", "why")
+    return [report, ruled(Ruling.ACCEPTED if accepted else Ruling.REJECTED, attempt)]
+
+
+def settled(paid_iec: int) -> Event:
+    return events.TaskSettled(1, ROBOT, paid_iec * IEC, (120 - paid_iec) * IEC)
 
 
 def task(chain: Chain) -> dict[str, Any]:
@@ -240,7 +250,7 @@ def test_a_task_through_its_life(chain: Chain) -> None:
     assert chain.index.services({}, Page(10))[0][0]["task_id"] == 1
     chain.block(proved(), time_s=1_100)
     assert (task(chain)["state"], task(chain)["verdict_deadline"]) == ("submitted", 1_700)
-    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC), time_s=1_200)
+    chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC), time_s=1_200)
     assert (task(chain)["state"], task(chain)["settled"], task(chain)["paid"]) == (
         "settled",
         1_200,
@@ -254,7 +264,7 @@ def test_a_task_through_its_life(chain: Chain) -> None:
 
 
 def test_a_requeued_task_says_why_until_it_is_tried_again(chain: Chain) -> None:
-    chain.block(registered(), offered(), assigned(), proved(), judged(False))
+    chain.block(registered(), offered(), assigned(), proved(), *judged(False))
     chain.block(events.TaskRequeued(1, 1, Cause.REJECTED))
     assert (task(chain)["state"], task(chain)["verdict"], task(chain)["reason"]) == (
         "open",
@@ -274,17 +284,17 @@ def known_for(chain: Chain) -> tuple[int, int]:
 
 def test_what_others_paid_for_and_what_was_rejected_make_the_reputation(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(), proved())
-    chain.block(judged(False), events.TaskRequeued(1, 1, Cause.REJECTED))
+    chain.block(*judged(False), events.TaskRequeued(1, 1, Cause.REJECTED))
     assert known_for(chain) == (0, 100)
     chain.block(assigned(2), proved(2))
-    chain.block(judged(True, 2), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
+    chain.block(*judged(True, 2), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
     assert known_for(chain) == (80, 100)
 
 
 def test_what_an_owner_pays_its_robot_makes_no_reputation(chain: Chain) -> None:
     chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, "panther1", CREATOR))
     chain.block(registered(), offered(), assigned(), proved())
-    chain.block(judged(True), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
+    chain.block(*judged(True), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
     assert known_for(chain) == (0, 0)
 
 
@@ -303,17 +313,11 @@ def test_a_service_that_fell_asleep_is_paused_and_waits_nowhere(chain: Chain) ->
     assert not chain.index.is_asleep(ROBOT)
 
 
-def test_work_that_nobody_judged_is_paid_and_no_completion(chain: Chain) -> None:
-    chain.block(registered(), offered(), assigned(), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
-    assert (task(chain)["state"], task(chain)["verdict"]) == ("settled", "expired")
-    assert chain.index.services({}, Page(10))[0][0]["completed"] == 0
-
-
 @pytest.mark.parametrize(
     ("cause", "reason", "counted"),
     [
         (Cause.EXECUTION_EXPIRED, "no proof within the execution window", 1),
-        (Cause.VERDICT_EXPIRED, "no verdict within the verdict window", 0),
+        (Cause.NOT_ACCEPTED, "the executor did not accept the task in time", 0),
     ],
 )
 def test_an_expired_attempt_counts_against_the_service_only_if_it_is_its_fault(
@@ -350,10 +354,8 @@ def test_a_service_that_accepts_every_task_accepts_by_its_assignment(chain: Chai
 
 def test_an_impossible_task_pays_its_executor_and_is_no_completion(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(), proved())
-    verdict = events.VerdictPosted(
-        1, 1, b"\x0a" * 32, Verdict.IMPOSSIBLE, 0, b"\x0b" * 32, "", "no such item"
-    )
-    chain.block(verdict, events.TaskSettled(1, ROBOT, 10 * IEC, 110 * IEC))
+    report = events.Reported(1, 1, b"\x0b" * 32, "", "no such item")
+    chain.block(report, ruled(Ruling.IMPOSSIBLE), events.TaskSettled(1, ROBOT, 10 * IEC, 110 * IEC))
     row = task(chain)
     assert (row["state"], row["verdict"], row["reason"]) == ("settled", "impossible", "no such item")
     assert (row["paid"], row["refunded"]) == (10 * IEC, 110 * IEC)
@@ -363,15 +365,8 @@ def test_an_impossible_task_pays_its_executor_and_is_no_completion(chain: Chain)
 def test_a_task_is_late_for_its_verdict_after_half_of_the_window(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(), proved())  # 600 s, until 1,700
     assert chain.index.late_verdicts(1_400) == [] and chain.index.late_verdicts(1_401) == [1]
-    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC))
+    chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC))
     assert chain.index.late_verdicts(1_401) == []
-
-
-def undecided(chain: Chain) -> None:
-    """Task 1, whose proof the oracle could not decide."""
-    chain.block(registered(), offered(), assigned(), proved())
-    verdict = events.VerdictPosted(1, 1, b"\x0a" * 32, Verdict.UNDECIDED, 0, b"\x0b" * 32, "", "a hang")
-    chain.block(verdict, events.AuditRequested(1, 1, 9_000, Silence.EXECUTOR))
 
 
 def record(chain: Chain) -> tuple[Any, ...]:
@@ -380,58 +375,200 @@ def record(chain: Chain) -> tuple[Any, ...]:
     return (*(service[name] for name in ("task_id", "completed", "rejected", "expired")), failures)
 
 
-def test_an_undecided_attempt_waits_for_the_auditors_and_costs_its_service_nothing(chain: Chain) -> None:
-    undecided(chain)
-    row = task(chain)
-    assert (row["state"], row["verdict"], row["reason"]) == ("undecided", "undecided", "a hang")
-    assert (row["audit_deadline"], row["at_silence"], row["executor"]) == (9_000, "executor", ROBOT)
-    assert row["proof_sha256"] == "0x" + "0a" * 32
-    assert record(chain) == (None, 0, 0, 0, 0) and places(chain) == [1]
-    assert chain.index.in_escrow(CREATOR) == 120 * IEC
-    assert chain.index.overdue(9_000) == [] and chain.index.overdue(9_001) == [1]
+def bonds(chain: Chain) -> tuple[int, int]:
+    (service,), _ = chain.index.services({}, Page(10))
+    return service["bond"], service["set_aside"]
 
 
-def test_auditors_pay_for_a_part_and_the_rest_goes_back(chain: Chain) -> None:
-    undecided(chain)
-    chain.block(judged(True), events.TaskSettled(1, ROBOT, 30 * IEC, 90 * IEC), time_s=2_000)
-    row = task(chain)
-    assert (row["state"], row["verdict"]) == ("settled", "accepted")
-    assert (row["paid"], row["refunded"], row["settled"]) == (30 * IEC, 90 * IEC, 2_000)
-    assert record(chain) == (None, 0, 0, 0, 0)
-    assert chain.index.overdue(10**9) == []
+CASE_END = 2_700
+"""Of task 1: its verdict window ends at 1,700, and the audit window is 1,000 s."""
 
 
-def test_auditors_that_reject_have_the_task_tried_again_and_count_nothing_against_the_service(
-    chain: Chain,
-) -> None:
-    undecided(chain)
-    chain.block(judged(False), events.TaskRequeued(1, 1, Cause.REJECTED), assigned(2))
-    row = task(chain)
-    assert (row["state"], row["attempt"], row["audit_deadline"], row["verdict"]) == (
-        "assigned",
-        2,
-        None,
-        None,
+def submitted(chain: Chain) -> None:
+    """Task 1 with a proof, of a service with a bond of 20, at an organization that lets auditors replace."""
+    chain.block(
+        events.KindAllowed("waste_disposal", 1, ORACLE_JUDGE, bytes(32)),
+        events.AuditChanged("waste_disposal", 1_000),
     )
-    assert record(chain) == (1, 0, 0, 0, 0)
+    chain.block(offered(), events.TermsAgreed(1, 20, 5, 0), registered(), assigned(), proved())
 
 
-@pytest.mark.parametrize(
-    ("end", "state", "paid", "refunded"),
-    [
-        (events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC), "settled", 100 * IEC, 20 * IEC),
-        (events.TaskFailed(1, 120 * IEC, 1, Cause.AUDIT_EXPIRED), "failed", 0, 120 * IEC),
-    ],
-)
-def test_where_auditors_were_silent_the_verdict_stays_undecided_and_the_state_says_who_won(
-    chain: Chain, end: Event, state: str, paid: int, refunded: int
-) -> None:
-    undecided(chain)
-    chain.block(end)
+def passed_on(chain: Chain) -> None:
+    """Task 1, whose proof the oracle could not decide."""
+    submitted(chain)
+    chain.block(
+        events.Reported(1, 1, b"\x0b" * 32, "", "a hang"),
+        events.PassedOn(1, 1, CREATOR),
+        ruled(Ruling.VOID, until=CASE_END),
+        events.PenaltySetAside(1, 1, 5),
+    )
+
+
+def test_a_case_that_the_oracle_passed_on_waits_for_the_auditors_and_frees_the_service(chain: Chain) -> None:
+    passed_on(chain)
     row = task(chain)
-    assert (row["state"], row["verdict"], row["reason"]) == (state, "undecided", "a hang")
-    assert (row["paid"], row["refunded"]) == (paid, refunded)
+    assert (row["state"], row["verdict"], row["reason"], row["passed_on"]) == ("ruled", None, "a hang", True)
+    assert row["standing"] == {"ruling": "void", "fault": "nobody", "amount_iec": "0", "until": CASE_END}
+    assert (row["case_end"], row["executor"], row["proof_sha256"]) == (CASE_END, ROBOT, "0x" + "0a" * 32)
+    assert record(chain) == (None, 0, 0, 0, 0) and places(chain) == [2] and bonds(chain) == (15, 5)
+    assert chain.index.in_escrow(CREATOR) == 120 * IEC
+    assert chain.index.next_end_s(CASE_END) == CASE_END
+    assert chain.index.concludable(CASE_END) == [] and chain.index.concludable(CASE_END + 1) == [1]
+
+
+def test_auditors_pay_for_a_part_and_the_record_counts_it_then(chain: Chain) -> None:
+    passed_on(chain)
+    chain.block(*judged(True), events.PenaltyReturned(1, 1, 5), settled(30), time_s=2_000)
+    row = task(chain)
+    assert (row["state"], row["verdict"], row["standing"]) == ("settled", "accepted", None)
+    assert (row["paid"], row["refunded"], row["settled"]) == (30 * IEC, 90 * IEC, 2_000)
+    assert record(chain) == (None, 1, 0, 0, 0) and bonds(chain) == (20, 0) and places(chain) == [2]
+    assert chain.index.concludable(10**9) == []
+
+
+def test_what_is_rejected_at_the_end_takes_what_was_set_aside(chain: Chain) -> None:
+    passed_on(chain)
+    chain.block(
+        *judged(False),
+        events.BondPenalized(1, 1, 5),
+        events.TaskRequeued(1, 1, Cause.REJECTED),
+        assigned(2),
+    )
+    row = task(chain)
+    assert (row["state"], row["attempt"], row["case_end"], row["verdict"]) == ("assigned", 2, None, None)
+    assert (row["standing"], row["passed_on"]) == (None, False)
+    assert record(chain) == (1, 0, 1, 0, 1) and bonds(chain) == (15, 0)
+
+
+def test_a_penalty_without_a_ruling_that_stood_is_taken_from_the_bond(chain: Chain) -> None:
+    submitted(chain)
+    end = events.TaskFailed(1, 120 * IEC, 1, Cause.REJECTED)
+    chain.block(*judged(False), end, events.BondPenalized(1, 1, 5))
+    assert record(chain) == (None, 0, 1, 0, 1) and bonds(chain) == (15, 0)
+
+
+@pytest.mark.parametrize("next_task", [False, True])
+def test_a_service_that_retires_has_its_bond_back_and_what_was_set_aside_when_the_case_ends(
+    chain: Chain, next_task: bool
+) -> None:
+    passed_on(chain)
+    if next_task:  # its bond waits for that one, too
+        again = events.TaskAssigned(2, 1, ROBOT, 1, 100 * IEC, b"\x07" * 32, 9_000)
+        chain.block(registered(2), again, events.ServiceUpdated(1, 100 * IEC, ServiceState.RETIRED))
+    else:
+        chain.block(
+            events.ServiceUpdated(1, 100 * IEC, ServiceState.RETIRED), events.BondReturned(1, ROBOT, 15)
+        )
+    chain.block(events.BondReturned(1, ROBOT, 5), events.TaskFailed(1, 120 * IEC, 1, Cause.VOID))
+    assert bonds(chain) == (15 if next_task else 0, 0)
+    row = task(chain)
+    assert (row["verdict"], row["fault"], row["state"]) == ("void", "nobody", "failed")
+
+
+def test_a_service_whose_bond_ran_short_waits_again_when_a_case_ends(chain: Chain) -> None:
+    submitted(chain)
+    chain.block(
+        ruled(Ruling.ACCEPTED, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1, 3, 5)
+    )
+    (service,), _ = chain.index.services({}, Page(10))
+    assert (service["state"], service["place"]) == ("short", 0)
+    chain.block(*judged(True), events.PenaltyReturned(1, 1, 17), settled(30))
+    (service,), _ = chain.index.services({}, Page(10))
+    assert (service["state"], service["place"]) == ("active", 2)
+
+
+def test_a_task_that_was_given_up_is_offered_to_others_before_its_service_waits_again(chain: Chain) -> None:
+    submitted(chain)
+    chain.block(
+        ruled(Ruling.GIVEN_UP, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1, 3, 5)
+    )
+    chain.block(events.PenaltyReturned(1, 1, 17), events.TaskRequeued(1, 1, Cause.GIVEN_UP), assigned(2))
+    assert places(chain) == [0] and chain.index.setting("places") == 1
+
+
+def test_where_nobody_ruled_the_attempt_is_void_and_has_no_report(chain: Chain) -> None:
+    submitted(chain)
+    assert chain.index.concludable(1_700) == [] and chain.index.concludable(1_701) == [1]
+    chain.block(
+        events.Ruled(1, 1, b"\x0a" * 32, Ruling.VOID, Fault.ORACLE, 0, CASE_END, bytes(32)), time_s=1_701
+    )
+    row = task(chain)
+    assert (row["standing"]["fault"], row["reason"], row["report_sha256"]) == ("oracle", None, None)
+    assert chain.index.concludable(CASE_END) == []
+    chain.block(events.TaskFailed(1, 120 * IEC, 1, Cause.VOID))
+    row = task(chain)
+    assert (row["state"], row["verdict"], row["fault"]) == ("failed", "void", "oracle")
     assert record(chain) == (None, 0, 0, 0, 0)
+    assert chain.index.voids() == {CREATOR: {"oracle": 1}}
+
+
+def test_a_report_of_another_transaction_is_not_that_of_a_ruling(chain: Chain) -> None:
+    submitted(chain)
+    chain.block(events.Reported(1, 1, b"\x0b" * 32, "file:///other", "of another"))
+    chain.block(ruled(Ruling.ACCEPTED, until=CASE_END))
+    row = task(chain)
+    assert (row["reason"], row["report_uri"], row["report_sha256"]) == (None, None, "0x" + "0b" * 32)
+
+
+def test_what_a_judge_said_that_was_removed_can_be_concluded_at_once(chain: Chain) -> None:
+    submitted(chain)
+    chain.block(ruled(Ruling.ACCEPTED, until=CASE_END))
+    assert chain.index.concludable(1_000) == []
+    chain.block(events.JudgeRemoved(1, ORACLE_JUDGE), events.KindDisallowed("waste_disposal"))
+    assert chain.index.concludable(1_000) == [1]
+    chain.block(events.Ruled(1, 1, b"\x0a" * 32, Ruling.VOID, Fault.ORACLE, 0, CASE_END, bytes(32)))
+    assert chain.index.concludable(CASE_END) == [] and chain.index.concludable(CASE_END + 1) == [1]
+
+
+def test_a_service_keeps_the_judge_that_its_provider_agreed_to(chain: Chain) -> None:
+    kind = "waste_disposal"
+    chain.block(events.KindAllowed(kind, 1, ORACLE_JUDGE, b"\1" * 32), offered())
+    chain.block(
+        events.RulesRetired(kind, b"\1" * 32), events.KindAllowed(kind, 2, CREATOR, b"\2" * 32), registered()
+    )
+    (service,), _ = chain.index.services({}, Page(10))
+    assert (service["number"], service["place"], task(chain)["number"]) == (1, 1, 2)
+    assert (chain.index.number_of(kind), chain.index.rules(kind)) == (2, ["0x" + "02" * 32])
+    assert chain.index.rules(kind, ORACLE_JUDGE) == []
+    chain.block(events.ServiceAgreed(1, 2))
+    (service,), _ = chain.index.services({}, Page(10))
+    assert (service["number"], service["place"]) == (2, 2)
+
+
+def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(tmp_path: Path) -> None:
+    committee = "0x" + "cc" * 20
+    chain = Chain(open_index(tmp_path, contracts={**CONTRACTS, "OracleCommittee": committee}))
+    first, last = Instance(committee, 60, 0, 1, 2 * IEC), Instance(CREATOR, 0, 60, 0, 0)
+    chain.block(events.InstancesChanged("waste_disposal", [first, last]))
+    submitted(chain)
+    chain.block(
+        events.InstanceRuled(1, 1, 0, Ruling.ACCEPTED, bytes(32), 0b1, 1_300),
+        events.Reported(1, 1, b"\x0b" * 32, "file:///r.json", "why"),
+        ruled(Ruling.ACCEPTED, until=1_300),
+    )
+    assert task(chain)["dispute"] == {"instance": 0, "until": 1_300}
+    assert chain.index.settleable(1_300) == [] and chain.index.settleable(1_301) == [(1, 1)]
+    chain.block(
+        ruled(Ruling.ACCEPTED, until=1_500),
+        events.Challenged(1, 0, CREATOR, 1 * IEC, 1_500, "it lies there still"),
+    )
+    row = task(chain)
+    assert (row["reason"], row["standing"]["until"], row["dispute"]["until"]) == ("why", 1_500, 1_500)
+    assert (row["dispute"]["challenger"], row["dispute"]["because"]) == (CREATOR, "it lies there still")
+    assert chain.index.settleable(1_301) == []
+    chain.block(
+        events.InstanceRuled(1, 1, 1, Ruling.REJECTED, bytes(32), 0b1, 0),
+        events.Reported(1, 1, b"\x0b" * 32, "file:///r.json", "it does"),
+        ruled(Ruling.REJECTED),
+        events.TaskFailed(1, 120 * IEC, 1, Cause.REJECTED),
+        time_s=1_400,
+    )
+    row = task(chain)
+    assert (row["verdict"], row["reason"]) == ("rejected", "it does")
+    assert row["dispute"] == {"instance": 1, "until": 1_400}
+    assert chain.index.settleable(1_400) == [(1, 1)]
+    chain.block(events.CaseSettled(1, 1, False))
+    assert chain.index.settleable(10**9) == [] and task(chain)["dispute"]["settled"] is True
 
 
 def test_the_roots_of_days_are_kept_by_device(chain: Chain) -> None:
@@ -448,8 +585,8 @@ def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
     assert chain.index.overdue(4_600) == [] and chain.index.next_end_s(4_600) == 4_600
     assert chain.index.overdue(4_601) == [1] and chain.index.next_end_s(4_601) is None
     chain.block(proved())
-    assert chain.index.overdue(1_700) == [] and chain.index.overdue(1_701) == [1]
-    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0))
+    assert chain.index.overdue(10**9) == [] and chain.index.next_end_s(1_700) == 1_700
+    chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0))
     assert chain.index.overdue(10**9) == []
 
 
@@ -490,9 +627,9 @@ def test_a_service_has_its_place_in_the_line_while_it_waits(chain: Chain) -> Non
     assert places(chain) == [1, 2]
     chain.block(events.ServiceUpdated(1, 100 * IEC, ServiceState.ACTIVE))
     assert places(chain) == [3, 2]
-    chain.block(registered(), assigned(), proved(), judged(True))
+    chain.block(registered(), assigned(), proved())
     assert places(chain) == [0, 2]
-    chain.block(events.TaskSettled(1, ROBOT, 100 * IEC, 0))
+    chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0))
     assert places(chain) == [4, 2]
     chain.block(events.ServiceSuspended(2), events.ServiceUpdated(1, 100 * IEC, ServiceState.PAUSED))
     assert places(chain) == [0, 0]
@@ -501,7 +638,7 @@ def test_a_service_has_its_place_in_the_line_while_it_waits(chain: Chain) -> Non
 def test_a_service_that_gets_its_next_task_at_once_never_waited(chain: Chain) -> None:
     again = events.TaskAssigned(2, 1, ROBOT, 1, 100 * IEC, b"\x07" * 32, 5_000)
     chain.block(registered(), registered(2), offered(), assigned())
-    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0), again)
+    chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0), again)
     assert places(chain) == [0]
     chain.block(events.TaskFailed(2, 120 * IEC, 3, Cause.REJECTED))
     assert places(chain) == [1]
@@ -510,6 +647,13 @@ def test_a_service_that_gets_its_next_task_at_once_never_waited(chain: Chain) ->
 def test_a_transaction_that_does_several_things_gives_the_places_in_between(chain: Chain) -> None:
     chain.block(offered(), registered(), assigned(), events.TaskRequeued(1, 1, Cause.EXECUTION_EXPIRED))
     assert places(chain) == [2]
+
+
+def test_a_final_rejection_has_the_task_tried_by_others_before_its_service_waits(chain: Chain) -> None:
+    chain.block(offered())
+    chain.block(registered(), assigned(), proved())
+    chain.block(*judged(False), events.TaskRequeued(1, 1, Cause.REJECTED), assigned(2))
+    assert places(chain) == [0] and chain.index.setting("places") == 1
 
 
 def test_the_terms_suspend_a_service_before_it_could_wait(chain: Chain) -> None:
@@ -531,7 +675,7 @@ def test_what_a_provider_is_owed_goes_to_whom_it_named(chain: Chain) -> None:
     assert chain.index.payouts() == {ROBOT: safe}
     chain.block(registered(), assigned(), proved())
     chain.block(
-        judged(True),
+        *judged(True),
         events.TaskSettled(1, safe, 80 * IEC, 40 * IEC),
         events.BondReturned(1, ROBOT, 7),
         events.PaymentDeferred(ROBOT, 9),
@@ -549,16 +693,28 @@ def test_what_a_provider_is_owed_goes_to_whom_it_named(chain: Chain) -> None:
     assert chain.index.payouts() == {}
 
 
+def test_a_payment_that_brings_a_bond_back_is_one(chain: Chain) -> None:
+    chain.block(offered(), registered(), assigned(), proved())
+    moved = events.Transfer(CONTRACTS["TaskManager"], ROBOT, 80 * IEC + 7)
+    chain.block(*judged(True), events.BondReturned(1, ROBOT, 7), settled(80), moved)
+    (transfer,), _ = chain.index.transfers(ROBOT, None, 0, 2_000, Page(10))
+    assert (transfer["reason"], transfer["task_id"]) == ("payment", 1)
+
+
 def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
     chain.block(
-        events.KindAllowed("a", Review.ORACLE, b"\1" * 32),
-        events.KindAllowed("b", Review.AUDITOR, bytes(32)),
+        events.KindAllowed("a", 1, ORACLE_JUDGE, b"\1" * 32),
+        events.KindAllowed("b", 2, CREATOR, bytes(32)),
         events.KindDisallowed("a"),
-        events.AuditChanged("a", 60, Silence.CREATOR),
+        events.AuditChanged("a", 60),
     )
     assert chain.index.kinds() == ["b"]
-    judges = {row["kind"]: (row["review"], row["audit_window_s"]) for row in chain.index.all_kinds()}
-    assert judges == {"a": ("oracle", 60), "b": ("auditor", 0)}
+    judges = {row["kind"]: (row["number"], row["audit_window_s"]) for row in chain.index.all_kinds()}
+    assert judges == {"a": (1, 60), "b": (2, 0)}
+    assert {number: row["judge"] for number, row in chain.index.numbers().items()} == {
+        1: ORACLE_JUDGE,
+        2: CREATOR,
+    }
 
 
 def test_a_device_is_kept_after_it_is_revoked(chain: Chain) -> None:
@@ -615,7 +771,7 @@ def settle(chain: Chain) -> None:
 def test_an_index_that_nobody_touched_is_what_was_written(chain: Chain, tmp_path: Path) -> None:
     settle(chain)
     chain.index.roll_back(chain.index.recent_blocks()[1])
-    chain.block(judged(accepted=False))
+    chain.block(*judged(accepted=False))
     assert chain.index.problem() is None
     assert open_index(tmp_path).position.block == chain.index.position.block
     chain.index.roll_back(NOWHERE)
@@ -662,7 +818,7 @@ def test_what_is_written_over_a_change_does_not_hide_it(chain: Chain, tmp_path: 
 
 def test_a_judge_has_the_stake_that_the_contract_says_it_has(tmp_path: Path) -> None:
     committee, other = "0x" + "cc" * 20, "0x" + "dd" * 20
-    named = {**CONTRACTS, "OracleCommittee": committee, "Disputes": "0x" + "ee" * 20}
+    named = {**CONTRACTS, "OracleCommittee": committee, "DisputeJudge": "0x" + "ee" * 20}
     chain = Chain(open_index(tmp_path, contracts=named))
 
     def stake() -> tuple[int, int, int]:

@@ -277,6 +277,7 @@ def test_where_nothing_is_proposed_or_members_decide_the_bridge_says_so(tmp_path
 def test_what_only_the_administrator_may_do_has_to_be_proposed() -> None:
     assert set(get_args(Proposable)) - _OF_ADMINISTRATOR == {
         "change_judge_key",
+        "remove_judge",
         "resume_tasks",
         "update_service",
     }

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from rodeo.chain.errors import RpcFailed
+from rodeo.chain.errors import ContractReverted, RpcFailed
 from rodeo.config import Site
 from rodeo.rulings import GRACE_S
 from services.bridge.index import Position
-from services.bridge.process import Bridge, late_verdicts, own_rulings
+from services.bridge.process import Bridge, _End, _end, late_verdicts, own_rulings
 from services.bridge.readiness import Probe, why_late
 from tests.support.site import write_site
 from tests.support.tasks import UNTIL_S, ruled
@@ -36,11 +36,11 @@ def test_a_machine_whose_clock_is_behind_a_chain_elsewhere_says_so(elsewhere: bo
     assert why == ("clock 7 s behind the chain's newest block" if told else None)
 
 
-def test_a_bridge_closes_the_rulings_that_pay_executors_whose_keys_it_has() -> None:
+def test_a_bridge_concludes_the_rulings_that_pay_executors_whose_keys_it_has() -> None:
     tasks = ruled(1, executor="0x01"), ruled(2, executor="0x02"), ruled(3, "rejected", executor="0x01")
     rows, due_s = [one.model_dump() for one in tasks], UNTIL_S + GRACE_S
     assert own_rulings(rows, {"0x01": "alice"}, UNTIL_S + 1) == ([], due_s)
-    assert own_rulings(rows, {"0x01": "alice"}, due_s + 1) == ([("alice", "close_dispute", 1)], None)
+    assert own_rulings(rows, {"0x01": "alice"}, due_s + 1) == ([_End("alice", "conclude", 1)], None)
     assert own_rulings(rows, {"0x03": "carol"}, due_s + 1) == ([], None)
 
 
@@ -62,12 +62,24 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
         return mined
 
     rows = [ruled(7, executor="0x01").model_dump(), ruled(8, executor="0x02").model_dump()]
-    index = SimpleNamespace(rulings=lambda: rows, late_verdicts=lambda _now_s: [7])
+    index = SimpleNamespace(unconcluded=lambda: rows, late_verdicts=lambda _now_s: [7])
     wallets = {"panther1": SimpleNamespace(execute=execute)}
     attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets)
     assert bridge._expire_overdue(attachment) is None
-    assert sent == [("close_dispute", {"task_id": 7})]
+    assert sent == [("conclude", {"task_id": 7})]
     assert "task 7" in concerns["verdicts"]
+
+
+@pytest.mark.parametrize("code", ["WrongState", "RulingStands", "NoCase", "NotAuthorized"])
+def test_whoever_concludes_a_ruling_after_somebody_else_warns_nobody(
+    code: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(*_command: Any) -> Future[Any]:
+        raise ContractReverted(code, {})
+
+    wallet: Any = SimpleNamespace(execute=refuse)
+    assert _end(wallet, _End("organization", "settle_stakes", 7, 2)) is None
+    assert bool(caplog.records) == (code == "NotAuthorized")
 
 
 def test_a_node_that_went_back_to_a_shorter_chain_answers_well() -> None:
@@ -94,5 +106,5 @@ def test_a_node_that_went_back_to_a_shorter_chain_answers_well() -> None:
 
 def test_tasks_without_a_verdict_at_half_of_the_window_are_named() -> None:
     assert late_verdicts([]) == ""
-    assert "without a final verdict on task 7:" in late_verdicts([7])
+    assert "without a ruling on task 7:" in late_verdicts([7])
     assert "on tasks 1, 2, 3, 4, 5 and 2 more:" in late_verdicts(range(1, 8))

@@ -12,7 +12,7 @@ from rodeo import signed_requests, typed_data
 from rodeo.chain.encoding import Call
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
-from rodeo.signed_requests import CancelTask, SubmitProof
+from rodeo.signed_requests import AbandonTask, AcceptTask, CancelTask, Said, SubmitProof
 from services.bridge.commands import Wallet
 from services.bridge.errors import NoPermit, NotSigned
 from services.bridge.relaying import Requests
@@ -37,7 +37,7 @@ def wallet() -> Wallet:
     return Wallet("bob", client, unused, index, unused, unused, unused, unused)
 
 
-def signed(said: SubmitProof | CancelTask) -> dict[str, Any]:
+def signed(said: Said) -> dict[str, Any]:
     domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
     request = SignedRequest(request=TypedSignature(typed_data=said.typed_data(domain)))
     return signed_requests.sign(request, ROBOT).model_dump(mode="json")
@@ -52,6 +52,7 @@ def test_a_proof_that_is_sent_for_somebody_is_known_by_its_task_and_assignment(w
         attempt=2,
         proof_hash="0x" + "cd" * 32,
         uri="file:///proof",
+        nonce=1,
         deadline=2_000_000_000,
     )
     (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(proof)}))
@@ -59,7 +60,7 @@ def test_a_proof_that_is_sent_for_somebody_is_known_by_its_task_and_assignment(w
 
 
 def test_what_is_no_proof_is_sent_again_whatever_becomes_of_its_task(wallet: Wallet) -> None:
-    cancelled = CancelTask(creator=ROBOT.address, task_id=7, deadline=2_000_000_000)
+    cancelled = CancelTask(creator=ROBOT.address, task_id=7, nonce=1, deadline=2_000_000_000)
     (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(cancelled)}))
     assert (order.task_id, order.attempt, order.assignment) == (7, None, None)
 
@@ -164,3 +165,13 @@ def test_a_permit_is_sent_once_and_not_after_another_one_of_its_wallet() -> None
     assert requests.calls(permit) == ["register"]
     client.allowance, client.is_request_nonce_used = lambda *_: 4, lambda *_: True
     assert requests.calls(permit) == ["register"]  # which fails, and nobody pays for a permit
+
+
+def test_an_acceptance_and_a_return_are_sent_as_what_they_are(wallet: Wallet) -> None:
+    calls: Any = wallet.client.calls
+    calls.accept_task_for = lambda *told: Call(CONTRACT, "0x", f"accept{told[:4]}")  # type: ignore[arg-type]
+    calls.abandon_task_for = lambda *told: Call(CONTRACT, "0x", f"abandon{told[:4]}")  # type: ignore[arg-type]
+    for kind, name in ((AcceptTask, "accept"), (AbandonTask, "abandon")):
+        said = kind(executor=ROBOT.address, task_id=7, attempt=2, nonce=5, deadline=2_000_000_000)
+        (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(said)}))
+        assert order.call.name == f"{name}{(ROBOT.address, 7, 2, 5)}" and order.task_id == 7

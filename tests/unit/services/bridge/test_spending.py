@@ -32,7 +32,7 @@ SPENDS: dict[str, list[tuple[dict[str, Any], int]]] = {
     "withdraw": [({"to": "bob", **FIVE}, 5)],
     # Its owner, who may be anybody, has it back.
     "deposit_stake": [({"judge": "anna", **FIVE}, 5)],
-    "challenge_verdict": [({"task_id": 1, "reason": "no"}, 20)],
+    "challenge": [({"task_id": 1, "reason": "no"}, 20)],
     # The contract takes what the terms say when it is mined, up to what the command agrees to.
     "register_service": [
         ({"kind": "sweeping", "price_iec": "9"}, 30),
@@ -47,7 +47,7 @@ SPENDS: dict[str, list[tuple[dict[str, Any], int]]] = {
 FREE = {
     *("cancel_task", "accept_task", "abandon_task", "submit_proof", "expire_task", "match_task"),
     # Of others' escrow.
-    *("post_verdict", "post_votes", "close_dispute"),
+    *("rule", "post_votes", "conclude", "settle_stakes"),
     # Money that comes back, or comes in.
     *("announce_withdrawal", "withdraw_stake", "collect"),
     # What was counted when it was promised: by the proposer, or nobody where members decided.
@@ -57,7 +57,8 @@ FREE = {
     "allow_payments",
     # The wallet that signed it pays; one with a daily limit signs nothing that others send.
     *("relay", "revoke_request"),
-    *("update_service", "register_device", "revoke_device", "post_root", "allow_kind", "retire_rules"),
+    *("update_service", "agree", "register_device", "revoke_device", "post_root"),
+    *("allow_kind", "remove_judge", "retire_rules"),
     *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
     *("admit", "dismiss", "suspend_provider", "reinstate_provider", "suspend_service"),
     *("reinstate_service", "grant_role", "revoke_role", "change_judge_key", "seat_judge"),
@@ -102,7 +103,7 @@ def wallet(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> Wallet:
     signer = SimpleNamespace(check_spending=lambda order: checked.check_day((0, 0), order.spends, 0))
     transactions: Any = SimpleNamespace(orders=orders, signer=signer)
     names: Any = SimpleNamespace(addresses={"alice": ALICE, "bob": BOB}, payout={"alice": COIN}.get)
-    monkeypatch.setattr(Wallet, "_dispute", lambda *_: None)
+    monkeypatch.setattr(Wallet, "_disputed", lambda *_: None)
     monkeypatch.setattr(Wallet, "_stake", lambda *_: 20 * 10**18)
     return Wallet("alice", node, transactions, node, names, unused, unused, unused)
 

@@ -210,3 +210,14 @@ def test_a_cancelled_task_ends_the_wait_and_an_index_that_is_away_is_asked_again
     charger._attend(delivery, SimpleNamespace())
     assert delivery.woken == [True, False, False]
     assert delivery.end is End.CANCELLED
+
+
+def test_docks_are_offered_again_when_another_judge_may_decide_about_charges(charger: Any) -> None:
+    where: dict[str, Any] = {"block": 1, "log_index": 0, "tx_hash": "0x", "time_s": 0.0, "chain": "0x01"}
+    charger._events_lock, charger._wake = threading.Lock(), threading.Event()
+    charger._offer()
+    charger._offer()
+    assert charger._organization.offers == len(charger._site.docks)
+    charger._on_event(DaoEvent(seq=1, name="KindAllowed", task_id=None, args={}, **where))
+    charger._offer()
+    assert charger._organization.offers == 2 * len(charger._site.docks)

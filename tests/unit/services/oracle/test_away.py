@@ -134,7 +134,7 @@ def test_what_its_executor_cannot_put_anywhere_is_handed_over(search: Callable[.
 def test_what_nobody_hands_over_is_rejected_when_its_executor_was_asked_long_enough(
     search: Callable[..., Search], copy: bytes
 ) -> None:
-    """Undecided it might be paid where the auditors keep silent, and nobody ever saw it."""
+    """Undecided an auditor might have it paid, and nobody ever saw it."""
     one = search()
     one.bus.copy, one.bus.store = copy, None
     one.begin()

@@ -19,6 +19,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.clock import WallClock
 from rodeo.config import Site
+from rodeo.errors import RemoteError
 from rodeo.evidence.errors import ProofNotFound, StoreUnavailable
 from rodeo.messages import DaoEvent, Task
 from rodeo.queries import A, Query
@@ -102,6 +103,9 @@ class Bridge:
         self.behind = 0
         """Questions that are still answered as before the submission."""
         self.broken = False
+        self.refuses: str | None = None
+        """Code of the error by which each command is refused."""
+        self.refused = 0
         self.hearers: list[Callable[[DaoEvent], None]] = []
         self.verdicts: list[Any] = []
         self.posted = threading.Event()
@@ -122,19 +126,26 @@ class Bridge:
         return answers.answered(query, _ANSWERS)
 
     def command(self, _name: str, request: Any) -> None:
+        if self.refuses is not None:
+            self.refused += 1
+            raise RemoteError(self.refuses, "no", {})
         if self.broken:
             self.broken = False
             raise RuntimeError("what nobody thought of")
         self.verdicts.append(request)
-        said = {
-            "attempt": request.attempt,
-            "verdict": request.outcome,
-            "report_hash": request.report_sha256,
-            "report_uri": "",
-        }
+        passed_on = request.ruling == "undecided"
+        said = {"ruling": "void" if passed_on else request.ruling, "report": request.report_sha256}
+        happened: list[tuple[str, dict[str, Any]]] = [
+            ("Reported", {"report_hash": request.report_sha256, "report_uri": ""}),
+            *([("PassedOn", {})] if passed_on else []),
+            ("Ruled", said),
+            *([] if passed_on else [("TaskSettled", {})]),
+        ]
         for tell in self.hearers:
             task = self.others.get(request.task_id, self.current)
-            tell(event(task, 1000 + len(self.verdicts), "VerdictPosted", **said))
+            for number, (name, args) in enumerate(happened):
+                seq = 1000 + 10 * len(self.verdicts) + number
+                tell(event(task, seq, name, attempt=request.attempt, **args))
         self.posted.set()
 
 
@@ -150,6 +161,7 @@ _ANSWERS = {
 def bridge(cleaning: Take) -> Bridge:
     chain_record = cleaning_chain_record(cleaning)
     changed = {"proof_uri": "file:///x", "proof_sha256": "0x" + "33" * 32, "rules_sha256": RULES}
+    changed |= {"judge": "oracle", "state": "submitted"}
     return Bridge(chain_record.task.model_copy(update=changed))
 
 
@@ -266,6 +278,40 @@ def test_a_submission_whose_verdict_failed_for_an_unknown_reason_is_looked_at_ag
     assert len(bridge.verdicts) == 1
 
 
+@pytest.mark.parametrize("code", ["case_over", "not_judge", "passed_on_before"])
+def test_a_submission_that_this_oracle_may_not_rule_on_any_more_is_not_looked_at_again(
+    oracle: Callable[[], Oracle], bridge: Bridge, code: str
+) -> None:
+    bridge.refuses = code
+    judge = oracle()
+    submit(judge, bridge.current)
+    wait_until(lambda: bridge.refused == 1 and not judge._in_work)
+    (waiting,) = judge._acts.waiting()
+    assert judge._for_auditors == {waiting.key}  # which the sweep leaves out
+
+
+def test_a_submission_on_which_nobody_ruled_in_time_is_ruled_on_until_its_case_ends(
+    oracle: Callable[[], Oracle], bridge: Bridge
+) -> None:
+    bridge.current = bridge.current.model_copy(update={"state": "ruled", "case_end": 2e9})
+    judge, one = oracle(), bridge.current
+    judge._on_event(event(one, 1, "TaskRegistered", kind=one.kind, rules=one.rules_sha256))
+    judge._on_event(event(one, 2, "ProofSubmitted", attempt=one.attempt, executor="panther1"))
+    silent = {"attempt": one.attempt, "ruling": "void", "report": "0x" + "00" * 32}
+    judge._on_event(event(one, 3, "Ruled", **silent))
+    assert bridge.posted.wait(HANG_S) and [said.ruling for said in bridge.verdicts] == ["rejected"]
+
+
+def test_a_task_whose_judge_was_removed_is_left_to_the_auditors(
+    oracle: Callable[[], Oracle], bridge: Bridge
+) -> None:
+    bridge.current = bridge.current.model_copy(update={"judge_removed": True})
+    judge = oracle()
+    submit(judge, bridge.current)
+    wait_until(lambda: bool(judge._for_auditors) and not judge._in_work)
+    assert not bridge.verdicts
+
+
 def test_a_verdict_holds_the_clock_until_it_is_posted_and_nothing_afterwards(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -347,7 +393,7 @@ def test_a_last_word_that_is_due_before_the_turn_ends_that_left_it_to_others_is_
     monkeypatch.setattr(judge._words, "put", noted)
     submit(judge, bridge.current)
     assert bridge.posted.wait(HANG_S)
-    assert [one.outcome for one in bridge.verdicts] == ["undecided"]
+    assert [one.ruling for one in bridge.verdicts] == ["undecided"]
     assert words == [(bridge.current.id, bridge.current.attempt)]
 
 
@@ -411,7 +457,7 @@ def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(
     submit(oracle(), bridge.current)
     assert bridge.posted.wait(HANG_S)
     (verdict,) = bridge.verdicts
-    assert (verdict.outcome, verdict.amount_iec) == ("undecided", None)
+    assert (verdict.ruling, verdict.fault, verdict.amount_iec) == ("undecided", "oracle", None)
     assert verdict.reason.startswith("rules: no oracle that has the rules of this task has judged it")
 
 
@@ -426,7 +472,7 @@ def test_of_two_oracles_with_different_rules_the_one_that_has_the_tasks_judges_i
     submit(judge, bridge.current)
     assert bridge.posted.wait(HANG_S)
     wait_until(lambda: not updated._judging.keys() and not judge._in_work)
-    assert [(one.outcome, one.reason) for one in bridge.verdicts] == [("rejected", "fetched")]
+    assert [(one.ruling, one.reason) for one in bridge.verdicts] == [("rejected", "fetched")]
     assert (judge._decided, updated._decided) == (1, 0)
 
 
@@ -496,10 +542,10 @@ def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     assert not bridge.verdicts, "it waits for the earlier one until its verdict is due"
     clock.ahead_s = 3600.0
     assert bridge.posted.wait(HANG_S)
-    assert [(one.task_id, one.outcome) for one in bridge.verdicts] == [(honest.id, "accepted")]
+    assert [(one.task_id, one.ruling) for one in bridge.verdicts] == [(honest.id, "accepted")]
     verifications.ended[bridge.current.id].set()
     wait_until(lambda: len(bridge.verdicts) == 2)
-    assert bridge.verdicts[1].outcome == "undecided"
+    assert bridge.verdicts[1].ruling == "undecided"
     assert "the oracle, which decided a later submission first" in bridge.verdicts[1].reason
 
 
@@ -543,7 +589,7 @@ def test_a_last_word_waits_for_no_verification(
     bridge.others[left.id] = due
     judge._judging._left[left.id, left.attempt] = due
     assert bridge.posted.wait(HANG_S)
-    assert [(one.task_id, one.outcome) for one in bridge.verdicts] == [(left.id, "undecided")]
+    assert [(one.task_id, one.ruling) for one in bridge.verdicts] == [(left.id, "undecided")]
 
 
 def test_what_is_due_before_its_turn_is_a_warning(

@@ -36,7 +36,7 @@ def vote(**changes: Any) -> Vote:
         "task_id": 1,
         "attempt": 1,
         **{f"{what}_sha256": "0x" + "3d" * 32 for what in ("proof", "report", "rules")},
-        "outcome": "accepted",
+        "ruling": "accepted",
         "amount_iec": "80",
         "reason": "accepted",
     }
@@ -116,7 +116,7 @@ class Anna:
         self.votes._on_vote(key, one.model_dump(mode="json"), session or name)
 
     def vote(self) -> None:
-        window = {"proof_submitted": self.submitted_s, "verdict_deadline": self.submitted_s + 3600}
+        window = {"proof_submitted": self.submitted_s, "case_end": self.submitted_s + 3600}
         self.votes.cast(task("submitted").model_copy(update=window), vote(), "anna.json")
 
     def held(self, how: str = "same") -> list[str]:
@@ -231,7 +231,7 @@ def test_a_flood_of_false_votes_is_checked_in_part_and_silences_nobody_who_was_h
     for task_id in (1, 2):
         window = {"id": task_id, "proof_submitted": anna.submitted_s}
         anna.votes.cast(
-            task("submitted").model_copy(update=window | {"verdict_deadline": anna.submitted_s + 3600}),
+            task("submitted").model_copy(update=window | {"case_end": anna.submitted_s + 3600}),
             vote(task_id=task_id),
             "anna.json",
         )
@@ -286,7 +286,7 @@ def test_votes_for_something_else_do_not_make_a_verdict(anna: Anna) -> None:
     anna.vote()
     anna.hear("bert", signed("bert"))
     anna.hear("carl", signed("carl", vote(report_sha256="0x" + "11" * 32)))
-    anna.hear("erin", signed("erin", vote(outcome="rejected", amount_iec="0")))
+    anna.hear("erin", signed("erin", vote(ruling="rejected", amount_iec="0")))
     assert (anna.held(), anna.held("other")) == (["anna", "bert"], ["carl", "erin"])
     assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
 
@@ -351,6 +351,23 @@ def test_a_vote_counts_once_somebody_has_added_to_its_judges_stake(
     anna.votes._current()  # as for the vote of a stranger
     anna.votes._repeat()
     assert anna.votes._pause_s() < 1.0  # something is due soon
+
+
+def test_votes_whose_judges_stake_stands_for_other_cases_are_tried_again_when_those_may_have_ended(
+    anna: Anna,
+) -> None:
+    anna.refused["bert"] = "stake_too_low"
+    for name in ("bert", "carl"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    anna.run(until=1)
+    assert anna.votes._due() == []
+    anna.later(59)
+    assert anna.votes._due() == []
+    anna.later(60)
+    anna.refused.clear()
+    anna.run(until=2)
+    assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "bert", "carl")]
 
 
 def test_nothing_is_kept_of_what_has_its_verdict(anna: Anna) -> None:

@@ -93,7 +93,7 @@ class Dao(RobotParticipant):
         state: Any = SimpleNamespace(id=kind, state=self.offers[kind]) if kind in self.offers else None
         return state
 
-    def offer_service(self, kind: str, price_iec: Decimal, description: str, number: int = 0) -> Offer | None:
+    def offer_service(self, kind: str, *_offer: Any, **_more: Any) -> Offer | None:
         self.offers[kind] = "active"
         return None
 
@@ -164,7 +164,8 @@ class Fit:
 
 
 def kind(name: str) -> Any:
-    return SimpleNamespace(name=name, title=name, price_iec=Decimal(5), records=(f"{name}'s topics",))
+    more = {"records": (f"{name}'s topics",), "judge": "oracle"}
+    return SimpleNamespace(name=name, title=name, price_iec=Decimal(5), **more)
 
 
 @pytest.fixture

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from rodeo import queries
-from rodeo.messages import Command, Mined, RegisterTask, SetPayout, Task
+from rodeo.messages import Agree, Command, Mined, RegisterTask, SetPayout, Task
 from rodeo.robot.errors import CapReached
+from rodeo_testing import answers
 from services.robot_agent.participant import RobotParticipant
 from tests.support.tasks import task
 
@@ -102,7 +103,36 @@ def test_what_came_back_and_what_is_a_day_old_does_not_count(harmless: Task) -> 
     assert Bridge([harmless]).post(CHARGE, NOW_S, CAP_IEC) == 7
 
 
-@pytest.mark.parametrize(("state", "live"), [("submitted", True), ("undecided", False), ("settled", False)])
-def test_a_charge_that_auditors_look_at_for_days_does_not_keep_from_the_next(state: str, live: bool) -> None:
+@pytest.mark.parametrize(("state", "live"), [("submitted", True), ("ruled", False), ("settled", False)])
+def test_a_charge_whose_ruling_stands_for_days_does_not_keep_from_the_next(state: str, live: bool) -> None:
     found = Bridge([own(state, 200, 60)]).own_live_task("battery_charging")
     assert (found is not None) == live
+
+
+class Offering(Bridge):
+    """Offers one service, which has not agreed to the judge that its kind has now."""
+
+    def __init__(self, task_id: int | None = None) -> None:
+        super().__init__([])
+        zero = dict.fromkeys(("bond_iec", "penalty_iec", "completed", "rejected", "expired"), 0)
+        zero |= dict.fromkeys(("max_failures", "failures", "place", "reputation"), 0)
+        who = {"id": 3, "kind": "waste_disposal", "provider": ROBOT, "provider_name": "panther1"}
+        offer = {"price_iec": "10", "state": "active", "description": "", "auto_accept": True}
+        self.service: dict[str, Any] = {**zero, **who, **offer, "agrees": False, "task_id": task_id}
+
+    def ask(self, query: queries.Query[queries.A], **_parameters: Any) -> queries.A:
+        services = {"services": [self.service], "total": 1}
+        known = {"services": services, "organization": answers.organization(measured=["waste_disposal"])}
+        return answers.answered(query, known)
+
+
+@pytest.mark.parametrize(
+    ("judge", "task_id", "agrees"),
+    [("oracle", None, True), ("auditor", None, False), (None, None, False), ("oracle", 7, False)],
+)
+def test_a_service_agrees_only_to_whom_its_provider_expects_to_judge(
+    judge: str | None, task_id: int | None, agrees: bool
+) -> None:
+    account = Offering(task_id)
+    account.offer_service("waste_disposal", Decimal(10), "cleaning", judge=judge)
+    assert account.sent == ([Agree(service_id=account.service["id"])] if agrees else [])

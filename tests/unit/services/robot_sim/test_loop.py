@@ -180,7 +180,7 @@ def test_a_person_gets_the_least_wall_time_however_the_clock_would_skip(
     loop.holders = Resting([NEVER_NS])  # type: ignore[assignment]
     seen = TellsTheEnd(world, round((START_S + window_s) * 1e9))
     begun_s = time.monotonic()
-    held.take([task(window_s=window_s)], [], begun_s)
+    held.take([task(window_s=window_s)], begun_s)
     held.adjust(begun_s)
     thread = threading.Thread(target=loop.run, args=(seen,))
     thread.start()

@@ -13,7 +13,7 @@ import pytest
 from rodeo.chain import events
 from rodeo.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
 from rodeo.errors import NoResponder
-from rodeo.messages import Dispute, Task
+from rodeo.messages import Dispute, Standing, Task
 from rodeo_testing import answers
 from rodeo_testing.waiting import wait_until
 from services.robot_sim import people as people_module
@@ -22,16 +22,6 @@ from tests.support.site import LAB
 
 HOUR_S = 3600.0
 START_S = 1_800_000_000.0
-VOTE = {
-    "task_id": 1,
-    "attempt": 1,
-    "proof_sha256": "0x" + "a" * 64,
-    "report_sha256": "0x" + "b" * 64,
-    "rules_sha256": "0x" + "c" * 64,
-    "outcome": "rejected",
-    "amount_iec": "0",
-    "reason": "nothing was lifted",
-}
 
 
 class Clock:
@@ -86,11 +76,13 @@ class SilentBus:
 
 
 def task(state: str = "assigned", kind: str = "wheel_cleaning", window_s: float = 2 * HOUR_S) -> Task:
-    by_state = {"assigned": "execution", "submitted": "verdict", "undecided": "audit"}
+    by_state = {"assigned": "execution_deadline", "submitted": "verdict_deadline", "ruled": "case_end"}
     unknown = ("creator_name", "executor", "executor_name", "service_id", "price_iec", "nonce", "assigned")
     unknown += ("proof_submitted", "settled", "execution_deadline", "verdict_deadline", "proof_sha256")
     unknown += ("proof_uri", "verdict", "reason", "report_sha256", "report_uri")
-    fields = {**dict.fromkeys(unknown), f"{by_state[state]}_deadline": START_S + window_s}
+    fields = {**dict.fromkeys(unknown), by_state[state]: START_S + window_s}
+    if state == "ruled":
+        fields["standing"] = {"ruling": "void", "until": START_S + window_s}
     return Task(
         id=3,
         kind=kind,
@@ -114,7 +106,7 @@ def lasts_s(clock: Clock, held: PeoplesTime, wanted: float, window_s: float, lat
     clock.site_s = START_S + late_s
     begun_s = clock.wall_s
     while clock.site_s < START_S + window_s:
-        held.take([task(window_s=window_s)], [], clock.wall_s)
+        held.take([task(window_s=window_s)], clock.wall_s)
         held.adjust(clock.wall_s)
         clock.site_s += 2.0 * (held.speed(wanted) or 1000.0)
         clock.wall_s += 2.0
@@ -148,27 +140,30 @@ def test_a_window_that_is_shorter_than_the_hour_runs_in_real_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "kind", "audited", "slow"),
+    ("state", "kind", "known", "slow"),
     [
-        ("assigned", "wheel_cleaning", [], True),
-        ("assigned", "waste_disposal", [], False),
-        ("submitted", "wheel_cleaning", [], True),
-        ("submitted", "waste_disposal", [], False),
-        ("submitted", "waste_disposal", ["waste_disposal"], True),
-        ("undecided", "waste_disposal", [], True),
+        ("assigned", "wheel_cleaning", {}, True),
+        ("assigned", "waste_disposal", {}, False),
+        ("submitted", "waste_disposal", {}, False),
+        ("submitted", "waste_disposal", {"judge": "auditor"}, True),
+        ("submitted", "waste_disposal", {"judge_removed": True}, True),
+        ("ruled", "waste_disposal", {"passed_on": True}, True),
+        ("ruled", "waste_disposal", {}, False),  # the oracle was silent, and may still rule
+        ("ruled", "wheel_cleaning", {"judge": "auditor"}, True),  # an auditor was, and may still rule
     ],
 )
 def test_the_clock_is_slow_for_those_who_work_and_those_who_judge_and_for_no_machine(
-    state: str, kind: str, audited: list[str], slow: bool
+    state: str, kind: str, known: dict[str, Any], slow: bool
 ) -> None:
     clock = Clock()
     held = people(clock)
-    held.take([task(state, kind)], audited, clock.wall_s)
+    one = task(state, kind).model_copy(update={"judge": "oracle"} | known)
+    held.take([one], clock.wall_s)
     held.adjust(clock.wall_s)
     assert (held.speed(400) < 10) == slow
     assert held.activity("simulating").startswith("simulating; slowly, because a person has task") == slow
     # Handed in or judged, the clock is free again.
-    held.take([], audited, clock.wall_s)
+    held.take([], clock.wall_s)
     held.adjust(clock.wall_s)
     assert held.speed(400) == 400
     assert held.activity("simulating") == "simulating"
@@ -179,7 +174,7 @@ def test_the_person_with_the_least_time_counts() -> None:
     clock = Clock()
     held = people(clock)
     urgent = task(window_s=1.5 * HOUR_S).model_copy(update={"id": 77})
-    held.take([task(window_s=24 * HOUR_S), urgent], [], clock.wall_s)
+    held.take([task(window_s=24 * HOUR_S), urgent], clock.wall_s)
     held.adjust(clock.wall_s)
     assert held.task_id == 77
     assert 1.4 < held.speed(400) < 1.5
@@ -209,16 +204,17 @@ def test_judges_have_time_to_decide_about_a_challenge_and_each_instance_its_own(
     held = people(clock)
 
     def challenged(instance: int, challenger: str | None = "0x1") -> Task:
-        dispute = {"instance": instance, "vote": VOTE, "report_uri": "", "challenger": challenger}
-        one = task(kind="waste_disposal", state="submitted")
-        until = {"until": clock.site_s + 100 * HOUR_S}
-        return one.model_copy(update={"dispute": Dispute.model_validate(dispute | until)})
+        until = clock.site_s + 100 * HOUR_S
+        one = task(kind="waste_disposal", state="ruled")
+        standing = Standing(ruling="rejected", until=until)
+        dispute = Dispute(instance=instance, challenger=challenger, until=until)
+        return one.model_copy(update={"standing": standing, "dispute": dispute})
 
-    held.take([challenged(0, None)], (), clock.wall_s)
+    held.take([challenged(0, None)], clock.wall_s)
     held.adjust(clock.wall_s)
     assert math.isinf(held.limit)  # nobody has to challenge it
     for instance in (0, 1):
-        held.take([challenged(instance)], (), clock.wall_s)
+        held.take([challenged(instance)], clock.wall_s)
         held.adjust(clock.wall_s)
         assert held.limit == pytest.approx(97)
         clock.wall_s += HOUR_S

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
+import {Finding, IJudge} from "../interfaces/IJudge.sol";
+import {IOrganization} from "../interfaces/IOrganization.sol";
+import {IServiceManager} from "../interfaces/IServiceManager.sol";
+import {Attempt, ITaskManager, Ruling, TaskState} from "../interfaces/ITaskManager.sol";
+import {Texts} from "../libraries/Texts.sol";
+import {TaskId} from "../types/TaskId.sol";
+
+/// @notice All judges have this in common: whom they judge for, who is a party, how they report, and to whom they pass on
+/// what they cannot decide.
+abstract contract Judge is IJudge {
+    /// @dev The attempt at a task that was passed on last.
+    /// @param by who could not decide: see _hasPassedOn
+    struct Passed {
+        uint8 attempt;
+        uint248 by;
+    }
+
+    bytes32 private constant ADMINISTRATOR = 0;
+
+    /// @notice Whose kinds it judges.
+    IOrganization public immutable organization;
+    /// @inheritdoc IJudge
+    ITaskManager public immutable tasks;
+    /// @inheritdoc IJudge
+    address public immutable next;
+    IServiceManager internal immutable _services;
+
+    mapping(TaskId taskId => Passed) private _passed;
+
+    modifier onlyAdministrator() {
+        _requireAdministrator();
+        _;
+    }
+
+    constructor(IOrganization organization_, address next_) {
+        organization = organization_;
+        tasks = organization_.tasks();
+        _services = organization_.services();
+        next = next_;
+    }
+
+    /// @inheritdoc IJudge
+    function ruleForNext(Finding calldata finding, string calldata reportUri) external {
+        if (msg.sender != next) revert NotNext(msg.sender, next);
+        if (_passed[finding.taskId].attempt != finding.attempt) {
+            revert NotPassedOn(finding.taskId, finding.attempt);
+        }
+        if (finding.ruling == Ruling.None) revert MustRule(finding.taskId);
+        _find(finding, reportUri, 0);
+    }
+
+    /// @inheritdoc IJudge
+    function hasPassedOn(TaskId taskId, address account) external view returns (bool) {
+        Passed storage passed = _passed[taskId];
+        return passed.attempt != 0 && _isAmong(passed.by, account);
+    }
+
+    /// @dev Rule, or pass on what cannot be decided, and decide it no more. The ruling goes first, and answers with what the
+    /// caller has to fit: nothing of it happens if it does not.
+    /// @param until as for ITaskManager.rule
+    /// @return a the attempt as it was
+    function _find(Finding calldata f, string calldata reportUri, uint256 until)
+        internal
+        returns (Attempt memory a)
+    {
+        Texts.requireText(reportUri);
+        Texts.requireText(f.reason);
+        emit Reported(f.taskId, f.attempt, f.reportHash, reportUri, f.reason);
+        Ruling ruling = f.ruling;
+        if (ruling == Ruling.None) {
+            if (next == address(0)) revert MustRule(f.taskId);
+            emit PassedOn(f.taskId, f.attempt, next);
+            (ruling, until) = (Ruling.Void, tasks.attemptOf(f.taskId).caseEnd);
+        }
+        a = tasks.rule(
+            f.taskId, f.attempt, f.proofHash, ruling, f.fault, f.amount, uint40(until), f.reportHash
+        );
+        // Only what is Ruled was passed on: most rulings do not look.
+        if (msg.sender != next && a.state == TaskState.Ruled && _passed[f.taskId].attempt == f.attempt) {
+            revert PassedOnBefore(f.taskId, f.attempt);
+        }
+    }
+
+    /// @dev Remember who could not decide, if nobody could.
+    /// @param by as _isAmong reads it
+    function _remember(Finding calldata f, uint248 by) internal {
+        if (f.ruling == Ruling.None) _passed[f.taskId] = Passed(f.attempt, by);
+    }
+
+    /// @dev Whether `account` is among those that `by` stands for, or has the same owner as one of them.
+    function _isAmong(uint248 by, address account) internal view virtual returns (bool);
+
+    function _requireAdministrator() internal view {
+        if (!_hasRole(ADMINISTRATOR, msg.sender)) revert NotAdministrator(msg.sender);
+    }
+
+    function _hasRole(bytes32 role, address account) internal view returns (bool) {
+        return IAccessControl(address(organization)).hasRole(role, account);
+    }
+
+    /// @dev A party judges nothing, nor does whoever owns one or has the same owner.
+    /// @param accounts who judges
+    function _requireNoParty(TaskId taskId, Attempt memory a, address[] memory accounts) internal view {
+        address party = _services.partyAmong(accounts, a.serviceId, a.creator);
+        if (party != address(0)) revert JudgeIsParty(taskId, party);
+    }
+}

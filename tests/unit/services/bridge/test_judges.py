@@ -1,0 +1,168 @@
+"""Which contract each command of a judge calls, and which judge a kind gets."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from eth_utils import to_checksum_address
+
+from rodeo.chain import artifacts
+from rodeo.chain.calls import Calls, OrganizationCalls
+from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
+from rodeo.chain.deployment import Deployment
+from rodeo.currency import IEC
+from services.bridge.commands import Wallet
+from services.bridge.errors import KindWithoutQuorum, KindWithoutRules, NoDispute, NotAJudge, UnknownKind
+from services.bridge.names import Names
+
+NAMES = (*artifacts.CONTRACTS, *artifacts.DISPUTES)
+ADDRESSES = {name: to_checksum_address(f"0x{place:040x}") for place, name in enumerate(NAMES, 1)}
+KIND, OTHER = "waste_disposal", f"0x{99:040x}"
+DIGEST = "0x" + "0a" * 32
+VOTE: dict[str, Any] = {
+    **dict.fromkeys(("proof_sha256", "report_sha256", "rules_sha256"), DIGEST),
+    "task_id": 1,
+    "attempt": 1,
+    "ruling": "accepted",
+    "amount_iec": "5",
+    "reason": "it is clean",
+}
+RULE = {**VOTE, "report_uri": ""}
+VOTES = {"vote": VOTE, "report_uri": "", "signatures": ["0x" + "01" * 64]}
+
+
+def called(
+    name: str,
+    request: dict[str, Any],
+    judge: str = "OracleJudge",
+    *,
+    removed: bool = False,
+    seats: int = 0,
+    votes: int = 0,
+    instances: int = 0,
+    kept: tuple[str, ...] = (DIGEST,),
+    **task: Any,
+) -> list[tuple[str, str]]:
+    """(Contract, function) of each call of the command; `judge` has judged the kind since before the task."""
+    deployment = Deployment(chain_id=1, genesis_hash="0x", block=0, contracts=ADDRESSES)
+    number = {"judge": ADDRESSES.get(judge, judge), "removed": removed}
+    row = {"id": 1, "number": 1, "attempt": 1, "kind": KIND, "rules_sha256": DIGEST, "state": "submitted"}
+    row |= {"dispute": None, "passed_on": False} | task
+    client: Any = SimpleNamespace(
+        deployment=deployment,
+        calls=Calls(deployment),
+        organization_calls=OrganizationCalls(deployment),
+        oracle_calls=RoleJudgeCalls(deployment, "OracleJudge"),
+        auditor_calls=RoleJudgeCalls(deployment, "AuditorJudge"),
+        dispute_calls=DisputeJudgeCalls(deployment),
+        committee_calls=lambda: CommitteeJudgeCalls(deployment, "OracleCommittee"),
+        currency=IEC,
+        quorum=lambda _kind: SimpleNamespace(votes=votes),
+        instances=lambda _kind: [SimpleNamespace(stake=1)] * instances,
+    )
+    index: Any = SimpleNamespace(
+        task=lambda _id: row,
+        numbers=lambda: {1: number},
+        number_of=lambda kind: int(kind == KIND),
+        judges=lambda: [{}] * seats,
+        rules=lambda _kind, now: list(kept) if now == number["judge"] else [],
+        kinds=lambda: [KIND],
+    )
+    unused: Any = SimpleNamespace()
+    kinds: Any = SimpleNamespace(by_people=lambda _kind: False)
+    wallet = Wallet("alice", client, unused, index, unused, unused, unused, kinds)
+    wallet.names = Names.__new__(Names)
+    wallet.names._contracts = deployment.contracts
+    command, build = wallet._parse(name, request)
+    contracts = {address: contract for contract, address in ADDRESSES.items()}
+    return [(contracts[call.to], call.name) for call in build(wallet, command)]
+
+
+def test_a_ruling_goes_to_the_judge_that_the_task_was_posted_under() -> None:
+    assert called("rule", RULE) == [("OracleJudge", "rule")]
+    assert called("rule", RULE, "AuditorJudge") == [("AuditorJudge", "rule")]
+    assert called("post_votes", VOTES, "OracleCommittee") == [("OracleCommittee", "postVotes")]
+    assert called("post_votes", VOTES, "DisputeJudge") == [("DisputeJudge", "postVotes")]
+
+
+@pytest.mark.parametrize("judge", ["OracleJudge", "OracleCommittee", "DisputeJudge"])
+def test_auditors_rule_in_the_place_of_who_passed_a_case_on_or_was_removed(judge: str) -> None:
+    assert called("rule", RULE, judge, passed_on=True) == [("AuditorJudge", "ruleFor")]
+    assert called("rule", RULE, judge, removed=True, passed_on=True) == [("AuditorJudge", "rule")]
+
+
+def test_a_ruling_on_another_attempt_than_was_passed_on_is_the_judges_own() -> None:
+    assert called("rule", RULE, passed_on=True, attempt=2) == [("OracleJudge", "rule")]
+
+
+@pytest.mark.parametrize(
+    ("command", "request_", "judge"),
+    [
+        ("rule", RULE, "OracleCommittee"),
+        ("rule", RULE, "DisputeJudge"),
+        ("rule", RULE, OTHER),
+        ("post_votes", VOTES, "OracleJudge"),
+        ("post_votes", VOTES, OTHER),
+    ],
+)
+def test_who_judges_otherwise_is_not_asked(command: str, request_: dict[str, Any], judge: str) -> None:
+    with pytest.raises(NotAJudge) as refused:
+        called(command, request_, judge)
+    assert refused.value.details == {"judge": ADDRESSES.get(judge, judge)}
+
+
+def test_a_kind_gets_the_oracles_as_the_organization_has_them() -> None:
+    allow = {"kind": KIND, "judge": "oracle", "rules_sha256": DIGEST}
+    there: dict[str, Any] = {"judge": "AuditorJudge", "seats": 3}
+    assert judge_set(allow, judge="AuditorJudge") == "OracleJudge"
+    assert judge_set(allow, votes=2, **there) == "OracleCommittee"
+    assert judge_set(allow, votes=2, instances=2, **there) == "DisputeJudge"
+    assert judge_set(allow | {"judge": "auditor"}) == "AuditorJudge"
+    with pytest.raises(KindWithoutQuorum):
+        judge_set(allow, **there)
+
+
+def test_new_rules_do_not_change_which_oracles_judge_a_kind() -> None:
+    allow = {"kind": KIND, "judge": "oracle", "rules_sha256": DIGEST}
+    assert judge_set(allow, seats=3, votes=2, instances=2) == "OracleJudge"
+    assert judge_set(allow, judge="DisputeJudge", seats=3) == "DisputeJudge"
+
+
+def judge_set(request: dict[str, Any], **there: Any) -> str:
+    """The judge that allowKind names."""
+    named: list[str] = []
+    real = OrganizationCalls.allow_kind
+
+    def allow_kind(self: OrganizationCalls, kind: str, judge: str, rules: bytes) -> Any:
+        named.append(judge)
+        return real(self, kind, judge, rules)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(OrganizationCalls, "allow_kind", allow_kind)
+        called("allow_kind", request, **there)
+    (address,) = named
+    return next(name for name, one in ADDRESSES.items() if one == address)
+
+
+def test_another_judge_of_a_kind_does_not_keep_the_rules_of_the_one_before() -> None:
+    allow = {"kind": KIND, "judge": "oracle", "audit_window_s": 60}
+    assert called("allow_kind", allow) == [("Organization", "setAudit"), ("Organization", "allowKind")]
+    with pytest.raises(KindWithoutRules):
+        called("allow_kind", allow, "AuditorJudge")
+
+
+def test_a_kind_without_a_judge_has_none_to_remove() -> None:
+    assert called("remove_judge", {"kind": KIND}) == [("Organization", "removeJudge")]
+    with pytest.raises(UnknownKind):
+        called("remove_judge", {"kind": "painting"})
+
+
+@pytest.mark.parametrize(
+    "task", [{}, {"dispute": {"instance": 0}}, {"dispute": {"instance": 1}, "state": "ruled"}]
+)
+def test_a_ruling_that_nobody_can_replace_is_not_challenged(task: dict[str, Any]) -> None:
+    """Of no instance, concluded, or of the last one."""
+    with pytest.raises(NoDispute):
+        called("challenge", {"task_id": 1, "reason": "no"}, instances=2, **task)
