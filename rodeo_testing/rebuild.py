@@ -76,8 +76,6 @@ class Rebuilt:
     """Task -> the ruling that stands; while a final one is done, that one."""
     set_aside: dict[tuple[int, int], int] = field(default_factory=dict)
     """(service, task) -> what of the bond waits for the end of the case."""
-    resumed: int | None = None
-    """The service whose bond covers a penalty again, once the case has ended."""
     seats: dict[str, Seat] = field(default_factory=dict)
     """Key -> the seat of the judge in the committee of oracles."""
     quorums: dict[str, Quorum] = field(default_factory=dict)
@@ -233,7 +231,10 @@ class Rebuilt:
                 service = self.services[event.service_id]
                 self._service(event.service_id, bond=service.bond + event.amount)
                 if service.state is ServiceState.SHORT and service.bond + event.amount >= service.penalty:
-                    self.resumed = event.service_id
+                    awake = service.provider not in self.asleep
+                    self._service(
+                        event.service_id, state=ServiceState.ACTIVE if awake else ServiceState.PAUSED
+                    )
             case events.BondPenalized():
                 if self.set_aside.pop((event.service_id, event.task_id), None) is None:
                     bond = self.services[event.service_id].bond
@@ -337,10 +338,6 @@ class Rebuilt:
         """The attempt is over, and counts in the record of its service."""
         self._free(task_id)
         self.standing.pop(task_id, None)
-        if self.resumed is not None:
-            awake = self.services[self.resumed].provider not in self.asleep
-            self._service(self.resumed, state=ServiceState.ACTIVE if awake else ServiceState.PAUSED)
-            self.resumed = None
         if counter is None:
             return
         service_id, accepted = self.tasks[task_id].service_id, counter == "completed"

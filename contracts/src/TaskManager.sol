@@ -575,10 +575,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool stood = t.state == TaskState.Ruled;
         // slither-disable-next-line uninitialized-local
         Release memory r;
-        if (stood) r = _conclude(taskId, t, _outcome(cause), price);
+        if (stood) {
+            r = _conclude(taskId, t, _outcome(cause), price);
+            // Before the task looks for a service: it may name this one, which would have two places.
+            if (r.available) _place(serviceId, r.kindId, r.price, r.named);
+        }
         bool last = _endAttempt(taskId, t, cause);
-        if (!stood) r = _release(t, serviceId, _outcome(cause), price);
-        if (r.available) _place(serviceId, r.kindId, r.price, r.named);
+        if (!stood) r = _free(t, serviceId, _outcome(cause), price);
         uint120 sent = _send(0, r.payout, r.bond);
         sent = _send(sent, address(organization), r.penalty);
         if (last) sent = _send(sent, t.creator, t.reward);

@@ -317,6 +317,22 @@ contract RulingsTest is Fixture {
         assertAssigned(post(bob, 10 ether), second);
     }
 
+    function test_aNamedTaskThatIsGivenUpComesBackToAServiceThatRanShort() public {
+        setTerms(BOND, BOND, 0);
+        ServiceId second = offer(robot1, 10 ether);
+        TaskRequest memory r = request(10 ether);
+        (r.serviceId, r.maxAttempts) = (uint32(ServiceId.unwrap(second)), 2);
+        vm.prank(bob);
+        TaskId taskId = tasks.registerTask(r);
+        submit(taskId);
+        ruleUntil(oracleJudge, taskId, Ruling.GivenUp, 0, block.timestamp + 1 hours);
+        assertEq(uint8(services.service(second).state), uint8(ServiceState.Short));
+        vm.warp(block.timestamp + 1 hours + 1);
+        tasks.conclude(taskId);
+        assertAssigned(taskId, second);
+        assertEq(tasks.task(taskId).attempt, 2);
+    }
+
     /// @dev It waits under the number to which it has agreed, and not under that of the task whose case ended.
     function test_whatComesBackOfABondIsForTheKindAsTheServiceAgreedToIt() public {
         setTerms(BOND, BOND, 0);

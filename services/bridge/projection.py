@@ -50,8 +50,6 @@ class Projection:
     """(block, log index) of the last event of each thing that the contracts did."""
     _free: int | None = None
     """The service that becomes free by what they do now; at its end it has a task or a place in the line."""
-    _resumed: int | None = None
-    """The service that takes tasks again once the case has ended whose penalty it has back."""
     _reported: tuple[str, events.Reported] | None = None
     """The transaction of the last report, and what it says of the ruling that follows."""
 
@@ -616,7 +614,7 @@ class Projection:
         if service["state"] == "short" and service["bond"] >= service["penalty"]:
             awake = self._provider(service["provider"])["asleep_until"] is None
             self.rows.change(schema.services, service_id, state="active" if awake else "paused")
-            self._resumed = service_id
+            self._free = service_id
 
     def _change_provider(self, address: str, **values: Any) -> None:
         self.rows.put(schema.providers, **{**self._provider(address), **values})
@@ -726,8 +724,6 @@ class Projection:
         task = self.rows.get(schema.tasks, task_id)
         if task["state"] != "ruled":  # else it was free since the first ruling
             self._free_service(task)
-        elif self._resumed is not None:
-            self._free, self._resumed = self._resumed, None
         if counter is None:
             return
         service = self.rows.get(schema.services, task["service_id"])

@@ -477,13 +477,13 @@ def test_a_service_whose_bond_ran_short_waits_again_when_a_case_ends(chain: Chai
     assert (service["state"], service["place"]) == ("active", 2)
 
 
-def test_a_task_that_was_given_up_is_offered_to_others_before_its_service_waits_again(chain: Chain) -> None:
+def test_a_service_waits_again_before_the_task_that_it_gave_up_is_offered(chain: Chain) -> None:
     submitted(chain)
     chain.block(
         ruled(Ruling.GIVEN_UP, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1, 3, 5)
     )
     chain.block(events.PenaltyReturned(1, 1, 17), events.TaskRequeued(1, 1, Cause.GIVEN_UP), assigned(2))
-    assert places(chain) == [0] and chain.index.setting("places") == 1
+    assert places(chain) == [0] and chain.index.setting("places") == 2
 
 
 def test_where_nobody_ruled_the_attempt_is_void_and_has_no_report(chain: Chain) -> None:
