@@ -10,6 +10,7 @@ from typing import NamedTuple
 import zenoh
 
 from rodeo import topics
+from rodeo.receiving import direct
 from rodeo.ros2 import wire
 
 log = logging.getLogger(__name__)
@@ -50,8 +51,9 @@ class Commander:
         names = [f"{action.name(ns=namespace)}/_action/send_goal" for action in _ACTIONS]
         expressions = [wire.clients_expression(domain_id, name) for name in names]
         expressions.append(wire.publishers_expression(domain_id, topics.CMD_VEL.name(ns=namespace)))
+        # While it is received, or the first goal of one more client of the commander overtakes its token.
         self._graph = [
-            session.liveliness().declare_subscriber(expression, self._on_token, history=True)
+            session.liveliness().declare_subscriber(expression, direct(self._on_token), history=True)
             for expression in expressions
         ]
 

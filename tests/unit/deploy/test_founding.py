@@ -146,7 +146,7 @@ def test_with_votes_and_disputes_no_transaction_has_more_gas_than_one_may_have(
     w3 = connect(full.chain.url)
     contracts._fund(w3, [keystores.address(full, name) for name in keystores.wallet_names(full)])
     founding.create_contracts(full, w3, wallets.load(full, "organization"), lambda _text: None)
-    assert len(gas) == 5 and max(gas) * transactions.GAS_MARGIN < 2**24
+    assert len(gas) > 1 and max(gas) * transactions.GAS_MARGIN < 2**24
 
 
 def test_two_members_are_two_accounts(site: Site) -> None:

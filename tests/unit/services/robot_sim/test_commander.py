@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import zenoh
 
 from rodeo import topics
 from rodeo.bus import zenoh_config
+from rodeo.receiving import direct
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionClient, ActionServer, ServerGoal
 from rodeo.ros2.errors import GoalRejected
@@ -75,6 +77,22 @@ def lab() -> Iterator[tuple[Callable[[str], Mind], list[str], threading.Event]]:
     commander.close()
     node.close()
     body.close()
+
+
+def test_who_is_there_is_heard_in_the_order_in_which_it_arrives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """While it is received: in a thread beside, the first goal of a new client overtakes its announcement."""
+    received: list[str] = []
+
+    def noted(callback: Any) -> Any:
+        received.append(callback.__name__)
+        return direct(callback)
+
+    monkeypatch.setattr("services.robot_sim.commander.direct", noted)
+    with zenoh.open(zenoh_config("router", listen=[f"tcp/127.0.0.1:{free_port()}"])) as session:
+        Commander(session, 0, "panther1").close()
+    assert received == ["_on_token"] * 4
 
 
 def test_a_second_minds_goals_are_refused_until_the_first_has_gone(
