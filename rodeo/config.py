@@ -38,6 +38,7 @@ from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, Place
 from rodeo.lab.rooms import RoomConfig, walls
 from rodeo.rewards import Rise
 from rodeo.site_problems import Place, close, dotted, explained
+from rodeo.stamps import FASTEST_CLOCK
 from rodeo.topics import BODY
 
 MiB = 1 << 20
@@ -50,10 +51,6 @@ BRIDGE = "bridge"
 
 _PREFIX = "RODEO__"
 """Prefix of environment variables."""
-
-
-FASTEST_CLOCK = 50.0
-"""Speed of a simulated clock, times real time, if the site file sets none."""
 
 
 class _Table(BaseModel):

@@ -9,6 +9,9 @@ if TYPE_CHECKING:
 
 SECOND_NS = 1_000_000_000
 
+FASTEST_CLOCK = 50.0
+"""Speed of a simulated clock, times real time, if the site file sets none."""
+
 Time = TypeVar("Time", int, "np.ndarray")
 
 

@@ -28,9 +28,9 @@ from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import KindConfig, Site
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.evidence.recorder import RESUMED
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
+from rodeo.evidence.tally import RESUMED
 from rodeo.lab.body import joint_names
 from rodeo.lab.world import arm_model
 from rodeo.messages import DaoEvent, Device, Task

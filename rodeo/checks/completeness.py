@@ -8,8 +8,8 @@ from rodeo.checks.case import Case, CaseError
 from rodeo.checks.poses import moved_s
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped
 from rodeo.checks.tables import events_of, increasing, named_table
-from rodeo.evidence.recorder import CLOSED, Tally
 from rodeo.evidence.series import Table
+from rodeo.evidence.tally import CLOSED, Tally
 from rodeo.foreign_text import quoted
 from rodeo.topics import (
     ARM_STATE,

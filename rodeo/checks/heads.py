@@ -11,7 +11,7 @@ from rodeo.checks.case import Case
 from rodeo.checks.report import Finding, equal
 from rodeo.checks.statements import Said
 from rodeo.checks.tables import events_of
-from rodeo.evidence.recorder import RESUMED
+from rodeo.evidence.tally import RESUMED
 from rodeo.topics import EVENT_CHANNEL, SEAL_CHANNEL
 from rodeo.witness.statement import Head
 

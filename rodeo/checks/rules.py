@@ -1,14 +1,17 @@
 """The rules by which a kind of work is judged, as one hash: everybody who has the same rules finds the same.
 
-The hash covers the schema of a task's parameters, the limits, the source of the kind's checks and of the
-shared ones that they import, the models whose word counts, the rates, and MuJoCo's major version. Comments,
-docstrings, line ends and where the files lie do not count.
+The hash covers the schema of a task's parameters, the models whose word counts, the rates, MuJoCo's major
+version, and the source and the data files of every module of this project and of the kind's own package that
+a verification imports, except those in `UNDECIDING`. Comments, docstrings, line ends and where the files lie
+do not count, and neither do the numbers in the site file of whoever judges.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import re
+from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
@@ -19,9 +22,22 @@ import rfc8785
 
 from rodeo.kinds import Kind
 
-SHARED = "rodeo.checks"
+_PROJECT = ("rodeo.", "rodeo_kinds.")
+_VERIFICATION = "rodeo.checks.verify"
+UNDECIDING = {
+    "rodeo.checks.people": "no machine judges work with them",
+    "rodeo.config": "a site's own settings",
+    "rodeo.evidence.store": "fetches bytes, whose hash is on chain",
+    "rodeo.files": "writes files",
+    "rodeo.messages": "shapes of what is on chain, which every judge reads there",
+    "rodeo.pricing": "what is asked for work, not whether it was done",
+    "rodeo.redaction": "what of a site file is shown",
+}
+"""What a verification imports and what decides nothing, each with the reason; what only they import decides
+nothing either."""
 _PHYSICS = "mujoco"
 _FOR_PEOPLE = ("title", "description")
+_FILE = re.compile(r"[\w-]+\.(?!py$)\w+")
 _VALUES = ("const", "default", "enum", "examples")
 """Of a schema: what stands there is data."""
 
@@ -43,6 +59,7 @@ def rules(kind: Kind) -> dict[str, Any] | None:
         "parameters": _said(kind.schema),
         "limits": {module: source.limits for module, source in sources.items() if source.limits},
         "sources": {module: source.sha256 for module, source in sources.items()},
+        "files": {name: sha256 for source in sources.values() for name, sha256 in source.files.items()},
         "models_sha256": kind.models(),
         "rates": {str(rate.from_hour): f"{rate.iec.normalize():f}" for rate in kind.rates},
         "mujoco": physics_version() if physics else None,
@@ -56,11 +73,13 @@ def physics_version() -> str:
 
 
 class Source:
-    """One module's text, as far as it is a rule."""
+    """One module, as far as it is a rule."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, module: str, path: Traversable) -> None:
+        text = path.read_text(encoding="utf-8")
         tree = ast.parse(text)
         nodes = list(ast.walk(tree))
+        package = module if path.name == "__init__.py" else module.rpartition(".")[0]
         self.sha256 = hashlib.sha256(_stripped(text, nodes)).hexdigest()
         self.limits = {
             node.targets[0].id: ast.unparse(node.value)
@@ -70,47 +89,70 @@ class Source:
             and node.targets[0].id.strip("_").isupper()
         }
         """Constant -> its value as it is written."""
-        self.imports = {name for node in nodes for name in _imported(node)}
+        self.imports = {name for node in nodes for name in _imported(node, package)}
         self.physics = any(name.partition(".")[0] == _PHYSICS for name in self.imports)
+        self.files = dict(_read_files(nodes, package))
+        """Data file beside the module that it names -> SHA-256."""
 
 
-def _imported(node: ast.AST) -> list[str]:
-    """Names that an import gives, a module's or something in one: also of one inside a function."""
+def _imported(node: ast.AST, package: str) -> list[str]:
+    """Names that an import in a module of this package gives, a module's or something in one: also of one
+    inside a function."""
     if isinstance(node, ast.Import):
         return [one.name for one in node.names]
-    if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-        return [f"{node.module}.{one.name}" for one in node.names]
-    return []
+    if not isinstance(node, ast.ImportFrom):
+        return []
+    parents = package.split(".")
+    above = parents[: len(parents) + 1 - node.level] if node.level else []
+    return [".".join(filter(None, [*above, node.module, one.name])) for one in node.names]
+
+
+def _read_files(nodes: Iterable[ast.AST], package: str) -> Iterator[tuple[str, str]]:
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and _FILE.fullmatch(node.value):
+            path = _folder(package).joinpath(node.value)
+            if path.is_file():
+                data = path.read_bytes().replace(b"\r\n", b"\n")
+                yield f"{package}/{node.value}", hashlib.sha256(data).hexdigest()
 
 
 @cache
 def sources_of(first: str) -> dict[str, Source]:
-    """Module -> source: `first`, and what it imports of its own package and of the shared checks."""
-    own = first.partition(".")[0] + "."
+    """Module -> source: of `first`, of the verification, and of what they import and what decides."""
+    ours = (first.partition(".")[0] + ".", *_PROJECT)
     found: dict[str, Source] = {}
-    waiting = [first]
+    waiting = [first, _VERIFICATION]
     while waiting:
         module = waiting.pop()
-        if module in found:
+        if module in found or module in UNDECIDING:
             continue
-        path = _path(module)
-        assert path is not None
-        found[module] = Source(path.read_text(encoding="utf-8"))
+        found[module] = _source(module)
         for name in found[module].imports:
-            if name.startswith((own, SHARED + ".")):
+            if name.startswith(ours):
                 waiting.append(name if _path(name) is not None else name.rpartition(".")[0])
     return found
 
 
 @cache
+def _source(module: str) -> Source:
+    path = _path(module)
+    assert path is not None, module
+    return Source(module, path)
+
+
+@cache
 def _path(module: str) -> Traversable | None:
     """Of its file; None if there is no such module. Nothing below the first package is imported."""
-    top, *inner = module.split(".")
-    folder = files(top).joinpath(*inner)
-    candidates = [folder.joinpath("__init__.py")]
-    if inner:
-        candidates.append(files(top).joinpath(*inner[:-1]).joinpath(inner[-1] + ".py"))
+    package, _, name = module.rpartition(".")
+    candidates = [_folder(module).joinpath("__init__.py")]
+    if package:
+        candidates.append(_folder(package).joinpath(name + ".py"))
     return next((path for path in candidates if path.is_file()), None)
+
+
+def _folder(package: str) -> Traversable:
+    top, *inner = package.split(".")
+    return files(top).joinpath(*inner)
 
 
 def _is_string(node: ast.expr) -> bool:

@@ -11,13 +11,10 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from array import array
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import file_digest
-from itertools import islice
-from operator import sub
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,6 +29,7 @@ from rodeo.evidence.errors import (
 )
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import SEAL_PERIOD_NS, Binding, RunningHash, SealAudit, SealChain, channel_digest
+from rodeo.evidence.tally import CLOSED, RESUMED, Tally
 from rodeo.evidence.writer import McapWriter
 from rodeo.keys import Signer
 from rodeo.ros2.definitions import schema_text
@@ -40,12 +38,8 @@ from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
 log = logging.getLogger(__name__)
 
-CLOSED = "recording_closed"
-"""Last event of a recording: {"event", "topics": {topic: {"seen", "published"}}}, see `Tally`."""
 UNREADABLE = "unreadable"
 """Event in place of an event or statement that readers refuse: {"event", "channel", "name", "why"}."""
-RESUMED = "recording_resumed"
-"""Event of a recorder that goes on after a cut."""
 _JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
 _MOST_JSON_BYTES = Limits().json_bytes
 _IDLE_SEAL_S = 1.0
@@ -78,34 +72,6 @@ class _Entry(NamedTuple):
     data: bytes
     urgent: bool = False
     """To be signed and on disk at once."""
-
-
-class Tally:
-    """How many messages of one topic were seen, and how many its publishers sent by their own count."""
-
-    def __init__(self) -> None:
-        self.seen = 0
-        self.published = 0
-        self._last = 0
-
-    def add(self, sequence: int) -> None:
-        """The next message's sequence number. One that does not grow is of a publisher that restarted."""
-        step = sequence - self._last
-        self.published += step if self.seen and step > 0 else 1
-        self.seen += 1
-        self._last = sequence
-
-    @classmethod
-    def of(cls, sequences: array[int]) -> Tally:
-        """The same of all of them (uint32) at once."""
-        tally = cls()
-        tally.seen = len(sequences)
-        steps = map(sub, islice(sequences, 1, None), sequences)
-        tally.published = sum(step if step > 0 else 1 for step in steps) + bool(tally.seen)
-        return tally
-
-    def counts(self) -> dict[str, int]:
-        return {"seen": self.seen, "published": self.published}
 
 
 class Recorder:

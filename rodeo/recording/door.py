@@ -15,7 +15,6 @@ from typing import Literal
 
 from rodeo import topics
 from rodeo.budget import Bucket
-from rodeo.config import FASTEST_CLOCK
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.layout import Layout
@@ -23,7 +22,7 @@ from rodeo.metrics import RECORDER_REFUSED
 from rodeo.ros2 import plain
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.stamps import SECOND_NS
+from rodeo.stamps import FASTEST_CLOCK, SECOND_NS
 from rodeo.topics import Topic
 
 What = Literal["message", "statement"]

@@ -17,7 +17,8 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from rosbags.rosbag2 import StoragePlugin
 
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.evidence.recorder import CLOSED, Recorder
+from rodeo.evidence.recorder import Recorder
+from rodeo.evidence.tally import CLOSED
 from rodeo.witness.statement import Claimant, Scope, payload_digest
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning, without_mocap
 from rodeo_kinds.waste_disposal.harness.workshop import (
@@ -595,7 +596,7 @@ def reordered_and_sealed(shop: CleaningWorkshop) -> Submission:
 @HARNESS.forgery("tallied", role="executor")
 def false_counts(shop: CleaningWorkshop) -> Submission:
     """The closing event counts messages that are not in the file."""
-    from rodeo.evidence.recorder import Tally
+    from rodeo.evidence.tally import Tally
 
     counts = Tally.counts
     Tally.counts = lambda self: {"seen": self.seen + 10, "published": self.published + 10}  # type: ignore[method-assign]

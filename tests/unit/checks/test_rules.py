@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import importlib
+import re
+import subprocess
 import sys
 from dataclasses import replace
 from decimal import Decimal
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
 
 from rodeo.checks import rules
-from rodeo.checks.rules import rules_hash
+from rodeo.checks.rules import Source, rules_hash
 from rodeo.config import RateConfig
 from rodeo.kinds import Kind, KindError, load
 from rodeo.vision.classification import model_sha256
@@ -52,6 +55,12 @@ class DescribedParams(BaseModel):
 KIND = Kind("visit", "Visit", "", "oracle", params=Params, checks="visit_kind.checks:CHECKS")
 
 
+def where(module: str) -> Traversable:
+    path = rules._path(module)
+    assert path is not None, module
+    return path
+
+
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Hash of `KIND` with these checks, each time installed in another folder."""
@@ -75,7 +84,10 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         rules.sources_of.cache_clear()
         paths.cache_clear()
 
-    paths = rules._path
+    paths, read = rules._path, rules._source
+    monkeypatch.setattr(
+        rules, "_source", lambda name: read(name) if name.startswith("rodeo") else read.__wrapped__(name)
+    )
     yield of
     clear()
 
@@ -129,9 +141,11 @@ def test_a_changed_shared_check_changes_the_hash_of_kinds_that_use_it_alone(
     def changed(module: str) -> None:
         path = tmp_path / f"{module}.py"
         path.write_text(where(f"rodeo.checks.{module}").read_text() + "\nMORE = 1\n")
-        monkeypatch.setattr(rules, "_path", lambda name: path if name.endswith(module) else where(name))
+        monkeypatch.setattr(
+            rules, "_source", lambda name: Source(name, path) if name.endswith(module) else read(name)
+        )
 
-    where, before = rules._path, installed(CHECKS)
+    read, before = rules._source, installed(CHECKS)
     changed("gripper")
     assert installed(CHECKS) == before
     changed("report")
@@ -142,17 +156,50 @@ def test_a_kind_that_people_judge_has_no_rules() -> None:
     assert rules_hash(Kind("plants", "Plants", "", "auditor")) is None
 
 
-def test_the_rules_of_a_cleaning_are_its_checks_and_the_shared_ones_that_they_use() -> None:
+@pytest.mark.parametrize("kind", ["waste_disposal", "battery_charging"])
+def test_a_changed_constant_in_whatever_a_verification_imports_is_another_rule(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Except in what decides nothing, and in what only that imports."""
+
+    def hash_with(module: str, text: str) -> str | None:
+        path = tmp_path / where(module).name
+        path.write_text(text)
+        with monkeypatch.context() as patched:
+            patched.setattr(
+                rules, "_source", lambda name: Source(name, path) if name == module else read(name)
+            )
+            rules.sources_of.cache_clear()
+            return rules_hash(loaded)
+
+    loaded, read = load(kind), rules._source
+    before, decide = rules_hash(loaded), rules.sources_of(f"rodeo_kinds.{kind}.checks")
+    roots = {f"rodeo_kinds.{kind}.checks", "rodeo.checks.verify"}
+    by_name = {name for one in decide.values() for name in one.imports}
+    named = by_name | {name.rpartition(".")[0] for name in by_name} | roots
+    code = f"import sys, rodeo.checks.verify, rodeo_kinds.{kind}.checks; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    for module in sorted(done.stdout.split()):
+        if not module.startswith(("rodeo.", "rodeo_kinds.")) or where(module).name == "__init__.py":
+            continue
+        text = where(module).read_text(encoding="utf-8")
+        other = re.sub(r"(?m)^(_?[A-Z][A-Z_0-9]* = )", r"\1not ", text, count=1)
+        same = hash_with(module, other if other != text else text + "\nMORE = 1\n") == before
+        assert same == (module in rules.UNDECIDING or module not in named), module
+    rules.sources_of.cache_clear()
+
+
+def test_a_model_and_the_definitions_of_messages_are_rules() -> None:
     found = rules.rules(load("waste_disposal"))
     assert found is not None
-    ours = {name for name in found["sources"] if name.startswith("rodeo_kinds.")}
-    assert {"rodeo_kinds.waste_disposal.checks", "rodeo_kinds.waste_disposal.checks.disposal"} <= ours
-    assert all(name.startswith("rodeo_kinds.waste_disposal.") for name in ours)
-    assert not {name for name in ours if "harness" in name or "behaviour" in name}
-    assert {"rodeo.checks.grip", "rodeo.checks.statements"} <= found["sources"].keys()
-    assert found["limits"]["rodeo.checks.gripper"]["AGREE_M"] == "0.05"
-    assert found["models_sha256"] == [model_sha256()]
-    assert found["mujoco"] == "4"
+    assert found["files"].keys() == {"rodeo.lab/panther_viperx.xml", "rodeo.ros2/definitions.json"}
+
+
+def test_relative_imports_are_imports(tmp_path: Path) -> None:
+    path = tmp_path / "checks.py"
+    path.write_text("from . import near\nfrom .limits import LIMIT_M\nfrom ..shared.map import walls\n")
+    named = {"lab.visit.near", "lab.visit.limits.LIMIT_M", "lab.shared.map.walls"}
+    assert Source("lab.visit.checks", path).imports == named
 
 
 def test_a_network_counts_where_the_kind_lists_it_and_that_makes_other_rules() -> None:

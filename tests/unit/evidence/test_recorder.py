@@ -20,8 +20,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from rodeo.evidence.errors import BrokenSeal, RecorderFailed, RecordingExists, RecordingSealed, UnsealedProof
 from rodeo.evidence.proof import open_proof
-from rodeo.evidence.recorder import UNREADABLE, Recorder, Tally
+from rodeo.evidence.recorder import UNREADABLE, Recorder
 from rodeo.evidence.seal import Binding
+from rodeo.evidence.tally import Tally
 from rodeo_testing.waiting import HANG_S
 from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive, joint_state, odometry
 

@@ -17,7 +17,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.config import KindConfig, RateConfig, Site, TokenConfig
 from rodeo.evidence.proof import open_proof
-from rodeo.evidence.recorder import RESUMED
+from rodeo.evidence.tally import RESUMED
 from rodeo.messages import DaoEvent
 from rodeo.topics import ATTESTATION_CHANNEL
 from rodeo.witness import ocmf
