@@ -21,6 +21,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.hostile import hostile_proof_cpu_s
+from rodeo.checks.report import Report
 from rodeo.config import Site
 from rodeo_testing.harness import ROLES
 from tests.forgeries.catalogue import CATALOGUE, Shops, kinds
@@ -45,7 +46,7 @@ def run() -> dict[str, float]:
     started_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         spawn = multiprocessing.get_context("spawn")
-        with spawn.Pool(WORKERS, initializer=_film, initargs=(Path(folder),)) as pool:
+        with spawn.Pool(WORKERS, initializer=film, initargs=(Path(folder),)) as pool:
             for name, noisy, succeeded, named, reason in pool.imap_unordered(_by_hand, by_hand, chunksize=4):
                 worked += succeeded
                 misnamed += not (named or noisy or succeeded)
@@ -73,22 +74,31 @@ def run() -> dict[str, float]:
     )
 
 
-def _film(folder: Path) -> None:
+def film(folder: Path) -> None:
     """Once in each worker."""
     own = folder / str(os.getpid())
     own.mkdir()
     _shops.append(Shops(Site.load(SITE), own))
 
 
+def by_hand(name: str, noisy: bool) -> Report:
+    """What the oracle says of a forgery of the catalogue."""
+    report = _shops[0].judged(name, 0 if noisy else None)
+    _shops[0].empty()
+    return report
+
+
+def by_seed(seed: int) -> Report:
+    """What the oracle says of one that a seed puts together."""
+    report = composed(seed).judged(_shops[0])
+    _shops[0].empty()
+    return report
+
+
 def _by_hand(job: tuple[str, bool]) -> tuple[str, bool, bool, bool, str]:
-    (name, noisy), shops = job, _shops[0]
-    forgery, report = CATALOGUE[name], shops.judged(name, 0 if noisy else None)
-    shops.empty()
+    (name, noisy), forgery, report = job, CATALOGUE[job[0]], by_hand(*job)
     return name, noisy, forgery.worked(report), forgery.named(report), report.reason
 
 
 def _by_seed(seed: int) -> tuple[int, bool]:
-    shops = _shops[0]
-    accepted = composed(seed).judged(shops).accepted
-    shops.empty()
-    return seed, accepted
+    return seed, by_seed(seed).accepted

@@ -90,23 +90,17 @@ class Outcome(NamedTuple):
     reached: tuple[Reached, ...] = ()
     redrawn: int = 0
     """Cleanings that the operator failed at before."""
+    report: Report | None = None
+    """Without its checks; None where there was no proof."""
 
 
 def run() -> dict[str, float]:
     console, started_s = Console(), time.monotonic()
-    levels = list(LEVELS)
-    films = math.ceil(HONEST_RUNS / DRAWS)
-    jobs = [
-        *((number / films, _cleanings, number, levels[number % 3]) for number in range(films)),
-        *((number / HONEST_CHARGES, _charge, number, levels[number % 3]) for number in range(HONEST_CHARGES)),
-    ]
-    # Mixed, so that what a run says that is ended early is of both.
-    jobs.sort(key=lambda job: job[0])
     outcomes: list[Outcome] = []
     with multiprocessing.get_context("spawn").Pool(os.cpu_count() or 1) as pool:
         told = 0
         try:
-            for found in pool.imap_unordered(_do, jobs, chunksize=1):
+            for found in pool.imap_unordered(do, jobs(), chunksize=1):
                 outcomes += found
                 for outcome in found:
                     if outcome.reason is not None:
@@ -121,6 +115,17 @@ def run() -> dict[str, float]:
             console.print(f"ended after {len(outcomes)} of them", markup=False)
     console.print(_nearest(outcomes))
     return shares(outcomes)
+
+
+def jobs() -> list[Job]:
+    """What is filmed, for `do`: mixed, so that what a run says that is ended early is of both kinds."""
+    levels = list(LEVELS)
+    films = math.ceil(HONEST_RUNS / DRAWS)
+    found: list[Job] = [
+        *((number / films, _cleanings, number, levels[number % 3]) for number in range(films)),
+        *((number / HONEST_CHARGES, _charge, number, levels[number % 3]) for number in range(HONEST_CHARGES)),
+    ]
+    return sorted(found, key=lambda job: job[0])
 
 
 def shares(outcomes: list[Outcome]) -> dict[str, float]:
@@ -158,10 +163,11 @@ def _nearest(outcomes: list[Outcome]) -> Table:
 
 
 _WITHOUT = "without motion capture"
-_Work = Callable[[int, Level], list[Outcome]]
+Job = tuple[float, Callable[[int, Level], list[Outcome]], int, Level]
 
 
-def _do(job: tuple[float, _Work, int, Level]) -> list[Outcome]:
+def do(job: Job) -> list[Outcome]:
+    """Film it, record it and judge it."""
     _, work, number, level = job
     return work(number, level)
 
@@ -172,7 +178,8 @@ def _outcome(level: Level, work: str, report: Report) -> Outcome:
         for check in report.checks
         if check.passed and isinstance(check.measured, float) and isinstance(check.limit, int | float)
     )
-    return Outcome(level, work, None if report.accepted else report.reason, reached)
+    said = report.model_copy(update={"checks": []})
+    return Outcome(level, work, None if report.accepted else report.reason, reached, report=said)
 
 
 @cache
