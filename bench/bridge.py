@@ -224,9 +224,9 @@ def _index_from_nothing(tasks: int) -> float:
                 events.TaskRegistered(number, someone, "waste_disposal", iec, 60, 60, 3, proof, "{}"),
                 events.TaskAssigned(number, 1, robot, 1, iec, proof, 10**9),
             ],
-            [events.ProofSubmitted(number, 1, robot, proof, "file:///proof.mcap", 10**9)],
+            [events.ProofSubmitted(number, 1, robot, proof, "file:///proof.mcap")],
             [
-                events.Reported(number, 1, proof, "", "as it should be"),
+                events.Reported(number, "", "as it should be"),
                 events.Ruled(number, 1, proof, Ruling.ACCEPTED, Fault.NOBODY, iec, 0, proof),
                 events.TaskSettled(number, robot, iec, 0),
                 events.Transfer(manager, robot, iec),

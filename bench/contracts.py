@@ -1,14 +1,17 @@
-"""Gas and sizes of the contracts: what a task costs, and whether history makes it dearer.
+"""Gas and sizes of the contracts: what a task costs, whether history makes it dearer, and what griefers can
+do.
 
-`contracts/bench/Gas.t.sol` measures in Foundry's EVM, where ten thousand tasks take seconds. The figures of
-a step (`gas_register`, `gas_proof`, `gas_verdict`) are those of the ten thousandth task.
-"""
+`contracts/bench/Gas.t.sol` measures in Foundry's EVM, where ten thousand tasks take seconds. The figures of a
+step (`gas_register`, `gas_proof`, `gas_verdict`) are those of the ten thousandth task.
+`contracts/bench/Griefing.t.sol` measures attackers of a grid under each matching policy; `griefing_...`
+without a policy's name is the worst of all."""
 
 from __future__ import annotations
 
 import json
 import os
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 
 from rodeo.chain import artifacts
@@ -32,4 +35,28 @@ def run() -> dict[str, float]:
         f"size_{snake_case(name)}_bytes": float(len(artifacts.load(name).deployed_code))
         for name in artifacts.CONTRACTS
     }
-    return gas | sizes
+    return griefing(gas) | sizes
+
+
+_WORST = {
+    "griefing_tasks_failed": max,
+    "griefing_delay_p95_min": max,
+    "griefing_honest_income_share": min,
+    "griefing_match_gas_max": max,
+}
+"""Figure -> which of the policies' is the worst."""
+
+
+def griefing(figures: Mapping[str, float]) -> dict[str, float]:
+    """The same figures, with shares in place of thousandths, and the worst of all policies. Raises KeyError
+    where one of `_WORST` is missing."""
+    told = {
+        name.replace("_permille_", "_share_"): value / 1000 if "_permille_" in name else value
+        for name, value in figures.items()
+    }
+    for name, worst in _WORST.items():
+        found = [value for other, value in told.items() if other.startswith(f"{name}_")]
+        if not found:
+            raise KeyError(name)
+        told[name] = float(worst(found))
+    return told

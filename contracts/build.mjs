@@ -12,6 +12,8 @@ const CONTRACTS = [
   "Organization",
   "ServiceManager",
   "TaskManager",
+  "Providers",
+  "TaskQueues",
   "SignedRequests",
   "RoleJudge",
   "CommitteeJudge",

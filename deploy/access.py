@@ -52,24 +52,24 @@ _ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
 _SELLS = {"register_service", "update_service", "agree", "abandon_task", "submit_proof", "conclude"}
 
 _OFFICE = {
-    *("register_task", "cancel_task", "register_service", "update_service", "agree"),
-    *("accept_task", "submit_proof", "rule", "challenge", "conclude", "settle_stakes"),
+    *("register_task", "cancel_task", "register_service", "update_service", "agree", "set_namers"),
+    *("match_task", "accept_task", "submit_proof", "rule", "challenge", "conclude", "settle_stakes"),
     *("register_device", "revoke_device", "allow_kind", "remove_judge", "retire_rules"),
     *("suspend_provider", "reinstate_provider", "suspend_service", "reinstate_service"),
     *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
-    *("admit", "dismiss", "deposit", "withdraw", "rescue_tokens"),
+    *("admit", "dismiss", "vouch", "deposit", "withdraw", "rescue_tokens"),
     *("cast_vote", "queue_proposal", "execute_proposal", "cancel_proposal"),
     *("cast_budget_vote", "pay_budget_share"),
 }
 """What people do on the command line and in the console alike."""
 
 COMMANDS: dict[str, set[str]] = {
-    "robot_agent": {*_SELLS, "register_task", "raise_reward", "set_payout"},
+    "robot_agent": {*_SELLS, "accept_task", "register_task", "raise_reward", "set_payout"},
     "charger": {*_SELLS, "post_root"},
     "itrash": {"post_root"},
     "robot_sim": {"post_root"},
     "oracle": {"rule", "post_votes"},
-    "console": {*_OFFICE, "match_task"},
+    "console": _OFFICE,
     OPERATOR: {
         *_OFFICE,
         *("abandon_task", "raise_reward", "post_votes", "sign_vote", "set_payout"),

@@ -33,7 +33,7 @@ from rodeo.chain.client import NOBODY, ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
-from rodeo.chain.events import RoleRevoked
+from rodeo.chain.events import ProviderVouched, RoleRevoked
 from rodeo.chain.translation import translated
 from rodeo.chain.types import Role
 from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
@@ -444,11 +444,25 @@ def _missing_rules(
             owner = _owner(site, client, device_role, name)
             if signature := _possession(site, client, keystore, owner):
                 yield administrator, calls.register_device(device, device_role, owner, name, *signature)
+    for account in _unproven(site, client):
+        yield administrator, calls.vouch_for(account, True)
     for robot in site.robots:
         wallet = _told(site, robot.name)
         if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
             spender = wallets.load(site, robot.name)
             yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
+
+
+def _unproven(site: Site, client: ChainClient) -> list[str]:
+    """The site's own robots for which nobody vouches. Other participants prove themselves by their work. Once
+    somebody has ended it on chain, it stays so."""
+    robots = [account for robot in site.robots if (account := _told(site, robot.name)) is not None]
+    missing = [account for account in robots if not client.is_proven(account)]
+    if not missing:
+        return []
+    happened = (log.event for log in client.history([client.deployment.address("Providers")]))
+    ended = {one.provider for one in happened if isinstance(one, ProviderVouched) and not one.vouched}
+    return [account for account in missing if account not in ended]
 
 
 def _other_delay(site: Site, client: ChainClient) -> str | None:
@@ -559,6 +573,8 @@ def _missing_kind(
             wanted,
             kind,
         )
+    if not rules.max_window:
+        yield calls.set_windows(kind, *declared.windows_s, declared.grace_period_s)
     if declared.judge == "auditor":
         if not rules.allowed or there != judge:
             yield calls.allow_kind(kind, judge, bytes(32))

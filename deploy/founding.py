@@ -71,8 +71,8 @@ def create_contracts(
         addresses = found.addresses(founder.address, site.org, number, names)
         if token is not None:
             addresses["IECoin"] = token
-        # TaskManager makes it in its constructor, and a contract's first nonce is 1.
-        addresses["SignedRequests"] = get_create_address(addresses["TaskManager"], Nonce(1))
+        for name, (creator, nonce) in artifacts.CREATED_BY.items():
+            addresses[name] = get_create_address(addresses[creator], Nonce(nonce))
         parts = list(_parts(site, founder.address, names, addresses))
         there = {part.name: found.init_code_hash(addresses[part.name]) for part in parts}
         # One founded with another site file keeps its place.

@@ -53,6 +53,10 @@ _PREFIX = "RODEO__"
 """Prefix of environment variables."""
 
 
+ANSWER_WALL_S = 5.0
+"""Wall time in which a process hears of an assignment and has given it back, on a slow machine."""
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -257,7 +261,7 @@ class EconomyConfig(_Table):
     """How long after the verdict window a ruling may still be replaced, s: by the organization's auditors, to
     whom the oracle passes what it cannot decide. Both windows together are at most 30 days. It counts when a
     kind gets its first judge."""
-    max_attempts: int = Field(default=3, ge=1)
+    max_attempts: int = Field(default=3, ge=1, le=7)
     electricity: list[TariffConfig] = Field(
         default=[TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))], min_length=1
     )
@@ -551,7 +555,15 @@ class KindConfig(_Table):
     parameters: dict[str, Any] = {}
     """JSON Schema (draft 2020-12) of a task's parameters."""
     price_iec: Decimal | None = Field(default=None, ge=0)
-    execution_window_s: int | None = Field(default=None, gt=0)
+    execution_window_s: int | None = Field(default=None, ge=60, le=30 * 86_400)
+    min_window_s: int | None = Field(default=None, ge=60, le=30 * 86_400)
+    """The shortest execution window of a task, s. It holds on chain from the founding on; later `rodeo
+    organization kind` changes it. The next two likewise."""
+    max_window_s: int | None = Field(default=None, ge=60, le=30 * 86_400)
+    """The longest, s."""
+    grace_s: int | None = Field(default=None, ge=0, le=2550, multiple_of=10)
+    """How long an executor may give a task back so that the attempt does not count, s, at most half of the
+    shortest window. 0: three minutes, or half of that window if it is less or people do the work."""
     votes: int | None = Field(default=None, ge=1)
     """How many of several `[[oracles]]` have to agree on a proof of this kind; by default more than half of
     the panel."""
@@ -792,6 +804,15 @@ class Site(BaseSettings):
         clock = self.clock
         speeds = [] if clock.source == "wall" else [clock.speed, clock.idle_speed]
         return self.oracle.verdict_within_s * max([1.0, *(speed or FASTEST_CLOCK for speed in speeds)])
+
+    @property
+    def answer_s(self) -> float:
+        """How long a process may need to give an assignment back, s of site time, which is the chain's, too.
+        While one robot charges, another one may be given a task."""
+        clock = self.clock
+        waits = clock.source == "wall" or "bridge" in clock.holders
+        speeds = [clock.speed, *([clock.idle_speed] if len(self.robots) > 1 else [])]
+        return ANSWER_WALL_S * max([1.0, *(speed or FASTEST_CLOCK for speed in speeds if not waits)])
 
     def robot(self, name: str) -> RobotConfig:
         """The robot called `name`. Raises ConfigError."""

@@ -32,6 +32,14 @@ GROUP = "rodeo.kinds"
 
 EXECUTION_WINDOW_S = 2 * 3600
 """Default execution window, site time."""
+MIN_WINDOW_S, MAX_WINDOW_S = 10 * 60, 7 * 24 * 3600
+"""The shortest and the longest that a task may have, where a kind names no others."""
+
+PEOPLES_MIN_WINDOW_S = 3600
+"""The shortest where people do the work, who accept it in the first half."""
+
+MAX_GRACE_S, GRACE_STEP_S = 2550, 10
+"""Of the contracts: a task keeps its grace period in 8 bits."""
 
 FORMATS = {
     "item": "the id of an item of the site",
@@ -100,6 +108,13 @@ class Kind:
     """JSON Schema of the parameters where there is no model."""
     execution_window_s: int = EXECUTION_WINDOW_S
     """Execution window if the task sets none, site time."""
+    min_window_s: int = MIN_WINDOW_S
+    """The shortest that a task may have: in less the work cannot be done. Never more than the default."""
+    max_window_s: int = MAX_WINDOW_S
+    """The longest: it keeps the reward from everybody else. Never less than the default."""
+    grace_s: int = 0
+    """How long an executor may give a task back, see `grace_period_s`. 0: three minutes, or as long as the
+    contracts allow if people do the work: they have to accept it in this time."""
     price_iec: Decimal = Decimal(0)
     """Price that the site's own robots and docks ask."""
     example: Mapping[str, Any] = field(default_factory=dict)
@@ -138,6 +153,18 @@ class Kind:
         if "bin" in needed and not site.bins:
             return "bins"
         return "docks" if "meter" in needed and not site.docks else ""
+
+    @property
+    def windows_s(self) -> tuple[int, int]:
+        """The shortest and the longest execution window of a task."""
+        default_s = self.execution_window_s
+        return max(60, min(self.min_window_s, default_s)), min(30 * 86_400, max(self.max_window_s, default_s))
+
+    @property
+    def grace_period_s(self) -> int:
+        """How long an executor may give a task back: `grace_s`, and at most half of the shortest window."""
+        longest_s = min(MAX_GRACE_S, self.windows_s[0] // 2) // GRACE_STEP_S * GRACE_STEP_S
+        return min(self.grace_s or (longest_s if self.by_people else 180), longest_s)
 
     @property
     def by_people(self) -> bool:
@@ -247,7 +274,7 @@ class Kinds(Mapping[str, Kind]):
 def kinds_of(site: Site) -> Kinds:
     """The kinds that the site file lists. Raises KindError, also for a kind for which the site has no bin or
     dock, and for rates by which a charge could cost more than is paid for it."""
-    kinds = {one.name: _declared(one) for one in site.kinds}
+    kinds = {one.name: declared(one) for one in site.kinds}
     for kind in kinds.values():
         if missing := kind.lacks(site):
             raise KindError(
@@ -295,20 +322,38 @@ def load(name: str) -> Kind:
     return kind
 
 
-def _declared(config: KindConfig) -> Kind:
-    """The declaration of the package or of the table, with the site file's overrides."""
+def declared(config: KindConfig) -> Kind:
+    """The declaration of the package or of the table, with the site file's overrides. Raises KindError."""
     if config.judge is None:
         kind = load(config.name)
     else:
         title = config.title or config.name.replace("_", " ").capitalize()
-        kind = Kind(config.name, title, config.description, config.judge, parameters=config.parameters)
+        kind = Kind(
+            config.name,
+            title,
+            config.description,
+            config.judge,
+            parameters=config.parameters,
+            min_window_s=PEOPLES_MIN_WINDOW_S,
+        )
     said: dict[str, Any] = {
         "price_iec": config.price_iec,
         "execution_window_s": config.execution_window_s,
+        "min_window_s": config.min_window_s,
+        "max_window_s": config.max_window_s,
+        "grace_s": config.grace_s,
         "models_sha256": tuple(config.models_sha256) or None,
         "rates": tuple(config.rates) or None,
     }
-    return replace(kind, **{name: value for name, value in said.items() if value is not None})
+    kind = replace(kind, **{name: value for name, value in said.items() if value is not None})
+    if config.grace_s and config.grace_s > kind.grace_period_s:
+        raise KindError(
+            "a grace period is at most half of the shortest execution window",
+            kind=kind.name,
+            grace_s=config.grace_s,
+            max_s=kind.grace_period_s,
+        )
+    return kind
 
 
 def choose(what: str, known: Sequence[str]) -> str:

@@ -37,6 +37,13 @@ Attempt = Annotated[int, Field(ge=1, lt=2**8)]
 Window = Annotated[int, Field(gt=0, lt=2**32)]
 """Seconds; as wide as on chain; the contract sets minimum and maximum."""
 
+ExecutionWindow = Annotated[int, Field(ge=60, le=30 * 86_400)]
+"""Seconds from assignment to proof, within what the contract takes."""
+
+Namers = Literal["proven", "nobody", "anybody"]
+"""Whose tasks may name a service: those of proven creators, nobody's, or anybody's. Whoever owns the
+service's provider may always."""
+
 Policy = Literal["first_come", "lowest_price", "highest_reputation"]
 """How the organization chooses a service for a task."""
 
@@ -141,8 +148,9 @@ class AcceptTask(Command):
 
 
 class AbandonTask(Command):
-    """The executor gives an assigned task back, so that another attempt begins. It costs nothing in the first
-    quarter of the execution window, nor later if the executor has not accepted the task."""
+    """The executor gives an assigned task back, so that another attempt begins. In the kind's grace period
+    the attempt does not count, and it costs a proven provider nothing; a provider that is not proven rests.
+    Later it costs the penalty if the executor had accepted the task."""
 
     task_id: Id
     attempt: Attempt
@@ -353,15 +361,26 @@ Payment = Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]
 """A positive amount of IEC."""
 
 
+class SetNamers(Command):
+    """Say whose tasks may name a service of one's own."""
+
+    service_id: Id
+    namers: Namers = "proven"
+    max_void_percent: Annotated[int, Field(ge=0, le=100)] = 0
+    """Refuse creators of which a larger part of the tasks that named somebody ended void, %. 0: any part."""
+
+
 class Transfer(Command):
     to: Party
     amount_iec: Payment
 
 
 class MatchTask(Command):
-    """Ask the policy again for an open task. Anyone may send this."""
+    """Give an open task to a service that is free and fits, or ask the policy again. Anyone may send this."""
 
     task_id: Id
+    service_id: Id | None = None
+    """The service that gets the task. By default the organization's policy chooses."""
 
 
 # -- the organization's own affairs: its contract rejects senders without the role -----------------------
@@ -428,8 +447,14 @@ class AllowKind(Command):
     kind: Kind
     allowed: bool = True
     judge: Judge | None = None
-    min_window_s: Annotated[int, Field(ge=0, lt=2**32)] | None = None
-    """The shortest execution window that a task of the kind may have."""
+    min_window_s: ExecutionWindow | None = None
+    """The shortest execution window that a task of the kind may have. By default, and for `max_window_s`,
+    what the kind has now, or what its declaration says if it has none yet."""
+    max_window_s: ExecutionWindow | None = None
+    """The longest."""
+    grace_s: Annotated[int, Field(ge=0, le=2550, multiple_of=10)] | None = None
+    """How long an executor may give a task back so that the attempt does not count, at most half of
+    `min_window_s`. 0: three minutes, or half of `min_window_s` if that is less."""
     min_verdict_window_s: Window | None = None
     """The shortest verdict window that a task of the kind may have."""
     max_verdict_window_s: Window | None = None
@@ -448,6 +473,8 @@ class AllowKind(Command):
             raise ValueError("rules_sha256 goes with a kind that is allowed")
         if (self.min_verdict_window_s is None) != (self.max_verdict_window_s is None):
             raise ValueError("min_verdict_window_s and max_verdict_window_s go together: set both or neither")
+        if None not in (self.min_window_s, self.max_window_s) and self.min_window_s > self.max_window_s:  # type: ignore[operator]
+            raise ValueError("min_window_s is longer than max_window_s")
         return self
 
 
@@ -525,6 +552,14 @@ class Dismiss(Command):
     account: Party
 
 
+class Vouch(Command):
+    """Vouch for a provider, so that it is proven without work, or do so no longer. Members are vouched
+    for."""
+
+    account: Party
+    vouched: bool = True
+
+
 class SuspendProvider(Command):
     """None of its services gets a task, and it offers no other, until it is reinstated."""
 
@@ -569,7 +604,7 @@ Proposable = Literal[
     "rescue_tokens", "resume_tasks", "retire_rules",
     "revoke_device", "revoke_role",
     "seat_judge", "set_budget", "set_delay", "set_members_only", "set_policy", "set_quorum", "set_terms",
-    "suspend_provider", "suspend_service", "unseat_judge", "update_service",
+    "suspend_provider", "suspend_service", "unseat_judge", "update_service", "vouch",
 ]  # fmt: skip
 """Commands of the organization that its members can decide about, or that its administrator proposes."""
 
@@ -801,6 +836,7 @@ COMMANDS: dict[str, type[Command]] = {
     "update_service": UpdateService,
     "agree": Agree,
     "set_payout": SetPayout,
+    "set_namers": SetNamers,
     "transfer": Transfer,
     "collect": Collect,
     "deposit": Deposit,
@@ -819,6 +855,7 @@ COMMANDS: dict[str, type[Command]] = {
     "resume_tasks": ResumeTasks,
     "admit": Admit,
     "dismiss": Dismiss,
+    "vouch": Vouch,
     "suspend_provider": SuspendProvider,
     "reinstate_provider": ReinstateProvider,
     "suspend_service": SuspendService,
@@ -939,8 +976,21 @@ class DaoEvent(Message):
     """Genesis hash of the chain. On another chain, `seq` starts at 1 again."""
 
 
-GRACE_SHARE = 4
-"""`GRACE_SHARE` of TaskManager: the grace period is the execution window divided by it, in whole seconds."""
+class Passed(Message):
+    """A provider that had a task and did not do it, in an attempt that does not count. It is not offered the
+    task again."""
+
+    provider: str
+    provider_name: str | None = None
+    gave_up: bool = False
+    """It submitted a proof that it could not do the work, and was proven. Otherwise it gave the task back in
+    the grace period, or did not accept it."""
+
+
+PROVEN_FROM = 4
+MAX_PASSED = 8
+"""Of `Task.passed`: from the fourth entry on the task is offered to proven providers only, while there is one
+with an active service of the kind. It ends with the eighth, and with the second that gave up."""
 
 
 class Task(Message):
@@ -980,6 +1030,10 @@ class Task(Message):
     None if people judge and no rules were named."""
     execution_window_s: int
     verdict_window_s: int
+    grace_s: int
+    """How long after its assignment the executor can give the task back so that the attempt does not
+    count."""
+    passed: list[Passed] = []
     nonce: str | None
     proof_sha256: str | None
     proof_uri: str | None
@@ -1008,8 +1062,14 @@ class Task(Message):
 
     @property
     def grace_ends_s(self) -> float:
-        """Until then the executor can give the task back at no cost; -inf before it is assigned."""
-        return -math.inf if self.assigned is None else self.assigned + self.execution_window_s // GRACE_SHARE
+        """Until then the executor can give the task back so that the attempt does not count; -inf before it
+        is assigned."""
+        return -math.inf if self.assigned is None else self.assigned + self.grace_s
+
+    @property
+    def attempts_counted(self) -> int:
+        """Those until now that count toward `max_attempts`, with the one that runs."""
+        return self.attempt - len(self.passed)
 
 
 class Origin(Message):

@@ -82,6 +82,7 @@ _TASK = {
     "assigned": 1795320001.0,
     "execution_deadline": 1795327201.0,
     "execution_window_s": 7200,
+    "grace_s": 180,
     "verdict_window_s": 172800,
     "nonce": _DIGEST,
 }
@@ -243,7 +244,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "reason": "step",
     },
     Task: {name: _TASK.get(name) for name in Task.model_fields}
-    | {"refunded_iec": "0", "judge": "oracle", "judge_removed": False, "passed_on": False},
+    | {"passed": [], "refunded_iec": "0", "judge": "oracle", "judge_removed": False, "passed_on": False},
     DaoEvent: {
         "seq": 31,
         "name": "TaskAssigned",

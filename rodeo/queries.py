@@ -18,6 +18,7 @@ from rodeo.messages import (
     Id,
     Kind,
     Message,
+    Namers,
     Party,
     Root,
     ServiceState,
@@ -145,7 +146,22 @@ class Tasks(Answer):
     """Number of all tasks that pass the filters, on all pages."""
 
 
-class Offer(Answer):
+class Known(Answer):
+    """What the contracts know of a provider."""
+
+    proven: bool = False
+    """Its accepted work has proven it, or the organization vouches for it. Others work, or wait, with one of
+    their services at a time."""
+    vouched: bool = False
+    """The organization vouches for it."""
+    rests_until: float | None = None
+    """It is not proven, and gets no task before this block time, s, because it gave a task back, missed one,
+    or made a void. None or in the past while it does not rest."""
+    bond_locked_until: float | None = None
+    """Its bonds are not returned before this block time, s. None or in the past where they are at once."""
+
+
+class Offer(Known):
     """A service, as the organization's contract calls it."""
 
     id: int
@@ -178,6 +194,14 @@ class Offer(Answer):
     while it is awake."""
     place: int
     """Place in the queue of idle services, lower first; 0 while it does not wait."""
+    stood_back: bool = False
+    """It is active, does nothing and waits in no line, because its provider rests or works or waits with
+    another service. The provider's bridge puts it into line again."""
+    namers: Namers = "proven"
+    """Whose tasks may name it."""
+    max_void_percent: int = 0
+    """It refuses creators of which a larger part of the tasks that named somebody ended void; 0 for any
+    part."""
     reputation: int
     """Of its provider, in 64ths: the share of work well done in the work that others paid for."""
 
@@ -195,7 +219,7 @@ class Paid(Answer):
     payout_name: str | None = None
 
 
-class Person(Paid):
+class Person(Known, Paid):
     """A participant, with its tasks until now."""
 
     name: str | None
@@ -323,6 +347,11 @@ class KindRules(Answer):
     removed: bool = False
     """The judge rules no more. The kind needs another."""
     min_window_s: int
+    """The shortest execution window of a task; 0 before anybody has set it."""
+    max_window_s: int = 0
+    """The longest."""
+    grace_s: int = 0
+    """How long an executor may give a task back so that the attempt does not count."""
     min_verdict_window_s: int = 0
     max_verdict_window_s: int = 0
     """The bounds of a task's verdict window; 0 for the contracts' own."""

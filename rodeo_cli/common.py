@@ -13,7 +13,7 @@ from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TextIO, TypeVar
 
 import typer
 from pydantic import BaseModel
@@ -35,6 +35,9 @@ from rodeo.redaction import redacted
 from rodeo.tls import OPERATOR, identity
 from rodeo_cli import formatting
 from rodeo_cli.layout import Row, lines, printable
+
+if TYPE_CHECKING:
+    from rodeo.person.pace import Pace
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -174,8 +177,8 @@ def say(sentence: str) -> None:
     console.print(escape(printable(sentence)), highlight=False, soft_wrap=True)
 
 
-def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
-    """How much time there is until then, by the site's clock and by the wall's."""
+def site_pace(site: Site, bus: Bus) -> Pace | None:
+    """How fast the site's time goes; None where nobody tells it."""
     from rodeo.person import pace  # takes its time to import
 
     details: dict[str, Any] = {}
@@ -184,7 +187,14 @@ def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
         with suppress(BusError):
             key = topics.STATUS.name(org=site.org, process="robot_sim")
             details = queries.fitting(Status, bus.query(key), key).details
-    return pace.time_left(pace.Pace.of(site, details), deadline_s)
+    return pace.Pace.of(site, details)
+
+
+def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
+    """How much time there is until then, by the site's clock and by the wall's."""
+    from rodeo.person import pace  # takes its time to import
+
+    return pace.time_left(site_pace(site, bus), deadline_s)
 
 
 def write_file(file: Path, content: str | bytes) -> None:

@@ -39,7 +39,16 @@ _SENTENCES = {
     "no_ruling": "there is no ruling yet",
     "nothing_owed": "the organization owes this account nothing",
     "service_not_idle": "the service still has tasks to do",
-    "provider_is_asleep": "too many attempts passed without a proof, and it is too early to offer work again",
+    "provider_is_asleep": "after work that was missed or given back it is too early to offer work again",
+    "provider_is_awake": "the provider neither sleeps nor rests",
+    "bond_is_locked": "a newcomer has its bonds back a day after it gave back or missed work",
+    "service_does_not_fit": "the service is busy, rests, costs too much, or does not do this task",
+    "not_namable": "the service takes no tasks of this creator that name it",
+    "too_many_voids": "too many of this creator's tasks that named somebody ended void for this service",
+    "invalid_window": "the kind of work has no such execution window",
+    "invalid_windows": "execution windows are from a minute to 30 days, and the shortest comes first",
+    "invalid_grace": "a grace period is a multiple of 10 s, at most half of the shortest execution window",
+    "kind_without_windows": "the shortest and the longest execution window of this kind are not set yet",
     "provider_is_suspended": "the organization has suspended the provider",
     "provider_not_suspended": "the provider is not suspended",
     "service_is_retired": "the service was withdrawn for good",
@@ -130,7 +139,8 @@ def explain(error: RodeoError, options: dict[str, str]) -> str:
     return f"{sentence} ({values})" if values else sentence
 
 
-_TOGETHER = ("judge", "audit_window_s", "min_verdict_window_s", "max_verdict_window_s")
+_TOGETHER = ("judge", "audit_window_s", "min_verdict_window_s", "max_verdict_window_s", "min_window_s",
+             "max_window_s", "grace_s")  # fmt: skip
 """Fields that rules about several fields name."""
 
 

@@ -29,7 +29,7 @@ from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
 from rodeo_cli.proposals import register, send
 from rodeo_cli.tasks import ParticipantOption
-from services.console.formatting import count, quorum_in_words, voids_in_words
+from services.console.formatting import count, quorum_in_words, voids_in_words, windows_in_words
 
 organization = typer.Typer(
     help="Show and change the organization's rules, members, devices and treasury.",
@@ -221,8 +221,8 @@ def _kind_in_words(kind: queries.KindRules) -> str:
         told = f"judged by {quorum_in_words(kind)}"
         if kind.judge_stake_iec:
             told += f" with a stake of {iec(kind.judge_stake_iec)} each"
-    if kind.min_window_s:
-        told += f"; at least {span(kind.min_window_s)} to work"
+    if windows := windows_in_words(kind):
+        told += f"; {windows}"
     if kind.max_verdict_window_s:
         told += f"; {span(kind.min_verdict_window_s)} to {span(kind.max_verdict_window_s)} to judge"
     if kind.audit_window_s:
@@ -259,7 +259,23 @@ def kind(
         ),
     ] = None,
     min_window_s: Annotated[
-        int | None, typer.Option("--min-window", help="Shortest execution window, in seconds.")
+        int | None,
+        typer.Option(
+            "--min-window",
+            help="Shortest execution window, in seconds. By default, as for the next two, what the kind has "
+            "now, or what its package says.",
+        ),
+    ] = None,
+    max_window_s: Annotated[
+        int | None, typer.Option("--max-window", help="Longest execution window, in seconds.")
+    ] = None,
+    grace_s: Annotated[
+        int | None,
+        typer.Option(
+            "--grace",
+            help="How long an executor may give a task back so that the attempt does not count, in tens of "
+            "seconds, at most half of the shortest window. 0: three minutes, or that half if it is less.",
+        ),
     ] = None,
     min_verdict_window_s: Annotated[
         int | None, typer.Option("--min-verdict-window", help="Shortest verdict window, in seconds.")
@@ -302,6 +318,8 @@ def kind(
         "allowed": allowed,
         "judge": judge,
         "min_window_s": min_window_s,
+        "max_window_s": max_window_s,
+        "grace_s": grace_s,
         "min_verdict_window_s": min_verdict_window_s,
         "max_verdict_window_s": max_verdict_window_s,
         "audit_window_s": audit_window_s,
@@ -504,6 +522,22 @@ def dismiss(
 ) -> None:
     """End a membership."""
     send(site, participant, "dismiss", f"{account} is no longer a member.", account=account)
+
+
+@organization.command("vouch")
+@reports_errors
+def vouch(
+    account: AccountArgument,
+    vouched: Annotated[bool, typer.Option("--on/--off", help="Vouch, or do so no longer.")] = True,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Vouch for a provider, so that it is proven before it has done any work. Members are vouched for.
+
+    A proven provider works with all its services at once, and does not rest when it gives a task back.
+    """
+    done = f"The organization vouches for {account}{'' if vouched else ' no longer'}."
+    send(site, participant, "vouch", done, account=account, vouched=vouched)
 
 
 @organization.command("grant")
@@ -891,6 +925,7 @@ register(
         "resume": resume,
         "admit": admit,
         "dismiss": dismiss,
+        "vouch": vouch,
         "grant": grant,
         "revoke": revoke,
         "suspend-provider": suspend_provider,

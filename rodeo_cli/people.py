@@ -96,7 +96,8 @@ def abandon(
 ) -> None:
     """Give back a task that is assigned to the participant. The next attempt goes to whoever waits.
 
-    It costs nothing in the first quarter of the time for the work, nor later if the task was not accepted.
+    In the kind's grace period the attempt does not count, and a proven provider loses nothing. Others get no
+    task for a while. Later it costs the penalty, if the task was accepted.
     """
     from rodeo.dao import Participant  # takes its time to import, as in _executor
 

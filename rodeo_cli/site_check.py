@@ -15,6 +15,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from rodeo.config import (
+    ANSWER_WALL_S,
     BRIDGE,
     ONE_HOST,
     ORACLE,
@@ -26,7 +27,7 @@ from rodeo.config import (
     read_tables,
 )
 from rodeo.errors import ConfigError
-from rodeo.kinds import KindError, installed, load
+from rodeo.kinds import KindError, declared, installed, load
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import ahead, facing
 from rodeo.lab.layout import (
@@ -266,15 +267,26 @@ def _standby(site: Site) -> Iterator[tuple[Place, str]]:
 
 
 def _hurried(site: Site) -> Iterator[tuple[Place, str]]:
-    """People whose windows may be over before anybody knows that they have a task."""
+    """Grace periods, and people's windows, that may be over before anybody knows of the task."""
     clock = site.clock
-    jumps = not clock.keeps_wall_time and clock.idle_speed == 0
-    if jumps and site.participants and site.people.min_window_s > 0 and "bridge" not in clock.holders:
+    if not clock.keeps_wall_time and clock.idle_speed == 0 and "bridge" not in clock.holders:
         yield (
             ("clock", "idle_speed"),
-            "the clock may jump over a person's whole window before the simulator hears of the task: list "
+            "the clock may jump over a task's whole grace period before its executor hears of it: list "
             '"bridge" in clock.holders, too',
         )
+    known = installed()
+    for number, one in enumerate(site.kinds):
+        # What people do they answer by the wall clock, for which the simulator slows the site's clock down.
+        if one.judge is not None or one.name not in known:
+            continue
+        if (grace_s := declared(one).grace_period_s) < site.answer_s:
+            yield (
+                ("kinds", number),
+                f"a task of {one.name} can be given back for {grace_s} s of site time, and a process may "
+                f"need {site.answer_s:g} s for that, {ANSWER_WALL_S:g} s on the wall clock: lower "
+                "clock.speed, or raise grace_s",
+            )
 
 
 def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:

@@ -7,7 +7,7 @@ import textwrap
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 from rich.markup import escape
@@ -18,7 +18,7 @@ from rodeo.bus import Bus, DaoEvents, decode_json, validate
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
-from rodeo.messages import DaoEvent, SignedRequest, Task
+from rodeo.messages import DaoEvent, Namers, SignedRequest, Task
 from rodeo.person.photo_code import photo_code
 from rodeo.rewards import Rise
 from rodeo.verdicts import (
@@ -45,12 +45,20 @@ from rodeo_cli.common import (
     say,
     send_command,
     site_clock,
+    site_pace,
     time_left,
     write_file,
 )
 from rodeo_cli.formatting import iec, plain
 from rodeo_cli.layout import Row, printable
-from services.console.formatting import count
+from services.console.formatting import (
+    NAMERS,
+    count,
+    known_in_words,
+    namers_in_words,
+    passed_in_words,
+    tries_in_words,
+)
 
 if TYPE_CHECKING:
     from rodeo.checks.report import Report
@@ -222,7 +230,7 @@ def _task_row(task: Task, site: Site) -> Row:
         str(task.id),
         task.kind,
         task.state,
-        f"{task.attempt}/{task.max_attempts}",
+        f"{task.attempts_counted}/{task.max_attempts}",
         _party(task.creator_name, task.creator),
         _party(task.executor_name, task.executor),
         iec(task.reward_iec),
@@ -272,8 +280,9 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
 
     state = task.state
     ended = state in ("settled", "failed", "cancelled")
+    unaccepted = state == "assigned" and not task.accepted
     due = {
-        "assigned": task.execution_deadline,
+        "assigned": None if unaccepted else task.execution_deadline,
         "submitted": task.verdict_deadline,
     }
     told = [
@@ -283,13 +292,15 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("parameters", plain(task.params)),
         ("state", state),
         ("stands", _standing(task, site)),
+        ("accept or give back by", moment(task.grace_ends_s) if unaccepted else ""),
         ("due by", moment(due.get(state))),
         ("time left", left or ""),
-        ("attempt", f"{task.attempt} of {task.max_attempts}" if task.attempt else ""),
+        ("attempt", tries_in_words(task) if task.attempt else ""),
         ("attempts", "" if task.attempt else f"none yet, {task.max_attempts} at most"),
         ("verdict", judged),
         ("reward", f"{iec(task.reward_iec)} by {_party(task.creator_name, task.creator)}"),
         ("executor", _party(task.executor_name, task.executor)),
+        ("not offered again to", passed_in_words(task)),
         ("service", "" if task.service_id is None else str(task.service_id)),
         *([] if task.requested_service_id is None else [("named service", str(task.requested_service_id))]),
         *_named_provider(task),
@@ -300,7 +311,7 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("assigned", moment(task.assigned)),
         ("proof submitted", moment(task.proof_submitted)),
         ("settled", moment(task.settled)),
-        ("time to work", span(task.execution_window_s)),
+        ("time to work", f"{span(task.execution_window_s)}, the first {span(task.grace_s)} to give it back"),
         ("time to judge", span(task.verdict_window_s)),
         ("can be replaced until", moment(task.case_end) if not ended else ""),
         ("rules", task.rules_sha256 or ""),
@@ -356,6 +367,30 @@ def cancel(
             return
         send_command(loaded, bus, participant, "cancel_task", task_id=task_id)
     say(f"Task {task_id} is cancelled; {participant} got its reward back.")
+
+
+@tasks.command("match")
+@reports_errors
+def match(
+    task_id: int,
+    service: Annotated[
+        int | None, typer.Option(help="The service that gets it. By default the policy chooses again.")
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: Annotated[str, typer.Option("--as", help="Whose wallet pays the gas.")] = "organization",
+) -> None:
+    """Give an open task to a service that is free, fits, and has not had it before. Anybody may.
+
+    The contracts look at a few services and tasks only, and may overlook some that fit.
+    """
+    with connected(site) as (loaded, bus):
+        request = {"task_id": task_id} if service is None else {"task_id": task_id, "service_id": service}
+        send_command(loaded, bus, participant, "match_task", **request)
+        task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
+    waits = (
+        "no service fits, and it waits on" if task.state == "open" else f"service {task.service_id} has it"
+    )
+    say(f"Task {task_id} was matched: {waits}.")
 
 
 @tasks.command("relay")
@@ -451,18 +486,25 @@ def list_services(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) 
     """List the services on offer."""
     with connected(site) as (loaded, bus):
         reply = queries.ask(bus, loaded.org, queries.SERVICES)
+        dated = any(one.rests_until or one.bond_locked_until for one in reply.services)
+        pace = site_pace(loaded, bus) if dated and not as_json else None
+    now_s = None if pace is None else pace.now_s
     rows = (
         Row(
             (str(one.id), one.kind, _party(one.provider_name, one.provider), iec(one.price_iec), one.state),
-            note=_service_note(one),
+            note=_service_note(one, loaded, now_s),
         )
         for one in reply.services
     )
     print_listing(reply, as_json, ("id", "kind", "provider", "price", "state"), rows, folds=(1, 2))
 
 
-def _service_note(service: queries.Offer) -> str:
-    told = []
+def _service_note(service: queries.Offer, site: Site, now_s: float | None) -> str:
+    told = [known_in_words(service, lambda time_s: formatting.moment(time_s, site), now_s)]
+    if service.stood_back:
+        told.append("stands back: its provider rests, or works or waits with another service")
+    if namers := namers_in_words(service):
+        told.append(namers)
     if not service.agrees:
         told.append(
             "gets only tasks under the judge before: its provider has not agreed to the present one "
@@ -538,8 +580,35 @@ def agree(
     say(f"Service {service_id} gets tasks under the present judge of its kind.")
 
 
+@services.command("set-namers")
+@reports_errors
+def set_namers(
+    service_id: ServiceArgument,
+    namers: Annotated[str, typer.Argument(help=f"{', '.join(get_args(Namers))}.")],
+    max_void_percent: Annotated[
+        int,
+        typer.Option(
+            "--max-void",
+            min=0,
+            max=100,
+            help="Refuse creators of whose tasks that named somebody a larger part (%) ended void; 0: none.",
+        ),
+    ] = 0,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ProviderOption = None,
+) -> None:
+    """Set whose tasks may name a service: those of proven creators (as at first), nobody's, or anybody's."""
+    said: dict[str, str | int] = {"namers": namers, "max_void_percent": max_void_percent}
+    _change_service(site, service_id, participant, "set_namers", **said)
+    say(f"Service {service_id}: {NAMERS.get(namers, namers)}.")
+
+
 def _change_service(
-    site: Path, service_id: int, participant: str | None, command: str = "update_service", **change: str
+    site: Path,
+    service_id: int,
+    participant: str | None,
+    command: str = "update_service",
+    **change: str | int,
 ) -> dict[str, Any]:
     """Send a command about the service in its provider's name; returns it as it was, with the change. Another
     participant can only retire it, if it is paid for the provider's work.
@@ -567,7 +636,8 @@ def _change_service(
             )
         request = {"service_id": service_id, **change}
         send_command(loaded, bus, participant or provider or "", command, **request)
-    if provider in [robot.name for robot in loaded.robots] and change and change.get("state") != "retired":
+    managed = command == "update_service" and change.get("state") != "retired"
+    if provider in [robot.name for robot in loaded.robots] and managed:
         say(
             f"{provider} manages its own service and will soon overwrite this change. To stop it from taking "
             f"work, run `rodeo robot pause {provider}`. To change its price, set price_iec of its kind in "

@@ -38,7 +38,9 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
     """`audited`: kinds that auditors judge, `measured`: those that the oracle does."""
     windows: dict[str, Any] = {
         "allowed": True,
-        "min_window_s": 0,
+        "min_window_s": 600,
+        "max_window_s": 604_800,
+        "grace_s": 180,
         "min_verdict_window_s": 0,
         "max_verdict_window_s": 0,
     }

@@ -94,6 +94,7 @@ def chain_record(take: Take, kind: str, params: dict[str, Any], **task: Any) -> 
         "execution_deadline": take.start_s + 3600,
         "verdict_deadline": take.end_s + 3600,
         "execution_window_s": 7200,
+        "grace_s": 180,
         "verdict_window_s": 3600,
         "nonce": BINDING.nonce,
         "proof_sha256": None,

@@ -5,7 +5,7 @@ It knows the rules of docs/reference/contracts.md, never asks a contract, and sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from rodeo.chain import events
@@ -14,6 +14,7 @@ from rodeo.chain.abi import (
     Device,
     Hire,
     KindRules,
+    Namers,
     Quorum,
     Revocation,
     Ruling,
@@ -26,10 +27,11 @@ from rodeo.chain.abi import (
     Terms,
 )
 from rodeo.chain.client import NOBODY
-from rodeo.chain.logs import Log
+from rodeo.chain.logs import Log, woken
 from rodeo.chain.reputation import Work, is_own
 
 NO_PROOF = bytes(32)
+BOND_DELAY_S = 24 * 3600
 ZERO_ADDRESS = "0x" + "00" * 20
 
 
@@ -55,6 +57,20 @@ class Rebuilt:
     suspended_providers: set[str] = field(default_factory=set)
     asleep: dict[str, int] = field(default_factory=dict)
     """Provider -> when it may wake up, of those that are asleep."""
+    rests: dict[str, int] = field(default_factory=dict)
+    """Provider -> until when it rests or rested, of those that are not proven."""
+    locked: dict[str, int] = field(default_factory=dict)
+    """Provider -> until when its bonds are locked."""
+    earned: set[str] = field(default_factory=set)
+    """Providers that their accepted work has proven."""
+    vouched: set[str] = field(default_factory=set)
+    """Those that the organization vouches for."""
+    passed: dict[int, list[tuple[int, bool]]] = field(default_factory=dict)
+    """Task -> numbers of the providers that it has passed, and whether each gave it up, the last first."""
+    lines: dict[int, bool] = field(default_factory=dict)
+    """Service that waits -> whether in a line of proven providers."""
+    organization: str = ""
+    """Its address: it is proven."""
     payouts: dict[str, str] = field(default_factory=dict)
     """Provider -> who is paid for its work, of those that have named somebody."""
     waiting: list[int] = field(default_factory=list)
@@ -90,10 +106,13 @@ class Rebuilt:
     paused_until: int = 0
     balances: dict[str, int] = field(default_factory=dict)
     owed: dict[str, int] = field(default_factory=dict)
+    _time_s: int = 0
+    _freed: int = 0
+    """The service whose attempt was over last."""
 
-    def apply(self, log: Log, time_s: int) -> None:
-        """Take in the next event, of a block at `time_s`."""
-        event = log.event
+    def apply(self, log: Log, time_s: int, *, woke: bool = False) -> None:
+        """Take in the next event, of a block at `time_s`; `woke`: its provider called `wakeUp`."""
+        event, self._time_s = log.event, time_s
         match event:
             case events.TaskRegistered():
                 self.rules_of_tasks[event.task_id] = event.rules
@@ -137,8 +156,10 @@ class Rebuilt:
                     event.task_id,
                     state=TaskState.SUBMITTED,
                     proof_hash=event.proof_hash,
-                    deadline=event.deadline,
+                    deadline=time_s + self.tasks[event.task_id].verdict_window,
                 )
+            case events.TaskPassed():
+                self.passed.setdefault(event.task_id, []).insert(0, (event.provider, event.gave_up))
             case events.Ruled():
                 self._free(event.task_id)
                 removed = self.numbers_of_tasks[event.task_id] in self.removed
@@ -187,24 +208,31 @@ class Rebuilt:
                     max_failures=0,
                     failures=self.failures.get(event.provider, 0),
                     auto_accept=event.auto_accept,
+                    proven=self._is_proven(event.provider),
+                    namers=Namers.PROVEN,
+                    max_voids=0,
                 )
-                self.waiting.append(event.service_id)
+                self._wait(event.service_id)
             case events.TermsAgreed():
                 self._service(
                     event.service_id, bond=event.bond, penalty=event.penalty, max_failures=event.max_failures
                 )
             case events.ServiceUpdated():
                 # Queues again at the back.
-                self._service(event.service_id, state=ServiceState.PAUSED)
+                self._leave_line(event.service_id)
                 self._service(event.service_id, price=event.price, state=event.state)
+                self._wait(event.service_id)
             case events.ServiceSuspended():
                 self._service(event.service_id, state=ServiceState.SUSPENDED)
             case events.ServiceAgreed():
-                state = self.services[event.service_id].state
-                self._service(event.service_id, state=ServiceState.PAUSED)
-                self._service(event.service_id, state=state)
+                self._leave_line(event.service_id)
+                self._wait(event.service_id)
             case events.BondRanShort():
                 self._service(event.service_id, state=ServiceState.SHORT)
+            case events.ServiceStoodBack():
+                self._leave_line(event.service_id)
+            case events.NamersChanged():
+                self._service(event.service_id, namers=event.namers, max_voids=event.max_voids)
             case events.ServiceFellAsleep():
                 self._service(event.service_id, state=ServiceState.PAUSED)
             case events.ProviderSuspended():
@@ -214,7 +242,24 @@ class Rebuilt:
             case events.ProviderFellAsleep():
                 self.asleep[event.provider] = event.until
             case events.ProviderWokeUp():
-                del self.asleep[event.provider]
+                self.asleep.pop(event.provider, None)
+                if woke:
+                    self._offer_all(event.provider)
+            case events.ProviderRests():
+                self.rests[event.provider] = event.until
+                self.locked[event.provider] = time_s + BOND_DELAY_S
+                if self.services[self._freed].provider == event.provider:
+                    self._leave_line(self._freed)
+            case events.ProviderProven():
+                self.earned.add(event.provider)
+                self._set_proven(event.provider)
+            case events.ProviderVouched():
+                before = self._is_proven(event.provider)
+                (self.vouched.add if event.vouched else self.vouched.discard)(event.provider)
+                if self._is_proven(event.provider) != before:
+                    self._begin_anew(event.provider)
+                    self._set_proven(event.provider)
+                    self._offer_all(event.provider)
             case events.PayoutChanged():
                 self.payouts[event.provider] = event.payout
             case events.ServiceReinstated():
@@ -232,9 +277,14 @@ class Rebuilt:
                 self._service(event.service_id, bond=service.bond + event.amount)
                 if service.state is ServiceState.SHORT and service.bond + event.amount >= service.penalty:
                     awake = service.provider not in self.asleep
+                    is_free = self._is_proven(service.provider) or not (
+                        self._is_engaged(service.provider) or self._rests(service.provider)
+                    )
                     self._service(
                         event.service_id, state=ServiceState.ACTIVE if awake else ServiceState.PAUSED
                     )
+                    if is_free:
+                        self._wait(event.service_id)
             case events.BondPenalized():
                 if self.set_aside.pop((event.service_id, event.task_id), None) is None:
                     bond = self.services[event.service_id].bond
@@ -289,8 +339,9 @@ class Rebuilt:
                 self._kind(event.kind, audit_window=event.audit_window)
             case events.WitnessRoot():
                 self.roots[event.device, event.day] = event.root
-            case events.MinWindowChanged():
-                self._kind(event.kind, min_window=event.min_window)
+            case events.WindowsChanged():
+                windows = {"min_window": event.min, "max_window": event.max}
+                self._kind(event.kind, **windows, grace=event.grace)
             case events.VerdictWindowsChanged():
                 bounds = {"min_verdict_window": event.min, "max_verdict_window": event.max}
                 self._kind(event.kind, **bounds)
@@ -320,24 +371,72 @@ class Rebuilt:
         self.tasks[task_id] = replace(self.tasks[task_id], **changes)  # type: ignore[arg-type]
 
     def _service(self, service_id: int, **changes: object) -> None:
-        """Change a service, and whether and where it waits."""
+        """Change a service, which waits no longer if it cannot take a task."""
         service = replace(self.services[service_id], **changes)  # type: ignore[arg-type]
         self.services[service_id] = service
-        available = service.state is ServiceState.ACTIVE and service.task_id == 0
-        if available and service_id not in self.waiting:
+        if not self._is_available(service_id):
+            self._leave_line(service_id)
+
+    def _is_available(self, service_id: int) -> bool:
+        service = self.services[service_id]
+        return service.state is ServiceState.ACTIVE and service.task_id == 0
+
+    def _wait(self, service_id: int) -> None:
+        """Behind the others, if it can take a task."""
+        if self._is_available(service_id) and service_id not in self.waiting:
             self.waiting.append(service_id)
-        elif not available and service_id in self.waiting:
+            self.lines[service_id] = self._is_proven(self.services[service_id].provider)
+
+    def _leave_line(self, service_id: int) -> None:
+        if service_id in self.waiting:
             self.waiting.remove(service_id)
+
+    def _is_proven(self, provider: str) -> bool:
+        return provider == self.organization or provider in self.earned | self.vouched
+
+    def _rests(self, provider: str) -> bool:
+        return not self._is_proven(provider) and self.rests.get(provider, 0) > self._time_s
+
+    def _is_engaged(self, provider: str) -> bool:
+        """Whether one of its services works or waits."""
+        mine = self._services_of(provider)
+        return any(one in self.waiting or self.services[one].task_id for one in mine)
+
+    def _services_of(self, provider: str) -> list[int]:
+        """Those that are not over."""
+        return [
+            key
+            for key, one in self.services.items()
+            if one.provider == provider and (one.state is not ServiceState.RETIRED or one.task_id or one.bond)
+        ]
+
+    def _begin_anew(self, provider: str) -> None:
+        for known in (self.asleep, self.rests, self.locked):
+            known.pop(provider, None)
+
+    def _set_proven(self, provider: str) -> None:
+        for service_id in self._services_of(provider):
+            self._service(service_id, proven=self._is_proven(provider))
+
+    def _offer_all(self, provider: str) -> None:
+        for service_id in self._services_of(provider):
+            is_placed = service_id in self.waiting and self.lines[service_id] == self._is_proven(provider)
+            if not is_placed:
+                self._leave_line(service_id)
+                self._wait(service_id)
 
     def _free(self, task_id: int) -> None:
         """The attempt is over for the service that made it, if it was not before, by an earlier ruling."""
         if self.tasks[task_id].state is not TaskState.RULED:
-            self._service(self.tasks[task_id].service_id, task_id=0)
+            self._freed = self.tasks[task_id].service_id
+            self._service(self._freed, task_id=0)
+            if not self._rests(self.services[self._freed].provider):
+                self._wait(self._freed)
 
     def _release(self, task_id: int, counter: str | None, value: int, time_s: int) -> None:
         """The attempt is over, and counts in the record of its service."""
         self._free(task_id)
-        self.standing.pop(task_id, None)
+        standing = self.standing.pop(task_id, None)
         if counter is None:
             return
         service_id, accepted = self.tasks[task_id].service_id, counter == "completed"
@@ -352,6 +451,9 @@ class Rebuilt:
             self._set_failures(service.provider, service.failures + 1)
         elif not own:
             self._set_failures(service.provider, 0)
+            self._begin_anew(service.provider)
+            if standing is not None and not standing.until:  # it is free since now
+                self._wait(service_id)
         self._service(service_id, **{counter: getattr(service, counter) + 1})
 
     def _set_failures(self, provider: str, failures: int) -> None:
@@ -361,7 +463,7 @@ class Rebuilt:
                 self.services[service_id] = replace(service, failures=failures)
 
     def _kind(self, kind: str, **changes: object) -> None:
-        rules = self.kinds.get(kind, KindRules(False, 0, 0, 0, 0, 0, 0, 0))
+        rules = self.kinds.get(kind, KindRules(False, 0, 0, 0, 0, 0, 0, 0, 0, 0))
         self.kinds[kind] = replace(rules, **changes)  # type: ignore[arg-type]
 
     def _forget_rules(self, kind: str, rules: bytes) -> None:
@@ -371,13 +473,13 @@ class Rebuilt:
         self.balances[account] = self.balances.get(account, 0) + change
 
 
-def rebuild(logs: Iterable[Log], time_of: Callable[[int], int]) -> Rebuilt:
+def rebuild(logs: Sequence[Log], time_of: Callable[[int], int], organization: str) -> Rebuilt:
     """The state after `logs`, which are all of them, in chain order; `time_of(block)` is its time, s."""
-    state = Rebuilt()
-    time_s = 0
+    state = Rebuilt(organization=organization)
+    time_s, calls = 0, woken(logs)
     for log in logs:
         time_s = time_of(log.block)
-        state.apply(log, time_s)
+        state.apply(log, time_s, woke=(log.block, log.log_index) in calls)
     for service_id, service in state.services.items():
         reputation = state.work.get(service.provider, Work()).reputation(time_s)
         state.services[service_id] = replace(service, reputation=reputation)

@@ -269,7 +269,7 @@ def _paid_before(acts: tuple[str, ...], task: Task) -> ConsumedActs:
     told: list[tuple[str, int, dict[str, Any]]] = [
         ("TaskRegistered", before, {"kind": task.kind}),
         ("ProofSubmitted", before, {"attempt": 1, "executor": task.executor}),
-        ("Reported", before, {"attempt": 1, "report_uri": "", "report_hash": report}),
+        ("Reported", before, {"report_uri": "", "reason": ""}),
         ("Ruled", before, {"attempt": 1, "ruling": "accepted", "report": report}),
         ("TaskSettled", before, {}),
         ("TaskRegistered", task.id, {"kind": task.kind}),

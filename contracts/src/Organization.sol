@@ -12,14 +12,8 @@ import {DeviceRegistry} from "./DeviceRegistry.sol";
 import {IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {IJudge} from "./interfaces/IJudge.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {
-    Budget,
-    IDecidedByMembers,
-    IOrganization,
-    Kind,
-    MIN_VOTERS,
-    Terms
-} from "./interfaces/IOrganization.sol";
+import {Budget, IDecidedByMembers, IOrganization, Kind, MIN_VOTERS} from "./interfaces/IOrganization.sol";
+import {Terms} from "./interfaces/IProviders.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "./policies/FirstComeFirstServed.sol";
@@ -40,8 +34,13 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bytes32 public constant GUARDIAN_ROLE = keccak256("GUARDIAN_ROLE");
     bytes32 public constant ALLOCATOR_ROLE = keccak256("ALLOCATOR_ROLE");
 
-    /// @notice The longest window that a task may have: a longer minimum would refuse every task.
-    uint32 public constant MAX_MIN_WINDOW = 30 days;
+    /// @notice What execution windows may be. A shorter one would let a creator take work for which nobody can answer in time.
+    uint32 public constant MIN_WINDOW = 1 minutes;
+    uint32 public constant MAX_WINDOW = 30 days;
+    /// @notice The grace period of a kind whose shortest window is at least twice as long.
+    uint32 public constant DEFAULT_GRACE = 3 minutes;
+    /// @notice Grace periods are multiples of it, and at most 255 times as long.
+    uint32 public constant GRACE_STEP = 10 seconds;
     /// @notice Bounds of the verdict windows of a kind for which nobody has set others.
     uint32 public constant DEFAULT_MIN_VERDICT_WINDOW = 15 minutes;
     uint32 public constant DEFAULT_MAX_VERDICT_WINDOW = 7 days;
@@ -118,6 +117,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IOrganization
     function allowKind(bytes32 kind, IJudge judge, bytes32 rules) external onlyRole(DEFAULT_ADMIN_ROLE) {
         Kind storage k = _kinds[kind];
+        if (k.maxWindow == 0) revert KindWithoutWindows(kind);
         bool same = k.number != NO_KIND && judgeNumbered[k.number] == judge && !tasks.isRemoved(k.number);
         if (!same) _number(kind, k, judge);
         k.allowed = true;
@@ -170,10 +170,21 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function setMinWindow(bytes32 kind, uint32 minWindow) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        if (minWindow > MAX_MIN_WINDOW) revert MinWindowTooLong(minWindow, MAX_MIN_WINDOW);
-        _kinds[kind].minWindow = minWindow;
-        emit MinWindowChanged(kind, minWindow);
+    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace)
+        external
+        onlyRole(DEFAULT_ADMIN_ROLE)
+    {
+        if (min < MIN_WINDOW || max > MAX_WINDOW || min > max) {
+            revert InvalidWindows(min, max, MIN_WINDOW, MAX_WINDOW);
+        }
+        if (grace == 0) {
+            grace = uint16(min / 2 < DEFAULT_GRACE ? min / 2 / GRACE_STEP * GRACE_STEP : DEFAULT_GRACE);
+        }
+        uint256 longest = min / 2 < 255 * GRACE_STEP ? min / 2 : 255 * GRACE_STEP;
+        if (grace > longest || grace % GRACE_STEP != 0) revert InvalidGrace(grace, GRACE_STEP, longest);
+        Kind storage k = _kinds[kind];
+        (k.minWindow, k.maxWindow, k.grace) = (min, max, grace);
+        emit WindowsChanged(kind, min, max, grace);
     }
 
     /// @inheritdoc IOrganization
@@ -220,6 +231,11 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IOrganization
     function dismiss(address account) external onlyRole(DEFAULT_ADMIN_ROLE) {
         _revokeRole(MEMBER_ROLE, account);
+    }
+
+    /// @inheritdoc IOrganization
+    function vouchFor(address provider, bool vouched) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        services.vouch(provider, vouched);
     }
 
     /// @inheritdoc IOrganization
@@ -287,7 +303,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         bytes32 vs
     ) external onlyRole(DEFAULT_ADMIN_ROLE) {
         _registerDevice(device_, role, owner_, name, r, vs);
-        services.recordOwner(device_, owner_);
+        services.providers().recordOwner(device_, owner_);
     }
 
     /// @inheritdoc IDeviceRegistry
@@ -417,14 +433,16 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy, bytes32, KindId, uint32) {
+    ) external view returns (IMatchingPolicy, bytes32, KindId, uint32, uint32) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
         Kind memory rules = _admit(kind, creator);
-        if (executionWindow < rules.minWindow) revert WindowTooShort(kind, executionWindow, rules.minWindow);
+        if (executionWindow < rules.minWindow || executionWindow > rules.maxWindow) {
+            revert InvalidWindow(kind, executionWindow, rules.minWindow, rules.maxWindow);
+        }
         _requireVerdictWindow(kind, rules, verdictWindow);
         IMatchingPolicy matching = _firstCome ? IMatchingPolicy(address(0)) : policy;
         bytes32 judgedBy = _rulesFor(kind, wantedRules);
-        return (matching, judgedBy, rules.number, rules.auditWindow);
+        return (matching, judgedBy, rules.number, rules.auditWindow, rules.grace);
     }
 
     /// @inheritdoc IOrganization
@@ -434,11 +452,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         return (_terms, rules.number);
     }
 
-    /// @dev A key has no code, or what EIP-7702 lets it have: the 23 bytes that name a contract.
+    /// @dev The organization vouches for its members. A key has no code, or what EIP-7702 lets it have: the 23 bytes that name a
+    /// contract.
     function _grantRole(bytes32 role, address account) internal override returns (bool granted) {
         if (role == ALLOCATOR_ROLE && account.code.length <= 23) revert NotAContract(account);
         granted = super._grantRole(role, account);
-        if (granted && role == MEMBER_ROLE) ++memberCount;
+        if (!granted || role != MEMBER_ROLE) return granted;
+        ++memberCount;
+        services.vouch(account, true);
     }
 
     /// @dev A former member of an organization for members only gets no more tasks, however the role was lost.
@@ -447,6 +468,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (!revoked || role != MEMBER_ROLE) return revoked;
         --memberCount;
         _requireVoters();
+        services.vouch(account, false);
         if (membersOnly) services.suspendServicesOf(account);
     }
 

@@ -1,29 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
-import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
+import {Providers} from "./Providers.sol";
+import {IOrganization} from "./interfaces/IOrganization.sol";
+import {Agreement, Cover, Ended, IProviders, Outcome, Profile, Terms} from "./interfaces/IProviders.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
-import {
-    Hire,
-    IServiceManager,
-    Outcome,
-    Release,
-    Service,
-    ServiceState
-} from "./interfaces/IServiceManager.sol";
+import {Free, Hire, IServiceManager, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
 import {KindId} from "./types/KindId.sol";
+import {Passed} from "./types/Passed.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
 import {NO_TASK, TaskId} from "./types/TaskId.sol";
-import {NO_TURN, Turn} from "./types/Turn.sol";
-import {MAX_MAJOR, MAX_MINOR, MINOR_BITS, Weight, weigh} from "./types/Weight.sol";
+import {MAX_NUMBER, NO_TURN, Turn} from "./types/Turn.sol";
+import {MAX_MAJOR, MAX_MINOR, Weight, weigh} from "./types/Weight.sol";
 
 contract ServiceManager is IServiceManager {
     using WeightTree for WeightTree.Tree;
+
+    /// @dev By what a policy compares services that wait.
+    enum Choice {
+        Oldest,
+        Cheapest,
+        MostReputable
+    }
 
     /// @dev A Service in two words, of which tasks write the second one.
     struct Record {
@@ -36,36 +37,6 @@ contract ServiceManager is IServiceManager {
         Hire hired;
         bool autoAccept;
         Turn turn;
-    }
-
-    /// @dev The terms that a service agreed to, and what is left of its bond.
-    struct Agreement {
-        uint96 bond;
-        uint96 penalty;
-        uint8 maxFailures;
-        /// @dev Penalties that are set aside: so many cases are open.
-        uint32 open;
-    }
-
-    /// @dev Counted for all services of a provider together, so that a new service does not begin anew.
-    struct Provider {
-        uint8 missed;
-        uint8 failures;
-        /// @dev How often it has fallen asleep since the last accepted proof; at most MAX_NAPS.
-        uint8 naps;
-        /// @dev When it may wake up; 0 while it is awake.
-        uint40 asleepUntil;
-        /// @dev What it was paid for accepted work of others (64 bits), and what it would have been paid for work that
-        /// failed (64 bits), in `_unit`, as of a day (24 bits): both decay. One number, because it is written so.
-        uint152 work;
-        /// @dev It is somebody's device (see _owners).
-        bool owned;
-        /// @dev Somebody's device was its own.
-        bool owns;
-        /// @dev A task has named it and waited for it: each of its services has to look at its queue.
-        bool hired;
-        /// @dev Another address is paid (see _payouts). Here, because this word is read before each payment.
-        bool paidElsewhere;
     }
 
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
@@ -90,70 +61,44 @@ contract ServiceManager is IServiceManager {
     /// @notice Services that a provider may have at a time: so many tasks it holds at most. The organization answers
     /// for its own.
     uint256 public constant MAX_SERVICES = 8;
-    /// @notice Attempts without a proof, since the last accepted one, after which a provider falls asleep. Its services
-    /// are then paused, each as it misses one. So a provider that is not there does not take every attempt of every task.
-    uint256 public constant MAX_MISSED = 3;
-    /// @notice How long a provider that fell asleep for the second time may not wake up, s. It doubles each time until a
-    /// proof is accepted. After the first time there is no wait.
-    uint256 public constant COOL_DOWN = 10 minutes;
-    /// @notice From this time on the wait does not grow: 21 hours.
-    uint256 public constant MAX_NAPS = 8;
-    /// @notice Days after which work counts half for the reputation of its provider.
-    uint256 public constant HALF_LIFE = 90;
-    /// @notice Grades of reputation by which waiting services are compared. More would mean more lines, and each new
-    /// one costs whoever comes into it first two words.
-    uint256 public constant GRADES = 8;
+    /// @notice Services of a line at which a match looks.
+    uint256 public constant MAX_LOOKS = 4;
 
-    /// @dev The gas of a policy; the caller's transaction outlives one that needs more.
-    uint256 private constant POLICY_GAS = 500_000;
-    /// @dev No service and no task has this number.
-    uint256 private constant NOTHING = type(uint256).max;
-
-    /// @dev A newcomer counts as if it had done work for so many tokens well, and as much badly.
-    uint256 private constant PRIOR = 100;
     /// @dev Bits of Line.latest.
     uint256 private constant LATEST = 192;
-    /// @dev The bits of a reputation that are its grade.
-    uint64 private constant GRADE = MAX_MINOR - (uint64((1 << MINOR_BITS) / GRADES) - 1);
-    /// @dev The part of work that a day leaves: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
-    uint256 private constant DAILY = 18305219661902323056;
 
     IOrganization public immutable organization;
     IServiceListener public immutable tasks;
     /// @dev Each price is a multiple of this, in the token's smallest unit.
     uint256 private immutable _unit;
-    /// @dev PRIOR in `_unit`.
-    uint256 private immutable _prior;
+    /// @inheritdoc IServiceManager
+    IProviders public immutable providers;
 
     uint256 private _serviceCount;
     mapping(ServiceId serviceId => Record) private _services;
-    mapping(ServiceId serviceId => Agreement) private _agreements;
-    mapping(KindId kindId => Idle) private _idle;
-    mapping(address provider => Provider) private _providers;
-    /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
-    mapping(address provider => uint32[MAX_SERVICES]) private _live;
-    mapping(address device => address) private _owners;
-    /// @dev Only where `paidElsewhere`.
-    mapping(address provider => address) private _payouts;
-    /// @dev The services that abandoned a task, 32 bits each, the last in the lowest; of more than eight the last eight.
-    mapping(TaskId taskId => uint256) private _abandoned;
+    /// @dev First the services of proven providers, then the others: the first tree is marked while some of these wait.
+    mapping(KindId kindId => Idle[2]) private _idle;
+    /// @dev Services of proven providers that are Active.
+    mapping(KindId kindId => uint256) private _provenActive;
+    /// @dev Services of a provider that are not retired, 32 bits each, the first in the lowest. Not the organization's.
+    mapping(address provider => uint256) private _live;
 
     modifier onlyTaskManager() {
-        if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
+        _requireTaskManager();
         _;
     }
 
     modifier onlyOrganization() {
-        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
+        _requireOrganization();
         _;
     }
 
     constructor(IOrganization organization_, IServiceListener tasks_) {
         organization = organization_;
         tasks = tasks_;
-        uint256 perToken;
-        (_unit, perToken) = Units.unitOf(organization_.token());
-        _prior = PRIOR * perToken;
+        // slither-disable-next-line unused-return
+        (_unit,) = Units.unitOf(organization_.token());
+        providers = new Providers(organization_);
     }
 
     /// @inheritdoc IServiceManager
@@ -164,32 +109,15 @@ contract ServiceManager is IServiceManager {
         bool autoAccept,
         string calldata description
     ) external returns (ServiceId serviceId) {
-        _requireAwake(msg.sender);
         (Terms memory terms, KindId kindId) = organization.admitService(kind, msg.sender);
         if (terms.bond > maxBond) revert BondTooHigh(terms.bond, maxBond);
         _requirePrice(price);
         Texts.requireText(description);
-        uint256 count = ++_serviceCount;
-        assert(count <= type(uint32).max);
-        serviceId = ServiceId.wrap(count);
-        if (msg.sender != address(organization)) _replaceLive(msg.sender, NO_SERVICE, serviceId);
-        // A word per provider, so that no task pays for it.
-        Provider storage p = _providers[msg.sender];
-        if (p.work == 0) p.work = _work(0, 0);
-        Record storage s = _services[serviceId];
-        s.provider = msg.sender;
-        _setPrice(s, NO_TURN, price);
-        s.kindId = kindId;
-        s.state = ServiceState.Active;
-        s.autoAccept = autoAccept;
-        if (p.hired) s.hired = Hire.Provider;
+        serviceId = ServiceId.wrap(++_serviceCount);
         emit ServiceRegistered(serviceId, msg.sender, kind, price, autoAccept, description);
-        if (terms.bond != 0 || terms.maxFailures != 0) {
-            _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures, 0);
-            emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
-        }
-        tasks.onServiceFree(serviceId, msg.sender, kindId, price, _named(serviceId, s));
-        if (terms.bond != 0) tasks.holdBond(msg.sender, terms.bond);
+        _create(serviceId, kindId, price, autoAccept, terms);
+        _offer(serviceId, _services[serviceId]);
+        tasks.enter(serviceId, msg.sender, terms.bond);
     }
 
     /// @inheritdoc IServiceManager
@@ -198,28 +126,29 @@ contract ServiceManager is IServiceManager {
         address provider = s.provider;
         if (msg.sender != provider) {
             // Whoever lost the provider's key has the bonds back this way, before penalties use them up.
-            bool retires = state == ServiceState.Retired && msg.sender == payoutOf(provider);
+            bool retires = state == ServiceState.Retired && msg.sender == providers.payoutOf(provider);
             if (!retires) revert NotProvider(serviceId, msg.sender, provider);
         }
-        if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
+        if (s.state == ServiceState.Retired) {
+            if (state != ServiceState.Retired) revert ServiceIsRetired(serviceId);
+            _collect(serviceId, s);
+            return;
+        }
         if (state == ServiceState.None || state > ServiceState.Retired) revert InvalidServiceState(state);
         if (s.state == ServiceState.Suspended && state != ServiceState.Retired) {
             revert ServiceIsSuspended(serviceId);
         }
-        if (state == ServiceState.Active) {
-            _requireAwake(msg.sender);
-            Agreement storage a = _agreements[serviceId];
-            if (a.bond < a.penalty) revert BondExhausted(serviceId, a.bond, a.penalty);
-        }
+        if (state == ServiceState.Active) providers.requireReady(serviceId, provider);
         _requirePrice(price);
         _setPrice(s, _leaveLine(serviceId, s), price);
-        s.state = state;
+        _setState(s, state);
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
-            tasks.onServiceFree(serviceId, provider, s.kindId, price, _named(serviceId, s));
+            if (!s.turn.isProven()) _standBackAll(provider);
+            _offer(serviceId, s);
         } else if (state == ServiceState.Retired && s.turn.taskId() == NO_TASK) {
-            uint96 bond = _leave(serviceId, s);
-            if (bond != 0) tasks.returnBond(payoutOf(provider), bond);
+            (uint96 bond,) = _leave(serviceId, s);
+            if (bond != 0) tasks.returnBond(providers.payoutOf(provider), bond);
         }
     }
 
@@ -234,29 +163,26 @@ contract ServiceManager is IServiceManager {
         // slither-disable-next-line unused-return
         (, KindId current) = organization.admitService(organization.kindNumbered(s.kindId), provider);
         s.turn = _leaveLine(serviceId, s);
+        ServiceState state = s.state;
+        // Counted among those of its kind's number while it is active.
+        _setState(s, ServiceState.Paused);
         s.kindId = current;
+        _setState(s, state);
         emit ServiceAgreed(serviceId, current);
-        if (!_isAvailable(s)) return;
-        tasks.onServiceFree(serviceId, provider, current, _priceOf(s), _named(serviceId, s));
-    }
-
-    /// @inheritdoc IServiceManager
-    function setPayout(address provider, address payout) external {
-        address current = payoutOf(provider);
-        if (msg.sender != current) revert NotPayout(provider, msg.sender, current);
-        if (payout == address(0)) revert NoPayout(provider);
-        _payouts[provider] = payout;
-        _providers[provider].paidElsewhere = payout != provider;
-        emit PayoutChanged(provider, payout);
+        if (_isAvailable(s)) _offer(serviceId, s);
     }
 
     /// @inheritdoc IServiceManager
     function wakeUp() external {
-        Provider storage p = _providers[msg.sender];
-        if (p.asleepUntil == 0) revert ProviderIsAwake(msg.sender);
-        if (block.timestamp < p.asleepUntil) revert ProviderIsAsleep(msg.sender, p.asleepUntil);
-        (p.missed, p.asleepUntil) = (0, 0);
-        emit ProviderWokeUp(msg.sender);
+        providers.wake(msg.sender);
+        _offerAll(msg.sender);
+    }
+
+    /// @inheritdoc IServiceManager
+    function vouch(address provider, bool vouched) external onlyOrganization {
+        if (!providers.vouch(provider, vouched)) return;
+        _setProven(provider, vouched);
+        _offerAll(provider);
     }
 
     /// @inheritdoc IServiceManager
@@ -273,33 +199,27 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function recordOwner(address device, address owner) external onlyOrganization {
-        _owners[device] = owner;
-        _providers[device].owned = true;
-        _providers[owner].owns = true;
-    }
-
-    /// @inheritdoc IServiceManager
     function reinstate(ServiceId serviceId) external onlyOrganization {
         Record storage s = _get(serviceId);
         if (s.state != ServiceState.Suspended) revert ServiceNotSuspended(serviceId, s.state);
-        Agreement storage a = _agreements[serviceId];
-        if (a.bond < a.penalty) revert BondExhausted(serviceId, a.bond, a.penalty);
-        _providers[s.provider].failures = 0;
-        s.state = ServiceState.Paused;
+        providers.forgive(serviceId, s.provider);
+        _setState(s, ServiceState.Paused);
         emit ServiceReinstated(serviceId);
     }
 
     /// @inheritdoc IServiceManager
-    function reserve(ServiceId serviceId, KindId kindId, uint256 maxPrice, TaskId taskId, Hire hired)
-        external
-        onlyTaskManager
-        returns (ServiceId taker, address provider, uint256 price, bool accepted)
-    {
-        taker = serviceId == NO_SERVICE ? _longestIdle(kindId, maxPrice) : serviceId;
+    function reserve(
+        ServiceId serviceId,
+        KindId kindId,
+        uint256 maxPrice,
+        Passed passed,
+        TaskId taskId,
+        Hire hired
+    ) external onlyTaskManager returns (ServiceId taker, address provider, uint256 price, bool accepted) {
+        taker = serviceId == NO_SERVICE ? _bestIdle(kindId, maxPrice, passed, Choice.Oldest) : serviceId;
         if (taker == NO_SERVICE) return (NO_SERVICE, address(0), 0, false);
         Record storage s = _services[taker];
-        if (hired == Hire.Provider && !(_isAvailable(s) && _priceOf(s) <= maxPrice)) {
+        if (hired == Hire.Provider && !(_isFree(s) && _priceOf(s) <= maxPrice)) {
             ServiceId other = _serviceOf(s.provider, s.kindId, maxPrice);
             if (other != NO_SERVICE) (taker, s) = (other, _services[other]);
         }
@@ -309,12 +229,13 @@ contract ServiceManager is IServiceManager {
             revert ServiceOfOtherKind(taker, organization.kindNumbered(kindId));
         }
         price = _priceOf(s);
-        if (!_isAvailable(s) || price > maxPrice || !ofKind) {
+        if (!_isFree(s) || price > maxPrice || !ofKind || !_mayDo(s, passed)) {
             if (hired > s.hired) _hire(s, hired);
             return (taker, address(0), 0, false);
         }
+        provider = s.provider;
         s.turn = _leaveLine(taker, s).withTask(taskId);
-        return (taker, s.provider, price, s.autoAccept);
+        return (taker, provider, price, s.autoAccept);
     }
 
     /// @inheritdoc IServiceManager
@@ -324,19 +245,32 @@ contract ServiceManager is IServiceManager {
         returns (Release memory r)
     {
         Record storage s = _services[serviceId];
-        TaskId taskId = s.turn.taskId();
-        Turn turn = s.turn.withTask(NO_TASK);
+        Turn turn = s.turn;
+        TaskId taskId = turn.taskId();
         if (outcome == Outcome.Completed) turn = turn.withCompleted();
         else if (outcome == Outcome.Rejected) turn = turn.withRejected();
         else if (outcome == Outcome.Expired) turn = turn.withExpired();
-        Provider storage p = _providers[s.provider];
-        (r.payout, r.penalty) = _count(taskId, serviceId, s, p, outcome, value, creator);
-        ServiceState state = s.state;
-        if (state == ServiceState.Retired) r.bond = _leave(serviceId, s);
-        r.available = state == ServiceState.Active;
-        if (r.available && place != 0) turn = _enqueue(serviceId, s, p, turn, place);
-        else if (r.available) _offer(r, serviceId, s);
+        Profile memory p = providers.note(Ended(serviceId, taskId, s.provider, creator, outcome, value));
+        if (p.earned) {
+            _setProven(s.provider, true);
+            turn = turn.withProven(true);
+        }
+        (r.payout, r.penalty) = (p.payout, p.penalty);
+        _heed(serviceId, s, p.cover);
+        bool missed = outcome == Outcome.Expired || outcome == Outcome.Missed;
+        if (missed && p.asleep && s.state == ServiceState.Active) {
+            _setState(s, ServiceState.Paused);
+            emit ServiceFellAsleep(serviceId);
+        }
+        turn = turn.withTask(NO_TASK);
         s.turn = turn;
+        if (s.state == ServiceState.Retired) (r.bond,) = _leave(serviceId, s);
+        r.available = s.state == ServiceState.Active && !p.rests;
+        if (r.available && !_mayWait(s)) {
+            r.available = false;
+            emit ServiceStoodBack(serviceId);
+        }
+        if (r.available && place != 0) s.turn = _enqueue(serviceId, s, p.grade, turn, place);
     }
 
     /// @inheritdoc IServiceManager
@@ -350,39 +284,18 @@ contract ServiceManager is IServiceManager {
     ) external onlyTaskManager returns (Release memory r) {
         Record storage s = _services[serviceId];
         address provider = s.provider;
-        Provider storage p = _providers[provider];
-        r.payout = _payoutOf(provider, p);
-        if (outcome != Outcome.Unjudged) {
-            bool accepted = outcome == Outcome.Completed;
-            s.turn = accepted ? s.turn.withCompleted() : s.turn.withRejected();
-            _note(p, provider, r.payout, accepted, value, creator);
-        }
-        Agreement storage a = _agreements[serviceId];
-        if (penalty != 0) --a.open;
-        if (outcome == Outcome.Rejected) {
-            r.penalty = penalty;
-            if (penalty != 0) emit BondPenalized(serviceId, taskId, penalty);
-            _suspendFailing(serviceId, s, a, p.failures);
-        } else if (penalty != 0 && s.state == ServiceState.Retired) {
-            r.bond = penalty;
-            emit BondReturned(serviceId, provider, penalty);
-        } else if (penalty != 0) {
-            a.bond += penalty;
-            emit PenaltyReturned(serviceId, taskId, penalty);
-            bool suffices = s.state == ServiceState.Short && a.bond >= a.penalty;
-            if (suffices) s.state = p.asleepUntil == 0 ? ServiceState.Active : ServiceState.Paused;
-            if (suffices && _isAvailable(s)) _offer(r, serviceId, s);
-        }
-    }
-
-    /// @inheritdoc IServiceManager
-    function countAbandoned(TaskId taskId, ServiceId serviceId, address creator) external onlyTaskManager {
-        address able = _services[serviceId].provider;
-        if (_isOwn(able, _providers[able], payoutOf(able), creator)) return;
-        for (uint256 by = _abandoned[taskId]; by != 0; by >>= 32) {
-            address provider = _services[unpackService(uint32(by))].provider;
-            if (provider != able) _miss(provider, _providers[provider]);
-        }
+        bool retired = s.state == ServiceState.Retired;
+        Profile memory p =
+            providers.conclude(Ended(serviceId, taskId, provider, creator, outcome, value), penalty, retired);
+        (r.payout, r.penalty, r.bond) = (p.payout, p.penalty, p.bond);
+        if (outcome == Outcome.Completed) s.turn = s.turn.withCompleted();
+        else if (outcome == Outcome.Rejected) s.turn = s.turn.withRejected();
+        if (p.earned) _setProven(provider, true);
+        if (outcome == Outcome.Void && p.rests) _standBackAll(provider);
+        _heed(serviceId, s, p.cover);
+        if (p.cover != Cover.Enough || s.state != ServiceState.Short) return r;
+        _setState(s, p.asleep ? ServiceState.Paused : ServiceState.Active);
+        r.available = _isFree(s);
     }
 
     /// @inheritdoc IServiceManager
@@ -390,13 +303,15 @@ contract ServiceManager is IServiceManager {
         Record storage s = _get(serviceId);
         Turn turn = s.turn;
         if (!_isAvailable(s) || turn.place() != 0) revert ServiceNotIdle(serviceId);
-        s.turn = _enqueue(serviceId, s, _providers[s.provider], turn, place);
+        (, uint64 grade,) = providers.recordOf(s.provider);
+        s.turn = _enqueue(serviceId, s, grade, turn, place);
     }
 
     /// @inheritdoc IServiceManager
     function service(ServiceId serviceId) external view returns (Service memory) {
         Record storage s = _get(serviceId);
-        Agreement storage a = _agreements[serviceId];
+        Agreement memory a = providers.agreementOf(serviceId);
+        (uint64 reputation,, uint8 failures) = providers.recordOf(s.provider);
         return Service({
             provider: s.provider,
             price: _priceOf(s),
@@ -407,12 +322,15 @@ contract ServiceManager is IServiceManager {
             completed: s.turn.completed(),
             rejected: s.turn.rejected(),
             expired: s.turn.expired(),
-            reputation: uint8(_reputation(_providers[s.provider])),
+            reputation: uint8(reputation),
             bond: a.bond,
             penalty: a.penalty,
             maxFailures: a.maxFailures,
-            failures: _providers[s.provider].failures,
-            autoAccept: s.autoAccept
+            failures: failures,
+            autoAccept: s.autoAccept,
+            proven: s.turn.isProven(),
+            namers: a.namers,
+            maxVoids: a.maxVoids
         });
     }
 
@@ -422,35 +340,18 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function payoutOf(address account) public view returns (address) {
-        return _payoutOf(account, _providers[account]);
+    function wants(ServiceId serviceId) external view returns (Free memory) {
+        Record storage s = _services[serviceId];
+        Turn turn = s.turn;
+        bool offered = turn.isProven() || _provenActive[s.kindId] == 0;
+        return Free(s.kindId, _priceOf(s), _named(serviceId, s), turn.number(), offered);
     }
 
     /// @inheritdoc IServiceManager
-    function areRelated(address account, address other) external view returns (bool) {
-        return account == other || (_hasDevices(_providers[other]) && _areOwners(account, other));
-    }
-
-    /// @inheritdoc IServiceManager
-    function partyAmong(address[] calldata accounts, ServiceId serviceId, address creator)
-        external
-        view
-        returns (address)
-    {
-        address provider = _services[serviceId].provider;
-        (bool ofCreator, bool ofProvider) =
-            (_hasDevices(_providers[creator]), _hasDevices(_providers[provider]));
-        for (uint256 i = 0; i < accounts.length; ++i) {
-            address account = accounts[i];
-            if (account == creator || (ofCreator && _areOwners(account, creator))) return account;
-            if (account == provider || (ofProvider && _areOwners(account, provider))) return account;
-        }
-        return address(0);
-    }
-
-    /// @inheritdoc IServiceManager
-    function asleepUntil(address provider) external view returns (uint256) {
-        return _providers[provider].asleepUntil;
+    function profile(ServiceId serviceId) external view returns (uint32 number, bool proven, bool isOffered) {
+        Record storage s = _get(serviceId);
+        proven = s.turn.isProven();
+        return (s.turn.number(), proven, proven || _provenActive[s.kindId] == 0);
     }
 
     /// @inheritdoc IServiceManager
@@ -469,60 +370,93 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function longestIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId) {
-        return _longestIdle(kindId, maxPrice);
+    function longestIdle(KindId kindId, uint256 maxPrice, Passed passed) external view returns (ServiceId) {
+        return _bestIdle(kindId, maxPrice, passed, Choice.Oldest);
     }
 
     /// @inheritdoc IServiceManager
-    function cheapestIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId) {
-        Idle storage idle = _idle[kindId];
-        uint64 key = idle.lines.lowest();
-        return key > _lastKey(maxPrice) ? NO_SERVICE : unpackService(idle.line[key].first);
+    function cheapestIdle(KindId kindId, uint256 maxPrice, Passed passed) external view returns (ServiceId) {
+        return _bestIdle(kindId, maxPrice, passed, Choice.Cheapest);
     }
 
     /// @inheritdoc IServiceManager
-    function mostReputableIdle(KindId kindId, uint256 maxPrice) external view returns (ServiceId) {
-        Idle storage idle = _idle[kindId];
-        return unpackService(idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first);
+    function mostReputableIdle(KindId kindId, uint256 maxPrice, Passed passed)
+        external
+        view
+        returns (ServiceId)
+    {
+        return _bestIdle(kindId, maxPrice, passed, Choice.MostReputable);
     }
 
-    /// @inheritdoc IServiceManager
-    function serviceFor(address policy, KindId kindId, uint256 reward) external view returns (ServiceId) {
-        return
-            ServiceId.wrap(_ask(policy, abi.encodeCall(IMatchingPolicy.serviceFor, (this, kindId, reward))));
+    /// @dev A service of the caller, which is active and in no line yet.
+    function _create(ServiceId serviceId, KindId kindId, uint256 price, bool autoAccept, Terms memory terms)
+        private
+    {
+        assert(serviceId.pack() <= MAX_NUMBER);
+        if (msg.sender != address(organization)) _addLive(msg.sender, serviceId);
+        (uint32 number, bool proven, bool hired) = providers.enter(msg.sender, serviceId, terms);
+        Record storage s = _services[serviceId];
+        (s.provider, s.kindId, s.autoAccept) = (msg.sender, kindId, autoAccept);
+        _setPrice(s, NO_TURN.withNumber(number).withProven(proven), price);
+        _setState(s, ServiceState.Active);
+        if (hired) s.hired = Hire.Provider;
     }
 
-    /// @inheritdoc IServiceManager
-    function taskFor(ServiceId serviceId) external view returns (TaskId) {
-        Record storage s = _get(serviceId);
-        return TaskId.wrap(
-            _ask(
-                address(organization.policy()),
-                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, this, s.kindId, serviceId, _priceOf(s)))
-            )
-        );
+    /// @dev The better of the first service of proven providers and the first of the others, as each line of its own.
+    function _bestIdle(KindId kindId, uint256 maxPrice, Passed passed, Choice choice)
+        private
+        view
+        returns (ServiceId best)
+    {
+        uint64 lastKey = _lastKey(maxPrice);
+        Idle[2] storage idle = _idle[kindId];
+        best = _firstIdle(idle[0], lastKey, passed, choice);
+        if (!idle[0].lines.marked || (passed.isForProven() && _provenActive[kindId] != 0)) return best;
+        ServiceId other = _firstIdle(idle[1], lastKey, passed, choice);
+        if (best == NO_SERVICE) return other;
+        if (other == NO_SERVICE) return best;
+        return _rank(_services[other].turn, choice) < _rank(_services[best].turn, choice) ? other : best;
     }
 
-    /// @dev The policy's choice. A policy that fails has chosen NOTHING, so that it holds up no work and no money. It
-    /// does not fail for want of gas: nobody chooses in its place by giving little.
-    function _ask(address policy, bytes memory question) private view returns (uint256 chosen) {
-        // It gets 63 of 64 parts of what there is, at most.
-        bool enough = gasleft() > POLICY_GAS + POLICY_GAS / 32;
-        bool success;
-        // By hand, because `try` reverts here on a malformed answer, and copies as much as the policy returns.
-        assembly ("memory-safe") {
-            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 32)
-            success := and(success, eq(returndatasize(), 32))
-            chosen := mload(0)
+    /// @dev The first service that the task has not passed, among the first MAX_LOOKS.
+    function _firstIdle(Idle storage idle, uint64 lastKey, Passed passed, Choice choice)
+        private
+        view
+        returns (ServiceId)
+    {
+        (uint256 looks, uint256 skipped, uint64 key) = (MAX_LOOKS, 0, 0);
+        while (true) {
+            if (choice == Choice.Oldest) key = idle.lines.greatestMajor(lastKey, skipped);
+            else if (choice == Choice.Cheapest) key = idle.lines.first(0, key + 1);
+            else key = idle.lines.greatestMinor(lastKey, skipped);
+            if (key == 0 || key > lastKey) return NO_SERVICE;
+            Line storage line = idle.line[key];
+            for (uint32 id = line.first; id != 0; id = _behind(line, id)) {
+                ServiceId serviceId = unpackService(id);
+                if (passed.isEmpty() || !passed.has(_services[serviceId].turn.number())) return serviceId;
+                if (--looks == 0) return NO_SERVICE;
+            }
+            skipped = skipped << 64 | key;
         }
-        if (success) return chosen;
-        if (!enough) revert TooLittleGas(POLICY_GAS);
-        return NOTHING;
+        return NO_SERVICE;
     }
 
-    function _longestIdle(KindId kindId, uint256 maxPrice) private view returns (ServiceId) {
-        Idle storage idle = _idle[kindId];
-        return unpackService(idle.line[idle.lines.greatestMajor(_lastKey(maxPrice))].first);
+    /// @dev The service behind this one in its line; 0 if it is the last.
+    function _behind(Line storage line, uint32 id) private view returns (uint32 next) {
+        next = _services[unpackService(id)].turn.next();
+        if (next != 0) return next;
+        for (uint192 latest = line.latest; uint32(latest) != id; latest >>= 32) {
+            next = uint32(latest);
+        }
+    }
+
+    /// @dev Of two services that wait the one with the lower rank is chosen. A line's key has the price before the reputation.
+    function _rank(Turn turn, Choice choice) private pure returns (uint256) {
+        uint256 place = turn.place();
+        if (choice == Choice.Oldest) return place;
+        uint256 key = turn.line();
+        if (choice == Choice.MostReputable) key |= (key & MAX_MINOR) << 24;
+        return key << 40 | place;
     }
 
     /// @dev The cheapest of the provider's services that is free, else any; 0 if it has none.
@@ -531,13 +465,12 @@ contract ServiceManager is IServiceManager {
         view
         returns (ServiceId serviceId)
     {
-        uint32[MAX_SERVICES] memory live = _live[provider];
         uint256 lowest = maxPrice + 1;
-        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            ServiceId each = unpackService(live[i]);
+        for (uint256 live = _live[provider]; live != 0; live >>= 32) {
+            ServiceId each = unpackService(uint32(live));
             Record storage s = _services[each];
-            if (each == NO_SERVICE || s.kindId != kindId) continue;
-            bool better = _isAvailable(s) && _priceOf(s) < lowest;
+            if (s.kindId != kindId) continue;
+            bool better = _isFree(s) && _priceOf(s) < lowest;
             if (better) lowest = _priceOf(s);
             if (better || serviceId == NO_SERVICE) serviceId = each;
         }
@@ -550,16 +483,10 @@ contract ServiceManager is IServiceManager {
             return;
         }
         address provider = s.provider;
-        _providers[provider].hired = true;
-        uint32[MAX_SERVICES] memory live = _live[provider];
-        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            if (live[i] != 0) _services[unpackService(live[i])].hired = hired;
+        providers.setHired(provider);
+        for (uint256 live = _live[provider]; live != 0; live >>= 32) {
+            _services[unpackService(uint32(live))].hired = hired;
         }
-    }
-
-    /// @dev The service wants another task.
-    function _offer(Release memory r, ServiceId serviceId, Record storage s) private view {
-        (r.available, r.kindId, r.price, r.named) = (true, s.kindId, _priceOf(s), _named(serviceId, s));
     }
 
     /// @dev See Release.
@@ -575,32 +502,33 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev Behind the other services of its kind, price and reputation. Returns the service's turn with that place.
-    function _enqueue(ServiceId serviceId, Record storage s, Provider storage p, Turn turn, uint40 place)
+    function _enqueue(ServiceId serviceId, Record storage s, uint64 grade, Turn turn, uint40 place)
         private
         returns (Turn)
     {
-        Idle storage idle = _idle[s.kindId];
-        uint64 grade = _reputation(p) & GRADE;
+        turn = turn.withPlace(place).withLineOfProven(turn.isProven());
+        Idle storage idle = _idle[s.kindId][turn.isProven() ? 0 : 1];
         uint64 key = (turn.line() | MAX_MINOR) ^ grade;
         Line storage line = idle.line[key];
         (uint32 id, uint192 latest) = (serviceId.pack(), line.latest);
         if (latest == 0) {
             (line.first, line.used) = (id, true);
             idle.lines.put(key, _weight(place, grade));
+            if (!turn.isProven()) _idle[s.kindId][0].lines.marked = true;
         } else if (latest >> (LATEST - 32) != 0) {
             // The earliest of the latest is one of the others now.
             Record storage earliest = _services[unpackService(uint32(latest >> (LATEST - 32)))];
             earliest.turn = earliest.turn.withNext(uint32(latest >> (LATEST - 64)));
         }
         line.latest = latest << 32 | id;
-        return turn.withPlace(place).withLine(uint24(key)).withPrevious(uint32(latest));
+        return turn.withLine(uint24(key)).withPrevious(uint32(latest));
     }
 
     /// @dev Out of its line, wherever it stands, if it waits. Returns the service's turn without that place.
     function _leaveLine(ServiceId serviceId, Record storage s) private returns (Turn turn) {
         turn = s.turn;
         if (turn.place() == 0) return turn;
-        Idle storage idle = _idle[s.kindId];
+        Idle storage idle = _idle[s.kindId][turn.isLineOfProven() ? 0 : 1];
         (uint64 key, uint32 id) = (turn.line(), serviceId.pack());
         Line storage line = idle.line[key];
         (uint32 previous, uint32 next, bool known) = (turn.previous(), turn.next(), true);
@@ -619,6 +547,7 @@ contract ServiceManager is IServiceManager {
         } else if (next == 0) {
             line.first = 0;
             idle.lines.remove(key);
+            if (!turn.isLineOfProven() && idle.lines.root == 0) _idle[s.kindId][0].lines.marked = false;
         } else {
             line.first = next;
             // The oldest line keeps its earlier age while it stays the oldest of all.
@@ -642,235 +571,146 @@ contract ServiceManager is IServiceManager {
         line.latest = before << behind | (latest & uint192((1 << behind) - 1));
     }
 
-    /// @dev The end of an attempt changes its provider and its service.
-    function _count(
-        TaskId taskId,
-        ServiceId serviceId,
-        Record storage s,
-        Provider storage p,
-        Outcome outcome,
-        uint256 value,
-        address creator
-    ) private returns (address payout, uint96 penalty) {
-        address provider = s.provider;
-        payout = _payoutOf(provider, p);
-        if (outcome == Outcome.Unjudged) return (payout, 0);
-        if (outcome == Outcome.Pending) return (payout, _setAside(taskId, serviceId, s));
-        if (outcome != Outcome.Abandoned && outcome != Outcome.Missed) {
-            _note(p, provider, payout, outcome == Outcome.Completed, value, creator);
-            if (outcome == Outcome.Completed) return (payout, 0);
-            penalty = _penalize(taskId, serviceId, s, p.failures);
-        }
-        if (outcome == Outcome.Rejected || provider == address(organization)) return (payout, penalty);
-        if (outcome == Outcome.Abandoned) _remember(taskId, serviceId);
-        else _miss(provider, p);
-        if (p.asleepUntil != 0 && s.state == ServiceState.Active) {
-            s.state = ServiceState.Paused;
-            emit ServiceFellAsleep(serviceId);
+    /// @dev What is left of the bond, or a provider that fails again and again, is a reason to give the service no more work.
+    function _heed(ServiceId serviceId, Record storage s, Cover cover) private {
+        if (cover == Cover.Enough) return;
+        if (cover != Cover.Short) {
+            _suspend(serviceId, s);
+            if (cover == Cover.Failing) _suspendAll(s.provider);
+        } else if (s.state == ServiceState.Active) {
+            _setState(s, ServiceState.Short);
+            emit BondRanShort(serviceId);
         }
     }
 
-    /// @dev A judged attempt goes into the provider's record.
-    function _note(
-        Provider storage p,
-        address provider,
-        address payout,
-        bool accepted,
-        uint256 value,
-        address creator
-    ) private {
-        bool own = _isOwn(provider, p, payout, creator);
-        _rate(p, accepted, value, own);
-        if (!accepted) {
-            if (p.failures < type(uint8).max) ++p.failures;
-        } else if (!own && p.missed | p.failures | p.naps != 0) {
-            _forgive(provider, p);
+    /// @dev The provider is proven from now on, or no longer: each of its services says so, and active ones are counted.
+    function _setProven(address provider, bool proven) private {
+        for (uint256 live = _live[provider]; live != 0; live >>= 32) {
+            Record storage s = _services[unpackService(uint32(live))];
+            s.turn = s.turn.withProven(proven);
+            if (s.state == ServiceState.Active) _countProven(s.kindId, proven);
         }
     }
 
-    /// @dev The penalty leaves the bond until the case ends.
-    function _setAside(TaskId taskId, ServiceId serviceId, Record storage s)
-        private
-        returns (uint96 penalty)
-    {
-        Agreement storage a = _agreements[serviceId];
-        penalty = _takePenalty(a);
-        if (penalty == 0) return 0;
-        ++a.open;
-        emit PenaltySetAside(serviceId, taskId, penalty);
-        if (a.bond < a.penalty) _runShort(serviceId, s, a);
-    }
-
-    /// @dev The rest of the bond secures no other task, until a case ends for which a part of it is set aside.
-    function _runShort(ServiceId serviceId, Record storage s, Agreement storage a) private {
-        if (s.state != ServiceState.Active) return;
-        s.state = ServiceState.Short;
-        emit BondRanShort(serviceId, a.bond, a.penalty);
-    }
-
-    /// @dev Returns the penalty, or what is left of the bond, which is less by that.
-    function _takePenalty(Agreement storage a) private returns (uint96 penalty) {
-        penalty = a.penalty < a.bond ? a.penalty : a.bond;
-        if (penalty != 0) a.bond -= penalty;
-    }
-
-    /// @dev The address that is paid for the provider's work. `p` is what is known of it.
-    function _payoutOf(address provider, Provider storage p) private view returns (address) {
-        return p.paidElsewhere ? _payouts[provider] : provider;
-    }
-
-    /// @dev It counts for nothing unless somebody else can do the task. Once for a service that got it again and again.
-    function _remember(TaskId taskId, ServiceId serviceId) private {
-        uint256 by = _abandoned[taskId];
-        if (uint32(by) != serviceId.pack()) _abandoned[taskId] = by << 32 | serviceId.pack();
-    }
-
-    /// @dev A provider is known for work for others, by its value. Nobody pays oneself, or nothing, for a name.
-    function _rate(Provider storage p, bool accepted, uint256 value, bool own) private {
-        value /= _unit;
-        if (value == 0 || own) return;
-        (uint256 done, uint256 failed) = _record(p);
-        if (accepted) done = Math.min(done + value, type(uint64).max);
-        else failed = Math.min(failed + value, type(uint64).max);
-        p.work = _work(done, failed);
-    }
-
-    /// @dev Whether the creator of a task is its provider, or one owns the other, or somebody owns both, or what the
-    /// provider earns goes back to whoever pays.
-    function _isOwn(address provider, Provider storage p, address payout, address creator)
-        private
-        view
-        returns (bool)
-    {
-        // Whoever has nothing to do with devices has nothing to do with the creator's owner either.
-        if (!_hasDevices(p) && payout == provider) return creator == provider;
-        address payer = _ownerOf(creator);
-        return payer == _ownerOf(provider) || payer == payout;
-    }
-
-    /// @dev Whether one owns the other, or somebody owns both.
-    function _areOwners(address account, address other) private view returns (bool) {
-        (address owner, address othersOwner) = (_ownerOf(account), _ownerOf(other));
-        return owner == othersOwner || owner == other || account == othersOwner;
-    }
-
-    /// @dev The owner of a device; any other account itself.
-    function _ownerOf(address account) private view returns (address owner) {
-        owner = _owners[account];
-        if (owner == address(0)) owner = account;
-    }
-
-    /// @dev Whether it is a device, or has had one: nobody else is related to another account.
-    function _hasDevices(Provider storage p) private view returns (bool) {
-        return p.owned || p.owns;
-    }
-
-    /// @dev A proof was accepted, of work for others.
-    function _forgive(address provider, Provider storage p) private {
-        if (p.asleepUntil != 0) emit ProviderWokeUp(provider);
-        (p.missed, p.failures, p.naps, p.asleepUntil) = (0, 0, 0, 0);
-    }
-
-    /// @dev A failed attempt costs the penalty of the terms.
-    function _penalize(TaskId taskId, ServiceId serviceId, Record storage s, uint256 failures)
-        private
-        returns (uint96 penalty)
-    {
-        Agreement storage a = _agreements[serviceId];
-        penalty = _takePenalty(a);
-        if (penalty != 0) emit BondPenalized(serviceId, taskId, penalty);
-        _suspendFailing(serviceId, s, a, failures);
-    }
-
-    /// @dev A provider that fails again and again works no more, nor does a service whose bond does not cover another penalty.
-    function _suspendFailing(ServiceId serviceId, Record storage s, Agreement storage a, uint256 failures)
-        private
-    {
-        bool repeated = a.maxFailures != 0 && failures >= a.maxFailures;
-        bool short = a.bond < a.penalty;
-        if (repeated || (short && a.open == 0)) _suspend(serviceId, s);
-        else if (short) _runShort(serviceId, s, a);
-        if (repeated) _suspendAll(s.provider);
+    /// @dev One more service of a proven provider is active, or one less.
+    function _countProven(KindId kindId, bool more) private {
+        if (more) ++_provenActive[kindId];
+        else --_provenActive[kindId];
     }
 
     /// @dev At most MAX_SERVICES. The organization answers for its own.
     function _suspendAll(address provider) private {
-        uint32[MAX_SERVICES] memory live = _live[provider];
-        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            ServiceId serviceId = unpackService(live[i]);
-            if (serviceId != NO_SERVICE) _suspend(serviceId, _services[serviceId]);
+        for (uint256 live = _live[provider]; live != 0; live >>= 32) {
+            ServiceId serviceId = unpackService(uint32(live));
+            _suspend(serviceId, _services[serviceId]);
         }
     }
 
     function _suspend(ServiceId serviceId, Record storage s) private {
         if (s.state == ServiceState.Retired || s.state == ServiceState.Suspended) return;
         s.turn = _leaveLine(serviceId, s);
-        s.state = ServiceState.Suspended;
+        _setState(s, ServiceState.Suspended);
         emit ServiceSuspended(serviceId);
     }
 
-    /// @dev An attempt without a proof, whichever of the provider's services made it.
-    function _miss(address provider, Provider storage p) private {
-        if (p.missed < MAX_MISSED) ++p.missed;
-        if (p.missed < MAX_MISSED || p.asleepUntil != 0) return;
-        p.asleepUntil = uint40(block.timestamp + (p.naps == 0 ? 0 : COOL_DOWN << (p.naps - 1)));
-        if (p.naps < MAX_NAPS) ++p.naps;
-        emit ProviderFellAsleep(provider, p.asleepUntil);
+    /// @dev All changes of state, because active services of proven providers are counted.
+    function _setState(Record storage s, ServiceState next) private {
+        bool before = s.state == ServiceState.Active;
+        s.state = next;
+        bool active = next == ServiceState.Active;
+        if (before != active && s.turn.isProven()) _countProven(s.kindId, active);
     }
 
-    /// @dev The service is over: its bond is for its provider.
-    function _leave(ServiceId serviceId, Record storage s) private returns (uint96 bond) {
-        if (s.provider != address(organization)) _replaceLive(s.provider, serviceId, NO_SERVICE);
-        bond = _agreements[serviceId].bond;
-        if (bond == 0) return 0;
-        _agreements[serviceId].bond = 0;
-        emit BondReturned(serviceId, s.provider, bond);
+    /// @dev Give an available service that is in no line its next task, or let it wait, or stand back.
+    function _offer(ServiceId serviceId, Record storage s) private {
+        if (_mayWait(s)) tasks.onServiceFree(serviceId);
+        else emit ServiceStoodBack(serviceId);
     }
 
-    /// @dev Put `next` where `current` is among the provider's services; 0 is room for one.
-    function _replaceLive(address provider, ServiceId current, ServiceId next) private {
-        uint32[MAX_SERVICES] storage live = _live[provider];
-        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
-            if (live[i] != current.pack()) continue;
-            live[i] = next.pack();
-            return;
+    /// @dev Put the provider's services into line again, in the line where they belong now.
+    function _offerAll(address provider) private {
+        for (uint256 live = _live[provider]; live != 0; live >>= 32) {
+            ServiceId serviceId = unpackService(uint32(live));
+            Record storage s = _services[serviceId];
+            Turn turn = s.turn;
+            bool placed = turn.place() != 0 && turn.isLineOfProven() == turn.isProven();
+            if (placed || !_isAvailable(s)) continue;
+            s.turn = _leaveLine(serviceId, s);
+            _offer(serviceId, s);
         }
-        revert TooManyServices(provider, MAX_SERVICES);
+    }
+
+    /// @dev The services of a provider that is not proven leave their line: it has one there at most.
+    function _standBackAll(address provider) private {
+        for (uint256 live = _live[provider]; live != 0; live >>= 32) {
+            ServiceId serviceId = unpackService(uint32(live));
+            Record storage s = _services[serviceId];
+            if (s.turn.place() == 0) continue;
+            s.turn = _leaveLine(serviceId, s);
+            emit ServiceStoodBack(serviceId);
+        }
+    }
+
+    /// @dev Whether a service that neither waits nor works may wait: one of a provider that is not proven stands back while
+    /// the provider rests, or another one of it waits or works.
+    function _mayWait(Record storage s) private view returns (bool) {
+        if (s.turn.isProven()) return true;
+        address provider = s.provider;
+        for (uint256 live = _live[provider]; live != 0; live >>= 32) {
+            Turn turn = _services[unpackService(uint32(live))].turn;
+            if (turn.place() != 0 || turn.taskId() != NO_TASK) return false;
+        }
+        return !providers.rests(provider);
+    }
+
+    /// @dev The service is over, and its bond is for its provider: not before `until`, if that is not 0.
+    function _leave(ServiceId serviceId, Record storage s) private returns (uint96 bond, uint256 until) {
+        (bond, until) = providers.takeBond(serviceId, s.provider);
+        if (until != 0) return (0, until);
+        (uint256 live, uint256 kept) = (_live[s.provider], 0);
+        for (uint256 shift = 0; live != 0; live >>= 32) {
+            if (uint32(live) == serviceId.pack()) continue;
+            kept |= uint256(uint32(live)) << shift;
+            shift += 32;
+        }
+        _live[s.provider] = kept;
+    }
+
+    /// @dev The bond of a service that retired before, and had to wait.
+    function _collect(ServiceId serviceId, Record storage s) private {
+        if (s.turn.taskId() != NO_TASK) revert ServiceIsRetired(serviceId);
+        (uint96 bond, uint256 until) = _leave(serviceId, s);
+        if (until != 0) revert BondIsLocked(serviceId, until);
+        if (bond == 0) revert ServiceIsRetired(serviceId);
+        tasks.returnBond(providers.payoutOf(s.provider), bond);
+    }
+
+    function _addLive(address provider, ServiceId serviceId) private {
+        (uint256 live, uint256 shift) = (_live[provider], 0);
+        while (live >> shift != 0) shift += 32;
+        if (shift == 32 * MAX_SERVICES) revert TooManyServices(provider, MAX_SERVICES);
+        _live[provider] = live | uint256(serviceId.pack()) << shift;
     }
 
     function _isAvailable(Record storage s) private view returns (bool) {
         return s.state == ServiceState.Active && s.turn.taskId() == NO_TASK;
     }
 
+    /// @dev Whether it can be given a task: it waits, or may.
+    function _isFree(Record storage s) private view returns (bool) {
+        return _isAvailable(s) && (s.turn.place() != 0 || _mayWait(s));
+    }
+
+    /// @dev Whether a task may be offered to the service that has passed these providers.
+    function _mayDo(Record storage s, Passed passed) private view returns (bool) {
+        if (passed.isEmpty()) return true;
+        if (passed.has(s.turn.number())) return false;
+        return !passed.isForProven() || _provenActive[s.kindId] == 0 || s.turn.isProven();
+    }
+
     function _get(ServiceId serviceId) private view returns (Record storage s) {
         s = _services[serviceId];
         if (s.provider == address(0)) revert UnknownService(serviceId);
-    }
-
-    /// @dev (done + _prior) / (done + failed + 2 _prior) in 64ths, the rule of succession (Laplace): 0 .. 63.
-    function _reputation(Provider storage p) private view returns (uint64) {
-        (uint256 done, uint256 failed) = _record(p);
-        // Both have 64 bits, and so has what a newcomer counts for.
-        unchecked {
-            done += _prior;
-            return uint64((done << MINOR_BITS) / (done + failed + _prior));
-        }
-    }
-
-    /// @dev The rest today of what the provider has done and failed. By whole days, so that it does not matter
-    /// how often it is computed.
-    function _record(Provider storage p) private view returns (uint256 done, uint256 failed) {
-        uint256 work = p.work;
-        (done, failed) = (work >> 88, (work >> 24) & type(uint64).max);
-        uint256 elapsed = block.timestamp / 1 days - (work & type(uint24).max);
-        if (elapsed == 0) return (done, failed);
-        (done, failed) = (done >> (elapsed / HALF_LIFE), failed >> (elapsed / HALF_LIFE));
-        uint256 factor = DAILY;
-        // slither-disable-next-line weak-prng
-        for (elapsed %= HALF_LIFE; elapsed != 0; elapsed >>= 1) {
-            if (elapsed & 1 == 1) (done, failed) = (done * factor >> 64, failed * factor >> 64);
-            factor = factor * factor >> 64;
-        }
     }
 
     /// @dev Before or at this key are the lines that cost at most `price`.
@@ -892,16 +732,15 @@ contract ServiceManager is IServiceManager {
         return weigh(MAX_MAJOR - place, reputation);
     }
 
-    function _work(uint256 done, uint256 failed) private view returns (uint152) {
-        return uint152(done << 88 | failed << 24 | block.timestamp / 1 days);
-    }
-
-    function _requireAwake(address provider) private view {
-        uint256 until = _providers[provider].asleepUntil;
-        if (until != 0) revert ProviderIsAsleep(provider, until);
-    }
-
     function _requirePrice(uint256 price) private view {
         if (!Units.isPrice(price, _unit)) revert InvalidPrice(price, _unit, Units.max(_unit));
+    }
+
+    function _requireTaskManager() private view {
+        if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
+    }
+
+    function _requireOrganization() private view {
+        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
     }
 }

@@ -7,15 +7,19 @@ import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/Reentrancy
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {SignedRequests} from "./SignedRequests.sol";
+import {ITaskQueues} from "./interfaces/ITaskQueues.sol";
+import {TaskQueues} from "./TaskQueues.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
+import {IProviders, Outcome} from "./interfaces/IProviders.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
-import {Hire, IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
+import {Free, Hire, IServiceManager, Release} from "./interfaces/IServiceManager.sol";
 import {
     Attempt,
     Cause,
     Fault,
     ITaskManager,
+    Judged,
     Ruling,
     Standing,
     Task,
@@ -26,17 +30,16 @@ import {Payments} from "./libraries/Payments.sol";
 import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
-import {WeightTree} from "./libraries/WeightTree.sol";
-import {KindId} from "./types/KindId.sol";
+import {KindId, queueOf} from "./types/KindId.sol";
+import {NOBODY, Passed} from "./types/Passed.sol";
 import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
-import {NO_TASK, TaskId, unpackTask} from "./types/TaskId.sol";
+import {NO_TASK, TaskId} from "./types/TaskId.sol";
 import {Weight, weigh} from "./types/Weight.sol";
 
 contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     using SafeCast for uint256;
     using SafeERC20 for IERC20;
     using TaskRecords for TaskRecords.Store;
-    using WeightTree for WeightTree.Tree;
 
     /// @dev In one word, because a registration writes two of them, and a verdict the others.
     struct Totals {
@@ -64,13 +67,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool removed;
     }
 
-    /// @notice A shorter window would let a creator take work for which nobody can answer in time.
-    uint32 public constant MIN_WINDOW = 1 minutes;
-    uint32 public constant MAX_WINDOW = 30 days;
-    uint8 public constant MAX_ATTEMPTS = 10;
+    /// @notice Of attempts that count. With those that do not they fit in four bits.
+    uint8 public constant MAX_ATTEMPTS = 7;
 
-    /// @notice The part of the execution window in which an executor accepts or abandons: one in four.
-    uint256 public constant GRACE_SHARE = 4;
     /// @inheritdoc ITaskManager
     uint256 public constant IMPOSSIBLE_SHARE = 10;
 
@@ -83,16 +82,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     IERC20 public immutable token;
     IOrganization public immutable organization;
     IServiceManager public immutable services;
+    IProviders private immutable _providers;
     uint256 private immutable _unit;
     /// @notice Says for whom it calls, and is believed: it has seen that participant's signature.
     SignedRequests public immutable signedRequests;
+    /// @inheritdoc ITaskManager
+    ITaskQueues public immutable queues;
 
     Totals private _totals;
     TaskRecords.Store private _tasks;
-    /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
-    /// weight is its reward (see _weight). Each kind has a queue, and each service and provider one of the tasks that
-    /// name it (see _queue).
-    mapping(uint256 queue => WeightTree.Tree) private _open;
     mapping(ServiceId serviceId => Worker) private _workers;
     mapping(KindId kindId => Bench) private _benches;
     /// @dev Only of tasks that are Ruled.
@@ -101,12 +99,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     mapping(address account => uint256) public pendingPayments;
 
     modifier onlyServiceManager() {
-        if (msg.sender != address(services)) revert NotServiceManager(msg.sender);
+        _requireServiceManager();
         _;
     }
 
     modifier onlyOrganization() {
-        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
+        _requireOrganization();
         _;
     }
 
@@ -118,11 +116,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             revert NotWired(address(organization_), address(services_));
         }
         organization = organization_;
-        services = services_;
+        (services, _providers) = (services_, services_.providers());
         token = organization_.token();
         // slither-disable-next-line unused-return
         (_unit,) = Units.unitOf(token);
         signedRequests = new SignedRequests();
+        queues = new TaskQueues();
     }
 
     /// @inheritdoc ITaskManager
@@ -136,7 +135,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         address caller = _sender();
         if (caller != t.creator) revert NotCreator(taskId, caller, t.creator);
         _requireState(taskId, t, TaskState.Open);
-        _leaveQueue(_queue(t), taskId);
+        _leaveQueue(taskId, t);
         t.state = TaskState.Cancelled;
         _tasks.save(taskId, t, _unit);
         emit TaskCancelled(taskId, t.reward);
@@ -171,11 +170,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         address executor = _requireExecutor(taskId, t, attempt);
         if (proofHash == 0) revert EmptyProof(taskId);
         Texts.requireText(uri);
-        uint256 deadline = block.timestamp + t.verdictWindow;
-        (t.state, t.deadline) = (TaskState.Submitted, deadline.toUint32());
+        (t.state, t.deadline) = (TaskState.Submitted, (block.timestamp + t.verdictWindow).toUint32());
         _tasks.save(taskId, t, _unit);
         _workers[t.serviceId].proof = proofHash;
-        emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
+        emit ProofSubmitted(taskId, attempt, executor, proofHash, uri);
     }
 
     /// @inheritdoc ITaskManager
@@ -188,13 +186,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint96 amount,
         uint40 until,
         bytes32 report
-    ) external nonReentrant returns (Attempt memory before) {
+    ) external nonReentrant returns (Judged memory judged) {
         Record memory t = _get(taskId);
         bool afterRemoval = _requireJudge(t.kindId);
         _requireRuling(taskId, t, ruling, amount, until);
-        before = _attempt(taskId, t);
         if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
-        if (proofHash != before.proofHash) revert ProofMismatch(taskId, before.proofHash, proofHash);
+        bytes32 proof = _proof(taskId, t);
+        if (proofHash != proof) revert ProofMismatch(taskId, proof, proofHash);
+        uint40 submitted = uint40(t.deadline - t.verdictWindow);
+        judged = Judged(t.creator, t.serviceId, t.kindId, submitted, t.state == TaskState.Ruled);
         _say(taskId, t, Standing(proofHash, ruling, amount, until, 0, afterRemoval), fault, report);
     }
 
@@ -226,11 +226,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function matchTask(TaskId taskId) external nonReentrant {
+    function matchTask(TaskId taskId, ServiceId serviceId) external nonReentrant {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
-        _leaveQueue(_queue(t), taskId);
-        _match(taskId, t, organization.policy());
+        _leaveQueue(taskId, t);
+        if (serviceId == NO_SERVICE) {
+            _match(taskId, t, organization.policy());
+        } else if (t.hired != Hire.None || !_assign(taskId, t, serviceId, _passed(taskId, t))) {
+            revert ServiceDoesNotFit(taskId, serviceId);
+        }
     }
 
     /// @inheritdoc ITaskManager
@@ -240,22 +244,22 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         pendingPayments[account] = 0;
         _totals.held -= uint120(amount);
         emit PaymentCollected(account, amount);
-        token.safeTransfer(services.payoutOf(account), amount);
+        token.safeTransfer(_providers.payoutOf(account), amount);
     }
 
     /// @inheritdoc IServiceListener
-    function onServiceFree(ServiceId serviceId, address provider, KindId kindId, uint256 price, uint160 named)
+    function onServiceFree(ServiceId serviceId) external nonReentrant onlyServiceManager {
+        _place(serviceId);
+    }
+
+    /// @inheritdoc IServiceListener
+    function enter(ServiceId serviceId, address provider, uint256 bond)
         external
         nonReentrant
         onlyServiceManager
     {
-        if (_workers[serviceId].proof == 0) _workers[serviceId] = Worker(provider, NO_PROOF);
-        _place(serviceId, kindId, price, named);
-    }
-
-    /// @inheritdoc IServiceListener
-    function holdBond(address provider, uint256 amount) external nonReentrant onlyServiceManager {
-        _take(provider, amount);
+        _workers[serviceId] = Worker(provider, NO_PROOF);
+        _take(provider, bond);
     }
 
     /// @inheritdoc IServiceListener
@@ -314,7 +318,18 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function attemptOf(TaskId taskId) external view returns (Attempt memory) {
         Record memory t = _get(taskId);
         if (t.state != TaskState.Ruled) _requireState(taskId, t, TaskState.Submitted);
-        return _attempt(taskId, t);
+        return Attempt({
+            creator: t.creator,
+            serviceId: t.serviceId,
+            kindId: t.kindId,
+            state: t.state,
+            number: t.attempt,
+            price: uint96(t.price),
+            submitted: uint40(t.deadline - t.verdictWindow),
+            deadline: uint40(t.deadline),
+            caseEnd: uint40(_caseEnd(t)),
+            proofHash: _proof(taskId, t)
+        });
     }
 
     /// @inheritdoc ITaskManager
@@ -338,8 +353,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc IServiceListener
-    function oldestOpen(KindId kindId, uint256 price) external view returns (TaskId) {
-        return unpackTask(_open[_queueOf(kindId)].first(Units.levelFor(price, _unit)));
+    function oldestOpen(ServiceId serviceId, KindId kindId, uint256 price) external view returns (TaskId) {
+        (uint32 number,, bool isOffered) = services.profile(serviceId);
+        return queues.oldestOf(kindId, Units.levelFor(price, _unit), number, isOffered);
     }
 
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
@@ -347,10 +363,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record memory t;
         IMatchingPolicy policy;
         bytes32 rules;
-        (policy, rules, t.kindId, t.auditWindow) = organization.admitTask(
+        (policy, rules, t.kindId, t.auditWindow, t.grace) = organization.admitTask(
             request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
         );
-        _requireWindow(request.executionWindow);
         if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
             revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
         }
@@ -381,6 +396,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             t.serviceId = services.serviceOf(request.provider, request.kind, request.reward);
             emit ProviderRequested(taskId, request.provider);
         }
+        if (t.hired != Hire.None) {
+            _providers.requireNamable(t.serviceId, creator, queues.countNamed(creator));
+        }
         _tasks.keepConditions(taskId, t);
         _match(taskId, t, policy);
         _take(creator, request.reward);
@@ -388,65 +406,62 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
     function _match(TaskId taskId, Record memory t, IMatchingPolicy policy) private {
+        Passed passed = _passed(taskId, t);
         bool asks = t.hired == Hire.None && address(policy) != address(0);
-        ServiceId serviceId = asks ? services.serviceFor(address(policy), t.kindId, t.reward) : t.serviceId;
+        ServiceId serviceId = t.serviceId;
+        if (asks) serviceId = queues.serviceFor(policy, services, t.kindId, t.reward, passed);
         if (!asks || serviceId != NO_SERVICE) {
-            if (_assign(taskId, t, serviceId)) return;
+            if (_assign(taskId, t, serviceId, passed)) return;
             if (asks) emit PolicyFailed(taskId);
         }
         _tasks.save(taskId, t, _unit);
-        _open[_queue(t)].put(taskId.pack(), _weight(t));
+        queues.put(_queue(taskId, t), taskId, _weight(t));
         ++_totals.waiting;
     }
 
     /// @dev Give an available service that is in no line its next task, or let it wait.
-    /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
-    function _place(ServiceId serviceId, KindId kindId, uint256 price, uint256 named) private {
-        (uint256 queue, TaskId taskId) = _next(serviceId, kindId, price, named);
+    function _place(ServiceId serviceId) private {
+        TaskId taskId = _totals.waiting == 0 ? NO_TASK : _next(serviceId);
         if (taskId == NO_TASK) {
             services.enqueue(serviceId, ++_totals.places);
         } else {
-            _leaveQueue(queue, taskId);
-            bool assigned = _assign(taskId, _load(taskId), serviceId);
+            Record memory t = _load(taskId);
+            _leaveQueue(taskId, t);
+            bool assigned = _assign(taskId, t, serviceId, _passed(taskId, t));
             assert(assigned);
         }
     }
 
-    /// @dev The next task of the service, and in which queue it waits: of those that name nobody the one that the policy
-    /// chooses, or the oldest; but an older one that names the service, or its provider, goes first, so that no policy
-    /// lets it wait for ever.
-    function _next(ServiceId serviceId, KindId kindId, uint256 price, uint256 named)
-        private
-        returns (uint256 queue, TaskId taskId)
-    {
-        if (_totals.waiting == 0) return (0, NO_TASK);
-        queue = _queueOf(kindId);
-        taskId = unpackTask(_open[queue].first(Units.levelFor(price, _unit)));
-        if (taskId != NO_TASK && _totals.asks) taskId = _choose(serviceId, price, queue, taskId);
+    /// @dev The next task of the service: of those that name nobody the one that the policy chooses, or the oldest; but an
+    /// older one that names the service, or its provider, goes first, so that no policy lets it wait for ever.
+    function _next(ServiceId serviceId) private returns (TaskId taskId) {
+        Free memory free = services.wants(serviceId);
+        taskId = queues.oldestOf(free.kindId, Units.levelFor(free.price, _unit), free.number, free.proven);
+        if (taskId != NO_TASK && _totals.asks) taskId = _choose(serviceId, free, taskId);
+        uint256 named = free.named;
         while (named != 0) {
-            uint256 own = _queueOf(named, kindId);
-            TaskId first = unpackTask(_open[own].first(uint64(price / _unit)));
-            if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) {
-                (queue, taskId) = (own, first);
-            }
+            TaskId first = queues.oldest(_queueOf(named, free.kindId), uint64(free.price / _unit), 0);
+            if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) taskId = first;
             named = named == ServiceId.unwrap(serviceId) ? 0 : ServiceId.unwrap(serviceId);
         }
     }
 
-    /// @dev The policy's choice from the queue; `oldest` if that is no task of this queue, or pays less than `price`.
-    function _choose(ServiceId serviceId, uint256 price, uint256 queue, TaskId oldest)
-        private
-        returns (TaskId taskId)
-    {
-        taskId = services.taskFor(serviceId);
+    /// @dev The policy's choice from the kind's queues; `oldest` if that is no task of them, pays less than the price, or
+    /// may not be offered to the service.
+    function _choose(ServiceId serviceId, Free memory free, TaskId oldest) private returns (TaskId taskId) {
+        taskId = queues.taskFor(organization.policy(), services, free.kindId, serviceId, free.price);
         Record memory t = _load(taskId);
-        if (t.state == TaskState.Open && _queue(t) == queue && t.reward >= price) return taskId;
+        bool open = t.state == TaskState.Open && t.hired == Hire.None;
+        if (open && t.kindId == free.kindId && t.reward >= free.price) {
+            Passed passed = _passed(taskId, t);
+            if (!passed.has(free.number) && (free.proven || !passed.isForProven())) return taskId;
+        }
         emit PolicyFailed(oldest);
         return oldest;
     }
 
-    function _leaveQueue(uint256 queue, TaskId taskId) private {
-        _open[queue].remove(taskId.pack());
+    function _leaveQueue(TaskId taskId, Record memory t) private {
+        queues.remove(_queue(taskId, t), taskId);
         --_totals.waiting;
     }
 
@@ -456,7 +471,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (Release memory r)
     {
         r = _release(t, serviceId, outcome, value);
-        if (r.available) _place(serviceId, r.kindId, r.price, r.named);
+        if (r.available) _place(serviceId);
     }
 
     /// @dev The service's attempt is over. While no task waits, it is in line again after this call.
@@ -481,12 +496,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev Whether the service takes the task, at its own price; nothing happened if not.
-    function _assign(TaskId taskId, Record memory t, ServiceId serviceId) private returns (bool) {
+    function _assign(TaskId taskId, Record memory t, ServiceId serviceId, Passed passed)
+        private
+        returns (bool)
+    {
         address executor;
         uint256 price;
         bool accepted;
         (serviceId, executor, price, accepted) =
-            services.reserve(serviceId, t.kindId, t.reward, taskId, t.hired);
+            services.reserve(serviceId, t.kindId, t.reward, passed, taskId, t.hired);
         if (executor == address(0)) return false;
         uint256 deadline = block.timestamp + t.executionWindow;
         uint8 attempt = t.attempt + 1;
@@ -552,13 +570,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool stood = t.state == TaskState.Ruled;
         _end(taskId, t, TaskState.Settled);
         uint256 refund = t.reward - amount;
-        if (outcome == Outcome.Completed && t.attempt != 1) {
-            services.countAbandoned(taskId, t.serviceId, t.creator);
-        }
         Release memory r =
             stood ? _conclude(taskId, t, outcome, amount) : _release(t, t.serviceId, outcome, amount);
         emit TaskSettled(taskId, r.payout, amount, refund);
-        if (r.available) _place(t.serviceId, r.kindId, r.price, r.named);
+        if (r.available) _place(t.serviceId);
         uint120 sent = _send(0, r.payout, amount + r.bond);
         sent = _send(sent, t.creator, refund);
         _totals.held -= sent;
@@ -578,7 +593,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (stood) {
             r = _conclude(taskId, t, _outcome(cause), price);
             // Before the task looks for a service: it may name this one, which would have two places.
-            if (r.available) _place(serviceId, r.kindId, r.price, r.named);
+            if (r.available) _place(serviceId);
         }
         bool last = _endAttempt(taskId, t, cause);
         if (!stood) r = _free(t, serviceId, _outcome(cause), price);
@@ -590,18 +605,33 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
     function _endAttempt(TaskId taskId, Record memory t, Cause cause) private returns (bool last) {
-        // Who was named has said no, and would get it again at once.
-        bool refused = cause == Cause.Abandoned && t.hired != Hire.None;
-        last = t.attempt == t.maxAttempts || cause == Cause.Void || refused;
-        if (last) {
+        bool named = t.hired != Hire.None;
+        // A provider that was named and said no would get the task again at once.
+        last = cause == Cause.Void || (named && cause == Cause.Abandoned);
+        if (!last && !named) last = _pass(taskId, t, cause);
+        if (named && cause == Cause.Void) queues.countVoid(t.creator);
+        uint256 counted = t.attempt - _passed(taskId, t).count();
+        if (last || counted >= t.maxAttempts) {
+            last = true;
             _end(taskId, t, TaskState.Failed);
             emit TaskFailed(taskId, t.reward, t.attempt, cause);
         } else {
             (t.state, t.deadline, t.price) = (TaskState.Open, 0, 0);
-            if (t.hired == Hire.None) t.serviceId = NO_SERVICE;
+            if (!named) t.serviceId = NO_SERVICE;
             emit TaskRequeued(taskId, t.attempt, cause);
             _match(taskId, t, organization.policy());
         }
+    }
+
+    /// @dev An attempt does not count that was given back in the grace period, that nobody accepted in it, or that a proven
+    /// provider gave up. Its provider goes on the task's list. Returns whether the task ends with that.
+    function _pass(TaskId taskId, Record memory t, Cause cause) private returns (bool) {
+        bool gaveUp = cause == Cause.GivenUp;
+        if (!gaveUp && cause != Cause.Abandoned && cause != Cause.NotAccepted) return false;
+        (uint32 number, bool proven,) = services.profile(t.serviceId);
+        if (gaveUp && !proven) return false;
+        bool again = gaveUp && _passed(taskId, t).someoneGaveUp();
+        return queues.pass(taskId, number, gaveUp).isFull() || again;
     }
 
     /// @dev All of `amount` arrives, or nothing happened.
@@ -644,21 +674,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
 
-    function _attempt(TaskId taskId, Record memory t) private view returns (Attempt memory) {
-        return Attempt({
-            creator: t.creator,
-            serviceId: t.serviceId,
-            kindId: t.kindId,
-            state: t.state,
-            number: t.attempt,
-            price: uint96(t.price),
-            submitted: uint40(t.deadline - t.verdictWindow),
-            deadline: uint40(t.deadline),
-            caseEnd: uint40(_caseEnd(t)),
-            proofHash: _proof(taskId, t)
-        });
-    }
-
     /// @dev Until then a ruling can be replaced.
     function _caseEnd(Record memory t) private pure returns (uint256) {
         return t.deadline + t.auditWindow;
@@ -699,8 +714,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev Until then the executor of an assigned task may abandon it at no cost.
     function _graceEnd(Record memory t) private view returns (uint256) {
-        uint256 window = t.executionWindow;
-        return t.deadline - window + window / GRACE_SHARE;
+        return t.deadline - t.executionWindow + t.grace;
     }
 
     /// @dev The caller judges tasks of this number.
@@ -739,9 +753,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return t.state == TaskState.Ruled ? _standing[taskId].proofHash : bytes32(0);
     }
 
+    /// @dev The providers that a task has passed. Before its first attempt there are none.
+    function _passed(TaskId taskId, Record memory t) private view returns (Passed) {
+        return t.attempt == 0 ? NOBODY : queues.passed(taskId);
+    }
+
     /// @dev The queue of an open task.
-    function _queue(Record memory t) private view returns (uint256) {
-        if (t.hired == Hire.None) return _queueOf(t.kindId);
+    function _queue(TaskId taskId, Record memory t) private view returns (uint256) {
+        if (t.hired == Hire.None) return queueOf(t.kindId, _passed(taskId, t).isForProven());
         bool any = t.hired == Hire.Provider;
         return
             _queueOf(any ? uint160(_workers[t.serviceId].executor) : ServiceId.unwrap(t.serviceId), t.kindId);
@@ -753,15 +772,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return named << 8 | KindId.unwrap(kindId);
     }
 
-    /// @dev Where the tasks of a kind wait that name nobody.
-    function _queueOf(KindId kindId) private pure returns (uint256) {
-        return KindId.unwrap(kindId);
-    }
-
-    function _requireWindow(uint32 window) private pure {
-        if (window < MIN_WINDOW || window > MAX_WINDOW) revert InvalidWindow(window, MIN_WINDOW, MAX_WINDOW);
-    }
-
     /// @dev By what an open task is found. Who names whom it wants may pay its price exactly, which is between two levels.
     function _weight(Record memory t) private view returns (Weight) {
         bool exact = t.hired != Hire.None;
@@ -770,8 +780,17 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     function _outcome(Cause cause) private pure returns (Outcome) {
         if (cause == Cause.Rejected) return Outcome.Rejected;
-        if (cause == Cause.GivenUp || cause == Cause.Void) return Outcome.Unjudged;
+        if (cause == Cause.GivenUp) return Outcome.GivenUp;
+        if (cause == Cause.Void) return Outcome.Void;
         if (cause == Cause.NotAccepted) return Outcome.Missed;
         return cause == Cause.Abandoned ? Outcome.Abandoned : Outcome.Expired;
+    }
+
+    function _requireServiceManager() private view {
+        if (msg.sender != address(services)) revert NotServiceManager(msg.sender);
+    }
+
+    function _requireOrganization() private view {
+        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
     }
 }

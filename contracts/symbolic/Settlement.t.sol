@@ -6,7 +6,7 @@ import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {Terms} from "../src/interfaces/IOrganization.sol";
+import {IProviders, Terms} from "../src/interfaces/IProviders.sol";
 import {Fault, Ruling, TaskRequest} from "../src/interfaces/ITaskManager.sol";
 import {Finding} from "../src/interfaces/IJudge.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
@@ -49,7 +49,8 @@ contract SettlementSymbolic is Test {
         coin = new IECoin(holders, amounts);
         organization = Organization(address(last + 2));
         services = ServiceManager(address(last + 3));
-        tasks = TaskManager(address(last + 4));
+        // Providers are between them.
+        tasks = TaskManager(address(last + 5));
         new Organization(coin, services, tasks, policy, ADMIN, 0, Terms(0, 0, 0));
         new ServiceManager(organization, tasks);
         assert(address(new TaskManager(organization, services)) == address(tasks));
@@ -60,6 +61,8 @@ contract SettlementSymbolic is Test {
         organization.grantRole(organization.ORACLE_ROLE(), JUDGE);
         organization.grantRole(organization.AUDITOR_ROLE(), AUDITOR);
         organization.setAudit(KIND, WINDOW);
+        organization.setWindows(KIND, WINDOW, WINDOW, 0);
+        organization.vouchFor(ROBOT, true);
         organization.allowKind(KIND, judges, keccak256("rules"));
         organization.grantRole(organization.OPERATOR_ROLE(), ADMIN);
         vm.stopPrank();
@@ -67,8 +70,9 @@ contract SettlementSymbolic is Test {
             vm.prank(holders[i]);
             coin.approve(address(tasks), type(uint256).max);
         }
+        IProviders providers = services.providers();
         vm.prank(ROBOT);
-        services.setPayout(ROBOT, OWNER);
+        providers.setPayout(ROBOT, OWNER);
     }
 
     /// @dev An accepted amount is paid if and only if the agreed price covers it: to the wei, and to nobody else.

@@ -21,7 +21,7 @@ contract CommitteeJudgeTest is Committee {
         Finding memory vote = accepting(taskId);
         uint256 before = coin.balanceOf(robot1);
         vm.expectEmit(address(committee));
-        emit IJudge.Reported(taskId, 1, REPORT, REPORT_URI, "accepted");
+        emit IJudge.Reported(taskId, REPORT_URI, "accepted");
         vm.expectEmit(address(tasks));
         emit ITaskManager.Ruled(taskId, 1, PROOF, Ruling.Accepted, Fault.Nobody, 80 ether, 0, REPORT);
         vm.expectEmit(address(committee));

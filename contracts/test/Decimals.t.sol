@@ -5,7 +5,6 @@ import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Units} from "../src/libraries/Units.sol";
@@ -14,6 +13,7 @@ import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {PlainToken} from "./PlainToken.sol";
+import {Terms} from "../src/interfaces/IProviders.sol";
 
 /// @notice An organization that pays in a token with six decimals.
 contract DecimalsTest is Fixture {
@@ -76,7 +76,7 @@ contract DecimalsTest is Fixture {
         assertEq(tasks.task(post(alice, TOKEN)).price, 3 * TOKEN / 100);
         TaskId waits = post(alice, 2 * TOKEN / 100 - 1);
         assertState(waits, TaskState.Open);
-        assertEq(tasks.oldestOpen(cleaning(), 19_900), waits, "three digits of it");
+        assertEq(tasks.oldestOpen(serviceNo(1), cleaning(), 19_900), waits, "three digits of it");
     }
 
     /// @dev A hundred tokens make a name, not a hundred billion of their smallest units.

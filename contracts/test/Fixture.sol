@@ -8,7 +8,7 @@ import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
-import {Terms} from "../src/interfaces/IOrganization.sol";
+import {IProviders, Terms} from "../src/interfaces/IProviders.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Fault, Ruling, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
@@ -36,7 +36,8 @@ abstract contract Numbers {
     }
 }
 
-/// @notice An organization with its contracts, two humans who post tasks and three robots who do them.
+/// @notice An organization with its contracts, two humans who post tasks and three robots who do them. The organization
+/// vouches for all five.
 abstract contract Fixture is Numbers, Test {
     bytes32 internal constant CLEANING = "waste_disposal";
     bytes32 internal constant CHARGING = "battery_charging";
@@ -45,6 +46,8 @@ abstract contract Fixture is Numbers, Test {
     bytes32 internal constant REPORT = keccak256("report");
     string internal constant URI = "https://store/recording.mcap";
     uint32 internal constant WINDOW = 1 hours;
+    uint32 internal constant SHORTEST = 30 minutes;
+    uint32 internal constant GRACE = 15 minutes;
     uint32 internal constant AUDIT_WINDOW = 2 hours;
     uint8 internal constant ATTEMPTS = 3;
     /// @dev The bond that a provider agrees to who takes any.
@@ -64,6 +67,7 @@ abstract contract Fixture is Numbers, Test {
     FirstComeFirstServed internal policy;
     Organization internal organization;
     ServiceManager internal services;
+    IProviders internal providers;
     TaskManager internal tasks;
     RoleJudge internal oracleJudge;
     RoleJudge internal auditorJudge;
@@ -96,6 +100,7 @@ abstract contract Fixture is Numbers, Test {
         new Organization(token, services, tasks, policy, admin, 0, Terms(0, 0, 0));
         new ServiceManager(organization, tasks);
         new TaskManager(organization, services);
+        providers = services.providers();
         auditorJudge = new RoleJudge(organization, organization.AUDITOR_ROLE(), address(0));
         oracleJudge = new RoleJudge(organization, organization.ORACLE_ROLE(), address(auditorJudge));
 
@@ -104,6 +109,14 @@ abstract contract Fixture is Numbers, Test {
         organization.grantRole(organization.AUDITOR_ROLE(), auditor);
         organization.grantRole(organization.OPERATOR_ROLE(), admin);
         organization.grantRole(organization.TREASURER_ROLE(), admin);
+        organization.setWindows(CLEANING, SHORTEST, 30 days, uint16(GRACE));
+        organization.setWindows(CHARGING, SHORTEST, 30 days, uint16(GRACE));
+        // For tests that allow another kind.
+        organization.setWindows("painting", SHORTEST, 30 days, uint16(GRACE));
+        address[5] memory known = [alice, bob, robot1, robot2, robot3];
+        for (uint256 i = 0; i < known.length; ++i) {
+            organization.vouchFor(known[i], true);
+        }
         organization.setAudit(CLEANING, AUDIT_WINDOW);
         organization.setAudit(CHARGING, AUDIT_WINDOW);
         organization.setAuditors(auditorJudge);
@@ -120,6 +133,13 @@ abstract contract Fixture is Numbers, Test {
     function update(ServiceId serviceId, uint256 price, ServiceState next) internal {
         vm.prank(services.providerOf(serviceId));
         services.updateService(serviceId, price, next);
+    }
+
+    /// @dev Its executor gives it back.
+    function giveBack(TaskId taskId) internal {
+        Task memory t = tasks.task(taskId);
+        vm.prank(services.providerOf(t.serviceId));
+        tasks.abandonTask(taskId, t.attempt);
     }
 
     /// @dev One attempt at the task from proof to verdict.

@@ -11,7 +11,7 @@ import {
     TaskState,
     Ruling
 } from "../src/interfaces/ITaskManager.sol";
-import {ServiceId} from "../src/types/ServiceId.sol";
+import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -173,7 +173,7 @@ contract HireTest is Fixture {
         TaskId taskId = _hire(dear, 50 ether);
         assertState(taskId, TaskState.Open);
         vm.prank(stranger);
-        tasks.matchTask(taskId);
+        tasks.matchTask(taskId, NO_SERVICE);
         assertState(taskId, TaskState.Open);
         update(dear, 50 ether, ServiceState.Active);
         assertAssigned(taskId, dear);
@@ -263,7 +263,7 @@ contract HireTest is Fixture {
         judgeAs(auditor, taskId, Ruling.Rejected, 0);
         assertState(taskId, TaskState.Open);
         vm.prank(stranger);
-        tasks.matchTask(taskId);
+        tasks.matchTask(taskId, NO_SERVICE);
         assertState(taskId, TaskState.Open);
         assertAssigned(taskId, offer(robot1, 90 ether));
     }

@@ -27,11 +27,11 @@ contract ImpossibleTest is Fixture {
             [_offerByHand(robot1, 80 ether), _offerByHand(robot2, 80 ether), _offerByHand(robot3, 80 ether)];
         for (uint256 i = 0; i < 2; ++i) {
             TaskId taskId = post(alice, 100 ether);
-            for (uint256 n = 0; n < ATTEMPTS; ++n) {
+            for (uint256 n = 0; n < 3; ++n) {
                 vm.warp(tasks.task(taskId).deadline + 1);
                 tasks.expireTask(taskId);
             }
-            assertState(taskId, TaskState.Failed);
+            assertState(taskId, TaskState.Open);
         }
         for (uint256 i = 0; i < 3; ++i) {
             Service memory s = services.service(offered[i]);
@@ -136,76 +136,21 @@ contract ImpossibleTest is Fixture {
         ServiceId serviceId = offer(robot1, 80 ether);
         for (uint256 i = 0; i < 3; ++i) {
             TaskId taskId = post(alice, 100 ether);
-            for (uint8 n = 1; n <= ATTEMPTS; ++n) {
-                _abandon(robot1, taskId);
-            }
-            assertState(taskId, TaskState.Failed);
+            _abandon(robot1, taskId);
+            assertState(taskId, TaskState.Open);
         }
-        assertEq(services.asleepUntil(robot1), 0);
+        assertEq(providers.asleepUntil(robot1), 0);
         assertAssigned(post(bob, 100 ether), serviceId);
-    }
-
-    function test_attack_whoAbandonsWhatOthersCanDoFallsAsleep() public {
-        ServiceId given = offer(robot1, 80 ether);
-        offer(robot2, 80 ether);
-        for (uint256 i = 0; i < 3; ++i) {
-            assertEq(services.asleepUntil(robot1), 0);
-            _abandonedAndDone(alice);
-        }
-        assertEq(services.asleepUntil(robot1), block.timestamp);
-        // Its service sleeps when it gives one more back.
-        TaskId taskId = post(alice, 100 ether);
-        assertAssigned(taskId, given);
-        vm.expectEmit(address(services));
-        emit IServiceManager.ServiceFellAsleep(given);
-        _abandon(robot1, taskId);
-        assertEq(uint8(services.service(given).state), uint8(ServiceState.Paused));
-    }
-
-    function test_attack_aCompetitorsOwnTasksShowNothingAboutOthers() public {
-        offer(robot1, 80 ether);
-        offer(robot2, 80 ether);
-        vm.prank(admin);
-        Possession.register(organization, robot2, "robot", alice, "robot2");
-        for (uint256 i = 0; i < 3; ++i) {
-            _abandonedAndDone(alice);
-        }
-        assertEq(services.asleepUntil(robot1), 0);
-    }
-
-    function test_whoAbandonsATaskAndDoesItAfterAllMissedNothing() public {
-        offer(robot1, 80 ether);
-        for (uint256 i = 0; i < 3; ++i) {
-            TaskId taskId = post(alice, 100 ether);
-            _abandon(robot1, taskId);
-            attempt(taskId, true);
-        }
-        assertEq(services.asleepUntil(robot1), 0);
-    }
-
-    function test_aTaskThatIsGivenBackAgainAndAgainCountsOnceForAService() public {
-        offer(robot1, 80 ether);
-        ServiceId other = offer(robot2, 80 ether);
-        for (uint256 i = 0; i < 2; ++i) {
-            update(other, 80 ether, ServiceState.Paused);
-            TaskId taskId = post(alice, 100 ether);
-            _abandon(robot1, taskId);
-            update(other, 80 ether, ServiceState.Active);
-            _abandon(robot1, taskId);
-            assertAssigned(taskId, other);
-            attempt(taskId, true);
-        }
-        assertEq(services.asleepUntil(robot1), 0);
     }
 
     function test_attack_whoHasNotAcceptedMissesATaskThatItGivesBackLate() public {
         _offerByHand(robot1, 80 ether);
         for (uint8 n = 1; n <= ATTEMPTS; ++n) {
-            TaskId taskId = n == 1 ? post(alice, 100 ether) : taskNo(1);
+            TaskId taskId = post(alice, 100 ether);
             vm.warp(block.timestamp + WINDOW / 4 + 1);
             _abandon(robot1, taskId);
         }
-        assertEq(services.asleepUntil(robot1), block.timestamp);
+        assertEq(providers.asleepUntil(robot1), block.timestamp);
         assertEq(services.service(serviceNo(1)).failures, 0);
     }
 
@@ -221,8 +166,6 @@ contract ImpossibleTest is Fixture {
         address[2] memory own = [robot1, bob];
         for (uint256 i = 0; i < own.length; ++i) {
             taskId = post(own[i], 100 ether);
-            _abandon(robot1, taskId);
-            assertEq(services.service(serviceId).failures, ATTEMPTS, "abandoned");
             attempt(taskId, true);
             assertEq(services.service(serviceId).failures, ATTEMPTS, "accepted");
         }
@@ -244,24 +187,10 @@ contract ImpossibleTest is Fixture {
             vm.warp(tasks.task(taskId).deadline + 1);
             tasks.expireTask(taskId);
         }
-        uint256 until = services.asleepUntil(robot1);
+        uint256 until = providers.asleepUntil(robot1);
         assertGt(until, 0);
         attempt(own, true);
-        assertEq(services.asleepUntil(robot1), until);
-    }
-
-    function test_onlyTheTaskManagerCountsWhatWasAbandoned() public {
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
-        vm.prank(stranger);
-        services.countAbandoned(taskNo(1), serviceNo(1), alice);
-    }
-
-    /// @dev The first service gives a task of `creator` back, and the other does it.
-    function _abandonedAndDone(address creator) private {
-        TaskId taskId = post(creator, 100 ether);
-        _abandon(robot1, taskId);
-        assertEq(services.providerOf(tasks.task(taskId).serviceId), robot2);
-        attempt(taskId, true);
+        assertEq(providers.asleepUntil(robot1), until);
     }
 
     function _abandon(address provider, TaskId taskId) private {
@@ -306,7 +235,7 @@ contract ImpossibleTest is Fixture {
         assertTrue(tasks.task(taskId).accepted);
         organization.abandonTask(taskId, 1);
         vm.stopPrank();
-        assertEq(tasks.task(taskId).attempt, 2);
+        assertState(taskId, TaskState.Open);
     }
 
     function _offerByHand(address provider, uint256 price) private returns (ServiceId serviceId) {

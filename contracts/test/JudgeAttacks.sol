@@ -116,7 +116,7 @@ abstract contract JudgeAttacks is Instances {
     }
 
     function test_attack_10_theExecutorReplacesItsProof() public {
-        say(_sender(), voteOf(_task, Ruling.GivenUp));
+        say(_sender(), voteOf(_task, Ruling.Rejected));
         bool stands = state(_task) == TaskState.Ruled;
         vm.expectPartialRevert(stands ? ITaskManager.WrongState.selector : ITaskManager.WrongAttempt.selector);
         vm.prank(robot1);

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Hire, Outcome, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Hire, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {NOBODY} from "../src/types/Passed.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {Fixture} from "./Fixture.sol";
+import {Outcome} from "../src/interfaces/IProviders.sol";
 
 /// @notice Services of one price and reputation that wait, in short lines, whose services are in the line's word, and in
 /// long ones. Whoever begins to wait comes last, and leaves from where it stands.
@@ -58,7 +60,7 @@ contract LinesTest is Fixture {
     function _takeTask() private {
         KindId kind = organization.numberOf(CLEANING);
         vm.prank(address(tasks));
-        (ServiceId taker,,,) = services.reserve(NO_SERVICE, kind, PRICE, taskNo(1), Hire.None);
+        (ServiceId taker,,,) = services.reserve(NO_SERVICE, kind, PRICE, NOBODY, taskNo(1), Hire.None);
         assertEq(ServiceId.unwrap(taker), _waiting.length == 0 ? 0 : ServiceId.unwrap(_waiting[0]));
         if (_waiting.length != 0) _working.push(_leave(_waiting, 0));
     }

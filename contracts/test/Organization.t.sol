@@ -5,12 +5,13 @@ import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol"
 import {Device, IDeviceRegistry, Revocation} from "../src/interfaces/IDeviceRegistry.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {Terms} from "../src/interfaces/IProviders.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Fault, ITaskManager, Task, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {KindId} from "../src/types/KindId.sol";
-import {ServiceId} from "../src/types/ServiceId.sol";
+import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
@@ -130,7 +131,9 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.setAudit(CLEANING, 60);
         vm.expectRevert(refusal);
-        organization.setMinWindow(CLEANING, 60);
+        organization.setWindows(CLEANING, 60, 60, 0);
+        vm.expectRevert(refusal);
+        organization.vouchFor(stranger, true);
         vm.expectRevert(refusal);
         organization.setVerdictWindows(CLEANING, 1 hours, 2 hours);
         vm.expectRevert(refusal);
@@ -208,7 +211,7 @@ contract OrganizationTest is Fixture {
             vm.prank(admin);
             organization.setPolicy(policy);
             vm.prank(stranger);
-            tasks.matchTask(waiting);
+            tasks.matchTask(waiting, NO_SERVICE);
             assertAssigned(waiting, serviceId);
             vm.revertToState(snapshot);
         }
@@ -339,18 +342,49 @@ contract OrganizationTest is Fixture {
         assertEq(address(organization.judgeNumbered(KindId.wrap(1))), address(oracleJudge));
     }
 
-    function test_aKindMayAskForTime() public {
+    function test_aKindSaysHowLongItsTasksMayTake() public {
         vm.expectEmit(address(organization));
-        emit IOrganization.MinWindowChanged(CLEANING, WINDOW + 1);
-        vm.prank(admin);
-        organization.setMinWindow(CLEANING, WINDOW + 1);
-        vm.expectRevert(
-            abi.encodeWithSelector(IOrganization.WindowTooShort.selector, CLEANING, WINDOW, WINDOW + 1)
+        emit IOrganization.WindowsChanged(CLEANING, WINDOW + 1, WINDOW + 2, 3 minutes);
+        vm.startPrank(admin);
+        organization.setWindows(CLEANING, WINDOW + 1, WINDOW + 2, 0);
+        vm.stopPrank();
+        bytes memory refusal = abi.encodeWithSelector(
+            IOrganization.InvalidWindow.selector, CLEANING, WINDOW, WINDOW + 1, WINDOW + 2
         );
+        vm.expectRevert(refusal);
         post(alice, 1 ether);
-        vm.expectRevert(abi.encodeWithSelector(IOrganization.MinWindowTooLong.selector, 30 days + 1, 30 days));
+        uint32[2][3] memory wrong = [[uint32(59), 60], [uint32(60), 30 days + 1], [uint32(61), 60]];
+        vm.startPrank(admin);
+        for (uint256 i = 0; i < 3; ++i) {
+            vm.expectRevert(
+                abi.encodeWithSelector(
+                    IOrganization.InvalidWindows.selector, wrong[i][0], wrong[i][1], 1 minutes, 30 days
+                )
+            );
+            organization.setWindows(CLEANING, wrong[i][0], wrong[i][1], 0);
+        }
+        vm.stopPrank();
+    }
+
+    function test_theGracePeriodIsAtMostHalfOfTheShortestWindow() public {
+        vm.startPrank(admin);
+        organization.setWindows(CLEANING, 60, 60, 30);
+        organization.setWindows(CLEANING, 90, 90, 0);
+        assertEq(organization.kindOf(CLEANING).grace, 40, "half of it, in tens");
+        uint16[2] memory wrong = [uint16(40), 25];
+        for (uint256 i = 0; i < 2; ++i) {
+            vm.expectRevert(abi.encodeWithSelector(IOrganization.InvalidGrace.selector, wrong[i], 10, 30));
+            organization.setWindows(CLEANING, 60, 60, wrong[i]);
+        }
+        vm.stopPrank();
+    }
+
+    function test_aKindWithoutWindowsIsNotAllowed() public {
+        vm.expectRevert(
+            abi.encodeWithSelector(IOrganization.KindWithoutWindows.selector, bytes32("gardening"))
+        );
         vm.prank(admin);
-        organization.setMinWindow(CLEANING, 30 days + 1);
+        organization.allowKind("gardening", oracleJudge, RULES);
     }
 
     function test_aKindHasAShortestAndALongestVerdictWindow() public {

@@ -7,8 +7,8 @@ import {Organization} from "../src/Organization.sol";
 import {Cradle, OrganizationRegistry} from "../src/OrganizationRegistry.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {Terms} from "../src/interfaces/IOrganization.sol";
 import {Founding, IOrganizationRegistry, Part} from "../src/interfaces/IOrganizationRegistry.sol";
+import {Terms} from "../src/interfaces/IProviders.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 
 /// @notice Organizations are founded in few transactions, at addresses that are known before.

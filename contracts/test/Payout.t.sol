@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {IProviders} from "../src/interfaces/IProviders.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
@@ -24,14 +25,14 @@ contract PayoutTest is Fixture {
     // -- who is paid ----------------------------------------------------------------------------------------
 
     function test_whoNamesNobodyIsPaidItself() public {
-        assertEq(services.payoutOf(robot2), robot2);
+        assertEq(providers.payoutOf(robot2), robot2);
         offer(robot2, 80 ether);
         attempt(post(alice, 100 ether), true);
         assertEq(coin.balanceOf(robot2), 80 ether);
     }
 
     function test_anAcceptedProofPaysThePayoutAddress() public {
-        assertEq(services.payoutOf(robot1), safe);
+        assertEq(providers.payoutOf(robot1), safe);
         offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
@@ -83,23 +84,23 @@ contract PayoutTest is Fixture {
     // -- who may change it ----------------------------------------------------------------------------------
 
     function test_onlyThePayoutAddressNamesTheNext() public {
-        vm.expectEmit(address(services));
-        emit IServiceManager.PayoutChanged(robot1, bob);
+        vm.expectEmit(address(providers));
+        emit IProviders.PayoutChanged(robot1, bob);
         _name(safe, robot1, bob);
-        assertEq(services.payoutOf(robot1), bob);
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotPayout.selector, robot1, safe, bob));
+        assertEq(providers.payoutOf(robot1), bob);
+        vm.expectRevert(abi.encodeWithSelector(IProviders.NotPayout.selector, robot1, safe, bob));
         _name(safe, robot1, safe);
     }
 
     function test_itGivesTheChoiceBack() public {
         _name(safe, robot1, robot1);
-        assertEq(services.payoutOf(robot1), robot1);
+        assertEq(providers.payoutOf(robot1), robot1);
         _name(robot1, robot1, bob);
-        assertEq(services.payoutOf(robot1), bob);
+        assertEq(providers.payoutOf(robot1), bob);
     }
 
     function test_somebodyHasToBePaid() public {
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NoPayout.selector, robot1));
+        vm.expectRevert(abi.encodeWithSelector(IProviders.NoPayout.selector, robot1));
         _name(safe, robot1, address(0));
     }
 
@@ -166,11 +167,11 @@ contract PayoutTest is Fixture {
     // -- attacks: a thief has the robot's key ----------------------------------------------------------------
 
     function test_attack_theThiefNamesItself() public {
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotPayout.selector, robot1, robot1, safe));
+        vm.expectRevert(abi.encodeWithSelector(IProviders.NotPayout.selector, robot1, robot1, safe));
         _name(robot1, robot1, thief);
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotPayout.selector, robot1, thief, safe));
+        vm.expectRevert(abi.encodeWithSelector(IProviders.NotPayout.selector, robot1, thief, safe));
         _name(thief, robot1, thief);
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotPayout.selector, robot1, robot1, safe));
+        vm.expectRevert(abi.encodeWithSelector(IProviders.NotPayout.selector, robot1, robot1, safe));
         _name(robot1, robot1, robot1);
     }
 
@@ -198,11 +199,11 @@ contract PayoutTest is Fixture {
     }
 
     function test_attack_aStrangerNamesForOthers() public {
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotPayout.selector, robot2, stranger, robot2));
+        vm.expectRevert(abi.encodeWithSelector(IProviders.NotPayout.selector, robot2, stranger, robot2));
         _name(stranger, robot2, stranger);
         vm.expectRevert(
             abi.encodeWithSelector(
-                IServiceManager.NotPayout.selector, address(organization), stranger, address(organization)
+                IProviders.NotPayout.selector, address(organization), stranger, address(organization)
             )
         );
         _name(stranger, address(organization), stranger);
@@ -245,7 +246,7 @@ contract PayoutTest is Fixture {
     function test_attack_anOwnerPaysItselfThroughItsDevice() public {
         _name(safe, robot1, alice);
         vm.prank(address(organization));
-        services.recordOwner(bob, alice);
+        providers.recordOwner(bob, alice);
         ServiceId serviceId = offer(robot1, 500 ether);
         attempt(post(bob, 500 ether), true);
         assertEq(services.service(serviceId).reputation, 32);
@@ -296,7 +297,7 @@ contract PayoutTest is Fixture {
 
     function _name(address caller, address provider, address payout) private {
         vm.prank(caller);
-        services.setPayout(provider, payout);
+        providers.setPayout(provider, payout);
     }
 
     function _assertPaid(uint256 amount) private view {
@@ -313,7 +314,7 @@ contract PayoutOfStakesTest is Instances {
     function setUp() public override {
         super.setUp();
         vm.prank(robot1);
-        services.setPayout(robot1, safe);
+        providers.setPayout(robot1, safe);
     }
 
     function test_aStakeAndWhatItWinsGoToThePayoutAddress() public {

@@ -5,9 +5,11 @@ import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
+import {ITaskQueues} from "../src/interfaces/ITaskQueues.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
+import {NOBODY} from "../src/types/Passed.sol";
 import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -409,12 +411,11 @@ contract PolicyTest is Fixture {
         StubPolicy stub = new StubPolicy(Way.Answers, 7);
         _use(stub);
         ServiceId serviceId = offer(robot1, 10 ether);
-        assertEq(services.taskFor(serviceId), 7);
-        assertEq(services.serviceFor(address(stub), organization.numberOf(CLEANING), 0), 7);
+        ITaskQueues queues = tasks.queues();
+        assertEq(queues.taskFor(stub, services, cleaning(), serviceId, 10 ether), 7);
+        assertEq(queues.serviceFor(stub, services, cleaning(), 0, NOBODY), 7);
         stub.tell(Way.Reverts, 7);
-        assertEq(services.taskFor(serviceId), type(uint256).max);
-        vm.expectRevert(abi.encodeWithSelector(IServiceManager.UnknownService.selector, 2));
-        services.taskFor(serviceNo(2));
+        assertEq(queues.taskFor(stub, services, cleaning(), serviceId, 10 ether), type(uint256).max);
     }
 
     // -- levels -------------------------------------------------------------------------------------------
@@ -489,9 +490,11 @@ contract PolicyTest is Fixture {
                 }
             }
             uint256 reward = ((seed >> 64) % 6) * 1 ether;
-            assertEq(services.longestIdle(cleaning(), reward), _search(reward, _longer), "longest");
-            assertEq(services.cheapestIdle(cleaning(), reward), _search(reward, _cheaper), "cheapest");
-            assertEq(services.mostReputableIdle(cleaning(), reward), _search(reward, _better), "reputable");
+            assertEq(services.longestIdle(cleaning(), reward, NOBODY), _search(reward, _longer), "longest");
+            assertEq(services.cheapestIdle(cleaning(), reward, NOBODY), _search(reward, _cheaper), "cheapest");
+            assertEq(
+                services.mostReputableIdle(cleaning(), reward, NOBODY), _search(reward, _better), "reputable"
+            );
         }
     }
 

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IServiceManager, Outcome, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Ruling} from "../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
+import {NOBODY} from "../src/types/Passed.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
+import {Outcome} from "../src/interfaces/IProviders.sol";
 
 /// @notice Reputation is what a provider did for others, by what they paid.
 contract ReputationTest is Fixture {
@@ -95,7 +97,7 @@ contract ReputationTest is Fixture {
     function test_onlyTheOrganizationRecordsOwners() public {
         vm.prank(robot1);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotOrganization.selector, robot1));
-        services.recordOwner(robot1, robot2);
+        providers.recordOwner(robot1, robot2);
     }
 
     function test_workThatIsVoidGivenUpOrImpossibleDoesNotCount() public {
@@ -106,9 +108,9 @@ contract ReputationTest is Fixture {
         judgeAs(oracle, taskNo(2), Ruling.Impossible, 0);
         submit(post(alice, 100 ether));
         judgeAs(oracle, taskNo(3), Ruling.GivenUp, 0);
-        submit(taskNo(3));
+        submit(post(alice, 100 ether));
         vm.warp(block.timestamp + WINDOW + AUDIT_WINDOW + 1);
-        tasks.conclude(taskNo(3));
+        tasks.conclude(taskNo(4));
         assertEq(_of(serviceId), NEWCOMER);
     }
 
@@ -172,12 +174,12 @@ contract ReputationTest is Fixture {
         ServiceId newcomer = offer(robot2, 80 ether);
         attempt(taskId, true);
         assertEq(_of(waiting), _of(working), "its provider's");
-        assertEq(services.mostReputableIdle(cleaning(), 80 ether), working);
+        assertEq(services.mostReputableIdle(cleaning(), 80 ether, NOBODY), working);
         update(waiting, 80 ether, ServiceState.Paused);
         update(working, 80 ether, ServiceState.Paused);
-        assertEq(services.mostReputableIdle(cleaning(), 80 ether), newcomer);
+        assertEq(services.mostReputableIdle(cleaning(), 80 ether, NOBODY), newcomer);
         update(waiting, 80 ether, ServiceState.Active);
-        assertEq(services.mostReputableIdle(cleaning(), 80 ether), waiting);
+        assertEq(services.mostReputableIdle(cleaning(), 80 ether, NOBODY), waiting);
     }
 
     function test_itNeverOverflows() public {

@@ -2,8 +2,10 @@
 pragma solidity ^0.8.28;
 
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
-import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Outcome} from "../src/interfaces/IProviders.sol";
+import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Hire, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {NOBODY} from "../src/types/Passed.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -120,7 +122,7 @@ contract ServiceManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
         vm.startPrank(robot1);
         vm.expectRevert(refusal);
-        services.reserve(serviceId, KindId.wrap(1), 100 ether, taskNo(1), Hire.None);
+        services.reserve(serviceId, KindId.wrap(1), 100 ether, NOBODY, taskNo(1), Hire.None);
         vm.expectRevert(refusal);
         services.release(serviceId, Outcome.Completed, 80 ether, alice, 0);
         vm.expectRevert(refusal);
@@ -131,7 +133,8 @@ contract ServiceManagerTest is Fixture {
         ServiceId serviceId = offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        (, address provider,,) = services.reserve(serviceId, KindId.wrap(1), 100 ether, taskNo(2), Hire.None);
+        (, address provider,,) =
+            services.reserve(serviceId, KindId.wrap(1), 100 ether, NOBODY, taskNo(2), Hire.None);
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));

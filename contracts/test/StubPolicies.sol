@@ -5,6 +5,7 @@ import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceListener} from "../src/interfaces/IServiceListener.sol";
 import {IServiceManager} from "../src/interfaces/IServiceManager.sol";
 import {KindId} from "../src/types/KindId.sol";
+import {Passed} from "../src/types/Passed.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 
@@ -31,7 +32,7 @@ contract StubPolicy is IMatchingPolicy {
         (way, chosen) = (way_, chosen_);
     }
 
-    function serviceFor(IServiceManager, KindId, uint256) external view virtual returns (ServiceId) {
+    function serviceFor(IServiceManager, KindId, uint256, Passed) external view virtual returns (ServiceId) {
         return ServiceId.wrap(_answer());
     }
 
@@ -58,25 +59,25 @@ contract StubPolicy is IMatchingPolicy {
 contract TaskStubPolicy is StubPolicy {
     constructor() StubPolicy(Way.Answers, 0) {}
 
-    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward, Passed passed)
         external
         view
         override
         returns (ServiceId)
     {
-        return services.longestIdle(kindId, reward);
+        return services.longestIdle(kindId, reward, passed);
     }
 }
 
 /// @notice Answers right, after it has spent most of what it may. Its third task goes first.
 contract SlowPolicy is IMatchingPolicy {
-    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward, Passed passed)
         external
         view
         returns (ServiceId)
     {
         _spend();
-        return services.longestIdle(kindId, reward);
+        return services.longestIdle(kindId, reward, passed);
     }
 
     function taskFor(IServiceListener, IServiceManager, KindId, ServiceId, uint256)
@@ -96,12 +97,12 @@ contract SlowPolicy is IMatchingPolicy {
 
 /// @notice Of the tasks that wait it chooses any, or one that does not wait or pays too little, or fails.
 contract UnrulyPolicy is IMatchingPolicy {
-    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward, Passed passed)
         external
         view
         returns (ServiceId)
     {
-        return services.longestIdle(kindId, reward);
+        return services.longestIdle(kindId, reward, passed);
     }
 
     function taskFor(
@@ -114,7 +115,9 @@ contract UnrulyPolicy is IMatchingPolicy {
         uint256 count = tasks.taskCount();
         uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
         require(seed % 16 != 0, "no");
-        if ((seed >> 8) % 2 == 0) return tasks.oldestOpen(kindId, price + (seed >> 96) % 100 ether);
+        if ((seed >> 8) % 2 == 0) {
+            return tasks.oldestOpen(serviceId, kindId, price + (seed >> 96) % 100 ether);
+        }
         return TaskId.wrap((seed >> 16) % (count + 2));
     }
 }

@@ -2,8 +2,9 @@
 pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
-import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
-import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IProviders, Outcome, Terms} from "../src/interfaces/IProviders.sol";
+import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -24,8 +25,8 @@ contract TermsTest is Fixture {
 
     function test_aServiceLocksTheBondThatTheOrganizationAsksFor() public {
         setTerms(50 ether, 20 ether, 3);
-        vm.expectEmit(address(services));
-        emit IServiceManager.TermsAgreed(serviceNo(1), 50 ether, 20 ether, 3);
+        vm.expectEmit(address(providers));
+        emit IProviders.TermsAgreed(serviceNo(1), 50 ether, 20 ether, 3);
         ServiceId serviceId = offer(robot1, 80 ether);
         Service memory s = services.service(serviceId);
         assertEq(s.bond, 50 ether);
@@ -51,8 +52,8 @@ contract TermsTest is Fixture {
         ServiceId serviceId = offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        vm.expectEmit(address(services));
-        emit IServiceManager.BondPenalized(serviceId, taskId, 20 ether);
+        vm.expectEmit(address(providers));
+        emit IProviders.BondPenalized(serviceId, taskId, 20 ether);
         judge(taskId, false);
         assertEq(services.service(serviceId).bond, 30 ether);
         assertEq(coin.balanceOf(address(organization)), 2020 ether);
@@ -107,7 +108,7 @@ contract TermsTest is Fixture {
         assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Suspended));
         assertEq(services.service(serviceId).bond, 10 ether);
         vm.expectRevert(
-            abi.encodeWithSelector(IServiceManager.BondExhausted.selector, serviceId, 10 ether, 20 ether)
+            abi.encodeWithSelector(IProviders.BondExhausted.selector, serviceId, 10 ether, 20 ether)
         );
         vm.prank(admin);
         organization.reinstateService(serviceId);
@@ -134,8 +135,8 @@ contract TermsTest is Fixture {
         services.updateService(serviceId, 80 ether, ServiceState.Active);
         vm.expectRevert(refusal);
         services.updateService(serviceId, 80 ether, ServiceState.Paused);
-        vm.expectEmit(address(services));
-        emit IServiceManager.BondReturned(serviceId, robot1, 30 ether);
+        vm.expectEmit(address(providers));
+        emit IProviders.BondReturned(serviceId, robot1, 30 ether);
         services.updateService(serviceId, 80 ether, ServiceState.Retired);
         assertEq(coin.balanceOf(robot1), 1980 ether);
     }
@@ -249,7 +250,7 @@ contract TermsTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(ITaskManager.NotServiceManager.selector, stranger);
         vm.startPrank(stranger);
         vm.expectRevert(refusal);
-        tasks.holdBond(alice, 1 ether);
+        tasks.enter(serviceNo(1), alice, 1 ether);
         vm.expectRevert(refusal);
         tasks.returnBond(stranger, 1 ether);
     }

@@ -8,7 +8,7 @@ import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Fault, ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Finding} from "../src/interfaces/IJudge.sol";
-import {ServiceId} from "../src/types/ServiceId.sol";
+import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -365,7 +365,7 @@ contract TokenTest is Fixture {
         calls[0] = abi.encodeCall(ITaskManager.cancelTask, (running));
         calls[1] = abi.encodeCall(ITaskManager.registerTask, (request(1 ether)));
         calls[2] = abi.encodeCall(ITaskManager.expireTask, (open));
-        calls[3] = abi.encodeCall(ITaskManager.matchTask, (running));
+        calls[3] = abi.encodeCall(ITaskManager.matchTask, (running, NO_SERVICE));
         calls[4] = abi.encodeCall(ITaskManager.withdrawPayments, (alice));
         calls[5] = abi.encodeCall(ITaskManager.submitProof, (running, 1, PROOF, URI));
         for (uint256 i = 0; i < calls.length; ++i) {

@@ -24,41 +24,41 @@ contract WeightTreeTest is Test {
     }
 
     function test_anEmptyTreeHasNothing() public view {
-        assertEq(_tree.first(0), 0);
-        assertEq(_tree.lowest(), 0);
-        assertEq(_tree.greatestMajor(100), 0);
-        assertEq(_tree.greatestMinor(100), 0);
+        assertEq(_tree.first(0, 1), 0);
+        assertEq(_tree.first(0, 1), 0);
+        assertEq(_tree.greatestMajor(100, 0), 0);
+        assertEq(_tree.greatestMinor(100, 0), 0);
     }
 
     function test_theLowestKeyThatWeighsEnoughIsFirst() public {
         _put(5, 10, 0);
         _put(3, 7, 0);
         _put(9, 20, 0);
-        assertEq(_tree.first(0), 3);
-        assertEq(_tree.first(7), 3);
-        assertEq(_tree.first(8), 5);
-        assertEq(_tree.first(20), 9);
-        assertEq(_tree.first(21), 0);
+        assertEq(_tree.first(0, 1), 3);
+        assertEq(_tree.first(7, 1), 3);
+        assertEq(_tree.first(8, 1), 5);
+        assertEq(_tree.first(20, 1), 9);
+        assertEq(_tree.first(21, 1), 0);
     }
 
     function test_theGreatestOfARangeIsFoundByEachPart() public {
         _put(5, 10, 3);
         _put(3, 7, 9);
         _put(9, 20, 9);
-        assertEq(_tree.greatestMajor(2), 0);
-        assertEq(_tree.greatestMajor(3), 3);
-        assertEq(_tree.greatestMajor(8), 5);
-        assertEq(_tree.greatestMajor(9), 9);
-        assertEq(_tree.greatestMinor(100), 3, "the lowest of equals");
-        assertEq(_tree.lowest(), 3);
+        assertEq(_tree.greatestMajor(2, 0), 0);
+        assertEq(_tree.greatestMajor(3, 0), 3);
+        assertEq(_tree.greatestMajor(8, 0), 5);
+        assertEq(_tree.greatestMajor(9, 0), 9);
+        assertEq(_tree.greatestMinor(100, 0), 3, "the lowest of equals");
+        assertEq(_tree.first(0, 1), 3);
     }
 
     function test_puttingAgainChangesTheWeight() public {
         _put(5, 10, 0);
         _put(6, 9, 0);
         _put(5, 1, 0);
-        assertEq(_tree.greatestMajor(9), 6);
-        assertEq(_tree.first(2), 6);
+        assertEq(_tree.greatestMajor(9, 0), 6);
+        assertEq(_tree.first(2, 1), 6);
     }
 
     function test_whatIsNotThereCannotBeRemoved() public {
@@ -78,9 +78,9 @@ contract WeightTreeTest is Test {
         uint64 key = type(uint64).max >> 1;
         _put(key, MAX_MAJOR, MAX_MINOR);
         _put(1, 0, 0);
-        assertEq(_tree.greatestMajor(key), key);
-        assertEq(_tree.greatestMinor(key - 1), 1);
-        assertEq(_tree.first(MAX_MAJOR), key);
+        assertEq(_tree.greatestMajor(key, 0), key);
+        assertEq(_tree.greatestMinor(key - 1, 0), 1);
+        assertEq(_tree.first(MAX_MAJOR, 1), key);
     }
 
     /// forge-config: default.fuzz.runs = 64
@@ -101,10 +101,13 @@ contract WeightTreeTest is Test {
                 _list[index] = Element(key, major, minor);
             }
             uint64 bound_ = uint64(bound(seed >> 128, 1, (1 << bits) - 1));
-            assertEq(_tree.first(uint64(seed % 17)), _first(uint64(seed % 17)), "first");
-            assertEq(_tree.lowest(), _first(0), "lowest");
-            assertEq(_tree.greatestMajor(bound_), _greatest(bound_, true), "greatestMajor");
-            assertEq(_tree.greatestMinor(bound_), _greatest(bound_, false), "greatestMinor");
+            assertEq(_tree.first(uint64(seed % 17), 1), _first(uint64(seed % 17)), "first");
+            assertEq(_tree.first(0, 1), _first(0), "lowest");
+            uint64 from = uint64(bound(seed >> 32, 1, (1 << bits) - 1));
+            assertEq(_tree.first(uint64(seed % 17), from), _first(uint64(seed % 17), from), "first from");
+            assertEq(_tree.greatestMajor(bound_, 0), _greatest(bound_, true), "greatestMajor");
+            _skips(bound_);
+            assertEq(_tree.greatestMinor(bound_, 0), _greatest(bound_, false), "greatestMinor");
         }
     }
 
@@ -115,11 +118,11 @@ contract WeightTreeTest is Test {
         }
         vm.cool(address(this));
         uint256 before = gasleft();
-        assertEq(_tree.first(1024), 1024);
+        assertEq(_tree.first(1024, 1), 1024);
         assertLt(before - gasleft(), 12 * 2100 + 10_000);
         vm.cool(address(this));
         before = gasleft();
-        assertEq(_tree.greatestMajor(1023), 1023);
+        assertEq(_tree.greatestMajor(1023, 0), 1023);
         assertLt(before - gasleft(), 12 * 2100 + 20_000);
     }
 
@@ -127,10 +130,34 @@ contract WeightTreeTest is Test {
         _tree.put(key, weigh(major, minor));
     }
 
-    function _first(uint64 minMajor) private view returns (uint64 lowest) {
+    /// @dev Without the best one the second best is the best, and so on.
+    function _skips(uint64 bound_) private {
+        uint256 skipped = 0;
+        Element[] memory gone = new Element[](3);
+        uint256 count = 0;
+        for (; count < 3 && _list.length != 0; ++count) {
+            uint64 best = _greatest(bound_, true);
+            assertEq(_tree.greatestMajor(bound_, skipped), best, "without the skipped");
+            if (best == 0) break;
+            uint256 index = _index(best);
+            gone[count] = _list[index];
+            _list[index] = _list[_list.length - 1];
+            _list.pop();
+            skipped = skipped << 64 | best;
+        }
+        for (uint256 i = 0; i < count; ++i) {
+            _list.push(gone[i]);
+        }
+    }
+
+    function _first(uint64 minMajor) private view returns (uint64) {
+        return _first(minMajor, 1);
+    }
+
+    function _first(uint64 minMajor, uint64 from) private view returns (uint64 lowest) {
         for (uint256 i = 0; i < _list.length; ++i) {
             Element memory e = _list[i];
-            if (e.major >= minMajor && (lowest == 0 || e.key < lowest)) lowest = e.key;
+            if (e.key >= from && e.major >= minMajor && (lowest == 0 || e.key < lowest)) lowest = e.key;
         }
     }
 

@@ -35,6 +35,12 @@ class Hire(ContractEnum):
     PROVIDER = 2
 
 
+class Namers(ContractEnum):
+    PROVEN = 0
+    NOBODY = 1
+    ANYBODY = 2
+
+
 class Revocation(ContractEnum):
     NONE = 0
     SUPERSEDED = 1
@@ -68,6 +74,16 @@ class TaskState(ContractEnum):
     SETTLED = 5
     CANCELLED = 6
     FAILED = 7
+
+
+@dataclass(frozen=True)
+class Agreement(Struct):
+    bond: int
+    penalty: int
+    max_failures: int
+    open: int
+    namers: Namers
+    max_voids: int
 
 
 @dataclass(frozen=True)
@@ -117,6 +133,15 @@ class Finding(Struct):
 
 
 @dataclass(frozen=True)
+class Free(Struct):
+    kind_id: int
+    price: int
+    named: int
+    number: int
+    proven: bool
+
+
+@dataclass(frozen=True)
 class Instance(Struct):
     committee: str
     window: int
@@ -147,6 +172,8 @@ class KindRules(Struct):
     judges_window: int
     max_case: int
     number: int
+    max_window: int
+    grace: int
 
 
 @dataclass(frozen=True)
@@ -182,6 +209,9 @@ class Service(Struct):
     max_failures: int
     failures: int
     auto_accept: bool
+    proven: bool
+    namers: Namers
+    max_voids: int
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ class ParticipantCalls(Protocol):
 class Calls(
     contract_calls.TaskManagerCalls,
     contract_calls.ServiceManagerCalls,
+    contract_calls.ProvidersCalls,
     contract_calls.SignedRequestsCalls,
     contract_calls.IECoinCalls,
 ):

@@ -120,29 +120,45 @@ class ChainClient:
         """The ruling that stands on the task; Ruling.NONE where none does."""
         return self._view("TaskManager", "standing", task_id)
 
-    def oldest_open(self, number: int, price: int) -> int | None:
-        """The oldest open task of the kind of this number that pays at least `price`."""
-        return self._view("TaskManager", "oldestOpen", number, price) or None
+    def oldest_open(self, service_id: int, number: int, price: int) -> int | None:
+        """The oldest open task of the kind of this number that pays at least `price`, names nobody, and may
+        be offered to the service."""
+        return self._view("TaskManager", "oldestOpen", service_id, number, price) or None
+
+    def passed(self, task_id: int) -> list[tuple[int, bool]]:
+        """The numbers of the providers that had the task and did not do it, the last first, and whether each
+        gave it up."""
+        word = int(self._view("TaskQueues", "passed", task_id))
+        return [(entry >> 1, bool(entry & 1)) for n in range(0, 256, 32) if (entry := word >> n & 0xFFFFFFFF)]
 
     def service(self, service_id: int) -> Service:
         """Raises ContractReverted: UnknownService."""
         return self._view("ServiceManager", "service", service_id)
 
     def asleep_until(self, provider: str) -> int:
-        """When a provider that fell asleep may wake up, s of block time; 0 while it is awake."""
-        return int(self._view("ServiceManager", "asleepUntil", provider))
+        """Until when a provider rests that is not proven, or when one that fell asleep may wake up, s of
+        block time; 0 for others."""
+        return int(self._view("Providers", "asleepUntil", provider))
+
+    def is_proven(self, account: str) -> bool:
+        """Whether its accepted work has proven it, or the organization vouches for it."""
+        return bool(self._view("Providers", "isProven", to_checksum_address(account)))
+
+    def bonds_locked_until(self, provider: str) -> int:
+        """Until when its bonds are not returned, s of block time; in the past, or 0, where they are."""
+        return int(self._view("Providers", "lockedUntil", provider))
 
     def payout_of(self, account: str) -> str:
         """Who is paid what the contracts owe an account."""
-        return str(self._view("ServiceManager", "payoutOf", to_checksum_address(account)))
+        return str(self._view("Providers", "payoutOf", to_checksum_address(account)))
 
     def service_count(self) -> int:
         return self._view("ServiceManager", "serviceCount")
 
     def longest_idle(self, number: int, max_price: int) -> int | None:
         """The service of the kind of this number that has waited longest among those that cost at most
-        `max_price`."""
-        return self._view("ServiceManager", "longestIdle", number, max_price) or None
+        `max_price`, for a task that has passed nobody."""
+        return self._view("ServiceManager", "longestIdle", number, max_price, 0) or None
 
     def pending_payments(self, account: str) -> int:
         """What the token refused to `account` and `withdrawPayments` pays, wei."""

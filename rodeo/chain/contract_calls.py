@@ -6,7 +6,7 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 
 from __future__ import annotations
 
-from rodeo.chain.abi import Finding, Instance, Revocation, ServiceState, TaskRequest, Terms
+from rodeo.chain.abi import Finding, Instance, Namers, Revocation, ServiceState, TaskRequest, Terms
 from rodeo.chain.encoding import Call, ContractCalls
 from rodeo.chain.types import Role, TimelockRole
 
@@ -186,9 +186,6 @@ class OrganizationCalls(ContractCalls):
     def set_members_only(self, members_only: bool) -> Call:
         return self._call("Organization", "setMembersOnly", members_only)
 
-    def set_min_window(self, kind: str, min_window: int) -> Call:
-        return self._call("Organization", "setMinWindow", kind, min_window)
-
     def set_policy(self, policy: str) -> Call:
         return self._call("Organization", "setPolicy", policy)
 
@@ -197,6 +194,9 @@ class OrganizationCalls(ContractCalls):
 
     def set_verdict_windows(self, kind: str, min: int, max: int) -> Call:
         return self._call("Organization", "setVerdictWindows", kind, min, max)
+
+    def set_windows(self, kind: str, min: int, max: int, grace: int) -> Call:
+        return self._call("Organization", "setWindows", kind, min, max, grace)
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("Organization", "submitProof", task_id, attempt, proof_hash, uri)
@@ -209,6 +209,9 @@ class OrganizationCalls(ContractCalls):
 
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("Organization", "updateService", service_id, price, state)
+
+    def vouch_for(self, provider: str, vouched: bool) -> Call:
+        return self._call("Organization", "vouchFor", provider, vouched)
 
     def withdraw(self, to: str, amount: int) -> Call:
         return self._call("Organization", "withdraw", to, amount)
@@ -271,6 +274,14 @@ class OrganizationTimelockCalls(ContractCalls):
         return self._call("OrganizationTimelock", "updateDelay", new_delay)
 
 
+class ProvidersCalls(ContractCalls):
+    def set_namers(self, service_id: int, namers: Namers, max_voids: int) -> Call:
+        return self._call("Providers", "setNamers", service_id, namers, max_voids)
+
+    def set_payout(self, provider: str, payout: str) -> Call:
+        return self._call("Providers", "setPayout", provider, payout)
+
+
 class RoleJudgeCalls(ContractCalls):
     def rule(self, finding: Finding, report_uri: str) -> Call:
         return self._call("RoleJudge", "rule", finding, report_uri)
@@ -289,9 +300,6 @@ class ServiceManagerCalls(ContractCalls):
         return self._call(
             "ServiceManager", "registerService", kind, price, max_bond, auto_accept, description
         )
-
-    def set_payout(self, provider: str, payout: str) -> Call:
-        return self._call("ServiceManager", "setPayout", provider, payout)
 
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("ServiceManager", "updateService", service_id, price, state)
@@ -369,8 +377,8 @@ class TaskManagerCalls(ContractCalls):
     def expire_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "expireTask", task_id)
 
-    def match_task(self, task_id: int) -> Call:
-        return self._call("TaskManager", "matchTask", task_id)
+    def match_task(self, task_id: int, service_id: int) -> Call:
+        return self._call("TaskManager", "matchTask", task_id, service_id)
 
     def register_task(self, request: TaskRequest) -> Call:
         return self._call("TaskManager", "registerTask", request)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rodeo.chain.abi import Cause, Fault, Instance, Revocation, Ruling, ServiceState
+from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState
 from rodeo.chain.types import Event
 
 
@@ -97,12 +97,6 @@ class MembersOnlyChanged(Event):
 
 
 @dataclass(frozen=True)
-class MinWindowChanged(Event):
-    kind: str
-    min_window: int
-
-
-@dataclass(frozen=True)
 class PolicyChanged(Event):
     policy: str
 
@@ -170,6 +164,14 @@ class VerdictWindowsChanged(Event):
 
 
 @dataclass(frozen=True)
+class WindowsChanged(Event):
+    kind: str
+    min: int
+    max: int
+    grace: int
+
+
+@dataclass(frozen=True)
 class Withdrawn(Event):
     to: str
     amount: int
@@ -184,55 +186,8 @@ class WitnessRoot(Event):
 
 
 @dataclass(frozen=True)
-class BondPenalized(Event):
-    service_id: int
-    task_id: int
-    amount: int
-
-
-@dataclass(frozen=True)
 class BondRanShort(Event):
     service_id: int
-    bond: int
-    penalty: int
-
-
-@dataclass(frozen=True)
-class BondReturned(Event):
-    service_id: int
-    provider: str
-    amount: int
-
-
-@dataclass(frozen=True)
-class PayoutChanged(Event):
-    provider: str
-    payout: str
-
-
-@dataclass(frozen=True)
-class PenaltyReturned(Event):
-    service_id: int
-    task_id: int
-    amount: int
-
-
-@dataclass(frozen=True)
-class PenaltySetAside(Event):
-    service_id: int
-    task_id: int
-    amount: int
-
-
-@dataclass(frozen=True)
-class ProviderFellAsleep(Event):
-    provider: str
-    until: int
-
-
-@dataclass(frozen=True)
-class ProviderWokeUp(Event):
-    provider: str
 
 
 @dataclass(frozen=True)
@@ -262,6 +217,11 @@ class ServiceReinstated(Event):
 
 
 @dataclass(frozen=True)
+class ServiceStoodBack(Event):
+    service_id: int
+
+
+@dataclass(frozen=True)
 class ServiceSuspended(Event):
     service_id: int
 
@@ -271,6 +231,75 @@ class ServiceUpdated(Event):
     service_id: int
     price: int
     state: ServiceState
+
+
+@dataclass(frozen=True)
+class BondPenalized(Event):
+    service_id: int
+    task_id: int
+    amount: int
+
+
+@dataclass(frozen=True)
+class BondReturned(Event):
+    service_id: int
+    provider: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class NamersChanged(Event):
+    service_id: int
+    namers: Namers
+    max_voids: int
+
+
+@dataclass(frozen=True)
+class PayoutChanged(Event):
+    provider: str
+    payout: str
+
+
+@dataclass(frozen=True)
+class PenaltyReturned(Event):
+    service_id: int
+    task_id: int
+    amount: int
+
+
+@dataclass(frozen=True)
+class PenaltySetAside(Event):
+    service_id: int
+    task_id: int
+    amount: int
+
+
+@dataclass(frozen=True)
+class ProviderFellAsleep(Event):
+    provider: str
+    until: int
+
+
+@dataclass(frozen=True)
+class ProviderProven(Event):
+    provider: str
+
+
+@dataclass(frozen=True)
+class ProviderRests(Event):
+    provider: str
+    until: int
+
+
+@dataclass(frozen=True)
+class ProviderVouched(Event):
+    provider: str
+    vouched: bool
+
+
+@dataclass(frozen=True)
+class ProviderWokeUp(Event):
+    provider: str
 
 
 @dataclass(frozen=True)
@@ -305,7 +334,6 @@ class ProofSubmitted(Event):
     executor: str
     proof_hash: bytes
     uri: str
-    deadline: int
 
 
 @dataclass(frozen=True)
@@ -407,6 +435,13 @@ class RequestUsed(Event):
 
 
 @dataclass(frozen=True)
+class TaskPassed(Event):
+    task_id: int
+    provider: int
+    gave_up: bool
+
+
+@dataclass(frozen=True)
 class PassedOn(Event):
     task_id: int
     attempt: int
@@ -416,8 +451,6 @@ class PassedOn(Event):
 @dataclass(frozen=True)
 class Reported(Event):
     task_id: int
-    attempt: int
-    report_hash: bytes
     report_uri: str
     reason: str
 

@@ -21,12 +21,19 @@ from rodeo.errors import snake_case
 BETWEEN_CONTRACTS = {
     "ServiceManager": frozenset(
         {
-            *("conclude", "countAbandoned", "enqueue", "recordOwner", "reinstate", "release", "reserve"),
-            *("suspend", "suspendServicesOf"),
+            *("conclude", "enqueue", "reinstate", "release", "reserve"),
+            *("suspend", "suspendServicesOf", "vouch"),
         }
     ),
+    "Providers": frozenset(
+        {
+            *("conclude", "enter", "forgive", "note", "recordOwner", "setHired"),
+            *("takeBond", "vouch", "wake"),
+        }
+    ),
+    "TaskQueues": frozenset({"countNamed", "countVoid", "pass", "put", "remove"}),
     "TaskManager": frozenset(
-        {"holdBond", "onServiceFree", "recordJudge", "removeJudge", "rescue", "returnBond", "rule"}
+        {"enter", "onServiceFree", "recordJudge", "removeJudge", "rescue", "returnBond", "rule"}
     ),
     "RoleJudge": frozenset({"ruleForNext"}),
     "CommitteeJudge": frozenset({"ruleForNext"}),

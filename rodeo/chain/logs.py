@@ -81,6 +81,26 @@ def _declarations() -> dict[bytes, _Declaration]:
     }
 
 
+def woken(logs: Iterable[Log]) -> set[tuple[int, int]]:
+    """(block, log index) of each ProviderWokeUp that a call of `wakeUp` has logged, which offers the
+    provider's services again. The others belong to the acceptance of a proof, which TaskSettled follows."""
+    found: set[tuple[int, int]] = set()
+    last: Log | None = None
+    for log in logs:
+        if isinstance(log.event, events.ProviderWokeUp):
+            last = log
+            found.add((log.block, log.log_index))
+        elif isinstance(log.event, events.TaskSettled) and last is not None and last.tx_hash == log.tx_hash:
+            found.discard((last.block, last.log_index))
+        elif not isinstance(log.event, _OF_ACCEPTANCE):
+            last = None
+    return found
+
+
+_OF_ACCEPTANCE = (events.ProviderProven, events.PenaltyReturned, events.BondReturned)
+"""What is logged between the two."""
+
+
 def _decode(parameters: Sequence[Mapping[str, Any]], data: bytes) -> list[Any]:
     """What `eth_abi.decode` returns, five times as fast for what events hold, and for any text.
 

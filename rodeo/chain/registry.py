@@ -19,7 +19,7 @@ from rodeo.chain.translation import translated
 PARTS = tuple(
     name
     for name in (*artifacts.CONTRACTS, *artifacts.DISPUTES, *artifacts.GOVERNANCE)
-    if name != "SignedRequests"
+    if name not in artifacts.CREATED_BY
 )
 """Contracts that it creates, each in an order in which its constructor finds those that it asks."""
 

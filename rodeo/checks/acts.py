@@ -53,16 +53,19 @@ class Judged(NamedTuple):
 def judged_files(events: Iterable[DaoEvent]) -> Iterator[Judged]:
     """What the rulings in a task's events, which are in chain order, say that the store has."""
     proof: DaoEvent | None = None
+    reported: DaoEvent | None = None
     for event in events:
         if event.name == "ProofSubmitted":
             proof = event
-        elif event.name == "Reported":
-            args = event.args
-            of = f"task {event.task_id} attempt {args['attempt']}"
+        elif event.name == "Reported":  # right before its ruling
+            reported = event
+        elif event.name == "Ruled" and reported is not None:
+            of, said = f"task {event.task_id} attempt {event.args['attempt']}", reported.args
             # Nobody ever had the bytes of what was not handed over.
-            if proof is not None and not str(args["reason"]).startswith("fetched: "):
+            if proof is not None and not str(said["reason"]).startswith("fetched: "):
                 yield Judged(f"the proof of {of}", proof.args["uri"], str(proof.args["proof_hash"]).lower())
-            yield Judged(f"the report on {of}", args["report_uri"], str(args["report_hash"]).lower())
+            yield Judged(f"the report on {of}", said["report_uri"], str(event.args["report"]).lower())
+            reported = None
 
 
 class MalformedAct(RodeoError):
@@ -383,7 +386,7 @@ _TELLING = _ENDS | {"TaskRegistered", "ProofSubmitted", "Reported", "PassedOn", 
 
 def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
     """Those of one task, from its events in chain order."""
-    kind, made = "", list[Submission]()
+    kind, uri, made = "", None, list[Submission]()
     for event in events:
         args = event.args
         if event.name == "TaskRegistered":
@@ -395,12 +398,15 @@ def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
         elif not made:
             continue
         elif event.name == "Reported":
-            report = str(args["report_uri"]), str(args["report_hash"]).lower()
-            made[-1] = replace(made[-1], reports=tuple(dict.fromkeys((*made[-1].reports, report))))
+            uri = str(args["report_uri"])
         elif event.name == "PassedOn":
             made[-1] = replace(made[-1], passed_on=True)
         elif event.name == "Ruled":
             ruling: Ruling = args["ruling"]
+            if uri is not None:
+                report = uri, str(args["report"]).lower()
+                made[-1] = replace(made[-1], reports=tuple(dict.fromkeys((*made[-1].reports, report))))
+                uri = None
             # A void without a report no judge has said: nobody had ruled when the verdict window ended.
             silent = ruling == "void" and not int(str(args["report"]), 16)
             if made[-1].ruling is not None or not silent:

@@ -26,11 +26,11 @@ _REAL = 0.05
 def deadline_s(task: Task, kinds: Kinds) -> float | None:
     """Until when, in site time, a person has to act on the task; None where none has to.
 
-    A person does it, or judges it: an auditor also what the oracle passed on, or a removed judge has not
-    ended. A challenged ruling waits for its judges.
+    A person accepts it in its grace period and then does it, or judges it: an auditor also what the oracle
+    passed on, or a removed judge has not ended. A challenged ruling waits for its judges.
     """
     if task.state == "assigned" and kinds.by_people(task.kind):
-        return task.execution_deadline
+        return running_out_s(task)
     by_auditors = task.judge == "auditor" or task.passed_on or task.judge_removed
     if task.state == "submitted" and by_auditors:
         return task.verdict_deadline
@@ -42,7 +42,7 @@ def running_out_s(task: Task) -> float | None:
     """The deadline, in site time, of the task's state, whoever has to act; None where nobody has to.
     A ruling stands until its time is over."""
     by_state = {
-        "assigned": task.execution_deadline,
+        "assigned": task.execution_deadline if task.accepted else task.grace_ends_s,
         "submitted": task.verdict_deadline,
         "ruled": None if task.standing is None else task.standing.until,
     }

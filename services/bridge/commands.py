@@ -18,7 +18,7 @@ from eth_utils import is_address, to_checksum_address
 from rodeo import signed_requests, votes
 from rodeo.addresses import typed_address
 from rodeo.bus import validate
-from rodeo.chain.abi import Quorum, Revocation, ServiceState, TaskRequest, Terms
+from rodeo.chain.abi import Namers, Quorum, Revocation, ServiceState, TaskRequest, Terms
 from rodeo.chain.calls import ParticipantCalls
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
@@ -28,7 +28,7 @@ from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
 from rodeo.evidence.store import Store
-from rodeo.kinds import EXECUTION_WINDOW_S, Kinds
+from rodeo.kinds import EXECUTION_WINDOW_S, MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S, Kinds
 from rodeo.messages import (
     JUDGES,
     AbandonTask,
@@ -84,6 +84,7 @@ from rodeo.messages import (
     SetBudget,
     SetDelay,
     SetMembersOnly,
+    SetNamers,
     SetPayout,
     SetPolicy,
     SetQuorum,
@@ -101,6 +102,7 @@ from rodeo.messages import (
     UnseatJudge,
     UpdateService,
     Vote,
+    Vouch,
     Withdraw,
     WithdrawStake,
 )
@@ -545,7 +547,7 @@ class Wallet:
             reward=reward,
             execution_window=task["execution_window_s"],
             verdict_window=task["verdict_window_s"],
-            max_attempts=max(1, task["max_attempts"] - task["attempt"]),
+            max_attempts=max(1, task["max_attempts"] - (task["attempt"] - len(task["passed"]))),
             rules=_bytes32(task["rules_sha256"] or NO_RULES),
             service_id=task["requested_service_id"] or 0,
             provider=task["requested_provider"] or ZERO_ADDRESS,
@@ -561,7 +563,7 @@ class Wallet:
         return [self.calls.cancel_task(command.task_id), *approval, post]
 
     def _match_task(self, command: MatchTask) -> list[Call]:
-        return [self.client.calls.match_task(command.task_id)]
+        return [self.client.calls.match_task(command.task_id, command.service_id or 0)]
 
     def _submit_proof(self, command: SubmitProof) -> list[Call]:
         uri = self._proof_uri(command)
@@ -733,6 +735,10 @@ class Wallet:
         woken = self._wake_up() if state is ServiceState.ACTIVE else []
         return [*woken, self.calls.update_service(command.service_id, price, state)]
 
+    def _set_namers(self, command: SetNamers) -> list[Call]:
+        namers = Namers[command.namers.upper()]
+        return [self.client.calls.set_namers(command.service_id, namers, command.max_void_percent)]
+
     def _agree(self, command: Agree) -> list[Call]:
         return [self.calls.agree(command.service_id)]
 
@@ -800,8 +806,7 @@ class Wallet:
         found: list[Call] = []
         if command.audit_window_s is not None:
             found.append(calls.set_audit(command.kind, command.audit_window_s))
-        if command.min_window_s is not None:
-            found.append(calls.set_min_window(command.kind, command.min_window_s))
+        found += self._windows(command)
         if command.min_verdict_window_s is not None and command.max_verdict_window_s is not None:
             bounds = command.min_verdict_window_s, command.max_verdict_window_s
             found.append(calls.set_verdict_windows(command.kind, *bounds))
@@ -817,6 +822,37 @@ class Wallet:
                 kind=command.kind,
             )
         return [*found, calls.allow_kind(command.kind, judge, _bytes32(rules))]
+
+    def _windows(self, command: AllowKind) -> list[Call]:
+        """What sets the kind's execution windows, where the command names any, or the kind has none and is
+        allowed."""
+        row, kind = self.index.kind(command.kind), self.kinds.get(command.kind)
+        has_windows = row is not None and row["max_window_s"] > 0
+        named = (command.min_window_s, command.max_window_s, command.grace_s)
+        if all(one is None for one in named) and (has_windows or not command.allowed):
+            return []
+        if row is not None and has_windows:
+            known = row["min_window_s"], row["max_window_s"], row["grace_s"]
+        else:
+            known = _UNDECLARED if kind is None else (*kind.windows_s, kind.grace_period_s)
+        shortest, longest, grace = (
+            now if one is None else one for one, now in zip(named, known, strict=True)
+        )
+        if command.grace_s is None and grace > shortest // 2:
+            grace = 0  # the contract's own
+        if shortest > longest:
+            raise InvalidRequest(
+                "the shortest execution window is longer than the longest",
+                min_window_s=shortest,
+                max_window_s=longest,
+            )
+        if grace > shortest // 2:
+            raise InvalidRequest(
+                "the grace period is at most half of the shortest execution window",
+                grace_s=grace,
+                min_window_s=shortest,
+            )
+        return [self.client.organization_calls.set_windows(command.kind, shortest, longest, grace)]
 
     def _judge_for(self, kind: str, judge: str) -> str:
         """The address of the contract that judges `kind` from now on. Where oracles judge it already, theirs
@@ -879,6 +915,10 @@ class Wallet:
 
     def _dismiss(self, command: Dismiss) -> list[Call]:
         return [self.client.organization_calls.dismiss(self.names.address(command.account))]
+
+    def _vouch(self, command: Vouch) -> list[Call]:
+        account = self.names.address(command.account)
+        return [self.client.organization_calls.vouch_for(account, command.vouched)]
 
     def _suspend_provider(self, command: SuspendProvider) -> list[Call]:
         return [self.client.organization_calls.suspend_provider(self.names.address(command.account))]
@@ -1343,6 +1383,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "update_service": (UpdateService, Wallet._update_service),
     "agree": (Agree, Wallet._agree),
     "set_payout": (SetPayout, Wallet._set_payout),
+    "set_namers": (SetNamers, Wallet._set_namers),
     "transfer": (Transfer, Wallet._transfer),
     "match_task": (MatchTask, Wallet._match_task),
     "deposit": (Deposit, Wallet._deposit),
@@ -1361,6 +1402,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "resume_tasks": (ResumeTasks, Wallet._resume_tasks),
     "admit": (Admit, Wallet._admit),
     "dismiss": (Dismiss, Wallet._dismiss),
+    "vouch": (Vouch, Wallet._vouch),
     "suspend_provider": (SuspendProvider, Wallet._suspend_provider),
     "reinstate_provider": (ReinstateProvider, Wallet._reinstate_provider),
     "suspend_service": (SuspendService, Wallet._suspend_service),
@@ -1391,6 +1433,10 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "revoke_request": (RevokeRequest, Wallet._revoke_request),
 }
 
+
+_UNDECLARED = PEOPLES_MIN_WINDOW_S, MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S // 2
+"""Execution windows and grace period of a kind that the site file does not list: people do it, and have to
+accept in the grace period."""
 
 _OF_ADMINISTRATOR = frozenset(get_args(Proposable)) - {
     *("change_judge_key", "remove_judge", "resume_tasks", "update_service")

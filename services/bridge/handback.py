@@ -2,9 +2,9 @@
 
 The bridge lets nobody offer that, but the contracts do: somebody may have used the key elsewhere, or the site
 file may have changed. The service is paused, and the task abandoned, so that the next one who offers the kind
-gets it without waiting for the end of a window in which nobody works. In the grace period, and for a task
-that nobody accepted, this costs no penalty. One attempt is lost.
-"""
+gets it without waiting for the end of a window in which nobody works. In the grace period the attempt does
+not count, and for a task that nobody accepted it costs no penalty. A provider that is not proven rests after
+it."""
 
 from __future__ import annotations
 
@@ -29,6 +29,10 @@ class HandBack:
         self._index = chain.index
         self._names = names
         self._participants = participants
+
+    def can_do(self, name: str, kind: str) -> bool:
+        """Whether the participant can do such work."""
+        return not self._names.cannot_do(name, kind)
 
     def due(self) -> list[tuple[str, str, Row]]:
         """(participant, why it cannot do it, task) of what is assigned to somebody who cannot do it."""

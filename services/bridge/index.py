@@ -34,7 +34,7 @@ from sqlalchemy.exc import DBAPIError
 from rodeo.chain import events
 from rodeo.chain.logs import Log
 from rodeo.currency import IEC, Currency
-from rodeo.messages import GRACE_SHARE, LIVE_STATES, DaoEvent
+from rodeo.messages import LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert
@@ -54,9 +54,7 @@ KEPT_BLOCKS = 256
 _EXECUTION_END = case(
     (
         schema.tasks.c.accepted.is_(False),
-        schema.tasks.c.execution_deadline
-        - schema.tasks.c.execution_window_s
-        + schema.tasks.c.execution_window_s // GRACE_SHARE,
+        schema.tasks.c.execution_deadline - schema.tasks.c.execution_window_s + schema.tasks.c.grace_s,
     ),
     else_=schema.tasks.c.execution_deadline,
 )
@@ -493,6 +491,24 @@ class Index:
         """Address -> who is paid for its work, of accounts that have named another one."""
         return {address: row["payout"] for address, row in self.providers().items() if row["payout"]}
 
+    def stood_back(self) -> list[Row]:
+        """Active services that do nothing and wait in no line."""
+        services = schema.services.c
+        idle = (services.state == "active") & services.task_id.is_(None) & (services.place == 0)
+        return self._rows(select(schema.services).where(idle).order_by(services.id))
+
+    def locked_bonds(self) -> list[Row]:
+        """Services that are over and whose bond was not returned yet."""
+        services = schema.services.c
+        over = (services.state == "retired") & services.task_id.is_(None) & (services.bond != 0)
+        return self._rows(select(schema.services).where(over).order_by(services.id))
+
+    def engaged(self) -> set[str]:
+        """Addresses of providers with a service that works or waits."""
+        services = schema.services.c
+        busy = services.task_id.is_not(None) | (services.place > 0)
+        return {row["provider"] for row in self._rows(select(services.provider).where(busy).distinct())}
+
     def is_asleep(self, provider: str) -> bool:
         """Whether this account has to wake up before it offers anything."""
         found = self._first(select(schema.providers).where(schema.providers.c.address == provider))
@@ -544,6 +560,9 @@ class Index:
         ):
             counts.setdefault(row["creator"], {})[row["fault"]] = row["number"]
         return counts
+
+    def kind(self, kind: str) -> Row | None:
+        return self._first(select(schema.kinds).where(schema.kinds.c.kind == kind))
 
     def all_kinds(self) -> list[Row]:
         return self._rows(select(schema.kinds).order_by(schema.kinds.c.kind))

@@ -61,6 +61,7 @@ from services.bridge.index import Index, sqlite_url
 from services.bridge.inspection import Inspector
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.node import Node
+from services.bridge.offers import Update, due_updates
 from services.bridge.queries import Queries
 from services.bridge.readiness import Probe, why_late
 from services.bridge.transactions import Transactions
@@ -150,8 +151,8 @@ class Bridge:
             for name in bridge_wallets(self._site)[process.name]
         }
         self._clock = process.clock
-        self._expiring: dict[_End, float] = {}
-        """What is done at the end of a window -> wall time (monotonic) before which it is not tried again."""
+        self._expiring: dict[_End | Update, float] = {}
+        """What is done at the end of a time -> wall time (monotonic) before which it is not tried again."""
         self._windows_changed = threading.Event()
         self._windows = threading.Thread(target=self._watch_windows, name="windows", daemon=True)
         self._giving_back: dict[tuple[int, int], tuple[Future[Any], float]] = {}
@@ -506,8 +507,10 @@ class Bridge:
         index = attachment.chain.index
         self._process.concern("verdicts", late_verdicts(index.late_verdicts(now_s)))
         here = {str(one.address): name for name, one in self._accounts.items() if name != ORGANIZATION}
-        due, next_s = own_rulings(index.unconcluded(), here, now_s)
-        ends_s = [next_s]
+        own, next_s = own_rulings(index.unconcluded(), here, now_s)
+        updates, update_s = due_updates(index, here, attachment.handback.can_do, now_s)
+        due: list[_End | Update] = [*own, *updates]
+        ends_s = [next_s, update_s]
         if ORGANIZATION in self._threads:
             # Anyone may end a window; for the site the organization does.
             due += [_End(ORGANIZATION, "conclude", task_id) for task_id in index.concludable(now_s)]
@@ -518,7 +521,7 @@ class Bridge:
         jobs = []
         for end in due:
             if self._expiring.get(end, -math.inf) <= wall_s:
-                log.info("its window is over; %s by %s", end.command, end.wallet, extra={"task": end.task_id})
+                log.info("its time is over; %s by %s", end.command, end.wallet, extra={"task": end.task_id})
                 self._expiring[end] = wall_s + _EXPIRY_RETRY_S
                 jobs.append(self._threads[end.wallet].submit(_end, attachment.wallets[end.wallet], end))
         ended, _ = futures.wait(jobs, _EXPIRY_RETRY_S)
@@ -610,7 +613,7 @@ def own_rulings(
     return due, next_s
 
 
-def _end(wallet: Wallet, end: _End) -> Future[Any] | None:
+def _end(wallet: Wallet, end: _End | Update) -> Future[Any] | None:
     """A job of our own, whose failure nobody else would hear of. None where it was refused."""
     try:
         reply = wallet.execute(end.command, end.data)
@@ -622,11 +625,14 @@ def _end(wallet: Wallet, end: _End) -> Future[Any] | None:
     return reply
 
 
-_LOST_RACES = rulings.LOST_RACES | {"no_case", "window_not_over", "wrong_attempt", "deadline_not_passed"}
+_LOST_RACES = rulings.LOST_RACES | {
+    *("no_case", "window_not_over", "wrong_attempt", "deadline_not_passed"),
+    *("provider_is_asleep", "bond_is_locked", "service_is_retired"),
+}
 """Codes of refusals where somebody else was faster, or the chain's clock is behind the site's."""
 
 
-def _warn(error: BaseException | None, end: _End) -> None:
+def _warn(error: BaseException | None, end: _End | Update) -> None:
     if error is not None:
         is_lost = isinstance(error, RodeoError) and error.code in _LOST_RACES
         level = logging.INFO if is_lost else logging.WARNING

@@ -13,7 +13,7 @@ from rodeo.bus import decode_json
 from rodeo.chain import artifacts, events
 from rodeo.chain.abi import Cause, Ruling
 from rodeo.chain.governance import SUPPORT, shown_text, text_of
-from rodeo.chain.logs import Log
+from rodeo.chain.logs import Log, woken
 from rodeo.chain.reputation import Work, is_own
 from rodeo.chain.types import TimelockRole
 from rodeo.currency import Currency
@@ -48,20 +48,26 @@ class Projection:
     _reasons: dict[str, list[_Reason]] = field(default_factory=dict)
     _ends: set[tuple[int, int]] = field(default_factory=set)
     """(block, log index) of the last event of each thing that the contracts did."""
-    _free: int | None = None
-    """The service that becomes free by what they do now; at its end it has a task or a place in the line."""
+    _free: list[int] = field(default_factory=list)
+    """Services that become free by what they do now; at its end each has a task or a place in the line, or
+    stands back."""
+    _woken: set[tuple[int, int]] = field(default_factory=set)
+    """(block, log index) of each event of a provider that has called `wakeUp`."""
     _reported: tuple[str, events.Reported] | None = None
     """The transaction of the last report, and what it says of the ruling that follows."""
 
     def prepare(self, logs: Iterable[Log]) -> None:
         """See all events that will be applied: a transfer is explained by its neighbours, before or after."""
+        logs = list(logs)
         self._reasons = defaultdict(list)
+        self._woken = woken(logs)
         last: Log | None = None
         final: tuple[str, int | None] | None = None
         """Transaction and task of the last ruling, if it is final: how the attempt ends is part of it."""
         for log in logs:
             self._reasons[log.tx_hash] += self._explanations(log)
             begins = isinstance(log.event, _BEGINNINGS) and final != _place(log)
+            begins |= (log.block, log.log_index) in self._woken
             if last is not None and (last.tx_hash != log.tx_hash or begins):
                 self._ends.add((last.block, last.log_index))
             if isinstance(log.event, events.Ruled):
@@ -74,7 +80,7 @@ class Projection:
         """Take in the next of the events that `prepare` saw."""
         self._apply(seq, log, time_s)
         if (log.block, log.log_index) in self._ends:
-            self._place_free()
+            self._place_free(time_s)
 
     def _apply(self, seq: int, log: Log, time_s: int) -> None:
         """Events without a case change nothing that can be queried; they are kept and published."""
@@ -96,6 +102,8 @@ class Projection:
                     refunded=0,
                     execution_window_s=event.execution_window,
                     verdict_window_s=event.verdict_window,
+                    grace_s=kind["grace_s"],
+                    passed=[],
                     audit_window_s=kind["audit_window_s"],
                     number=kind["number"],
                     after_removal=False,
@@ -128,19 +136,20 @@ class Projection:
                     nonce="0x" + event.nonce.hex(),
                 )
                 rows.change(schema.services, event.service_id, task_id=event.task_id, place=0)
-                if self._free == event.service_id:
-                    self._free = None  # its next task, before it waited
+                self._take(event.service_id)  # its next task, before it waited
             case events.TaskAccepted():
                 self._change_task(event.task_id, accepted=True)
             case events.ProofSubmitted():
+                task = rows.get(schema.tasks, event.task_id)
+                deadline = time_s + task["verdict_window_s"]
                 self._change_task(
                     event.task_id,
                     state="submitted",
                     proof_submitted=time_s,
                     proof_sha256="0x" + event.proof_hash.hex(),
                     proof_uri=event.uri,
-                    verdict_deadline=event.deadline,
-                    case_end=event.deadline + rows.get(schema.tasks, event.task_id)["audit_window_s"],
+                    verdict_deadline=deadline,
+                    case_end=deadline + task["audit_window_s"],
                 )
             case events.Reported():
                 self._reported = log.tx_hash, event
@@ -163,6 +172,11 @@ class Projection:
                     paid=event.paid,
                     refunded=event.refund,
                 )
+            case events.TaskPassed():
+                provider = rows.get(schema.services, event.provider)["provider"]
+                passed = rows.get(schema.tasks, event.task_id)["passed"]
+                entry = {"provider": provider, "gave_up": event.gave_up}
+                self._change_task(event.task_id, passed=[*passed, entry])
             case events.TaskRequeued():
                 verdict = self._fail_attempt(event.task_id, event.cause, time_s)
                 self._change_task(
@@ -202,10 +216,16 @@ class Projection:
                     set_aside=0,
                     penalty=0,
                     max_failures=0,
+                    namers="proven",
+                    max_void_percent=0,
                     place=0,
+                    waits_as_proven=False,
                 )
-                self._free = event.service_id
+                self._free.append(event.service_id)
                 self._change_provider(event.provider)
+                if event.provider != self.contracts.get("Organization"):  # it has any number
+                    live = self._provider(event.provider)["services"]
+                    self._change_provider(event.provider, services=[*live, event.service_id])
             case events.TermsAgreed():
                 rows.change(
                     schema.services,
@@ -229,12 +249,23 @@ class Projection:
                 service = rows.get(schema.services, event.service_id)
                 retires = bool(service["bond"]) and service["task_id"] is None
                 self._change_bond(event.service_id, **{"bond" if retires else "set_aside": -event.amount})
+                self._free.append(event.service_id)
             case events.ServiceSuspended():
                 rows.change(schema.services, event.service_id, state="suspended", place=0)
             case events.BondRanShort():
                 rows.change(schema.services, event.service_id, state="short", place=0)
             case events.ServiceFellAsleep():
                 rows.change(schema.services, event.service_id, state="paused", place=0)
+            case events.ServiceStoodBack():
+                rows.change(schema.services, event.service_id, place=0)
+                self._take(event.service_id)
+            case events.NamersChanged():
+                rows.change(
+                    schema.services,
+                    event.service_id,
+                    namers=event.namers.name.lower(),
+                    max_void_percent=event.max_voids,
+                )
             case events.ServiceReinstated():
                 rows.change(schema.services, event.service_id, state="paused")
                 self._change_provider(rows.get(schema.services, event.service_id)["provider"], failures=0)
@@ -246,6 +277,15 @@ class Projection:
                 self._change_provider(event.provider, asleep_until=event.until)
             case events.ProviderWokeUp():
                 self._change_provider(event.provider, asleep_until=None)
+                if (log.block, log.log_index) in self._woken:
+                    self._offer_all(event.provider)
+            case events.ProviderRests():
+                locked = {"bond_locked_until": time_s + _BOND_DELAY_S}
+                self._change_provider(event.provider, rests_until=event.until, **locked)
+            case events.ProviderProven():
+                self._change_provider(event.provider, earned=True)
+            case events.ProviderVouched():
+                self._vouch(event.provider, event.vouched)
             case events.PayoutChanged():
                 payout = None if event.payout == event.provider else event.payout
                 self._change_provider(event.provider, payout=payout)
@@ -253,10 +293,10 @@ class Projection:
                 # It queues again at the back.
                 state = event.state.name.lower()
                 rows.change(schema.services, event.service_id, price=event.price, state=state, place=0)
-                self._free = event.service_id
+                self._free.append(event.service_id)
             case events.ServiceAgreed():
                 rows.change(schema.services, event.service_id, number=event.kind_id, place=0)
-                self._free = event.service_id
+                self._free.append(event.service_id)
             case events.DeviceRegistered():
                 rows.add(
                     schema.devices,
@@ -297,8 +337,9 @@ class Projection:
                 rows.change(schema.numbers, event.number, removed=True)
             case events.AuditChanged():
                 self._change_kind(event.kind, audit_window_s=event.audit_window)
-            case events.MinWindowChanged():
-                self._change_kind(event.kind, min_window_s=event.min_window)
+            case events.WindowsChanged():
+                windows = {"min_window_s": event.min, "max_window_s": event.max}
+                self._change_kind(event.kind, **windows, grace_s=event.grace)
             case events.VerdictWindowsChanged():
                 bounds = {"min_verdict_window_s": event.min, "max_verdict_window_s": event.max}
                 self._change_kind(event.kind, **bounds)
@@ -568,8 +609,8 @@ class Projection:
         stands longer now."""
         sha256 = "0x" + event.report.hex() if any(event.report) else None
         where, said = self._reported or ("", None)
-        is_said = said is not None and (said.task_id, said.report_hash) == (event.task_id, event.report)
-        if said is not None and is_said and where == tx_hash:
+        self._reported = None  # it comes right before its ruling
+        if said is not None and (where, said.task_id) == (tx_hash, event.task_id):
             return {"reason": said.reason, "report_sha256": sha256, "report_uri": said.report_uri}
         if sha256 is not None and sha256 == task["report_sha256"]:
             return {}
@@ -614,7 +655,8 @@ class Projection:
         if service["state"] == "short" and service["bond"] >= service["penalty"]:
             awake = self._provider(service["provider"])["asleep_until"] is None
             self.rows.change(schema.services, service_id, state="active" if awake else "paused")
-            self._free = service_id
+            if awake and (self._is_proven(service["provider"]) or not self._is_engaged(service["provider"])):
+                self._free.append(service_id)
 
     def _change_provider(self, address: str, **values: Any) -> None:
         self.rows.put(schema.providers, **{**self._provider(address), **values})
@@ -627,10 +669,44 @@ class Projection:
             "failed": 0,
             "day": 0,
             "asleep_until": None,
+            "rests_until": None,
+            "bond_locked_until": None,
+            "earned": False,
+            "vouched": False,
+            "services": [],
             "suspended": False,
             "payout": None,
         }
         return self.rows.find(schema.providers, address) or unknown
+
+    def _is_proven(self, address: str) -> bool:
+        provider = self._provider(address)
+        return address == self.contracts.get("Organization") or provider["earned"] or provider["vouched"]
+
+    def _vouch(self, address: str, vouched: bool) -> None:
+        """It begins anew if that proves it, or the other way round."""
+        before = self._is_proven(address)
+        self._change_provider(address, vouched=vouched)
+        if self._is_proven(address) != before:
+            self._change_provider(address, **_AWAKE)
+            self._offer_all(address)
+
+    def _live(self, address: str) -> list[Mapping[str, Any]]:
+        """The provider's services that are not over, in the contract's order."""
+        return [self.rows.get(schema.services, one) for one in self._provider(address)["services"]]
+
+    def _is_engaged(self, address: str) -> bool:
+        """Whether one of its services works or waits."""
+        return any(one["place"] or one["task_id"] is not None for one in self._live(address))
+
+    def _offer_all(self, address: str) -> None:
+        """As ServiceManager: all its services that could work and are in no line, or in the wrong one."""
+        proven = self._is_proven(address)
+        for one in self._live(address):
+            is_placed = one["place"] and one["waits_as_proven"] == proven
+            if not is_placed and one["state"] == "active" and one["task_id"] is None:
+                self.rows.change(schema.services, one["id"], place=0)
+                self._free.append(one["id"])
 
     def _payout_of(self, address: str) -> str:
         return str(self._provider(address)["payout"] or address)
@@ -689,6 +765,8 @@ class Projection:
             "allowed": False,
             "number": 0,
             "min_window_s": 0,
+            "max_window_s": 0,
+            "grace_s": 0,
             "min_verdict_window_s": 0,
             "max_verdict_window_s": 0,
             "audit_window_s": 0,
@@ -708,7 +786,7 @@ class Projection:
     def _free_service(self, task: Mapping[str, Any]) -> None:
         """The attempt is over for the service that made it, if not yet for its record."""
         self.rows.change(schema.services, task["service_id"], task_id=None)
-        self._free = task["service_id"]
+        self._free.append(task["service_id"])
 
     def _fail_attempt(self, task_id: int, cause: Cause, time_s: int) -> dict[str, Any]:
         """Returns how the attempt ended."""
@@ -736,7 +814,8 @@ class Projection:
             work = work.plus(value, completed, time_s, self.currency)
         if completed:
             failures = provider["failures"] if own else 0
-        self._change_provider(service["provider"], failures=failures, **asdict(work))
+        forgiven = _AWAKE if completed and not own else {}
+        self._change_provider(service["provider"], failures=failures, **forgiven, **asdict(work))
         self.rows.change(schema.services, service["id"], **{counter: service[counter] + 1})
 
     def _is_own(self, creator: str, provider: str) -> bool:
@@ -744,20 +823,30 @@ class Projection:
         owners = {key: row["owner"] for key, row in devices.items() if row}
         return is_own(creator, provider, owners, self._payout_of(provider))
 
-    def _place_free(self) -> None:
-        """As ServiceManager.enqueue: behind the others, where it takes tasks and there was none.
+    def _take(self, service_id: int) -> None:
+        """The service needs no place now."""
+        self._free = [one for one in self._free if one != service_id]
+
+    def _place_free(self, time_s: int) -> None:
+        """As ServiceManager.enqueue: behind the others, where it takes tasks and there was none, unless its
+        provider rests.
 
         The places of all kinds are numbered together.
         """
-        service_id, self._free = self._free, None
-        if service_id is None:
-            return
-        service = self.rows.get(schema.services, service_id)
-        if service["state"] == "active" and service["task_id"] is None:
-            row = self.rows.find(schema.settings, "places")
-            place = 1 if row is None else row["value"] + 1
-            self.rows.put(schema.settings, name="places", value=place)
-            self.rows.change(schema.services, service_id, place=place)
+        free, self._free = self._free, []
+        for service_id in free:
+            service = self.rows.get(schema.services, service_id)
+            owner, is_idle = service["provider"], service["task_id"] is None
+            if service["state"] == "retired" and is_idle and not service["bond"]:
+                live = [one for one in self._provider(owner)["services"] if one != service_id]
+                self._change_provider(owner, services=live)
+            proven = self._is_proven(owner)
+            rests = not proven and (self._provider(owner)["rests_until"] or 0) > time_s
+            if service["state"] == "active" and is_idle and not service["place"] and not rests:
+                row = self.rows.find(schema.settings, "places")
+                place = 1 if row is None else row["value"] + 1
+                self.rows.put(schema.settings, name="places", value=place)
+                self.rows.change(schema.services, service_id, place=place, waits_as_proven=proven)
 
     # -- tokens --------------------------------------------------------------------------------------------
 
@@ -897,6 +986,12 @@ _OF_ASSIGNMENT = (
 _WITHOUT_RULING: dict[str, Any] = {"standing": None, "standing_until": None, "set_aside": 0}
 """Columns of a task on which no ruling stands."""
 
+_BOND_DELAY_S = 24 * 3600
+"""`BOND_DELAY` of Providers: how long its bonds are locked after a rest began."""
+
+_AWAKE: dict[str, Any] = {"asleep_until": None, "rests_until": None, "bond_locked_until": None}
+"""Columns of a provider whose proof was accepted, or that the organization vouches for now, or no longer."""
+
 _BEGINNINGS = (
     events.TaskRegistered,
     events.Ruled,
@@ -905,6 +1000,7 @@ _BEGINNINGS = (
     events.ServiceRegistered,
     events.ServiceUpdated,
     events.ServiceAgreed,
+    events.ProviderVouched,
 )
 """With these the contracts begin something that may free a service or give it a task; a transaction of
 another contract may make them do several things."""
@@ -923,7 +1019,10 @@ nothing."""
 _VERDICT_OF_EXPIRY = {
     Cause.EXECUTION_EXPIRED: {"verdict": "expired", "reason": "no proof within the execution window"},
     Cause.NOT_ACCEPTED: {"verdict": "expired", "reason": "the executor did not accept the task in time"},
-    Cause.ABANDONED: {"verdict": "abandoned", "reason": "the executor gave the task back"},
+    Cause.ABANDONED: {
+        "verdict": "abandoned",
+        "reason": "the executor gave the task back in the grace period",
+    },
     Cause.ABANDONED_LATE: {
         "verdict": "abandoned",
         "reason": "the executor gave the task back after the grace period",

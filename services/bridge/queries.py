@@ -124,11 +124,13 @@ class Queries:
         return {
             "services": [
                 {
-                    **{key: value for key, value in row.items() if key not in (*amounts, "number")},
+                    **{key: value for key, value in row.items() if key not in (*amounts, *_KEPT_OF_SERVICE)},
                     **{f"{key}_iec": self._iec(row[key]) for key in amounts},
                     "agrees": row["number"] == numbers.get(row["kind"]),
                     "failures": providers[row["provider"]]["failures"],
                     "asleep_until": providers[row["provider"]]["asleep_until"],
+                    "stood_back": row["state"] == "active" and row["task_id"] is None and not row["place"],
+                    **self._known_json(row["provider"], providers),
                     "provider_name": self._names.name(row["provider"]),
                     "reputation": _reputation(providers[row["provider"]], now_s, self._currency),
                 }
@@ -141,7 +143,7 @@ class Queries:
 
     def _participants(self, _request: Request) -> Json:
         roles = self._index.roles()
-        payouts = self._index.payouts()
+        providers = self._index.providers()
         created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
         members, voids = roles.get(Role.MEMBER, []), self._index.voids()
         named = self._names.addresses
@@ -160,10 +162,23 @@ class Queries:
                     "executed": executed.get(address, {}),
                     "member": address in members,
                     "voids": voids.get(address, {}),
-                    **self._payout_json(payouts.get(address)),
+                    **self._payout_json(providers.get(address, {}).get("payout")),
+                    **self._known_json(address, providers),
                 }
                 for name, address in people
             ]
+        }
+
+    def _known_json(self, address: str, providers: Mapping[str, Mapping[str, Any]]) -> Json:
+        """`rodeo.queries.Known`."""
+        known = providers.get(address, {})
+        is_organization = address == self._names.addresses[ORGANIZATION]
+        vouched = bool(known.get("vouched"))
+        return {
+            "proven": is_organization or vouched or bool(known.get("earned")),
+            "vouched": vouched,
+            "rests_until": known.get("rests_until"),
+            "bond_locked_until": known.get("bond_locked_until"),
         }
 
     def _wallets(self, _request: Request) -> Json:
@@ -516,6 +531,7 @@ def task_json(row: Mapping[str, Any], names: Names, currency: Currency) -> Json:
         "creator_name": names.name(row["creator"]),
         "requested_provider_name": names.name(row["requested_provider"]),
         "executor_name": names.name(row["executor"]),
+        "passed": [{**one, "provider_name": names.name(one["provider"])} for one in row["passed"]],
     }
 
 
@@ -539,6 +555,8 @@ _OF_KIND = (
     "allowed",
     "number",
     "min_window_s",
+    "max_window_s",
+    "grace_s",
     "min_verdict_window_s",
     "max_verdict_window_s",
     "audit_window_s",
@@ -548,6 +566,9 @@ _OF_KIND = (
     "rotation_s",
     "seats",
 )
+
+_KEPT_OF_SERVICE = ("number", "waits_as_proven")
+"""Columns of a service that no answer has."""
 
 _KEPT_OF_TASK = (
     "text",

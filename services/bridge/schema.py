@@ -139,6 +139,10 @@ tasks = Table(
     Column("case_end", Float, doc="until then a ruling on the submitted proof can be replaced"),
     Column("execution_window_s", BigInteger, nullable=False),
     Column("verdict_window_s", BigInteger, nullable=False),
+    Column("grace_s", BigInteger, nullable=False, doc="of the kind when the task was posted"),
+    Column(
+        "passed", JSON, nullable=False, doc="who had it in attempts that do not count: rodeo.messages.Passed"
+    ),
     Column("audit_window_s", BigInteger, nullable=False, doc="of the kind when the task was posted"),
     Column("number", Integer, nullable=False, doc="of its kind and judge"),
     Column("rules_sha256", String(66), doc="by which it is judged; null where people judge without any"),
@@ -178,7 +182,17 @@ services = Table(
     Column("set_aside", Wei, nullable=False, doc="what of it waits for the end of its cases"),
     Column("penalty", Wei, nullable=False),
     Column("max_failures", Integer, nullable=False),
+    Column("namers", String(16), nullable=False, doc="whose tasks may name it: rodeo.messages.Namers"),
+    Column(
+        "max_void_percent", Integer, nullable=False, doc="of what a creator named somebody for; 0 for any"
+    ),
     Column("place", BigInteger, nullable=False, doc="lower was idle earlier; 0 when it does not wait"),
+    Column(
+        "waits_as_proven",
+        Boolean,
+        nullable=False,
+        doc="it waits, or waited last, in a proven provider's line",
+    ),
 )
 
 providers = Table(
@@ -190,6 +204,13 @@ providers = Table(
     Column("failed", Wei, nullable=False, doc="work that was rejected or came too late"),
     Column("day", Integer, nullable=False, doc="from 1970-01-01 UTC"),
     Column("asleep_until", BigInteger, doc="when it may wake up, s; null while it is awake"),
+    Column(
+        "rests_until", BigInteger, doc="it is not proven, and gets no task before; null if it never rested"
+    ),
+    Column("bond_locked_until", BigInteger, doc="before that its bonds are not returned; null if they are"),
+    Column("earned", Boolean, nullable=False, doc="its accepted work has proven it"),
+    Column("vouched", Boolean, nullable=False, doc="the organization vouches for it"),
+    Column("services", JSON, nullable=False, doc="those that are not over; none of the organization's"),
     Column("suspended", Boolean, nullable=False, doc="by the administrator: it offers no service"),
     Column("payout", String(42), doc="who is paid for its work; null for itself"),
     comment="accounts that offered a service, were suspended, or named who is paid for their work",
@@ -227,7 +248,9 @@ kinds = Table(
     Column("kind", Word, primary_key=True),
     Column("allowed", Boolean, nullable=False),
     Column("number", Integer, nullable=False, doc="of the kind with its present judge; 0 before the first"),
-    Column("min_window_s", BigInteger, nullable=False),
+    Column("min_window_s", BigInteger, nullable=False, doc="of an execution; 0 before anybody has set it"),
+    Column("max_window_s", BigInteger, nullable=False),
+    Column("grace_s", BigInteger, nullable=False, doc="in which an executor may give a task back"),
     Column("min_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
     Column("max_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
     Column("audit_window_s", BigInteger, nullable=False),

@@ -481,7 +481,7 @@ class Charger:
             max_energy_wh=0.0 if params is None else params.energy_wh,
             soc_target=0.0 if params is None else params.soc_target,
             deadline_s=assigned_s + window_s * (1 - PROOF_SHARE),
-            give_back_s=task.grace_ends_s - PROOF_SHARE * window_s,
+            give_back_s=task.grace_ends_s - min(max(site.answer_s, PROOF_SHARE * window_s), task.grace_s / 2),
         )
         order = Order(
             job=job,

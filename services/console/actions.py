@@ -57,6 +57,7 @@ from rodeo.messages import (
     SuspendProvider,
     SuspendService,
     UpdateService,
+    Vouch,
     Withdraw,
 )
 from rodeo.person.statement import MAX_NOTE_CHARACTERS, MAX_PHOTOS, Executor, judge
@@ -96,6 +97,10 @@ class ChangeService(UpdateService):
 
 
 class AgreeForService(messages.Agree):
+    participant: Name = ORGANIZATION
+
+
+class SetServiceNamers(messages.SetNamers):
     participant: Name = ORGANIZATION
 
 
@@ -253,7 +258,9 @@ def _of_organization(command: str) -> Perform:
 
 def _of_participant(command: str) -> Perform:
     def perform(
-        actions: Actions, user: User, request: OfferService | ChangeService | AgreeForService | Challenge
+        actions: Actions,
+        user: User,
+        request: OfferService | ChangeService | AgreeForService | SetServiceNamers | Challenge,
     ) -> Json:
         if not speaks_for(user, request.participant):
             raise Forbidden("your account may not act for this participant", participant=request.participant)
@@ -379,13 +386,16 @@ _TABLE = (
            _of_anybody("conclude")),
     Action("settle_stakes", "Free and pay the stakes of a challenged attempt that is over", SettleStakes,
            _PROVIDER, _of_anybody("settle_stakes")),
-    _command("match_task", "Match an open task with a service again", MatchTask, _OPERATOR),
+    _command("match_task", "Match an open task with a service, or as the policy chooses", MatchTask,
+             _OPERATOR),
     Action("register_service", "Offer a service", OfferService, _PROVIDER,
            _of_participant("register_service")),
     Action("update_service", "Price, pause, resume or retire a service", ChangeService, _PROVIDER,
            _of_participant("update_service")),
     Action("agree", "Agree that a service gets tasks under the present judge of its kind", AgreeForService,
            _PROVIDER, _of_participant("agree")),
+    Action("set_namers", "Whose tasks may name a service", SetServiceNamers, _PROVIDER,
+           _of_participant("set_namers")),
     _command("suspend_provider", "Suspend a provider and its services", SuspendProvider, _ADMINISTRATOR),
     _command("reinstate_provider", "Let a suspended provider offer services again", ReinstateProvider,
              _ADMINISTRATOR),
@@ -407,6 +417,8 @@ _TABLE = (
     _command("resume_tasks", "End a pause of new tasks", ResumeTasks, _ADMINISTRATOR),
     _command("admit", "Make somebody a member", Admit, _ADMINISTRATOR),
     _command("dismiss", "End a membership", Dismiss, _ADMINISTRATOR),
+    _command("vouch", "Vouch for a provider, so that it is proven without work, or no longer", Vouch,
+             _ADMINISTRATOR),
     _command("deposit", "Pay from the key's own account into the treasury", Deposit, _TREASURER),
     _command("withdraw", "Pay out of the treasury", Withdraw, _TREASURER),
     Action("pause_robot", "Pause a robot: it finishes its attempt, then waits", RobotRequest, _OPERATOR,

@@ -10,10 +10,10 @@ from rodeo.messages import DaoEvent, Fault
 _ENDS = ("TaskSettled", "TaskFailed", "TaskCancelled")
 _EXPIRED = {
     "execution_expired": "no proof within the execution window",
-    "not_accepted": "the executor did not accept the task in time",
+    "not_accepted": "the executor did not accept the task in the grace period",
 }
 _ABANDONED = {
-    "abandoned": "the executor gave the task back",
+    "abandoned": "the executor gave the task back in the grace period",
     "abandoned_late": "the executor gave the task back after the grace period",
 }
 
@@ -43,6 +43,8 @@ class Attempt:
     """The transaction in which the judge reported its ruling; its sender judged."""
     passed_on: bool = False
     """The oracle could not decide, so that auditors could."""
+    counts: bool = True
+    """Toward the task's `max_attempts`."""
     paid_iec: str | None = None
     """What the executor was paid for it."""
 
@@ -75,14 +77,20 @@ def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
             made[-1] = replace(
                 made[-1],
                 reason=args["reason"],
-                report_sha256=args["report_hash"],
+                report_sha256=None,
                 report_uri=args["report_uri"],
                 verdict_tx=event.tx_hash,
             )
         elif event.name == "PassedOn":
             made[-1] = replace(made[-1], passed_on=True)
+        elif event.name == "TaskPassed":
+            made[-1] = replace(made[-1], counts=False)
         elif event.name == "Ruled":
-            if args["report"] != made[-1].report_sha256:  # nobody has ruled, or a judge that reports nothing
+            if made[-1].report_sha256 is None and made[-1].verdict_tx == event.tx_hash:
+                made[-1] = replace(made[-1], report_sha256=args["report"])
+            elif (
+                args["report"] != made[-1].report_sha256
+            ):  # nobody has ruled, or a judge that reports nothing
                 made[-1] = replace(
                     made[-1], reason=None, report_sha256=None, report_uri=None, verdict_tx=None
                 )

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
 from decimal import Decimal
 from typing import Any
 
 from rodeo.durations import span
 from rodeo.errors import RodeoError, snake_case
-from rodeo.messages import Fault
-from rodeo.queries import BudgetBallot, BudgetVote, KindRules, ProposedCall
+from rodeo.messages import PROVEN_FROM, Fault, Task
+from rodeo.queries import BudgetBallot, BudgetVote, KindRules, Known, Offer, ProposedCall
 from rodeo.verdicts import FAULTS
 
 STATE_COLOURS = {
@@ -51,6 +51,10 @@ _ADVICE = {
     "bridge_not_ready": "The overview shows why. Try again when the bridge is ready.",
     "insufficient_funds": "Deposit IEC under Treasury, or choose a smaller amount.",
     "reward_below_price": "Raise the reward, or let the task wait for a cheaper service.",
+    "invalid_window": "Choose a time to do it within the kind's, which the rules under Services show.",
+    "service_does_not_fit": "Choose another service, or wait until this one is free.",
+    "provider_is_asleep": "It rests after work that it gave back or missed. Try again then.",
+    "not_namable": "Let the policy choose, or name another service.",
     "unknown_kind": "An administrator can allow this kind of work.",
     "kind_without_checks": "Let an auditor judge it.",
     "device_name_taken": "Revoke the key that has this name first, or choose another name.",
@@ -100,7 +104,12 @@ FIELD_ADVICE = {
     "audit_window_s": "enter seconds, at most 30 days together with the verdict window",
     "min_verdict_window_s": "enter seconds, from a minute to 30 days",
     "max_verdict_window_s": "enter seconds, from a minute to 30 days",
-    "execution_window_s": "give the executor at least a minute",
+    "execution_window_s": "give the executor at least a minute, and at most 30 days",
+    "min_window_s": "enter seconds, from a minute to 30 days, and at most the longest window",
+    "max_window_s": "enter seconds, from a minute to 30 days",
+    "grace_s": "enter tens of seconds, at most 2550 s and half of the shortest window",
+    "max_void_percent": "enter a whole number from 0 to 100",
+    "service_id": "enter the number of a service",
 }
 """What to enter, by the field's name: the framework's own words are for programs."""
 
@@ -213,4 +222,55 @@ def quorum_in_words(kind: KindRules) -> str:
     if kind.panel < len(kind.seats):
         told += f", {kind.panel} of whom may vote at once"
         told += f" and one more after each {span(kind.rotation_s)}" if kind.rotation_s else ""
+    return told
+
+
+def windows_in_words(kind: KindRules) -> str:
+    """10 min 0 s to 7 d 0 h to work, 3 min 0 s of them to give it back; empty where nobody has set them."""
+    if not kind.max_window_s:
+        return ""
+    windows = f"{span(kind.min_window_s)} to {span(kind.max_window_s)} to work"
+    return f"{windows}, the first {span(kind.grace_s)} to give it back"
+
+
+def known_in_words(known: Known, moment: Callable[[float], str], now_s: float | None) -> str:
+    """What the contracts know of a provider. What is over by `now_s` (site time) is left out, nothing where
+    that is not known."""
+    told = ["newcomer", "proven"][known.proven] + (" (vouched for)" if known.vouched else "")
+    for what, until_s in (("rests", known.rests_until), ("bonds locked", known.bond_locked_until)):
+        if until_s is not None and until_s > (now_s or 0.0):
+            told += f"; {what} until {moment(until_s)}"
+    return told
+
+
+NAMERS: dict[str, str] = {
+    "proven": "proven creators may name it",
+    "nobody": "nobody may name it",
+    "anybody": "anybody may name it",
+}
+
+
+def namers_in_words(service: Offer) -> str:
+    """Whose tasks may name a service; empty for the default."""
+    told = "" if service.namers == "proven" else NAMERS[service.namers]
+    if service.max_void_percent and service.namers != "nobody":
+        told = f"{told or NAMERS['proven']}, unless over {service.max_void_percent} % of their tasks end void"
+    return told
+
+
+def tries_in_words(task: Task) -> str:
+    """2 of 3; where some do not count: 5, of which 2 of at most 3 count."""
+    if not task.passed:
+        return f"{task.attempt} of {task.max_attempts}"
+    return f"{task.attempt}, of which {task.attempts_counted} of at most {task.max_attempts} count"
+
+
+def passed_in_words(task: Task) -> str:
+    """The providers that a task is not offered again; empty where there are none."""
+    names = [
+        party(one.provider_name, one.provider) + (" (gave up)" if one.gave_up else "") for one in task.passed
+    ]
+    told = ", ".join(names)
+    if len(names) >= PROVEN_FROM:
+        told += "; while a proven provider offers such work, it is offered to proven ones only"
     return told

@@ -8,7 +8,7 @@ from typing import Any
 
 from rodeo.config import Site
 from rodeo.kinds import Kinds
-from rodeo.messages import RegisterTask
+from rodeo.messages import RegisterTask, Task
 from rodeo.queries import Offer
 from services.console.formatting import iec, party
 
@@ -31,10 +31,30 @@ def problems(site: Site, kinds: Kinds, request: RegisterTask) -> dict[str, str]:
     return wrong
 
 
+def fitting(task: Task, services: Sequence[Offer]) -> dict[str, str]:
+    """The services that could be given an open task now, as a form's values and texts."""
+    passed = {one.provider for one in task.passed}
+    return {
+        str(one.id): f"{one.id}: {party(one.provider_name, one.provider)}, {iec(one.price_iec)}"
+        for one in services
+        if one.kind == task.kind
+        and one.state == "active"
+        and one.task_id is None
+        and one.price_iec <= task.reward_iec
+        and one.provider not in passed
+        and task.requested_service_id in (None, one.id)
+        and task.requested_provider in (None, one.provider)
+    }
+
+
 def hireable(services: Sequence[Offer], of_kind: str | None) -> dict[str, str]:
     """Who can be named for a task of this kind, as the form's value and its text: each service that still
-    takes tasks, and each provider that has several."""
-    there = [one for one in services if one.kind == of_kind and one.state in ("active", "paused")]
+    takes tasks and may be named, and each provider that has several."""
+    there = [
+        one
+        for one in services
+        if one.kind == of_kind and one.state in ("active", "paused") and one.namers != "nobody"
+    ]
     count = Counter(one.provider for one in there)
     several = {
         one.provider: f"any of {party(one.provider_name, one.provider)} ({count[one.provider]} services)"

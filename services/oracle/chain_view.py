@@ -42,8 +42,9 @@ def read_chain_record(participant: Participant, task_id: int) -> ChainRecord:
 def verdict_block(participant: Participant, task_id: int, attempt: int) -> int | None:
     """Of the last verdict on an attempt; None before. Raises BusError, RemoteError."""
     found = None
-    for event in _events(participant, name="Reported", task_id=task_id):
-        if int(event.args["attempt"]) == attempt:
+    for event in _events(participant, name="Ruled", task_id=task_id):
+        # Without a report nobody has ruled.
+        if int(event.args["attempt"]) == attempt and int(str(event.args["report"]), 16):
             found = event.block
     return found
 

@@ -64,13 +64,13 @@ from rodeo.stamps import set_stamp
 from rodeo.tls import bus_is_closed
 from rodeo.witness.chain import Inputs
 from rodeo.witness.witness import Witness
+from services.robot_agent.acceptance import Acceptance, OtherAssignments
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.charging import Charging
 from services.robot_agent.decision import (
     Intent,
     Situation,
     reasoned,
-    require_time_for_verdict,
     require_time_for_work,
     takes_work,
 )
@@ -195,6 +195,7 @@ class Agent:
         self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, process.data_dir)
         self._prices = Prices(site, robot, self._dao, self._upkeep, self._clock, process.data_dir)
         self._behaviours = self._make_behaviours()
+        self._acceptance = Acceptance(site, self._dao, self._clock, self._behaviours)
         self._receipts = Receipts(site, robot, self._witness, bus, self._node, self._clock)
         self._charging = Charging(
             site,
@@ -214,6 +215,8 @@ class Agent:
         """Whether it has let those robots begin that are before it in the site file."""
         self._astray = 0
         """Tries in a row to get home that failed."""
+        self._rests_until_s = 0.0
+        """Before this site time the organization gives the robot no task; in the past where it does."""
         self._off_since: Situation | None = None
         """How things were when the robot was switched off; None while it is on."""
         self._wake = threading.Event()
@@ -227,6 +230,8 @@ class Agent:
         self._recorded_task: int | None = None
         self._events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self._events_lock = threading.Lock()
+        self._assigned_seq = 0
+        """Of the last event by which a task was assigned, to whomever."""
         self._decisions = Decisions(process.data_dir / "decisions.jsonl")
         self._orders = Orders(
             bus,
@@ -284,6 +289,8 @@ class Agent:
             if self._events and event.chain != self._events[-1].chain:
                 self._events.clear()  # its tasks have the same numbers
             self._events.append(event)
+            if event.name == "TaskAssigned":
+                self._assigned_seq = event.seq
             if self._recording is not None and event.task_id == self._recorded_task:
                 self._recording.event(event)
         self._rulings.on_event(event)
@@ -294,6 +301,12 @@ class Agent:
             # From here, because it must not wait for what the robot is doing.
             self._body.emergency_stop(order is Order.STOP)
         self._notice()
+
+    @property
+    def _rests_until(self) -> str | None:
+        """Before this time of day the organization gives the robot no task; None where it does."""
+        rests = self._rests_until_s > self._clock.now_s()
+        return self._schedule.time_of_day(self._rests_until_s) if rests else None
 
     def _notice(self) -> None:
         self._wake.set()
@@ -306,6 +319,7 @@ class Agent:
             "robot": self._robot.name,
             "task_id": attempt and attempt.id,
             "attempt": attempt and attempt.attempt,
+            "rests_until": self._rests_until,
             **self._doing,
             **self._body.vitals(),
             **self._upkeep.state(),
@@ -379,6 +393,8 @@ class Agent:
             and (held := self._feel()) is not None
         ):
             self._put_back(held)
+        if self._gave_back(situation):
+            return
         if intent is not Intent.WORK:
             # A task to be done comes first: its motion must not wait for the chain.
             self._name_payout()
@@ -593,15 +609,19 @@ class Agent:
         """
         # In the order of the site file: a set of names has another in each process, and who offers first is
         # matched first.
+        self._rests_until_s = 0.0
         for name in [name for name in self._behaviours if name in wanted]:
             kind = self._kinds[name]
             try:
                 said = f"{kind.title} by {self._robot.name}"
-                self._dao.offer_service(name, self._prices.asked(kind), said, judge=kind.judge)
+                offer = self._dao.offer_service(name, self._prices.asked(kind), said, judge=kind.judge)
             except RemoteError as error:
                 if error.code != "provider_is_asleep":
                     raise
                 log.info("cannot offer %s yet: %s", name, error)
+                self._rests_until_s = float(error.details["until"])
+            else:
+                self._rests_until_s = max(self._rests_until_s, (offer and offer.rests_until) or 0.0)
         if len(wanted) < len(self._behaviours) and self._dao.next_assignment(self._behaviours) is None:
             self._close_services([name for name in self._behaviours if name not in wanted])
 
@@ -626,7 +646,8 @@ class Agent:
             self._upkeep.ask_for_care()
             self._go_home()
             self._fold()
-            self._report("idle")
+            until = self._rests_until
+            self._report(f"resting: the organization gives it no task before {until}" if until else "idle")
         self._wait_for_news(looks=bool(self._process.disk_problem))
 
     def _be_off(self, situation: Situation) -> None:
@@ -693,6 +714,8 @@ class Agent:
         until_s = now_s + (_ASTRAY_S if 0 < self._astray < _ASTRAY_TRIES else _IDLE_S)
         if self._site.agent.explore_when_idle and self._exploring.is_used_up(now_s):
             until_s = min(until_s, self._exploring.renewed_s(now_s))
+        if self._rests_until_s > now_s:
+            until_s = min(until_s, self._rests_until_s)
         self._clock.wait_for(
             self._wake.is_set,
             self._stop,
@@ -749,9 +772,6 @@ class Agent:
     def _work(self, situation: Situation) -> None:
         task = situation.assignment
         assert task is not None  # decide() says WORK only with an assignment
-        if not situation.begun and (refusal := self._refusal(task)) is not None:
-            self._give_back(task, refusal.message)
-            return
         folder = self._task_folder(task)
         journal = Journal.open(folder, self._dao.assignment(task))
         self._attempt = task
@@ -761,10 +781,18 @@ class Agent:
         finally:
             self._attempt = None
 
-    def _give_back(self, task: Task, why: str) -> None:
-        log.warning("abandoning task %d: %s", task.id, why)
-        self._report(f"abandoning task {task.id}: {why}")
-        self._dao.abandon_task(task)
+    def _gave_back(self, situation: Situation) -> bool:
+        """Whether the assignment cannot be done in time, and goes back; else the robot agrees to it."""
+        task = situation.assignment
+        if task is None or situation.begun or situation.paused or self._off_since is not None:
+            return False
+        refusal = self._acceptance.accept(task, self._body.base_pose())
+        if refusal is not None:
+            self._wait_given_back(task, refusal.message)
+        return refusal is not None
+
+    def _wait_given_back(self, task: Task, why: str) -> None:
+        self._report(f"gave task {task.id} back: {why}")
         self._wait_for_news()  # the index is about to say so
 
     def _gives_back(self, task: Task, journal: Journal) -> bool:
@@ -776,18 +804,6 @@ class Agent:
         bin was silent."""
         nothing_there = isinstance(failed.__cause__, NotFound) and not self._site.lab.mocap
         return nothing_there or isinstance(failed.__cause__, NoAnswer)
-
-    def _refusal(self, task: Task) -> TaskFailed | None:
-        """Why this task cannot be done, as far as one can tell before moving."""
-        try:
-            require_time_for_verdict(task, self._site)
-            needs = self._behaviours[task.kind].weigh(task, self._body.base_pose())
-            require_time_for_work(task, needs.duration_s, self._clock.now_s())
-        except TaskFailed as error:
-            return error
-        except ValidationError as error:
-            return TaskFailed("the task's parameters do not fit its kind", fields=wrong_fields(error))
-        return None
 
     def _task_folder(self, task: Task) -> Path:
         return self._process.data_dir / "tasks" / f"{task.id}-{task.attempt}"
@@ -810,7 +826,8 @@ class Agent:
             if self._off_duty:
                 self._close_services_first(task)
             if self._gives_back(task, journal):
-                self._give_back(task, str(journal.failure))
+                self._dao.abandon_task(task)
+                self._wait_given_back(task, str(journal.failure))
             else:
                 self._submit(task, journal, folder)
             # Work that failed, or was interrupted, may have left the robot in somebody's way.
@@ -915,10 +932,19 @@ class Agent:
         A failure goes on record and is returned; the oracle says what it is worth.
         """
         watch = AssignmentWatch(self._dao, self._dao_events, task)
+        others = OtherAssignments(
+            lambda: self._assigned_seq,
+            lambda: self._acceptance.accept_others(
+                task,
+                self._body.recent_base_pose() or self._robot.pose,
+                max(0.0, started_s + self._expected_s - self._clock.now_s()),
+            ),
+        )
 
         def check() -> None:
             recording.check()
             watch.check()
+            others.check()
             if self._orders.cancelled(task.nonce):
                 raise Cancelled("given up by an operator", task_id=task.id)
 

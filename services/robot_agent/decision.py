@@ -55,12 +55,13 @@ def require_time_for_verdict(task: Task, site: Site) -> None:
 
 
 def require_time_for_work(task: Task, duration_s: float, now_s: float) -> None:
-    """While a task can be given back without a penalty: raises TaskFailed when the work is expected to take
-    longer than is left. Later the robot tries: the penalty is due either way."""
+    """Before the task is accepted, and while it can be given back without a penalty: raises TaskFailed when
+    the work is expected to take longer than is left. Later the robot tries: the penalty is due either way."""
     if task.execution_deadline is None:
         return
     left_s = task.execution_deadline - now_s
-    if now_s <= task.grace_ends_s and duration_s > left_s:
+    free = not task.accepted or now_s <= task.grace_ends_s
+    if free and duration_s > left_s:
         raise TaskFailed(
             "the task's execution window is too short", left_s=round(left_s), needs_s=round(duration_s)
         )

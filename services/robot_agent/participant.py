@@ -19,10 +19,14 @@ DAY_S = 24 * 3600.0
 class RobotParticipant(Participant):
     """A participant that posts tasks and takes breaks. Raises what `Participant` raises."""
 
-    def next_assignment(self, kinds: Iterable[str]) -> Task | None:
-        """Of the tasks of these kinds that this participant has to do, the oldest."""
+    def given(self, kinds: Iterable[str]) -> list[Task]:
+        """The tasks of these kinds that this participant has to do, the oldest first."""
         given = [task for kind in kinds for task in self.assignments(kind)]
-        return min(given, key=lambda task: (task.assigned or 0.0, task.id), default=None)
+        return sorted(given, key=lambda task: (task.assigned or 0.0, task.id))
+
+    def next_assignment(self, kinds: Iterable[str]) -> Task | None:
+        """The oldest of them."""
+        return next(iter(self.given(kinds)), None)
 
     def own_live_task(self, kind: str) -> Task | None:
         """The newest task of this kind that this participant posted and that is not over."""

@@ -220,5 +220,8 @@ class PeoplesTime:
 
 
 def _waiting(task: Task) -> str:
-    """Its state. Each instance of judges who decide about a challenge has time of its own."""
+    """Its state. To accept it, and to do it, are each given their time, and so is each instance of judges who
+    decide about a challenge."""
+    if task.accepted and task.state == "assigned":
+        return "accepted"
     return task.state if task.dispute is None else f"{task.state}, instance {task.dispute.instance}"

@@ -303,10 +303,12 @@ def assigned(dao: Dao) -> Iterator[int]:
 def verdict(dao: Dao, task_id: int, attempt: int) -> str:
     """Reason of the oracle's rejection."""
 
-    def said(name: str) -> list[dict[str, Any]]:
-        of = [event.args for event in list(dao.events) if (event.name, event.task_id) == (name, task_id)]
-        return [args for args in of if args["attempt"] == attempt]
+    def ruled() -> list[DaoEvent]:
+        of = [event for event in list(dao.events) if (event.name, event.task_id) == ("Ruled", task_id)]
+        return [event for event in of if event.args["attempt"] == attempt]
 
-    dao.wait_for(lambda: bool(said("Ruled")), f"a ruling on task {task_id} attempt {attempt}")
-    assert [one["ruling"] for one in said("Ruled")] == ["rejected"]
-    return str(said("Reported")[0]["reason"])
+    dao.wait_for(lambda: bool(ruled()), f"a ruling on task {task_id} attempt {attempt}")
+    assert [event.args["ruling"] for event in ruled()] == ["rejected"]
+    sent = ruled()[0].tx_hash
+    (reported,) = (event for event in list(dao.events) if (event.name, event.tx_hash) == ("Reported", sent))
+    return str(reported.args["reason"])

@@ -929,15 +929,30 @@ def test_what_cannot_be_done_is_given_back_at_once_without_a_proof_and_the_next_
     task = Task.model_validate(dao.task(task_id))
     assert (task.state, task.executor_name, task.attempt) == ("assigned", "carla", 2)
     assert task.accepted is False, "nobody can check such a task before it is assigned"
-    dao.set_clock(task.execution_deadline - 3600 + 900 + 2)
-    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 3, "the end of the grace period")
-    dao.command("carla", "accept_task", task_id=task_id, attempt=3)
+    dao.set_clock(task.grace_ends_s + 2)
+    dao.wait_for(lambda: len(dao.task(task_id)["passed"]) == 2, "the end of the grace period")
+    task = Task.model_validate(dao.task(task_id))
+    assert [one.provider_name for one in task.passed] == ["panther1", "carla"]
+    assert (task.state, task.attempt, task.attempts_counted) == ("open", 2, 0), "nobody has it a second time"
+
+    def carla_offers() -> queries.Offer:
+        (offered,) = [
+            one for one in dao.state("services", provider="carla")["services"] if one["id"] == carlas
+        ]
+        return queries.Offer.model_validate(offered)
+
+    rests = carla_offers()
+    assert rests.stood_back and not rests.proven and rests.expired == 0
+    assert rests.rests_until is not None and rests.bond_locked_until is not None
+    dao.command("organization", "cancel_task", task_id=task_id)
+    dao.set_clock(rests.rests_until + 1)
+    dao.wait_for(lambda: carla_offers().place > 0, "the end of carla's rest")
+    task_id = dao.post("10", kind="dusting", params={}, execution_window_s=3600)
+    dao.command("carla", "accept_task", task_id=task_id, attempt=1)
     dao.wait_for(lambda: dao.task(task_id)["accepted"], "carla's consent")
-    dao.command("carla", "abandon_task", task_id=task_id, attempt=3)
-    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 4, "the last attempt")
-    assert [one["expired"] for one in dao.state("services", provider="carla")["services"]][-1] == 0
     dao.prove(task_id, "carla")
     dao.judge(task_id, accepted=True, judge="organization")
+    assert (carla_offers().rests_until, carla_offers().bond_locked_until) == (None, None)
     for who, number in (("carla", carlas), ("panther1", service["id"])):
         dao.command(who, "update_service", service_id=number, state="retired")
 

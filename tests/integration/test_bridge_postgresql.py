@@ -54,10 +54,10 @@ def history() -> list[list[Event]]:
             events.TaskRegistered(1, CREATOR, "waste", 120 * iec, 3600, 600, 3, b"\1" * 32, HOSTILE),
             events.TaskAssigned(1, 1, ROBOT, 1, 100 * iec, b"\x07" * 32, 4600),
         ],
-        [events.ProofSubmitted(1, 1, ROBOT, b"\x0a" * 32, HOSTILE, 1700)],
+        [events.ProofSubmitted(1, 1, ROBOT, b"\x0a" * 32, HOSTILE)],
         [
             events.InstanceRuled(1, 1, 0, Ruling.REJECTED, b"\1" * 32, 1, 1_800),
-            events.Reported(1, 1, b"\x0b" * 32, HOSTILE, HOSTILE),
+            events.Reported(1, HOSTILE, HOSTILE),
             events.Ruled(1, 1, b"\x0a" * 32, Ruling.REJECTED, Fault.NOBODY, 0, 1_800, b"\x0b" * 32),
             events.PenaltySetAside(1, 1, 20 * iec),
             events.Challenged(1, 0, CREATOR, iec, 1_900, HOSTILE),

@@ -15,7 +15,7 @@ import pytest
 
 from rodeo import keystores, queries, topics
 from rodeo.checks.readings import unpack
-from rodeo.dao import Participant
+from rodeo.dao import Participant, dock_offers
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
 from rodeo.messages import RegisterTask, Rule, Task
@@ -57,6 +57,7 @@ class Organization:
             params=params,
             execution_window_s=14400,
             max_attempts=1,
+            service_id=dock_offers(self.robot.ask(queries.SERVICES).services, self.running.site)["dock1"].id,
         )
         return self.robot.command("register_task", request).task_id or 0
 

@@ -137,7 +137,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
         ("East, x (m)", "2"),
         ("North, y (m)", "1"),
         ("Reward (IEC)", "0.125"),
-        ("Time to do it (min)", "7"),
+        ("Time to do it (min)", "12"),
     ):
         tab_to(page, page.get_by_label(field))
         press("Control+A")
@@ -185,7 +185,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     press("Enter")
     there(page, "Post a task")
     expect(page.get_by_label("Reward (IEC)")).to_have_value("0.125")
-    expect(page.get_by_label("Time to do it (min)")).to_have_value(re.compile(r"7(\.0+)?"))
+    expect(page.get_by_label("Time to do it (min)")).to_have_value(re.compile(r"12(\.0+)?"))
     expect(page.get_by_label("North, y (m)")).to_have_value(re.compile(r"1(\.0+)?"))
     expect(service).to_have_value("1: panther1, 100 IEC")
 

@@ -56,9 +56,10 @@ def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organi
         "90",
     ), task
     assert task["reason"].startswith("not_given_up: how near the item was to the task's place"), task
-    task = ended(organization, "TaskFailed", unknown)
-    assert (task["state"], task["attempt"], task["verdict"]) == ("failed", task["max_attempts"], "abandoned")
-    refund = organization.wait_for_event("TaskFailed", unknown).args["refund_iec"]
-    assert float(refund) == 100
+    task = ended(organization, "TaskRequeued", unknown)
+    assert (task["state"], task["verdict"]) == ("open", "abandoned")
+    assert [one["provider_name"] for one in task["passed"]] == ["panther1"], "it is not offered it again"
+    organization.cancel(unknown)
+    assert organization.task(unknown)["refunded_iec"] == "100"
     assert organization.balances_iec()["panther1"] - before_iec == 310
     assert any("item1 was not found near" in text for text in organization.activities)

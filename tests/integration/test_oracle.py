@@ -86,7 +86,7 @@ def test_honest_work_is_accepted_and_paid(dao: Dao, executor: Executor) -> None:
 
 def test_the_report_is_what_its_hash_says(executor: Executor, tmp_path: Path) -> None:
     verdict = honest(executor, executor.assigned())
-    path = executor.store.fetch(verdict["report_uri"], verdict["report_hash"], folder=tmp_path / "report")
+    path = executor.store.fetch(verdict["report_uri"], verdict["report"], folder=tmp_path / "report")
     report = Report.model_validate_json(path.read_bytes())
     assert report.accepted
     assert {"signer", "energy", "compartment"} & {check.name for check in report.checks} == {
@@ -206,7 +206,7 @@ def test_the_rules_of_a_kind_change_while_a_task_is_open_and_it_is_paid_by_its_o
     assert verdict["verdict"] == "undecided"
     assert verdict["reason"].startswith("rules: no oracle that has the rules of this task has judged it")
     # Without a report of its own: what an accepted proof is paid for must be readable.
-    report = {"report_sha256": verdict["report_hash"], "report_uri": verdict["report_uri"]}
+    report = {"report_sha256": verdict["report"], "report_uri": verdict["report_uri"]}
     dao.verdict(other, "accepted", "looks clean", judge="organization", amount_iec="100", **report)
     dao.running.wait_for_status(
         "oracle", lambda status: not any(next_rules in one for one in status.warnings)

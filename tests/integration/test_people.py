@@ -26,7 +26,10 @@ participants = [{ name = "alice" }, { name = "bob" }]
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
     running = RunningSite(write_site(tmp_path_factory.mktemp("people"), chain_backend, SITE))
     running.start_founded("bridge", "oracle")
-    yield Dao(running)
+    dao = Dao(running)
+    for name in ("alice", "bob"):  # so that they work with several services at once
+        rodeo(dao, "organization", "vouch", name)
+    yield dao
     running.stop()
 
 
@@ -117,7 +120,9 @@ def test_a_copied_photo_and_note_are_shown_with_what_they_copy_and_the_auditor_d
 
 def test_a_photo_that_is_no_picture_is_not_handed_in(dao: Dao, tmp_path: Path) -> None:
     rodeo(dao, "organization", "kind", "sweeping", "--judge", "auditor")
-    rodeo(dao, "service", "offer", "sweeping", "--price", "5", "--as", "alice")
+    service = (
+        rodeo(dao, "service", "offer", "sweeping", "--price", "5", "--as", "alice").split()[-1].rstrip(".")
+    )
     task_id = dao.post("6", kind="sweeping", params={})
     rodeo(dao, "task", "accept", str(task_id), "--as", "alice")
     fake = tmp_path / "fake.jpg"
@@ -128,7 +133,11 @@ def test_a_photo_that_is_no_picture_is_not_handed_in(dao: Dao, tmp_path: Path) -
     assert f"alice has given back task {task_id}" in rodeo(
         dao, "task", "abandon", str(task_id), "--as", "alice"
     )
-    assert (dao.task(task_id)["attempt"], dao.task(task_id)["accepted"]) == (2, False)
+    waits = dao.task(task_id)
+    assert (waits["state"], [one["provider_name"] for one in waits["passed"]]) == ("open", ["alice"])
+    assert "not offered again to alice" in rodeo(dao, "task", "show", str(task_id))
+    told = rodeo(dao, "task", "match", str(task_id), "--service", service, status=1)
+    assert "the service is busy, rests, costs too much, or does not do this task" in told
 
 
 def test_the_oracle_posts_nothing_on_a_kind_that_it_has_no_checks_for(dao: Dao, tmp_path: Path) -> None:

@@ -36,7 +36,8 @@ def test_a_person_has_the_named_time_on_the_wall_clock_and_is_told_both(
     try:
         running.start("router", "robot_sim", ready=False)
         dao.start()
-        rodeo(dao, "organization", "kind", "window_cleaning", "--judge", "auditor")
+        shortest = ("--min-window", "600", "--grace", "300")
+        rodeo(dao, "organization", "kind", "window_cleaning", "--judge", "auditor", *shortest)
         told = rodeo(dao, "service", "offer", "window_cleaning", "--price", "20", "--as", "alice")
         assert "its time, and with it every window, runs up to 400 times as fast" in told
         running.wait_for_status("robot_sim", lambda status: status.details.get("speed", 0) > 4)

@@ -80,11 +80,9 @@ class Executor:
         told = ("PassedOn", "Reported", "Ruled")
 
         def said() -> dict[str, dict[str, Any]]:
-            return {
-                event.name: event.args
-                for event in reversed(list(self.dao.events))
-                if event.name in told and (event.task_id, event.args["attempt"]) == (task_id, attempt)
-            }
+            of_task = [one for one in self.dao.events if one.task_id == task_id and one.name in told]
+            ruled = {one.tx_hash for one in of_task if one.args.get("attempt") == attempt}
+            return {one.name: one.args for one in reversed(of_task) if one.tx_hash in ruled}
 
         self.dao.wait_for(lambda: "Ruled" in said(), f"a verdict on task {task_id} attempt {attempt}")
         found = said()

@@ -23,7 +23,9 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
     services = {one["id"]: one for one in _pages(state, "services")}
     found.check("services", sorted(services), list(range(1, client.service_count() + 1)))
     for service_id, service in services.items():
-        found.check_record(f"service {service_id}", service, client.service(service_id))
+        what, kept_service = f"service {service_id}", client.service(service_id)
+        found.check_record(what, service, kept_service, without=("max_voids", "proven"))
+        found.check(f"{what}: voids", service["max_void_percent"], kept_service.max_voids)
     tasks = {task["id"]: task for task in _pages(state, "tasks")}
     found.check("tasks", sorted(tasks), list(range(1, client.task_count() + 1)))
     for task_id, indexed in tasks.items():
@@ -56,6 +58,9 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         found.check(f"{what}: price", Decimal(indexed["price_iec"] or 0), IEC.from_units(kept.price))
         provider = services[indexed["service_id"]]["provider"] if indexed["service_id"] else None
         found.check(f"{what}: executor", indexed["executor"], provider)
+        passed = [(services[number]["provider"], gave_up) for number, gave_up in client.passed(task_id)]
+        told = [(one["provider"], one["gave_up"]) for one in reversed(indexed["passed"])]
+        found.check(f"{what}: passed", told, passed)
     _compare_money_and_rules(found, state, client)
     return found
 
@@ -99,6 +104,9 @@ def _compare_money_and_rules(
     for person in state("participants")["participants"]:
         member = client.has_role(Role.MEMBER, person["address"])
         found.check(f"{person['name']}: member", person["member"], member)
+        address, locked = person["address"], person["bond_locked_until"] or 0
+        found.check(f"{person['name']}: proven", person["proven"], client.is_proven(address))
+        found.check(f"{person['name']}: bonds", locked, client.bonds_locked_until(address))
         found.check_iec(person["name"], person["balance_iec"], client.balance(person["address"]))
 
 

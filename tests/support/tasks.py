@@ -25,10 +25,12 @@ def task(state: str, **changes: Any) -> Task:
         "description": "",
         "registered": 0.0,
         "execution_window_s": 7200,
+        "grace_s": 180,
         "verdict_window_s": 3600,
         "passed_on": False,
         "judge": "oracle",
         "judge_removed": False,
+        "passed": [],
     }
     return Task.model_validate(unknown | known | changes)
 

@@ -17,7 +17,13 @@ def answer(state: str, **changes: Any) -> dict[str, Any]:
     nothing = ("creator_name", "executor", "executor_name", "service_id", "price_iec", "assigned", "verdict")
     nothing += ("proof_submitted", "settled", "execution_deadline", "verdict_deadline", "nonce", "reason")
     nothing += ("proof_sha256", "proof_uri", "report_sha256", "report_uri")
-    counts = {"attempt": 0, "max_attempts": 1, "execution_window_s": 60, "verdict_window_s": 60}
+    counts = {
+        "attempt": 0,
+        "max_attempts": 1,
+        "execution_window_s": 60,
+        "verdict_window_s": 60,
+        "grace_s": 20,
+    }
     told = {"id": 7, "kind": "sweeping", "creator": answers.ADDRESS, "params": {}, "description": ""}
     amounts = {"reward_iec": "100", "paid_iec": "0", "registered": 1.0}
     return dict.fromkeys(nothing) | counts | told | amounts | {"state": state} | changes

@@ -123,6 +123,26 @@ def test_what_the_site_file_says_otherwise_holds(tmp_path: Path) -> None:
     assert kind.params is kinds.load("waste_disposal").params
 
 
+def test_people_have_half_an_hour_to_accept_and_no_grace_period_is_over_half_of_the_shortest_window(
+    tmp_path: Path,
+) -> None:
+    tables = (
+        '[[kinds]]\nname = "window_cleaning"\njudge = "auditor"\n[[kinds]]\nname = "battery_charging"\n'
+        '[[kinds]]\nname = "waste_disposal"\n'
+    )
+    graces = {name: kind.grace_period_s for name, kind in kinds_of(site_with(tmp_path, tables)).items()}
+    assert graces == {"window_cleaning": 1800, "battery_charging": 1800, "waste_disposal": 180}
+    (short,) = kinds_of(
+        site_with(
+            tmp_path, 'robots = []\ndocks = []\n[[kinds]]\nname = "waste_disposal"\nmin_window_s = 100\n'
+        )
+    ).values()
+    assert short.grace_period_s == 50
+    with pytest.raises(KindError, match="at most half of the shortest") as refused:
+        kinds_of(site_with(tmp_path, tables + "min_window_s = 600\ngrace_s = 310\n"))
+    assert refused.value.details["max_s"] == 300
+
+
 def test_care_that_a_robot_asks_for_is_of_a_kind_that_is_listed(tmp_path: Path) -> None:
     care = 'kind = "wheel_cleaning"\nevery_km = 5\nreward_iec = 50\ndescription = "Clean my wheels"\n'
     with pytest.raises(ConfigError) as refused:

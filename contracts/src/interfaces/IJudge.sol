@@ -30,8 +30,8 @@ struct Finding {
 /// @notice The organization names one for each kind (IOrganization.allowKind). It rules by ITaskManager.rule, as often as the
 /// case allows, and says in words why. The task manager never calls it.
 interface IJudge {
-    /// @notice In the transaction of each ruling.
-    event Reported(TaskId indexed taskId, uint8 attempt, bytes32 reportHash, string reportUri, string reason);
+    /// @notice In the transaction of each ruling, whose event ITaskManager.Ruled has the attempt and the report's hash.
+    event Reported(TaskId indexed taskId, string reportUri, string reason);
     /// @notice It cannot decide: `next` may, until the case ends.
     event PassedOn(TaskId indexed taskId, uint8 attempt, address next);
 

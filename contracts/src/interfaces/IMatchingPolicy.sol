@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {KindId} from "../types/KindId.sol";
+import {Passed} from "../types/Passed.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
@@ -16,8 +17,9 @@ interface IMatchingPolicy {
     /// @param services the contract that holds the queue of idle services
     /// @param kindId the number of what is to be done; a kind has another number with each judge
     /// @param reward the most the service may cost, in the token's smallest unit
+    /// @param passed the providers that had the task and did not do it: none of them gets it again
     /// @return serviceId 0 if no idle service of that kind costs at most `reward`
-    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward, Passed passed)
         external
         view
         returns (ServiceId serviceId);
@@ -29,7 +31,8 @@ interface IMatchingPolicy {
     /// @param kindId the number of what it does
     /// @param serviceId the service
     /// @param price what it is paid, in the token's smallest unit
-    /// @return taskId an open task of this kind that names nobody and whose reward is at least `price`
+    /// @return taskId an open task of this kind that names nobody, has not passed the service's provider, and whose reward is at
+    /// least `price`
     function taskFor(
         IServiceListener tasks,
         IServiceManager services,

@@ -8,6 +8,7 @@ import {TaskId} from "../types/TaskId.sol";
 import {IDeviceRegistry} from "./IDeviceRegistry.sol";
 import {IJudge} from "./IJudge.sol";
 import {IMatchingPolicy} from "./IMatchingPolicy.sol";
+import {Terms} from "./IProviders.sol";
 import {IServiceManager, ServiceState} from "./IServiceManager.sol";
 import {ITaskManager, TaskRequest} from "./ITaskManager.sol";
 
@@ -19,16 +20,6 @@ uint256 constant MIN_VOTERS = 3;
 interface IDecidedByMembers {
     /// @notice Returns whether members decide by vote.
     function decidedByMembers() external view returns (bool);
-}
-
-/// @notice The terms to which a service agrees when it is registered. All zero: nothing.
-/// @param bond locked per service until it retires, in the token's smallest unit
-/// @param penalty what a rejected or expired attempt takes from the bond, for the treasury; at most `bond`
-/// @param maxFailures failures in a row that suspend the service; 0 for no limit
-struct Terms {
-    uint96 bond;
-    uint96 penalty;
-    uint8 maxFailures;
 }
 
 /// @notice The amount that a role may take out of the treasury. Posting a task costs its reward and offering a service its bond,
@@ -46,6 +37,8 @@ struct Budget {
 }
 
 /// @param minWindow the shortest execution window that a task of this kind may have, s
+/// @param maxWindow the longest, s; 0 before anybody has set them
+/// @param grace how long an executor may give a task back, s
 /// @param auditWindow how much longer than the verdict window a ruling can be replaced, s
 /// @param minVerdictWindow the shortest verdict window that a task of this kind may have, s; 0 for the default
 /// @param maxVerdictWindow the longest, s; 0 for the default
@@ -61,6 +54,8 @@ struct Kind {
     uint32 judgesWindow;
     uint32 maxCase;
     KindId number;
+    uint32 maxWindow;
+    uint16 grace;
 }
 
 /// @title The organization: who may do what, which work it accepts, how tasks meet services, and its treasury.
@@ -77,7 +72,7 @@ interface IOrganization is IDeviceRegistry {
     event AuditorsChanged(IJudge indexed auditors);
     event RulesRetired(bytes32 indexed kind, bytes32 rules);
     event KindDisallowed(bytes32 indexed kind);
-    event MinWindowChanged(bytes32 indexed kind, uint32 minWindow);
+    event WindowsChanged(bytes32 indexed kind, uint32 min, uint32 max, uint32 grace);
     event VerdictWindowsChanged(bytes32 indexed kind, uint32 min, uint32 max);
     event AuditChanged(bytes32 indexed kind, uint32 auditWindow);
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
@@ -116,8 +111,13 @@ interface IOrganization is IDeviceRegistry {
     error ProviderNotSuspended(address provider);
     /// @notice The organization suspends its own services one by one.
     error OrganizationIsProvider();
-    error WindowTooShort(bytes32 kind, uint32 window, uint32 min);
-    error MinWindowTooLong(uint32 minWindow, uint32 max);
+    /// @notice In a shorter one the work cannot be done; a longer one keeps the reward from everybody else.
+    error InvalidWindow(bytes32 kind, uint32 window, uint32 min, uint32 max);
+    error InvalidWindows(uint32 min, uint32 max, uint32 lowest, uint32 highest);
+    /// @notice A grace period is a multiple of `step` and at most `longest`, half of the shortest execution window.
+    error InvalidGrace(uint32 grace, uint32 step, uint256 longest);
+    /// @notice See setWindows.
+    error KindWithoutWindows(bytes32 kind);
     /// @notice In a shorter one no honest judge can answer; a longer one freezes service and bond.
     error InvalidVerdictWindow(bytes32 kind, uint32 window, uint32 min, uint32 max);
     /// @notice The bounds of a kind's verdict windows have bounds themselves, and the lower one comes first.
@@ -171,11 +171,14 @@ interface IOrganization is IDeviceRegistry {
     /// @param auditors_ the contract of the organization's auditors
     function setAuditors(IJudge auditors_) external;
 
-    /// @notice Refuse tasks of `kind` that leave less time for the work, from now on. Where failures cost a bond,
-    /// nobody can make others fail with a window in which the work cannot be done.
+    /// @notice Refuse tasks of `kind` whose execution window is shorter than `min` or longer than `max`, from now on. Nobody
+    /// can make others fail with a window in which the work cannot be done. A kind is not allowed before this.
     /// @param kind what is to be done, ASCII
-    /// @param minWindow s, from assignment to proof; at most MAX_MIN_WINDOW
-    function setMinWindow(bytes32 kind, uint32 minWindow) external;
+    /// @param min s, from assignment to proof
+    /// @param max s
+    /// @param grace s, from assignment on, in which an executor may give a task back: at most half of `min`; 0 for three
+    /// minutes, or half of `min` if that is less
+    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace) external;
 
     /// @notice Refuse tasks of `kind` whose verdict window is shorter than `min` or longer than `max`, from now on.
     /// @param kind what is to be done, ASCII
@@ -204,6 +207,11 @@ interface IOrganization is IDeviceRegistry {
     /// @notice End the membership. Where only members take part, its services are suspended. Running tasks go on.
     /// @param account who is none any more
     function dismiss(address account) external;
+
+    /// @notice Vouch for a provider, so that it is proven without work, or do so no longer. Members are vouched for.
+    /// @param provider any account
+    /// @param vouched whether the organization vouches for it
+    function vouchFor(address provider, bool vouched) external;
 
     /// @notice No new task for the service; a running one goes on.
     /// @param serviceId see registerService
@@ -377,7 +385,7 @@ interface IOrganization is IDeviceRegistry {
     /// @param number see numberOf
     function kindNumbered(KindId number) external view returns (bytes32);
 
-    /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, WindowTooShort, InvalidVerdictWindow or
+    /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, InvalidWindow, InvalidVerdictWindow or
     /// RulesNotCurrent unless `creator` may post such a task.
     /// @param kind what is to be done, ASCII
     /// @param creator who posts it
@@ -388,13 +396,17 @@ interface IOrganization is IDeviceRegistry {
     /// @return rules by which it is judged; 0 where people judge and no rules were named
     /// @return kindId the number of the kind
     /// @return auditWindow how much longer than the verdict window a ruling can be replaced, s
+    /// @return grace how long an executor may give it back, s
     function admitTask(
         bytes32 kind,
         address creator,
         uint32 executionWindow,
         uint32 verdictWindow,
         bytes32 wantedRules
-    ) external view returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, uint32 auditWindow);
+    )
+        external
+        view
+        returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, uint32 auditWindow, uint32 grace);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @param kind what is to be done, ASCII

@@ -13,29 +13,29 @@ interface IServiceListener {
     /// @notice Give an available service the next open task that it can do, or let it wait. Only the service
     /// manager.
     /// @param serviceId the service
-    /// @param provider whose service it is
-    /// @param kindId the number of what it does, see IOrganization.numberOf
-    /// @param price what one task costs, in the token's smallest unit
-    /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
-    /// provider's address as a number; else 0
-    function onServiceFree(ServiceId serviceId, address provider, KindId kindId, uint256 price, uint160 named)
-        external;
+    function onServiceFree(ServiceId serviceId) external;
 
-    /// @notice Take a bond from a provider, who approved this contract before. Only the service manager.
-    /// @param provider who pays
-    /// @param amount in the token's smallest unit
-    function holdBond(address provider, uint256 amount) external;
+    /// @notice A service is registered: remember who does its tasks, and take its bond, for which the provider approved this
+    /// contract before. Only the service manager.
+    /// @param serviceId the service
+    /// @param provider whose service it is
+    /// @param bond in the token's smallest unit
+    function enter(ServiceId serviceId, address provider, uint256 bond) external;
 
     /// @notice Return a bond. Only the service manager.
     /// @param payout who gets it: the provider's payout address
     /// @param amount in the token's smallest unit
     function returnBond(address payout, uint256 amount) external;
 
-    /// @notice Returns the oldest open task that pays enough and names nobody.
+    /// @notice Returns the oldest open task that pays enough, names nobody, and may be offered to this service.
+    /// @param serviceId the service
     /// @param kindId the number of what is to be done, see IOrganization.numberOf
     /// @param price the least that it pays, in the token's smallest unit
     /// @return taskId 0 if there is none
-    function oldestOpen(KindId kindId, uint256 price) external view returns (TaskId taskId);
+    function oldestOpen(ServiceId serviceId, KindId kindId, uint256 price)
+        external
+        view
+        returns (TaskId taskId);
 
     /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);

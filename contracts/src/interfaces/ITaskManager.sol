@@ -7,6 +7,7 @@ import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
 import {Hire} from "./IServiceManager.sol";
+import {ITaskQueues} from "./ITaskQueues.sol";
 
 /// @notice Ruled: a ruling on the proof stands until its time is over, and another one may replace it.
 enum TaskState {
@@ -128,6 +129,16 @@ struct Attempt {
     bytes32 proofHash;
 }
 
+/// @notice What a judge learns of an attempt as it rules.
+/// @param ruled whether a ruling stood before
+struct Judged {
+    address creator;
+    ServiceId serviceId;
+    KindId kindId;
+    uint40 submitted;
+    bool ruled;
+}
+
 /// @notice A ruling that stands.
 /// @param proofHash the proof that it is about
 /// @param amount what it pays
@@ -182,12 +193,7 @@ interface ITaskManager is IServiceListener {
         uint256 deadline
     );
     event ProofSubmitted(
-        TaskId indexed taskId,
-        uint8 attempt,
-        address indexed executor,
-        bytes32 indexed proofHash,
-        string uri,
-        uint256 deadline
+        TaskId indexed taskId, uint8 attempt, address indexed executor, bytes32 indexed proofHash, string uri
     );
     /// @notice The judge says it in words in its own event of the same transaction, IJudge.Reported.
     /// @param until the ruling stands until then and may be replaced; 0 if it is final
@@ -239,7 +245,9 @@ interface ITaskManager is IServiceListener {
     error RulingStands(TaskId taskId, uint256 until, uint256 time);
     error NotServiceManager(address caller);
     error NotOrganization(address caller);
-    error InvalidWindow(uint32 window, uint32 min, uint32 max);
+    /// @notice matchTask named a service that is not free, does other work, is too dear, has had the task before or is not
+    /// proven where only proven providers are offered it; or the task names another one.
+    error ServiceDoesNotFit(TaskId taskId, ServiceId serviceId);
     error InvalidAttempts(uint8 attempts, uint8 max);
     /// @notice A task names a service or a provider, not both.
     error TwoNamed(uint32 serviceId, address provider);
@@ -269,11 +277,10 @@ interface ITaskManager is IServiceListener {
     /// @param attempt the running attempt
     function acceptTask(TaskId taskId, uint8 attempt) external;
 
-    /// @notice The executor gives the assigned task back, and the attempt ends. This costs it nothing in the first
-    /// quarter of the execution window, nor later if it has not accepted the task. Otherwise it counts as an attempt
-    /// without a proof. In the grace period it counts toward MAX_MISSED only if another provider then does the task,
-    /// see IServiceManager.countAbandoned; later it does. A task that named who gives it back in the grace period has
-    /// failed: it would be offered to nobody else.
+    /// @notice The executor gives the assigned task back, and the attempt ends. In the grace period, which is the kind's,
+    /// this costs a proven provider nothing, and the attempt does not count; a provider that is not proven rests. Later it
+    /// counts as an attempt without a proof, and costs the penalty if the executor had accepted. A task that named the
+    /// executor and is given back in the grace period has failed: it would be offered to nobody else.
     /// @param taskId an assigned task
     /// @param attempt the running attempt
     function abandonTask(TaskId taskId, uint8 attempt) external;
@@ -296,7 +303,7 @@ interface ITaskManager is IServiceListener {
     /// @param amount what the executor is paid if the proof is accepted, at most the price; otherwise 0
     /// @param until 0: final now. Else it stands until then, and the judge may replace it
     /// @param report SHA-256 of the report
-    /// @return before the attempt as it was before this ruling
+    /// @return judged the attempt as it was before this ruling
     function rule(
         TaskId taskId,
         uint8 attempt,
@@ -306,7 +313,7 @@ interface ITaskManager is IServiceListener {
         uint96 amount,
         uint40 until,
         bytes32 report
-    ) external returns (Attempt memory before);
+    ) external returns (Judged memory judged);
 
     /// @notice Anyone does what the ruling says that stands, after its time, whenever that is. A proof on which nobody
     /// ruled in the verdict window is void until the case ends, and so is what a judge said that was removed.
@@ -318,9 +325,11 @@ interface ITaskManager is IServiceListener {
     /// @param taskId a task that is assigned
     function expireTask(TaskId taskId) external;
 
-    /// @notice Anyone asks the policy again for an open task. This is useful only after PolicyFailed.
+    /// @notice Anyone gives an open task to a service that fits: it is free, affordable, and has not had the task before. What
+    /// a match overlooks, which looks at a few services and tasks only, meets by this.
     /// @param taskId an open task
-    function matchTask(TaskId taskId) external;
+    /// @param serviceId the service; 0 to ask the policy again, which is useful after PolicyFailed
+    function matchTask(TaskId taskId, ServiceId serviceId) external;
 
     /// @notice Returns what a judge has to know of the attempt. Reverts with WrongState unless a proof waits for its
     /// ruling, or has one that stands.
@@ -347,6 +356,9 @@ interface ITaskManager is IServiceListener {
     /// @notice The part of the price that an executor is paid for a task that is impossible: one in so many.
     // solhint-disable-next-line func-name-mixedcase
     function IMPOSSIBLE_SHARE() external view returns (uint256);
+
+    /// @notice Returns where open tasks wait, and which providers each of them has passed.
+    function queues() external view returns (ITaskQueues);
 
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);

@@ -6,7 +6,7 @@ import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {ICommitteeJudge, Quorum, Seat} from "../interfaces/ICommitteeJudge.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
-import {Attempt} from "../interfaces/ITaskManager.sol";
+import {Attempt, Judged} from "../interfaces/ITaskManager.sol";
 import {KindId} from "../types/KindId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {Judge} from "./Judge.sol";
@@ -15,7 +15,7 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
     /// @dev The votes on a proof have to fit this. All of it is read once, whatever the number of votes.
     struct Question {
         bytes32 kind;
-        Attempt attempt;
+        Judged attempt;
         Quorum quorum;
     }
 
@@ -90,7 +90,7 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
     function postVotes(Finding calldata finding, string calldata reportUri, bytes calldata signatures)
         external
     {
-        Attempt memory a = _find(finding, reportUri, 0);
+        Judged memory a = _find(finding, reportUri, 0);
         uint64 voters = _count(finding, _question(_kindOf(a.kindId), a), signatures);
         _remember(finding, voters);
         emit VotesCounted(finding.taskId, finding.attempt, finding.rulesHash, voters);
@@ -105,7 +105,9 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
     /// @inheritdoc ICommitteeJudge
     function votersOf(Finding calldata f, bytes calldata signatures) external view returns (uint64) {
         Attempt memory a = tasks.attemptOf(f.taskId);
-        return _count(f, _question(organization.kindNumbered(a.kindId), a), signatures);
+        // Nobody asks here whether a ruling stands.
+        Judged memory judged = Judged(a.creator, a.serviceId, a.kindId, a.submitted, false);
+        return _count(f, _question(organization.kindNumbered(a.kindId), judged), signatures);
     }
 
     /// @inheritdoc ICommitteeJudge
@@ -119,8 +121,8 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
             if ((seats >> i) & 1 == 0) continue;
             address key = _keys[i];
             address owner = _seats[key].owner;
-            if (_services.areRelated(account, owner)) return true;
-            if (key != owner && _services.areRelated(account, key)) return true;
+            if (_providers.areRelated(account, owner)) return true;
+            if (key != owner && _providers.areRelated(account, key)) return true;
         }
         return false;
     }
@@ -180,7 +182,7 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         if (kind == 0) _kinds[number] = kind = organization.kindNumbered(number);
     }
 
-    function _question(bytes32 kind, Attempt memory a) private view returns (Question memory) {
+    function _question(bytes32 kind, Judged memory a) private view returns (Question memory) {
         Quorum memory quorum = _quorums[kind];
         if (quorum.votes == 0) revert KindWithoutQuorum(kind);
         return Question(kind, a, quorum);
@@ -209,7 +211,7 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
             voters |= bit;
             (accounts[2 * i], accounts[2 * i + 1]) = (key, owner);
         }
-        _requireNoParty(f.taskId, q.attempt, accounts);
+        _requireNoParty(f.taskId, q.attempt.serviceId, q.attempt.creator, accounts);
     }
 
     /// @dev The bit of the judge with `key`, who may vote on the proof now.

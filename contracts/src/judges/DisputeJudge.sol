@@ -149,7 +149,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
         uint256 amount = pendingPayments[account];
         if (amount == 0) revert NothingOwed(account);
         pendingPayments[account] = 0;
-        _token.safeTransfer(_services.payoutOf(account), amount);
+        _token.safeTransfer(_providers.payoutOf(account), amount);
     }
 
     /// @inheritdoc IDisputeJudge
@@ -191,7 +191,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
             revert WithdrawalTooEarly(committee, seat, d.until, block.timestamp);
         }
         (d.leaving, d.until) = (0, 0);
-        address to = _services.payoutOf(owner);
+        address to = _providers.payoutOf(owner);
         emit StakeWithdrawn(committee, seat, to, amount);
         _send(to, amount);
     }
@@ -391,7 +391,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     }
 
     function _pay(TaskId taskId, address account, uint256 amount) private {
-        address to = _services.payoutOf(account);
+        address to = _providers.payoutOf(account);
         emit StakePaid(taskId, to, amount);
         _send(to, amount);
     }
@@ -492,7 +492,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
 
     /// @dev A device speaks for its owner, an owner for its devices, and an operator for the organization.
     function _speaksFor(address account, address party) private view returns (bool) {
-        if (_services.areRelated(account, party)) return true;
+        if (_providers.areRelated(account, party)) return true;
         return party == address(organization) && _hasRole(OPERATOR, account);
     }
 

@@ -4,9 +4,11 @@ pragma solidity ^0.8.28;
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
+import {IProviders} from "../interfaces/IProviders.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
-import {Attempt, ITaskManager, Ruling, TaskState} from "../interfaces/ITaskManager.sol";
+import {ITaskManager, Judged, Ruling} from "../interfaces/ITaskManager.sol";
 import {Texts} from "../libraries/Texts.sol";
+import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
 /// @notice All judges have this in common: whom they judge for, who is a party, how they report, and to whom they pass on
@@ -28,6 +30,7 @@ abstract contract Judge is IJudge {
     /// @inheritdoc IJudge
     address public immutable next;
     IServiceManager internal immutable _services;
+    IProviders internal immutable _providers;
 
     mapping(TaskId taskId => Passed) private _passed;
 
@@ -40,6 +43,7 @@ abstract contract Judge is IJudge {
         organization = organization_;
         tasks = organization_.tasks();
         _services = organization_.services();
+        _providers = _services.providers();
         next = next_;
     }
 
@@ -65,11 +69,11 @@ abstract contract Judge is IJudge {
     /// @return a the attempt as it was
     function _find(Finding calldata f, string calldata reportUri, uint256 until)
         internal
-        returns (Attempt memory a)
+        returns (Judged memory a)
     {
         Texts.requireText(reportUri);
         Texts.requireText(f.reason);
-        emit Reported(f.taskId, f.attempt, f.reportHash, reportUri, f.reason);
+        emit Reported(f.taskId, reportUri, f.reason);
         Ruling ruling = f.ruling;
         if (ruling == Ruling.None) {
             if (next == address(0)) revert MustRule(f.taskId);
@@ -80,7 +84,7 @@ abstract contract Judge is IJudge {
             f.taskId, f.attempt, f.proofHash, ruling, f.fault, f.amount, uint40(until), f.reportHash
         );
         // Only what is Ruled was passed on: most rulings do not look.
-        if (msg.sender != next && a.state == TaskState.Ruled && _passed[f.taskId].attempt == f.attempt) {
+        if (msg.sender != next && a.ruled && _passed[f.taskId].attempt == f.attempt) {
             revert PassedOnBefore(f.taskId, f.attempt);
         }
     }
@@ -103,9 +107,13 @@ abstract contract Judge is IJudge {
     }
 
     /// @dev A party judges nothing, nor does whoever owns one or has the same owner.
+    /// @param serviceId of the provider
     /// @param accounts who judges
-    function _requireNoParty(TaskId taskId, Attempt memory a, address[] memory accounts) internal view {
-        address party = _services.partyAmong(accounts, a.serviceId, a.creator);
+    function _requireNoParty(TaskId taskId, ServiceId serviceId, address creator, address[] memory accounts)
+        internal
+        view
+    {
+        address party = _providers.partyAmong(accounts, _services.providerOf(serviceId), creator);
         if (party != address(0)) revert JudgeIsParty(taskId, party);
     }
 }

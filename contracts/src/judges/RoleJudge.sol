@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
+import {Attempt, Judged} from "../interfaces/ITaskManager.sol";
 import {Judge} from "./Judge.sol";
 
 /// @title One account decides, of those that have a role in the organization.
@@ -27,7 +28,8 @@ contract RoleJudge is Judge {
     /// @param reportUri where its report lies
     function rule(Finding calldata finding, string calldata reportUri) external {
         _requireRole();
-        _requireNoParty(finding.taskId, _find(finding, reportUri, 0), _caller());
+        Judged memory a = _find(finding, reportUri, 0);
+        _requireNoParty(finding.taskId, a.serviceId, a.creator, _caller());
         _remember(finding, uint160(msg.sender));
     }
 
@@ -37,7 +39,8 @@ contract RoleJudge is Judge {
     /// @param reportUri where its report lies
     function ruleFor(IJudge judge, Finding calldata finding, string calldata reportUri) external {
         _requireRole();
-        _requireNoParty(finding.taskId, tasks.attemptOf(finding.taskId), _caller());
+        Attempt memory a = tasks.attemptOf(finding.taskId);
+        _requireNoParty(finding.taskId, a.serviceId, a.creator, _caller());
         if (judge.hasPassedOn(finding.taskId, msg.sender)) revert JudgeIsAuditor(finding.taskId, msg.sender);
         judge.ruleForNext(finding, reportUri);
     }
@@ -49,7 +52,7 @@ contract RoleJudge is Judge {
 
     /// @inheritdoc Judge
     function _isAmong(uint248 by, address account) internal view override returns (bool) {
-        return _services.areRelated(account, address(uint160(by)));
+        return _providers.areRelated(account, address(uint160(by)));
     }
 
     function _requireRole() private view {

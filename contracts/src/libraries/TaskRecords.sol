@@ -19,6 +19,7 @@ import {TaskId} from "../types/TaskId.sol";
 /// @param executionWindow has 24 bits in storage, and so has `verdictWindow`
 /// @param auditWindow how much longer than the verdict window a ruling can be replaced, in 24 bits, too; as the kind had it
 /// when the task was posted
+/// @param grace how long its executor may give it back, s: a multiple of GRACE_STEP, in 8 bits; as the kind had it
 /// @param hired only `serviceId`, or only its provider, may do the task, because its creator named it
 struct Record {
     uint256 reward;
@@ -36,10 +37,14 @@ struct Record {
     KindId kindId;
     uint8 maxAttempts;
     Hire hired;
+    uint32 grace;
 }
 
 /// @title Tasks in few words of storage: one for each task, and one for the conditions that tasks of one creator share.
 library TaskRecords {
+    /// @dev What grace periods are multiples of, s.
+    uint32 internal constant GRACE_STEP = 10;
+
     struct Store {
         mapping(TaskId taskId => uint256) tasks;
         mapping(uint32 first => uint256) conditions;
@@ -70,6 +75,7 @@ library TaskRecords {
         t.kindId = KindId.wrap(uint8(wanted >> 16));
         t.maxAttempts = uint8(wanted >> 12) & 15;
         t.hired = Hire(uint8(wanted >> 8) & 3);
+        t.grace = uint8(wanted) * GRACE_STEP;
     }
 
     /// @notice Write what changes in the life of a task.
@@ -83,8 +89,9 @@ library TaskRecords {
     function keepConditions(Store storage store, TaskId taskId, Record memory t) internal {
         uint256 windows =
             uint256(t.executionWindow) << 72 | uint256(t.verdictWindow) << 48 | uint256(t.auditWindow) << 24;
-        uint256 rest = uint256(KindId.unwrap(t.kindId)) << 16 | uint256(t.maxAttempts) << 12;
-        uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest | uint256(t.hired) << 8;
+        uint256 rest = uint256(KindId.unwrap(t.kindId)) << 16 | uint256(t.maxAttempts) << 12
+            | uint256(t.hired) << 8 | t.grace / GRACE_STEP;
+        uint256 wanted = uint256(uint160(t.creator)) << 96 | windows | rest;
         t.conditions = store.firsts[wanted];
         if (t.conditions != 0) return;
         t.conditions = taskId.packConditions();

@@ -28,16 +28,9 @@ library WeightTree {
         Weight rootWeight;
         /// @dev Keeps the word of an empty tree.
         bool used;
+        /// @dev For who has the tree: there is something else beside it. Known here, because the word is read anyway.
+        bool marked;
         mapping(uint64 ref => Node) nodes;
-    }
-
-    /// @notice The lowest key; 0 if there is none.
-    function lowest(Tree storage tree) internal view returns (uint64) {
-        uint64 ref = tree.root;
-        while (ref != 0 && !_isLeaf(ref)) {
-            ref = tree.nodes[ref].left;
-        }
-        return ref >> 1;
     }
 
     /// @notice Whether there is one key only.
@@ -59,27 +52,22 @@ library WeightTree {
         return true;
     }
 
-    /// @notice The lowest key whose weight has at least this major part; 0 if there is none.
-    function first(Tree storage tree, uint64 minMajor) internal view returns (uint64) {
-        uint64 ref = tree.root;
-        Weight minWeight = weigh(minMajor, 0);
-        if (_isLeaf(ref) && tree.rootWeight < minWeight) return 0;
-        while (ref != 0 && !_isLeaf(ref)) {
-            Node storage node = tree.nodes[ref];
-            if (node.leftWeight >= minWeight) ref = node.left;
-            else ref = node.rightWeight >= minWeight ? node.right : 0;
-        }
-        return ref >> 1;
+    /// @notice The lowest key from `minKey` on whose weight has at least this major part; 0 if there is none.
+    function first(Tree storage tree, uint64 minMajor, uint64 minKey) internal view returns (uint64) {
+        uint64 root = tree.root;
+        if (root == 0) return 0;
+        return _first(tree, root, _rootWeight(tree), weigh(minMajor, 0), (minKey << 1) | 1) >> 1;
     }
 
     /// @notice The key up to `maxKey` with the greatest major part; the lowest of equals, 0 if there is none.
-    function greatestMajor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
-        return _greatest(tree, maxKey, MAJOR);
+    /// @param skipped keys that it must not be, 64 bits each, 0 for none
+    function greatestMajor(Tree storage tree, uint64 maxKey, uint256 skipped) internal view returns (uint64) {
+        return _greatest(tree, maxKey, MAJOR, skipped);
     }
 
-    /// @notice The key up to `maxKey` with the greatest minor part; the lowest of equals, 0 if there is none.
-    function greatestMinor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
-        return _greatest(tree, maxKey, MINOR);
+    /// @notice The same for the minor part.
+    function greatestMinor(Tree storage tree, uint64 maxKey, uint256 skipped) internal view returns (uint64) {
+        return _greatest(tree, maxKey, MINOR, skipped);
     }
 
     /// @notice Add an element, or change the weight of an existing one.
@@ -109,32 +97,61 @@ library WeightTree {
         return _max(node.leftWeight, node.rightWeight);
     }
 
-    /// @dev Walk down the border of the range and collect the subtrees inside it; then walk down the best one.
-    function _greatest(Tree storage tree, uint64 maxKey, Weight part) private view returns (uint64) {
-        (uint64 ref, Weight weight) = (tree.root, _rootWeight(tree));
-        if (ref == 0) return 0;
-        uint64 bound = (maxKey << 1) | 1;
-        (uint64 best, Weight greatest) = (0, NO_WEIGHT);
-        while (true) {
-            if (_last(ref) <= bound) {
-                if (best == 0 || weight & part > greatest) (best, greatest) = (ref, weight & part);
-                break;
-            }
-            if (_isLeaf(ref)) break;
-            Node storage node = tree.nodes[ref];
-            if (bound < ref) {
-                (ref, weight) = (node.left, node.leftWeight);
-            } else {
-                (uint64 left, Weight leftWeight) = (node.left, node.leftWeight & part);
-                if (best == 0 || leftWeight > greatest) (best, greatest) = (left, leftWeight);
-                (ref, weight) = (node.right, node.rightWeight);
-            }
-        }
+    /// @dev Below `ref`, the first leaf from `minLeaf` on with at least this weight. Only on the way to `minLeaf` a part of the
+    /// tree may have such a weight and no such leaf, so that one way is walked up again at most.
+    function _first(Tree storage tree, uint64 ref, Weight weight, Weight minWeight, uint64 minLeaf)
+        private
+        view
+        returns (uint64 leaf)
+    {
+        if (weight < minWeight || _last(ref) < minLeaf) return 0;
+        if (_isLeaf(ref)) return ref;
+        Node storage node = tree.nodes[ref];
+        if (minLeaf < ref) leaf = _first(tree, node.left, node.leftWeight, minWeight, minLeaf);
+        if (leaf == 0) leaf = _first(tree, node.right, node.rightWeight, minWeight, minLeaf);
+    }
+
+    /// @dev Find the best part of the tree that is inside the range as a whole; then walk down to its best leaf.
+    function _greatest(Tree storage tree, uint64 maxKey, Weight part, uint256 skipped)
+        private
+        view
+        returns (uint64)
+    {
+        uint64 root = tree.root;
+        if (root == 0) return 0;
+        (uint64 best, Weight greatest) =
+            _inside(tree, root, _rootWeight(tree) & part, (maxKey << 1) | 1, part, skipped);
         while (best != 0 && !_isLeaf(best)) {
             Node storage node = tree.nodes[best];
             best = node.leftWeight & part == greatest ? node.left : node.right;
         }
         return best >> 1;
+    }
+
+    /// @dev Below `ref`, the part with the greatest weight that has no leaf beyond `bound` and none that is skipped; the
+    /// lowest of equals. Only the ways to these leaves are walked.
+    function _inside(Tree storage tree, uint64 ref, Weight weight, uint64 bound, Weight part, uint256 skipped)
+        private
+        view
+        returns (uint64 best, Weight greatest)
+    {
+        if (_last(ref) <= bound && !_spansAny(ref, skipped)) return (ref, weight);
+        if (_isLeaf(ref)) return (0, NO_WEIGHT);
+        Node storage node = tree.nodes[ref];
+        (best, greatest) = _inside(tree, node.left, node.leftWeight & part, bound, part, skipped);
+        if (bound < ref) return (best, greatest);
+        (uint64 right, Weight rightGreatest) =
+            _inside(tree, node.right, node.rightWeight & part, bound, part, skipped);
+        if (best == 0 || rightGreatest > greatest) return (right, rightGreatest);
+    }
+
+    /// @dev Whether one of these keys is below `ref`, or is `ref`.
+    function _spansAny(uint64 ref, uint256 keys) private pure returns (bool) {
+        for (; keys != 0; keys >>= 64) {
+            uint64 leaf = (uint64(keys) << 1) | 1;
+            if (ref == leaf || (!_isLeaf(ref) && _spans(ref, leaf))) return true;
+        }
+        return false;
     }
 
     /// @dev Insert or change below `ref`. Returns the new reference in its place, and the greatest weight there.

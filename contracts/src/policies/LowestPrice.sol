@@ -5,6 +5,7 @@ import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
 import {IServiceListener} from "../interfaces/IServiceListener.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
 import {KindId} from "../types/KindId.sol";
+import {Passed} from "../types/Passed.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
@@ -12,20 +13,22 @@ import {TaskId} from "../types/TaskId.sol";
 /// @notice A service is paid what it asks. So it pays a provider to ask as much as the next cheaper one would lose by.
 contract LowestPrice is IMatchingPolicy {
     /// @inheritdoc IMatchingPolicy
-    function serviceFor(IServiceManager services, KindId kindId, uint256 reward)
+    function serviceFor(IServiceManager services, KindId kindId, uint256 reward, Passed passed)
         external
         view
         returns (ServiceId)
     {
-        return services.cheapestIdle(kindId, reward);
+        return services.cheapestIdle(kindId, reward, passed);
     }
 
     /// @inheritdoc IMatchingPolicy
-    function taskFor(IServiceListener tasks, IServiceManager, KindId kindId, ServiceId, uint256 price)
-        external
-        view
-        returns (TaskId)
-    {
-        return tasks.oldestOpen(kindId, price);
+    function taskFor(
+        IServiceListener tasks,
+        IServiceManager,
+        KindId kindId,
+        ServiceId serviceId,
+        uint256 price
+    ) external view returns (TaskId) {
+        return tasks.oldestOpen(serviceId, kindId, price);
     }
 }

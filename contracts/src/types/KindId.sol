@@ -16,3 +16,12 @@ function equal(KindId a, KindId b) pure returns (bool) {
 function differ(KindId a, KindId b) pure returns (bool) {
     return KindId.unwrap(a) != KindId.unwrap(b);
 }
+
+/// @dev No address is as long.
+uint256 constant FOR_PROVEN = 1 << 200;
+
+/// @notice The number of the queue of a kind's tasks that name nobody.
+/// @param proven of those that only proven providers are offered
+function queueOf(KindId kindId, bool proven) pure returns (uint256) {
+    return KindId.unwrap(kindId) | (proven ? FOR_PROVEN : 0);
+}

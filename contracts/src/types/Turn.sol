@@ -6,7 +6,7 @@ import {TaskId, unpackTask} from "./TaskId.sol";
 /// @notice What changes of a service with each task, in one word, which is read and written once: the task that it does, or
 /// its place in a line of those that wait for one, and how earlier ones ended.
 /// From the lowest bit on: taskId (40 bits), completed (24), rejected (16), expired (16), previous (32), next (32),
-/// place (40), line (24). Counters stop at their greatest value.
+/// place (40), line (24), proven (1), lineOfProven (1), number (30). Counters stop at their greatest value.
 type Turn is uint256;
 
 /// @dev Of a service that has done nothing yet.
@@ -19,6 +19,11 @@ uint256 constant PREVIOUS = 96;
 uint256 constant NEXT = 128;
 uint256 constant PLACE = 160;
 uint256 constant LINE = 200;
+uint256 constant PROVEN = 224;
+uint256 constant LINE_OF_PROVEN = 225;
+uint256 constant NUMBER = 226;
+/// @dev The greatest number of a service, and of a provider.
+uint32 constant MAX_NUMBER = uint32((1 << 30) - 1);
 
 using {
     taskId,
@@ -29,6 +34,9 @@ using {
     next,
     place,
     line,
+    isProven,
+    isLineOfProven,
+    number,
     withTask,
     withCompleted,
     withRejected,
@@ -36,7 +44,10 @@ using {
     withPrevious,
     withNext,
     withPlace,
-    withLine
+    withLine,
+    withProven,
+    withLineOfProven,
+    withNumber
 } for Turn global;
 
 /// @notice The task that the service does; NO_TASK while it does none.
@@ -78,6 +89,21 @@ function line(Turn turn) pure returns (uint24) {
     return uint24(Turn.unwrap(turn) >> LINE);
 }
 
+/// @notice Its provider is proven.
+function isProven(Turn turn) pure returns (bool) {
+    return Turn.unwrap(turn) >> PROVEN & 1 == 1;
+}
+
+/// @notice It waits, or waited last, among the services of proven providers. Its provider may have become one meanwhile.
+function isLineOfProven(Turn turn) pure returns (bool) {
+    return Turn.unwrap(turn) >> LINE_OF_PROVEN & 1 == 1;
+}
+
+/// @notice The number of its provider.
+function number(Turn turn) pure returns (uint32) {
+    return uint32(Turn.unwrap(turn) >> NUMBER);
+}
+
 function withTask(Turn turn, TaskId id) pure returns (Turn) {
     return _with(turn, 0, type(uint40).max, id.pack());
 }
@@ -102,12 +128,24 @@ function withNext(Turn turn, uint32 id) pure returns (Turn) {
     return _with(turn, NEXT, type(uint32).max, id);
 }
 
-function withPlace(Turn turn, uint40 number) pure returns (Turn) {
-    return _with(turn, PLACE, type(uint40).max, number);
+function withPlace(Turn turn, uint40 place_) pure returns (Turn) {
+    return _with(turn, PLACE, type(uint40).max, place_);
 }
 
 function withLine(Turn turn, uint24 key) pure returns (Turn) {
     return _with(turn, LINE, type(uint24).max, key);
+}
+
+function withProven(Turn turn, bool proven) pure returns (Turn) {
+    return _with(turn, PROVEN, 1, proven ? 1 : 0);
+}
+
+function withLineOfProven(Turn turn, bool proven) pure returns (Turn) {
+    return _with(turn, LINE_OF_PROVEN, 1, proven ? 1 : 0);
+}
+
+function withNumber(Turn turn, uint32 provider) pure returns (Turn) {
+    return _with(turn, NUMBER, MAX_NUMBER, provider);
 }
 
 function _with(Turn turn, uint256 shift, uint256 mask, uint256 value) pure returns (Turn) {

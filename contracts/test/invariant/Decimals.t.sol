@@ -4,7 +4,6 @@ pragma solidity ^0.8.28;
 import {Organization} from "../../src/Organization.sol";
 import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
-import {Terms} from "../../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {RoleJudge} from "../../src/judges/RoleJudge.sol";
@@ -13,6 +12,7 @@ import {ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
 import {PlainToken} from "../PlainToken.sol";
+import {Terms} from "../../src/interfaces/IProviders.sol";
 
 /// @notice Organizations that pay in tokens with different decimals, and in which the same happens.
 contract DecimalsInvariants is Fixture {

@@ -10,8 +10,9 @@ import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Finding, IJudge} from "../../src/interfaces/IJudge.sol";
-import {Kind, Terms} from "../../src/interfaces/IOrganization.sol";
-import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
+import {Kind} from "../../src/interfaces/IOrganization.sol";
+import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
+import {IProviders, Outcome, Terms} from "../../src/interfaces/IProviders.sol";
 import {
     Fault,
     Hire,
@@ -67,6 +68,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
     IECoin private immutable _coin;
     Organization private immutable _organization;
     ServiceManager private immutable _services;
+    IProviders private immutable _records;
     TaskManager private immutable _tasks;
     RoleJudge private immutable _oracles;
     RoleJudge private immutable _auditors;
@@ -96,8 +98,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
     mapping(address device => uint256) private _signatures;
     /// @notice When a provider that is asleep may wake up; 0 while it is awake.
     mapping(address provider => uint256) public asleepUntil;
-    /// @dev The services that gave a task back early, not twice in a row the same.
-    mapping(TaskId taskId => ServiceId[]) private _abandoned;
+    /// @dev The providers that had a task and did not do it, in attempts that do not count.
+    mapping(TaskId taskId => address[]) private _passed;
+    mapping(TaskId taskId => bool) private _gaveUp;
     mapping(address provider => bool) private _suspended;
     /// @dev Attempts that their executor accepted by a call.
     mapping(TaskId taskId => mapping(uint8 attempt => bool)) private _accepted;
@@ -137,10 +140,17 @@ contract Handler is CommonBase, StdUtils, Numbers {
             uint256 own = _services.service(t.serviceId).price;
             if (t.price != own) violation = "a service is paid another price";
             if (t.price > t.reward) violation = "a price is above the reward";
+            uint256 looks = 0;
             for (TaskId older = taskNo(1); older < taskId; older = following(older)) {
                 Task memory o = _tasks.task(older);
                 if (o.state != TaskState.Open || o.reward < own) continue;
+                if (_hasPassed(older, provider)) {
+                    // A match looks at four.
+                    if (++looks == 4) break;
+                    continue;
+                }
                 bool mayTake = _hired[older] == NO_SERVICE && _hiredFrom[older] == address(0) && !unruly;
+                if (mayOverlook(older, provider)) mayTake = false;
                 if (_hired[older] == t.serviceId || _hiredFrom[older] == provider) mayTake = true;
                 if (mayTake) violation = "a task was overtaken";
             }
@@ -159,6 +169,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
     ) {
         (_coin, _organization, _admin, _oracle, _auditor) = (coin, organization, admin, oracle, auditor);
         _services = ServiceManager(address(organization.services()));
+        _records = _services.providers();
         _tasks = TaskManager(address(organization.tasks()));
         KindId number = organization.numberOf(CLEANING);
         _oracles = RoleJudge(address(organization.judgeNumbered(number)));
@@ -492,7 +503,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         address caller = who % 4 == 0 ? _payoutOf(provider) : _participant(who / 4);
         address payout = _participant(next);
         vm.prank(caller);
-        try _services.setPayout(provider, payout) {
+        try _records.setPayout(provider, payout) {
             if (caller != _payoutOf(provider)) violation = "payments were redirected";
             _payouts[provider] = payout == provider ? address(0) : payout;
         } catch {
@@ -546,14 +557,39 @@ contract Handler is CommonBase, StdUtils, Numbers {
         _tasks.abandonTask(taskId, t.attempt);
         if (late) {
             _expectMissed(s.provider);
-        } else {
-            ServiceId[] storage by = _abandoned[taskId];
-            if (by.length == 0 || by[by.length - 1] != t.serviceId) by.push(t.serviceId);
+            _expectAsleep(t, s);
+        } else if (t.hired != Hire.None && t.attempt != t.maxAttempts) {
             // Nobody else was asked for.
-            if (t.hired != Hire.None && t.attempt != t.maxAttempts) expected[t.creator] += t.reward;
+            expected[t.creator] += t.reward;
         }
-        _expectAsleep(t, s);
-        _expectFailure(t, late && _hasAccepted(taskId, t));
+        bool blamed = late && _hasAccepted(taskId, t);
+        if (!blamed && t.hired == Hire.None) _passed[taskId].push(s.provider);
+        _expectFailure(taskId, t, blamed);
+    }
+
+    /// @notice Whether a match, which looks at few services and few tasks, may not have seen that both fit: so many services are
+    /// of providers that the task has passed, or so many tasks have passed the provider.
+    function mayOverlook(TaskId taskId, address provider) public view returns (bool) {
+        (uint256 count, uint256 tasks) = (0, 0);
+        for (ServiceId serviceId = serviceNo(1); _exists(serviceId); serviceId = following(serviceId)) {
+            if (_hasPassed(taskId, _services.providerOf(serviceId))) ++count;
+        }
+        for (TaskId id = taskNo(1); _exists(id); id = following(id)) {
+            if (_hasPassed(id, provider)) ++tasks;
+        }
+        return count >= _services.MAX_LOOKS() || tasks >= _services.MAX_LOOKS();
+    }
+
+    function _hasPassed(TaskId taskId, address provider) private view returns (bool) {
+        for (uint256 i = 0; i < _passed[taskId].length; ++i) {
+            if (_passed[taskId][i] == provider) return true;
+        }
+        return false;
+    }
+
+    /// @dev An attempt is over, of those that count the last one.
+    function _isLast(TaskId taskId, Task memory t) private view returns (bool) {
+        return t.attempt - _passed[taskId].length == t.maxAttempts;
     }
 
     /// @dev Tasks that their creator does itself, after others gave them back: that shows nothing about the others.
@@ -844,11 +880,13 @@ contract Handler is CommonBase, StdUtils, Numbers {
         _tasks.expireTask(taskId);
         _expectMissed(s.provider);
         _expectAsleep(t, s);
-        _expectFailure(t, _hasAccepted(taskId, t));
+        bool blamed = _hasAccepted(taskId, t);
+        if (!blamed && t.hired == Hire.None) _passed[taskId].push(s.provider);
+        _expectFailure(taskId, t, blamed);
     }
 
     function _expectMissed(address provider) private {
-        if (++missed[provider] < _services.MAX_MISSED() || asleepUntil[provider] != 0) return;
+        if (++missed[provider] < 3 || asleepUntil[provider] != 0) return;
         uint256 naps = _naps[provider]++;
         // The first time not at all, then ten minutes, then twice that each time, at most 21 hours.
         asleepUntil[provider] = block.timestamp + (naps == 0 ? 0 : 10 minutes * 2 ** _min(naps - 1, 7));
@@ -864,14 +902,10 @@ contract Handler is CommonBase, StdUtils, Numbers {
         }
     }
 
-    /// @dev Work for others was accepted: who did it is there, and those who abandoned it were wrong.
-    function _expectForgiveness(TaskId taskId, Task memory t) private {
+    /// @dev Work for others was accepted: its provider is there.
+    function _expectForgiveness(Task memory t) private {
         address provider = _services.providerOf(t.serviceId);
         if (_isOwn(t.creator, provider)) return;
-        for (uint256 i = 0; i < _abandoned[taskId].length; ++i) {
-            address other = _services.providerOf(_abandoned[taskId][i]);
-            if (other != provider) _expectMissed(other);
-        }
         (failures[provider], missed[provider], _naps[provider], asleepUntil[provider]) = (0, 0, 0, 0);
     }
 
@@ -889,7 +923,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
 
     function matchTask(uint256 which) external inOrder {
         TaskId taskId = _find(which, TaskState.Open);
-        if (taskId != NO_TASK) _tasks.matchTask(taskId);
+        if (taskId != NO_TASK) _tasks.matchTask(taskId, NO_SERVICE);
     }
 
     function wait(uint256 time) external {
@@ -945,7 +979,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         try _tasks.removeJudge(KindId.wrap(1)) {
             violation = "a stranger removed a judge";
         } catch {}
-        try _tasks.onServiceFree(serviceNo(1), address(1), KindId.wrap(1), 0, 0) {
+        try _tasks.onServiceFree(serviceNo(1)) {
             violation = "a stranger placed a service";
         } catch {}
         try _tasks.returnBond(who, 1) {
@@ -963,10 +997,10 @@ contract Handler is CommonBase, StdUtils, Numbers {
         try _services.updateService(serviceNo(1), 0, ServiceState.Retired) {
             violation = "a stranger retired a service";
         } catch {}
-        try _services.setPayout(_providers[0], who) {
+        try _records.setPayout(_providers[0], who) {
             violation = "a stranger took a provider's payments";
         } catch {}
-        try _services.recordOwner(who, address(0)) {
+        try _records.recordOwner(who, address(0)) {
             violation = "a stranger recorded an owner";
         } catch {}
         try _services.suspend(serviceNo(1)) {
@@ -1222,11 +1256,17 @@ contract Handler is CommonBase, StdUtils, Numbers {
         delete _standing[taskId];
         if (ruling == Ruling.Accepted || ruling == Ruling.Impossible) {
             _expectPayment(t, ruling == Ruling.Accepted ? amount : t.price / 10);
-        } else if (ruling == Ruling.Void || t.attempt == t.maxAttempts) {
-            expected[t.creator] += t.reward;
+        } else {
+            bool ends = ruling == Ruling.Void;
+            if (ruling == Ruling.GivenUp && t.hired == Hire.None) {
+                ends = _gaveUp[taskId];
+                _gaveUp[taskId] = true;
+                _passed[taskId].push(_services.providerOf(t.serviceId));
+            }
+            if (ends || _isLast(taskId, t)) expected[t.creator] += t.reward;
         }
         if (ruling == Ruling.Accepted) {
-            _expectForgiveness(taskId, t);
+            _expectForgiveness(t);
             _expectReputation(t, amount, 0);
         }
         Ghost storage g = ghost[t.serviceId];
@@ -1247,8 +1287,8 @@ contract Handler is CommonBase, StdUtils, Numbers {
         expected[t.creator] += t.reward - amount;
     }
 
-    function _expectFailure(Task memory t, bool blamed) private {
-        if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
+    function _expectFailure(TaskId taskId, Task memory t, bool blamed) private {
+        if (_isLast(taskId, t)) expected[t.creator] += t.reward;
         Ghost storage g = ghost[t.serviceId];
         if (blamed) _expectBlame(t, _min(g.penalty, g.bond));
         _expectRelease(t.serviceId);

@@ -105,7 +105,7 @@ contract RulingsHandler is Numbers, Test {
         bool retires = next % 8 == 0;
         if (s.state == ServiceState.Retired) return;
         if (!retires && (s.state == ServiceState.Suspended || s.bond < s.penalty)) return;
-        if (!retires && _services.asleepUntil(s.provider) != 0) return;
+        if (!retires && _services.providers().asleepUntil(s.provider) != 0) return;
         vm.prank(s.provider);
         _services.updateService(serviceId, s.price, retires ? ServiceState.Retired : ServiceState.Active);
     }

@@ -15,8 +15,10 @@ CONTRACTS = (
     "HighestReputation",
     "Organization",
     "ServiceManager",
+    "Providers",
     "TaskManager",
     "SignedRequests",
+    "TaskQueues",
     "AuditorJudge",
     "OracleJudge",
     "OracleCommittee",
@@ -46,8 +48,15 @@ waits, it has the timelock alone."""
 TOLD = (*CONTRACTS, "DisputeJudge", *GOVERNANCE)
 """Contracts whose events and errors are read."""
 
+CREATED_BY = {
+    "SignedRequests": ("TaskManager", 1),
+    "TaskQueues": ("TaskManager", 2),
+    "Providers": ("ServiceManager", 1),
+}
+"""Contract -> the one whose constructor creates it, and its number among those, from 1."""
+
 REGISTRY = "OrganizationRegistry"
-"""Creates all of the above but SignedRequests, which TaskManager creates."""
+"""Creates all others."""
 
 
 @dataclass(frozen=True)

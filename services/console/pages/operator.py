@@ -9,7 +9,8 @@ from nicegui import ui
 
 from rodeo.durations import span
 from rodeo.errors import RodeoError
-from services.console.formatting import explain, share
+from rodeo.queries import SERVICES, Offer
+from services.console.formatting import explain, known_in_words, moment, share
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -101,14 +102,15 @@ class RobotCard:
     async def _load(self) -> None:
         try:
             state = await ask(self._console.queries.robot, self._robot)
+            offers = (await ask(self._console.queries.ask, SERVICES, provider=self._robot)).services
         except RodeoError as error:
             unheard = error.code in ("no_responder", "query_timeout")
             self._problem.show(f"The agent of {self._robot} does not answer." if unheard else explain(error))
             return
         self._problem.show("")
-        self._state.show(state)
+        self._state.show(state, offers)
 
-    def _draw(self, state: Json) -> None:
+    def _draw(self, state: Json, offers: list[Offer]) -> None:
         with ui.element("div").classes("line tight"):
             if state.get("stopped"):
                 badge("stopped", "bad")
@@ -119,6 +121,15 @@ class RobotCard:
             if state.get("charge_ordered"):
                 badge("will charge", "info")
         with facts():
+            if offers:
+                pace = self._console.live.pace
+                fact(
+                    "Known as",
+                    known_in_words(offers[0], moment, None if pace is None else pace.now_s),
+                    "wrap",
+                )
+            if back := ", ".join(str(one.id) for one in offers if one.stood_back):
+                fact("Services that stand back", back)
             for name, value in state.items():
                 if name == "soc" and isinstance(value, int | float):
                     fact("Battery", share(float(value)))

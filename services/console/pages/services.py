@@ -16,14 +16,18 @@ from rodeo.errors import RodeoError
 from rodeo.kinds import KindError
 from services.console.actions import ORGANIZATION, speaks_for
 from services.console.formatting import (
+    NAMERS,
     iec,
     kind,
+    known_in_words,
     moment,
+    namers_in_words,
     party,
     quorum_in_words,
     share,
     short,
     voids_in_words,
+    windows_in_words,
 )
 from services.console.pages.frame import (
     Console,
@@ -62,6 +66,7 @@ _MEMBERSHIP = {
     "suspend_provider": "is suspended, and its services are, too",
     "reinstate_provider": "may offer services again",
 }
+_VOUCHED = {"vouch": "is proven: the organization vouches for it", "unvouch": "is vouched for no longer"}
 POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
@@ -87,7 +92,7 @@ class ServicesPage:
                     ui.button("Offer a service", icon="add", on_click=self._offer).props("flat dense")
             self._services = Section(self._draw_services).waiting()
         with card("Participants"):
-            self._participants = Section(_draw_participants).waiting()
+            self._participants = Section(partial(_draw_participants, console)).waiting()
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-7"), card("Device keys") as head:
                 if person.has(Role.ADMINISTRATOR):
@@ -144,7 +149,7 @@ class ServicesPage:
             [
                 (
                     partial(_service_name, one),
-                    party(one.provider_name, one.provider),
+                    partial(_provider, self._console, one),
                     partial(_service_state, one),
                     iec(one.price_iec),
                     share(one.reputation / 64),
@@ -166,6 +171,8 @@ class ServicesPage:
                 if not service.agrees:
                     ui.menu_item("Agree to the present judge", partial(self._agree, service))
                 ui.menu_item("Change the price", partial(self._price, service))
+                if provider != ORGANIZATION:  # its contract cannot say it for its own services
+                    ui.menu_item("Who may name it", partial(self._namers, service))
                 if service.state in ("active", "short"):
                     ui.menu_item("Pause", partial(self._set_state, service, "paused"))
                 elif service.state == "paused":
@@ -187,6 +194,25 @@ class ServicesPage:
             {"price_iec": Field("Price (IEC)", f"{service.price_iec:f}")},
             "Set the price",
             lambda answer: self._update(service, answer, f"Service {service.id} has a new price"),
+        )
+
+    @on_page
+    async def _namers(self, service: queries.Offer) -> None:
+        async def change(answer: dict[str, str]) -> bool:
+            request = {"service_id": service.id, "participant": service.provider_name, **answer}
+            return await self._act("set_namers", request, f"Service {service.id} says who may name it")
+
+        await ask_form(
+            f"Whose tasks may name service {service.id}",
+            {
+                "namers": Field("Who may", service.namers, NAMERS),
+                "max_void_percent": Field(
+                    "Refuse creators of whose such tasks more end void (%), 0 for none",
+                    str(service.max_void_percent),
+                ),
+            },
+            "Set it",
+            change,
         )
 
     @on_page
@@ -343,11 +369,18 @@ class ServicesPage:
                 fact("Void attempts", voids, "wrap")
         table(
             "Kinds of work",
-            [("Kind of work", ""), ("Judged by", ""), ("Rules", "wide-only"), ("", "")],
+            [
+                ("Kind of work", ""),
+                ("Judged by", ""),
+                ("Time", "wrap wide-only"),
+                ("Rules", "wide-only"),
+                ("", ""),
+            ],
             [
                 (
                     kind(one.kind),
                     _judges(one),
+                    windows_in_words(one) or "–",
                     partial(_rules_hashes, one.rules_sha256),
                     partial(self._kind_end, one),
                 )
@@ -389,7 +422,7 @@ class ServicesPage:
             with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
                 ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
-                ui.button("Time for auditors", on_click=self._change_audit).props("outline dense")
+                ui.button("Times of a kind", on_click=self._change_times).props("outline dense")
                 ui.button("Remove a judge", on_click=self._remove_judge).props("outline dense")
                 ui.button("Membership", on_click=self._membership).props("outline dense")
 
@@ -499,20 +532,25 @@ class ServicesPage:
         )
 
     @on_page
-    async def _change_audit(self) -> None:
+    async def _change_times(self) -> None:
         judges = {one.kind: one.judge for one in self._organization.kinds if one.allowed}
+
+        async def change(answer: dict[str, str]) -> bool:
+            request = {name: value for name, value in answer.items() if value}
+            request |= {"judge": judges[answer["kind"]]}
+            return await self._act("allow_kind", request, f"The times of {kind(answer['kind'])} are set")
+
         await ask_form(
-            "When the judge cannot decide, or does not rule in time",
+            "Times of a kind, in seconds; what is left empty stays",
             {
                 "kind": Field("Kind of work", choices={name: kind(name) for name in judges}),
-                "audit_window_s": Field("Auditors may rule for (s); then it is void", str(7 * 24 * 3600)),
+                "min_window_s": Field("Shortest time to work"),
+                "max_window_s": Field("Longest time to work"),
+                "grace_s": Field("Time to accept a task or give it back"),
+                "audit_window_s": Field("Auditors may rule for, when the judge cannot; then it is void"),
             },
-            "Set the time",
-            lambda answer: self._act(
-                "allow_kind",
-                {"allowed": True, "judge": judges[answer["kind"]], **answer},
-                f"The time for auditors of {kind(answer['kind'])} is set",
-            ),
+            "Set them",
+            change,
         )
 
     @on_page
@@ -544,6 +582,9 @@ class ServicesPage:
     async def _membership(self) -> None:
         async def change(answer: dict[str, str]) -> bool:
             what, account = answer["action"], answer["account"]
+            if what in _VOUCHED:
+                request: Json = {"account": account, "vouched": what == "vouch"}
+                return await self._act("vouch", request, f"{account} {_VOUCHED[what]}")
             if what in _MEMBERSHIP:
                 return await self._act(what, {"account": account}, f"{account} {_MEMBERSHIP[what]}")
             closed = what == "close"
@@ -555,6 +596,8 @@ class ServicesPage:
             "dismiss": "Dismiss somebody",
             "suspend_provider": "Suspend a provider",
             "reinstate_provider": "Reinstate a provider",
+            "vouch": "Vouch for a provider",
+            "unvouch": "Vouch for a provider no longer",
             "close": "Let only members in",
             "open": "Let everybody in",
         }
@@ -580,13 +623,25 @@ def _service_name(service: queries.Offer) -> None:
         Text("div", service.description[:120], "soft wrap")
 
 
-def _draw_participants(participants: list[queries.Person]) -> None:
+def _known(console: Console, known: queries.Known) -> str:
+    """What the contracts know of a provider, as of now."""
+    pace = console.live.pace
+    return known_in_words(known, moment, None if pace is None else pace.now_s)
+
+
+def _provider(console: Console, service: queries.Offer) -> None:
+    Text("div", party(service.provider_name, service.provider))
+    Text("div", _known(console, service), "soft wrap")
+
+
+def _draw_participants(console: Console, participants: list[queries.Person]) -> None:
     table(
         "Participants",
         [
             ("Participant", ""),
             ("Address", "wide-only"),
             ("Roles", "wrap"),
+            ("Known as", "wrap wide-only"),
             ("Balance", "number"),
             ("Paid for its work", "wrap wide-only"),
             ("Posted", "number wide-only"),
@@ -598,6 +653,7 @@ def _draw_participants(participants: list[queries.Person]) -> None:
                 one.name or "stranger",
                 partial(hash_text, one.address),
                 ", ".join(map(_role, one.roles_on_chain)) or one.role or "–",
+                _known(console, one),
                 iec(one.balance_iec),
                 "itself" if one.payout is None else one.payout_name or partial(hash_text, one.payout),
                 f"{sum(one.created.values()):,}",
@@ -640,5 +696,9 @@ def _service_state(service: queries.Offer) -> None:
     badge(service.state)
     if not service.agrees:
         Text("div", "has not agreed to the present judge", "soft wrap")
+    if service.stood_back:
+        Text("div", "stands back: its provider rests, or works or waits with another service", "soft wrap")
+    if namers := namers_in_words(service):
+        Text("div", namers, "soft wrap")
     if service.set_aside_iec:
         Text("div", f"{iec(service.set_aside_iec)} set aside", "soft")

@@ -17,7 +17,7 @@ from rodeo.kinds import Kinds
 from rodeo.messages import LIVE_STATES, Task
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
-from rodeo.queries import DEVICES, TRANSACTIONS, OwnedDevice, Transaction
+from rodeo.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
 from rodeo.verdicts import (
     NO_REPORT,
     WORDS,
@@ -30,7 +30,19 @@ from rodeo.verdicts import (
 from services.console.accounts import User, workers
 from services.console.actions import speaks_for
 from services.console.attempts import Attempt, attempts, ended_s
-from services.console.formatting import explain, iec, kind, moment, number, parameter, party, phrase, short
+from services.console.formatting import (
+    explain,
+    iec,
+    kind,
+    moment,
+    number,
+    parameter,
+    party,
+    passed_in_words,
+    phrase,
+    short,
+    tries_in_words,
+)
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -64,6 +76,7 @@ from services.console.pages.widgets import (
     retitle,
     table,
 )
+from services.console.posting import fitting
 from services.console.queries import Seal
 from services.console.replay import track
 from services.console.roles import Role
@@ -278,6 +291,8 @@ class TaskPage:
             ui.element("span").classes("grow")
             if user().has(Role.OPERATOR):
                 if task.state == "open":
+                    match = ui.button("Match with a service", on_click=lambda: self._match(task))
+                    match.props("outline")
                     cancel = ui.button("Cancel", on_click=lambda: self._cancel(task))
                     cancel.props("outline color=negative")
                 ui.button("Post again").props(f'outline href="/tasks/new?like={task.id}"')
@@ -296,6 +311,26 @@ class TaskPage:
         ]
         if await confirm("Cancel this task?", lines, "Cancel the task", danger=True):
             await act(self._console, "cancel_task", {"task_id": task.id}, f"Task {task.id} is cancelled")
+
+    @on_page
+    async def _match(self, task: Task) -> None:
+        """A match looks at a few services only, so that somebody may have to name one."""
+        try:
+            offers = (await ask(self._console.queries.ask, SERVICES, kind=task.kind)).services
+        except RodeoError as error:
+            fail(error)
+            return
+
+        async def perform(answer: dict[str, str]) -> bool:
+            request = {"task_id": task.id, **{name: value for name, value in answer.items() if value}}
+            return await act(self._console, "match_task", request, f"Task {task.id} was matched") is not None
+
+        await ask_form(
+            f"Match task {task.id}",
+            {"service_id": Field("Service", choices={"": "as the policy chooses"} | fitting(task, offers))},
+            "Match",
+            perform,
+        )
 
     def _may_challenge(self, task: Task, user: User) -> str | None:
         """The party to the task, or the judge of challenges, that this person speaks for, if the ruling can
@@ -398,6 +433,8 @@ def _draw_outcome(attempt: Attempt, verdict: str) -> None:
     badge(word or ("in verification" if attempt.submitted_s else "at work"))
     if attempt.paid_iec is not None:
         Text("div", f"paid {iec(attempt.paid_iec)}", "soft")
+    if not attempt.counts:
+        Text("div", "does not count as an attempt", "soft")
     if verdict:
         Text("div", verdict[:1].upper() + verdict[1:], "soft wrap")
 
@@ -446,8 +483,7 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
     if task.attempt:
         Text(
             "p",
-            f"Attempt {task.attempt} of {task.max_attempts}"
-            + (_deadline(task) if task.state in LIVE_STATES else ""),
+            f"Attempt {tries_in_words(task)}" + (_deadline(task) if task.state in LIVE_STATES else ""),
             "soft",
         )
     ends_s = running_out_s(task)
@@ -466,6 +502,8 @@ def _verdict_step(task: Task) -> str:
 
 
 def _deadline(task: Task) -> str:
+    if task.state == "assigned" and not task.accepted:
+        return f"; the executor has until {moment(task.grace_ends_s)} to accept it"
     if task.state == "assigned" and task.execution_deadline:
         return f"; the proof is due by {moment(task.execution_deadline)}"
     if task.state == "submitted" and task.verdict_deadline:
@@ -484,6 +522,8 @@ def _draw_agreement(kinds: Kinds, task: Task) -> None:
         if task.standing is not None:
             stands = standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))
             fact("Stands", stands, "wrap")
+        if task.passed:
+            fact("Not offered again to", passed_in_words(task), "wrap")
         if task.requested_service_id is not None:
             fact("Only service", str(task.requested_service_id))
         if task.requested_provider is not None:

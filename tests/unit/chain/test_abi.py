@@ -14,6 +14,7 @@ from rodeo.chain.abi import (
     Fault,
     Finding,
     Instance,
+    Namers,
     Revocation,
     Ruling,
     ServiceState,
@@ -154,6 +155,8 @@ def _sample(parameter: str, annotation: str) -> Any:
         return Role.ORACLE
     if annotation == "Revocation":
         return Revocation.SUPERSEDED
+    if annotation == "Namers":
+        return Namers.ANYBODY
     if parameter in SAMPLES:
         return SAMPLES[parameter]
     samples: dict[str, Any] = {"int": 1, "str": ADDRESS, "bool": True}

@@ -96,7 +96,7 @@ def test_a_task_from_registration_to_payment(organization: Organization, service
             _found(task_id, 1, Ruling.ACCEPTED, PRICE, "all passed"), "file:///report.json"
         ),
     )
-    assert reported == Reported(task_id, 1, REPORT, "file:///report.json", "all passed")
+    assert reported == Reported(task_id, "file:///report.json", "all passed")
     assert ruled == Ruled(task_id, 1, PROOF, Ruling.ACCEPTED, Fault.NOBODY, PRICE, 0, REPORT)
     assert settled == TaskSettled(task_id, robot, PRICE, REWARD - PRICE)
     task = client.task(task_id)
@@ -134,8 +134,9 @@ def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its
     task_id = _task_id(organization.post())
     assert client.task(task_id).creator == client.organization
     number = client.kind(KIND).number
-    assert client.oldest_open(number, REWARD) == task_id
-    assert client.oldest_open(number, REWARD + 10**9) is None
+    last = client.service_count()
+    assert client.oldest_open(last, number, REWARD) == task_id
+    assert client.oldest_open(last, number, REWARD + 10**9) is None
     logged = organization.events(organization.operator, client.organization_calls.cancel_task(task_id))
     assert logged == [TaskCancelled(task_id, REWARD)]
     assert client.balance(client.organization) == before

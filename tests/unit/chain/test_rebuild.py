@@ -15,8 +15,9 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo import possession, votes
 from rodeo.chain import artifacts, events
-from rodeo.chain.abi import Fault, Finding, Revocation, Ruling, ServiceState, TaskState, Terms
+from rodeo.chain.abi import Fault, Finding, Revocation, Ruling, Service, ServiceState, TaskState, Terms
 from rodeo.chain.encoding import Call
+from rodeo.chain.errors import ContractReverted
 from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work
 from rodeo.chain.types import Policy, Role
@@ -25,7 +26,7 @@ from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, founded
 
-STEPS = 90
+STEPS = 120
 DEVICE_KEY = Account.from_key("0x" + "11" * 32)
 DEVICE = DEVICE_KEY.address
 JUDGE_KEYS = [Account.from_key(f"0x{number:064}") for number in (11, 12, 13)]
@@ -56,8 +57,8 @@ class Life:
         oracles, auditors = self.judges
         for call in (
             calls.set_terms(Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(4)), 4)),
+            *(calls.set_windows(one, 600, 7200, 60) for one in ("battery_charging", "painting", KIND)),
             calls.allow_kind("battery_charging", auditors, REPORT),
-            calls.set_min_window(KIND, 60),
             calls.set_verdict_windows(KIND, 600, 7200),
             calls.grant_role(Role.AUDITOR, organization.oracle.address),
             calls.admit(organization.robot.address),
@@ -77,6 +78,7 @@ class Life:
             calls.allow_kind("painting", auditors, PROOF),
             calls.disallow_kind("painting"),
             calls.set_audit(KIND, 3600),
+            calls.vouch_for(organization.robot.address, False),
             calls.post_root(DEVICE, 0, REPORT, "file:///day"),
             *(seats.seat(key.address, key.address, *self.agreed(key, key.address)) for key in JUDGE_KEYS[:2]),
             seats.set_quorum(KIND, 2, 2, 60, 0b11),
@@ -123,7 +125,14 @@ class Life:
             named = client.service(self.random.choice(services))
             if named.state is not ServiceState.RETIRED:
                 request = replace(request, provider=named.provider)
-        self.organization.send(self.organization.operator, client.organization_calls.register_task(request))
+        call = client.organization_calls.register_task(request)
+        try:
+            client.simulate(call, self.organization.operator.address)
+        except ContractReverted as refused:
+            # The service agreed to another judge than the kind has now.
+            assert refused.name in ("ServiceOfOtherKind", "ProviderWithoutService"), refused
+            return
+        self.organization.send(self.organization.operator, call)
 
     def offer(self) -> None:
         price = IEC.to_units(Decimal(self.random.choice([20, 50, 80])))
@@ -134,7 +143,7 @@ class Life:
         if len(idle) > 3:  # a provider may not have many
             retired = client.calls.update_service(idle[0], services[idle[0]].price, ServiceState.RETIRED)
             self.organization.send(self.organization.robot, retired)
-        if sum(one.task_id != 0 for one in services.values()) > 3:
+        if sum(one.task_id != 0 for one in services.values()) > 3 or not self._collect(services):
             return
         if not self._wake_up():
             return
@@ -142,6 +151,20 @@ class Life:
             KIND, price, IEC.to_units(Decimal(20)), self.random.random() < 0.5, "cleans"
         )
         self.organization.send(self.organization.robot, call)
+
+    def _collect(self, services: dict[int, Service]) -> bool:
+        """Whether the robot may have another service: one that has retired counts while its bond is
+        locked."""
+        client, robot = self.organization.client, self.organization.robot
+        over = {i for i, one in services.items() if one.state is ServiceState.RETIRED and not one.task_id}
+        locked = [i for i in over if services[i].bond]
+        if len(services) - len(over) + len(locked) < 8:
+            return True
+        if not locked or not self._pass_to(client.bonds_locked_until(robot.address)):
+            return False
+        price = services[locked[0]].price
+        self.organization.send(robot, client.calls.update_service(locked[0], price, ServiceState.RETIRED))
+        return True
 
     def _wake_up(self) -> bool:
         """Whether the robot is awake, or could wake up."""
@@ -180,7 +203,7 @@ class Life:
         client = self.organization.client
         for task_id in self._tasks(TaskState.ASSIGNED):
             task = client.task(task_id)
-            since_s = self.random.choice([0, task.execution_window // 4 + 1])
+            since_s = self.random.choice([0, 61])
             if self._pass_to(task.deadline - task.execution_window + since_s):
                 call = client.calls.abandon_task(task_id, task.attempt)
                 self.organization.send(self.organization.robot, call)
@@ -281,6 +304,10 @@ class Life:
         rules += [calls.allow_kind(KIND, oracles, PROOF) for _ in range(3)]
         chosen = self.random.choice([*rules, *(calls.set_policy(policy) for policy in Policy)])
         self.organization.send(self.organization.operator, chosen)
+        if self.random.random() < 0.3:
+            robot = self.organization.robot.address
+            vouched = calls.vouch_for(robot, not client.is_proven(robot))
+            self.organization.send(self.organization.operator, vouched)
         if self.random.random() < 0.2:
             number = client.kind(KIND).number
             self.organization.send(self.organization.operator, calls.remove_judge(number))
@@ -310,7 +337,7 @@ def life(tmp_path: Path) -> Iterator[Life]:
     # Not on anvil as well: it follows the clock block by block, and refuses what the new time would allow.
     clock = Clock()
     with founded(tmp_path, clock) as organization:
-        yield Life(organization, clock, Random(8))
+        yield Life(organization, clock, Random(1))
 
 
 def indexed(life: Life, logs: list[Log], time_s: Callable[[int], int]) -> Index:
@@ -335,11 +362,12 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     def time_s(block: int) -> int:
         return w3.eth.get_block(block)["timestamp"]
 
-    state = rebuild(logs, time_s)
+    state = rebuild(logs, time_s, client.organization)
 
     assert len(state.tasks) == client.task_count()
     for task_id, task in state.tasks.items():
         assert client.task(task_id) == task, task_id
+        assert client.passed(task_id) == state.passed.get(task_id, []), task_id
     services = {i: client.service(i) for i in range(1, client.service_count() + 1)}
     assert {i: replace(service, place=0) for i, service in services.items()} == state.services
     places = {service.place: i for i, service in services.items() if service.place}
@@ -362,6 +390,7 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         assert (row["bond"], row["set_aside"]) == (service.bond, set_aside(i)), i
         provider = index.providers()[service.provider]
         assert provider["failures"] == service.failures, i
+        assert (row["namers"], row["max_void_percent"]) == ("proven", 0)
         work = Work(provider["done"], provider["failed"], provider["day"])
         assert work.reputation(time_s(logs[-1].block)) == service.reputation != 32, i
     for i in state.tasks:
@@ -370,6 +399,7 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         kept = client.task(i)
         assert (indexed_task["state"], indexed_task["reward"]) == (kept.state.name.lower(), kept.reward), i
         assert indexed_task["rules_sha256"] == "0x" + state.rules_of_tasks[i].hex(), i
+        assert len(indexed_task["passed"]) == len(client.passed(i)), i
         ended = indexed_task["ended"] is not None
         assert indexed_task["paid"] + indexed_task["refunded"] == (kept.reward if ended else 0), i
     named = {kind: ["0x" + one.hex() for one in rules] for kind, rules in state.rules.items()}
@@ -380,6 +410,7 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert [voted_on[name] for name in ("kind", "votes", "panel", "rotation_s", "seats")] == (
         [KIND, 2, 2, 60, [0, 1]]
     )
+    provider = index.providers()[life.organization.robot.address]
     index.close()
 
     assert {key: client.seat(key) for key in JUDGES if client.seat(key)} == state.seats
@@ -394,7 +425,18 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert client.terms() == state.terms
     assert client.members_only() == state.members_only
     robot = life.organization.robot.address
-    assert client.asleep_until(robot) == state.asleep.get(robot, 0)
+    now_s = time_s(logs[-1].block)
+    proven = client.is_proven(robot)
+    assert (provider["earned"] or provider["vouched"]) == (robot in state.earned | state.vouched) == proven
+    rests_until = state.rests.get(robot, 0)
+    until = state.asleep.get(robot, 0) if proven else rests_until * (rests_until > now_s)
+    assert client.asleep_until(robot) == until
+    assert (provider["rests_until"] or 0, provider["asleep_until"] or 0) == (
+        *(rests_until, state.asleep.get(robot, 0)),
+    )
+    assert (
+        client.bonds_locked_until(robot) == state.locked.get(robot, 0) == (provider["bond_locked_until"] or 0)
+    )
     operator = life.organization.operator.address
     assert {one: client.payout_of(one) for one in (robot, operator)} == state.payouts
     assert state.payouts == {robot: robot, operator: robot}
@@ -417,4 +459,10 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     # A life in which nothing happened would prove nothing.
     happened = {type(log.event) for log in logs}
     assert happened >= {events.PassedOn, events.PenaltyReturned, events.ServiceAgreed, events.JudgeRemoved}
+    assert happened >= {
+        events.TaskPassed,
+        events.ProviderRests,
+        events.ServiceStoodBack,
+        events.ProviderVouched,
+    }
     assert any(service.completed + service.rejected + service.expired for service in services.values())

@@ -87,13 +87,7 @@ class Chain:
         self._reports[sha256] = list(acts)
         if read:
             self.acts.read(sha256, acts)
-        self.event(
-            "Reported",
-            task_id,
-            attempt=attempt,
-            report_hash=sha256,
-            report_uri=f"{STORE}/{sha256[2:]}.json",
-        )
+        self.event("Reported", task_id, report_uri=f"{STORE}/{sha256[2:]}.json", reason="")
         if passed_on:
             self.event("PassedOn", task_id, attempt=attempt)
         return self.event("Ruled", task_id, attempt=attempt, ruling=ruling, report=sha256)

@@ -38,14 +38,14 @@ ACTS = {
     "rodeo task accept", "rodeo task abandon", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
     "rodeo task revoke", "rodeo task allow-payments",
     "rodeo task dispute challenge", "rodeo task dispute vote", "rodeo task dispute settle",
-    "rodeo task conclude", "rodeo service agree",
+    "rodeo task conclude", "rodeo task match", "rodeo service agree", "rodeo service set-namers",
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
     "rodeo service withdraw", "rodeo service payout",
     "rodeo console create-admin", "rodeo console create", "rodeo console passphrase", "rodeo console token",
     "rodeo console link",
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (
-        "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
+        "policy", "kind", "terms", "members-only", "admit", "dismiss", "vouch", "grant", "revoke", "suspend",
         "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
         "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
@@ -53,7 +53,7 @@ ACTS = {
         "deposit-stake", "announce-withdrawal", "withdraw-stake", "vote-budget", "pay-budget",
     )),
     *(f"rodeo organization propose {change}" for change in (
-        "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
+        "policy", "kind", "terms", "members-only", "admit", "dismiss", "vouch", "grant", "revoke", "suspend",
         "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
         "price", "judge-key", "remove-judge", "seat", "unseat", "quorum", "hand-over", "delay", "budget-vote",
@@ -70,11 +70,12 @@ TASK: dict[str, Any] = {
     "accepted": None, "verdict": "rejected", "reason": "the item does not rise in the gripper, " * 6,
     "description": DESCRIPTION,
     "params": {}, "execution_deadline": None, "verdict_deadline": None, "case_end": None,
-    "fault": None, "standing": None, "passed_on": False, "judge": "auditor", "judge_removed": False,
+    "fault": None, "standing": None, "passed": [], "passed_on": False,
+    "judge": "auditor", "judge_removed": False,
     "service_id": None, "requested_service_id": None, "requested_provider": None,
     "requested_provider_name": None,
     "registered": 1.0, "assigned": None, "proof_submitted": None, "settled": None,
-    "execution_window_s": 60, "verdict_window_s": 60, "proof_sha256": None,
+    "execution_window_s": 60, "verdict_window_s": 60, "grace_s": 20, "proof_sha256": None,
     "rules_sha256": None,
     "proof_uri": None, "report_sha256": None, "report_uri": None, "nonce": None, "dispute": None,
 }  # fmt: skip
@@ -85,7 +86,8 @@ OFFER = {
     "completed": 0, "rejected": 0,
     "expired": 0,
     "bond_iec": "0", "penalty_iec": "0", "max_failures": 0, "failures": 0, "asleep_until": None, "place": 1,
-    "reputation": 32,
+    "reputation": 32, "proven": False, "vouched": False, "rests_until": None, "bond_locked_until": None,
+    "stood_back": False, "namers": "proven", "max_void_percent": 0,
 }  # fmt: skip
 PROPOSAL = {
     "number": 1, "id": "0x" + "1d" * 32, "proposer": ALICE, "proposer_name": "alice", "description": "a bond",
@@ -233,6 +235,19 @@ def test_a_service_that_has_not_agreed_to_the_judge_says_what_to_do(
     answered["services"] = {"services": [offer], "total": 1}
     said = CliRunner().invoke(app, ["service", "list"]).stdout
     assert "`rodeo service agree 1`" in said and "2 IEC of its bond are set aside" in said
+
+
+def test_a_service_that_stands_back_says_why_until_when_its_provider_rests_and_who_may_name_it(
+    answered: dict[str, dict[str, Any]],
+) -> None:
+    offer = OFFER | {"stood_back": True, "rests_until": 4e9, "namers": "anybody", "max_void_percent": 20}
+    answered["services"] = {"services": [offer], "total": 1}
+    status = {"process": "robot_sim", "pid": 1, "ready": True, "reason": "", "activity": ""}
+    answered["robot_sim"] = status | {"progress": None, "since_s": 1.0, "time_s": 1.0}
+    said = CliRunner().invoke(app, ["service", "list"]).stdout
+    assert "newcomer; rests until 2096-10-02 07:06:40 (simulated time)" in said
+    assert "stands back: its provider rests" in said
+    assert "anybody may name it, unless over 20 % of their tasks end void" in said
 
 
 @pytest.mark.parametrize(

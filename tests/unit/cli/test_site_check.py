@@ -251,10 +251,16 @@ DOUBTFUL = [
         "robots.0.battery.standby_power_w: panther1 draws more power switched off (50 W) than idle (45 W)",
     ),
     (
-        'clock.idle_speed = 0\n[[participants]]\nname = "alice"\n',
+        "clock.idle_speed = 0\n",
         3,
-        "clock.idle_speed: the clock may jump over a person's whole window before the simulator hears of the "
-        'task: list "bridge" in clock.holders, too',
+        "clock.idle_speed: the clock may jump over a task's whole grace period before its executor hears of "
+        'it: list "bridge" in clock.holders, too',
+    ),
+    (
+        '[[kinds]]\nname = "battery_charging"\n[[kinds]]\nname = "waste_disposal"\ngrace_s = 40\n',
+        5,
+        "kinds.1: a task of waste_disposal can be given back for 40 s of site time, and a process may need "
+        "50 s for that, 5 s on the wall clock: lower clock.speed, or raise grace_s",
     ),
     (
         "".join(f'[[oracles]]\nname = "{name}"\n' for name in ("anna", "bert", "carl"))
@@ -291,11 +297,10 @@ def test_what_is_doubtful_is_a_warning_and_no_reason_to_refuse(
     "clock",
     [
         'clock.holders = ["robot_agent", "itrash", "charger", "bridge"]',
-        "people.min_window_s = 0",
         "clock.idle_speed = 1\nclock.speed = 1",
     ],
 )
-def test_people_whose_time_the_clock_knows_are_no_doubt(said: Said, clock: str) -> None:
+def test_executors_for_whom_the_clock_waits_are_no_doubt(said: Said, clock: str) -> None:
     jumps = "" if "idle_speed" in clock else "clock.idle_speed = 0\n"
     assert said(f'{jumps}{clock}\n[[participants]]\nname = "alice"\n') == []
 

@@ -72,16 +72,23 @@ def site(tmp_path: Path) -> Iterator[Site]:
         yield found
 
 
-def test_an_organization_takes_four_transactions_of_its_founder_and_the_next_one_three(
+def test_an_organization_takes_five_transactions_of_its_founder_and_the_next_one_four(
     site: Site, tmp_path: Path
 ) -> None:
     w3 = connect(site.chain.url)
     told(site)
-    # The registry, two with contracts, one with all that the organization is told.
-    assert sent(site, w3) == 4
+    # The registry, three with contracts, one with all that the organization is told.
+    assert sent(site, w3) == 5
+    client = Organization(site).client
+    for name, kind in kinds_of(site).items():
+        rules = client.kind(name)
+        windows = rules.min_window, rules.max_window, rules.grace
+        assert windows == (*kind.windows_s, kind.grace_period_s), name
+    assert all(client.is_proven(keystores.address(site, robot.name)) for robot in site.robots)
+    assert not client.is_proven(keystores.address(site, "oracle"))
     second = another(site, tmp_path / "second")
     told(second)
-    assert sent(second, w3) == 3
+    assert sent(second, w3) == 4
     deployed = record(site), record(second)
     assert deployed[0].registry == deployed[1].registry == registry.known_address()
     assert not {*deployed[0].contracts.values()} & {*deployed[1].contracts.values()}
@@ -115,11 +122,11 @@ def test_everybody_can_read_how_far_a_deployment_is(site: Site, monkeypatch: pyt
     assert seen == []
 
 
-def test_an_administrator_who_waits_takes_one_transaction_more(site: Site) -> None:
-    """What a timelock does is scheduled and executed."""
+def test_an_administrator_who_waits_takes_two_transactions_more(site: Site) -> None:
+    """The timelock does not fit into the others, and what it does is scheduled and executed."""
     waits = site.model_copy(update={"governance": GovernanceConfig(delay_s=60)})
     told(waits)
-    assert sent(waits, connect(site.chain.url)) == 5
+    assert sent(waits, connect(site.chain.url)) == 7
 
 
 def test_with_votes_and_disputes_no_transaction_has_more_gas_than_one_may_have(
@@ -159,7 +166,7 @@ def test_two_members_are_two_accounts(site: Site) -> None:
     assert twice.value.details[to_checksum_address(address)] == "bob"
 
 
-@pytest.mark.parametrize("before", range(1, 4))
+@pytest.mark.parametrize("before", range(1, 5))
 def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
     site: Site, monkeypatch: pytest.MonkeyPatch, before: int
 ) -> None:
@@ -172,11 +179,11 @@ def test_an_interrupted_deployment_goes_on_with_the_contracts_that_are_there(
     there = sent(site, w3)
     assert there == before - 1
     told(site)
-    assert sent(site, w3) == 4
+    assert sent(site, w3) == 5
     assert len(Registry(w3, registry.known_address()).organizations()) == 1
 
 
-@pytest.mark.parametrize("before", [5, 6])
+@pytest.mark.parametrize("before", [6, 7])
 def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_later(
     site: Site, monkeypatch: pytest.MonkeyPatch, before: int
 ) -> None:
@@ -244,7 +251,9 @@ def test_a_role_that_was_revoked_on_chain_is_not_given_back(
     calls = lab.client.organization_calls
     for role, account in ((Role.ORACLE, lab.oracle), (Role.AUDITOR, lab.operator)):
         lab.send(lab.operator, calls.revoke_role(role, account.address))
+    lab.send(lab.operator, calls.vouch_for(lab.robot.address, False))
     told(site)
+    assert not lab.client.is_proven(lab.robot.address), "nor does the founding vouch again"
     assert not lab.client.has_role(Role.ORACLE, lab.oracle.address)
     assert not lab.client.has_role(Role.AUDITOR, lab.operator.address)
     assert f"ORACLE_ROLE of {lab.oracle.address} was revoked on chain" in caplog.text
@@ -392,4 +401,4 @@ def test_names_are_shown_as_they_are_or_in_hex(site: Site) -> None:
 
 def test_the_registry_creates_everything_that_a_contract_does_not_create_itself() -> None:
     built = {*artifacts.CONTRACTS, *artifacts.DISPUTES, *artifacts.GOVERNANCE}
-    assert {*registry.PARTS} == built - {"SignedRequests"}
+    assert {*registry.PARTS} == built - artifacts.CREATED_BY.keys()

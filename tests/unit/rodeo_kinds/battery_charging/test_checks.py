@@ -314,7 +314,7 @@ def tell(spent: ConsumedActs, task_id: int, paid_for: Sequence[str] | None = Non
     if paid_for is not None:
         sha256 = f"0x{task_id:064x}"
         spent.read(sha256, paid_for)
-        registered.append(("Reported", {"attempt": 1, "report_hash": sha256, "report_uri": ""}))
+        registered.append(("Reported", {"report_uri": "", "reason": ""}))
         registered.append(("Ruled", {"attempt": 1, "ruling": "accepted", "report": sha256}))
         registered.append(("TaskSettled", {}))
     for number, (name, args) in enumerate(registered):

@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy
 
 from rodeo.chain import events
-from rodeo.chain.abi import Cause, Fault, Instance, Revocation, Ruling, ServiceState
+from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState
 from rodeo.chain.logs import Log
 from rodeo.chain.types import Event
 from services.bridge import schema
@@ -68,7 +68,7 @@ def assigned(attempt: int = 1, deadline: int = 4_600) -> Event:
 
 
 def proved(attempt: int = 1) -> Event:
-    return events.ProofSubmitted(1, attempt, ROBOT, b"\x0a" * 32, "file:///p.mcap", 1_700)
+    return events.ProofSubmitted(1, attempt, ROBOT, b"\x0a" * 32, "file:///p.mcap")
 
 
 def ruled(ruling: Ruling, attempt: int = 1, until: int = 0) -> Event:
@@ -77,7 +77,7 @@ def ruled(ruling: Ruling, attempt: int = 1, until: int = 0) -> Event:
 
 def judged(accepted: bool, attempt: int = 1) -> list[Event]:
     """Finally."""
-    report = events.Reported(1, attempt, b"\x0b" * 32, "file:///r.json", "why")
+    report = events.Reported(1, "file:///r.json", "why")
     return [report, ruled(Ruling.ACCEPTED if accepted else Ruling.REJECTED, attempt)]
 
 
@@ -354,7 +354,7 @@ def test_a_service_that_accepts_every_task_accepts_by_its_assignment(chain: Chai
 
 def test_an_impossible_task_pays_its_executor_and_is_no_completion(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(), proved())
-    report = events.Reported(1, 1, b"\x0b" * 32, "", "no such item")
+    report = events.Reported(1, "", "no such item")
     chain.block(report, ruled(Ruling.IMPOSSIBLE), events.TaskSettled(1, ROBOT, 10 * IEC, 110 * IEC))
     row = task(chain)
     assert (row["state"], row["verdict"], row["reason"]) == ("settled", "impossible", "no such item")
@@ -363,7 +363,7 @@ def test_an_impossible_task_pays_its_executor_and_is_no_completion(chain: Chain)
 
 
 def test_a_task_is_late_for_its_verdict_after_half_of_the_window(chain: Chain) -> None:
-    chain.block(registered(), offered(), assigned(), proved())  # 600 s, until 1,700
+    chain.block(registered(), offered(), assigned(), proved(), time_s=1_100)  # 600 s, until 1,700
     assert chain.index.late_verdicts(1_400) == [] and chain.index.late_verdicts(1_401) == [1]
     chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC))
     assert chain.index.late_verdicts(1_401) == []
@@ -390,14 +390,15 @@ def submitted(chain: Chain) -> None:
         events.KindAllowed("waste_disposal", 1, ORACLE_JUDGE, bytes(32)),
         events.AuditChanged("waste_disposal", 1_000),
     )
-    chain.block(offered(), events.TermsAgreed(1, 20, 5, 0), registered(), assigned(), proved())
+    terms = events.TermsAgreed(1, 20, 5, 0)
+    chain.block(offered(), terms, registered(), assigned(), proved(), time_s=1_100)
 
 
 def passed_on(chain: Chain) -> None:
     """Task 1, whose proof the oracle could not decide."""
     submitted(chain)
     chain.block(
-        events.Reported(1, 1, b"\x0b" * 32, "", "a hang"),
+        events.Reported(1, "", "a hang"),
         events.PassedOn(1, 1, CREATOR),
         ruled(Ruling.VOID, until=CASE_END),
         events.PenaltySetAside(1, 1, 5),
@@ -468,7 +469,7 @@ def test_a_service_that_retires_has_its_bond_back_and_what_was_set_aside_when_th
 def test_a_service_whose_bond_ran_short_waits_again_when_a_case_ends(chain: Chain) -> None:
     submitted(chain)
     chain.block(
-        ruled(Ruling.ACCEPTED, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1, 3, 5)
+        ruled(Ruling.ACCEPTED, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1)
     )
     (service,), _ = chain.index.services({}, Page(10))
     assert (service["state"], service["place"]) == ("short", 0)
@@ -480,7 +481,7 @@ def test_a_service_whose_bond_ran_short_waits_again_when_a_case_ends(chain: Chai
 def test_a_service_waits_again_before_the_task_that_it_gave_up_is_offered(chain: Chain) -> None:
     submitted(chain)
     chain.block(
-        ruled(Ruling.GIVEN_UP, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1, 3, 5)
+        ruled(Ruling.GIVEN_UP, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1)
     )
     chain.block(events.PenaltyReturned(1, 1, 17), events.TaskRequeued(1, 1, Cause.GIVEN_UP), assigned(2))
     assert places(chain) == [0] and chain.index.setting("places") == 2
@@ -504,7 +505,7 @@ def test_where_nobody_ruled_the_attempt_is_void_and_has_no_report(chain: Chain) 
 
 def test_a_report_of_another_transaction_is_not_that_of_a_ruling(chain: Chain) -> None:
     submitted(chain)
-    chain.block(events.Reported(1, 1, b"\x0b" * 32, "file:///other", "of another"))
+    chain.block(events.Reported(1, "file:///other", "of another"))
     chain.block(ruled(Ruling.ACCEPTED, until=CASE_END))
     row = task(chain)
     assert (row["reason"], row["report_uri"], row["report_sha256"]) == (None, None, "0x" + "0b" * 32)
@@ -543,7 +544,7 @@ def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(
     submitted(chain)
     chain.block(
         events.InstanceRuled(1, 1, 0, Ruling.ACCEPTED, bytes(32), 0b1, 1_300),
-        events.Reported(1, 1, b"\x0b" * 32, "file:///r.json", "why"),
+        events.Reported(1, "file:///r.json", "why"),
         ruled(Ruling.ACCEPTED, until=1_300),
     )
     assert task(chain)["dispute"] == {"instance": 0, "until": 1_300}
@@ -558,7 +559,7 @@ def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(
     assert chain.index.settleable(1_301) == []
     chain.block(
         events.InstanceRuled(1, 1, 1, Ruling.REJECTED, bytes(32), 0b1, 0),
-        events.Reported(1, 1, b"\x0b" * 32, "file:///r.json", "it does"),
+        events.Reported(1, "file:///r.json", "it does"),
         ruled(Ruling.REJECTED),
         events.TaskFailed(1, 120 * IEC, 1, Cause.REJECTED),
         time_s=1_400,
@@ -584,18 +585,85 @@ def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(deadline=4_600))
     assert chain.index.overdue(4_600) == [] and chain.index.next_end_s(4_600) == 4_600
     assert chain.index.overdue(4_601) == [1] and chain.index.next_end_s(4_601) is None
-    chain.block(proved())
+    chain.block(proved(), time_s=1_100)
     assert chain.index.overdue(10**9) == [] and chain.index.next_end_s(1_700) == 1_700
     chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0))
     assert chain.index.overdue(10**9) == []
 
 
-def test_an_attempt_that_nobody_accepted_is_overdue_after_a_quarter_of_its_window(chain: Chain) -> None:
+def test_an_attempt_that_nobody_accepted_is_overdue_after_the_kinds_grace_period(chain: Chain) -> None:
+    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 180))
     chain.block(registered(), offered(auto_accept=False), assigned(deadline=4_600))
-    assert chain.index.overdue(1_900) == [] and chain.index.next_end_s(1_900) == 1_900
-    assert chain.index.overdue(1_901) == [1] and chain.index.next_end_s(1_901) is None
+    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 300))  # for later tasks
+    assert task(chain)["grace_s"] == 180
+    assert chain.index.overdue(1_180) == [] and chain.index.next_end_s(1_180) == 1_180
+    assert chain.index.overdue(1_181) == [1] and chain.index.next_end_s(1_181) is None
     chain.block(events.TaskAccepted(1, 1, ROBOT))
     assert chain.index.overdue(4_600) == [] and chain.index.overdue(4_601) == [1]
+
+
+SECOND = events.ServiceRegistered(2, ROBOT, "waste_disposal", 90 * IEC, True, "")
+"""Another service of the robot."""
+
+
+def stands_back(chain: Chain) -> list[int]:
+    return [row["id"] for row in chain.index.stood_back()]
+
+
+def test_a_newcomer_waits_with_one_service_and_rests_after_it_gave_a_task_back(chain: Chain) -> None:
+    chain.block(offered(), SECOND, events.ServiceStoodBack(2))
+    assert places(chain) == [1, 0] and stands_back(chain) == [2] and chain.index.engaged() == {ROBOT}
+    chain.block(registered(), assigned(), time_s=1_000)
+    chain.block(
+        events.TaskPassed(1, 1, False),
+        events.TaskRequeued(1, 1, Cause.ABANDONED),
+        events.ProviderRests(ROBOT, 1_700),
+        time_s=1_100,
+    )
+    assert task(chain)["passed"] == [{"provider": ROBOT, "gave_up": False}]
+    assert places(chain) == [0, 0] and stands_back(chain) == [1, 2] and not chain.index.engaged()
+    provider = chain.index.providers()[ROBOT]
+    assert (provider["rests_until"], provider["bond_locked_until"]) == (1_700, 1_100 + 86_400)
+    chain.block(events.ProviderWokeUp(ROBOT), events.ServiceStoodBack(2), time_s=1_700)
+    assert places(chain) == [2, 0] and stands_back(chain) == [2]
+
+
+def test_an_accepted_proof_ends_a_rest_and_frees_the_bonds(chain: Chain) -> None:
+    chain.block(registered(), offered(), SECOND, events.ServiceStoodBack(2), assigned(), proved())
+    chain.block(events.ProviderRests(ROBOT, 1_700))
+    *report, ruling = judged(True)
+    chain.block(*report, ruling, events.ProviderWokeUp(ROBOT), events.ProviderProven(ROBOT), settled(100))
+    provider = chain.index.providers()[ROBOT]
+    assert (provider["rests_until"], provider["bond_locked_until"], provider["earned"]) == (None, None, True)
+    assert places(chain) == [2, 0], "its other service is not offered by that"
+    (first, second), _ = chain.index.services({}, Page(10))
+    assert (first["waits_as_proven"], second["waits_as_proven"]) == (True, False)
+
+
+def test_the_services_of_whom_the_organization_vouches_for_are_offered_anew(chain: Chain) -> None:
+    chain.block(offered(), SECOND, events.ServiceStoodBack(2))
+    chain.block(events.ProviderVouched(ROBOT, True))
+    assert places(chain) == [2, 3] and chain.index.providers()[ROBOT]["vouched"]
+    chain.block(events.ProviderVouched(ROBOT, True))
+    assert places(chain) == [2, 3], "nothing changed"
+    chain.block(events.ProviderVouched(ROBOT, False), events.ServiceStoodBack(2))
+    assert places(chain) == [4, 0]
+
+
+def test_whose_tasks_may_name_a_service_is_in_the_index(chain: Chain) -> None:
+    chain.block(offered())
+    chain.block(events.NamersChanged(1, Namers.ANYBODY, 20))
+    row = chain.index.service(1)
+    assert row is not None and (row["namers"], row["max_void_percent"]) == ("anybody", 20)
+
+
+def test_a_withdrawn_service_counts_until_its_locked_bond_is_returned(chain: Chain) -> None:
+    chain.block(offered(), events.TermsAgreed(1, 20, 5, 0), SECOND, events.ServiceStoodBack(2))
+    chain.block(events.ServiceUpdated(1, 100 * IEC, ServiceState.RETIRED))
+    assert [row["id"] for row in chain.index.locked_bonds()] == [1]
+    assert chain.index.providers()[ROBOT]["services"] == [1, 2]
+    chain.block(events.BondReturned(1, ROBOT, 20))
+    assert not chain.index.locked_bonds() and chain.index.providers()[ROBOT]["services"] == [2]
 
 
 def test_balances_add_up_and_hold_256_bits(chain: Chain) -> None:

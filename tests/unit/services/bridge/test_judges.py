@@ -69,12 +69,13 @@ def called(
         judges=lambda: [{}] * seats,
         rules=lambda _kind, now: list(kept) if now == number["judge"] else [],
         kinds=lambda: [KIND],
+        kind=lambda _kind: {"min_window_s": 600, "max_window_s": 7200, "grace_s": 180},
     )
     unused: Any = SimpleNamespace()
-    kinds: Any = SimpleNamespace(by_people=lambda _kind: False)
+    kinds: Any = SimpleNamespace(by_people=lambda _kind: False, get=lambda _kind: None)
     wallet = Wallet("alice", client, unused, index, unused, unused, unused, kinds)
     wallet.names = Names.__new__(Names)
-    wallet.names._contracts = deployment.contracts
+    wallet.names._contracts, wallet.names._addresses = deployment.contracts, {}
     command, build = wallet._parse(name, request)
     contracts = {address: contract for contract, address in ADDRESSES.items()}
     return [(contracts[call.to], call.name) for call in build(wallet, command)]
@@ -166,3 +167,9 @@ def test_a_ruling_that_nobody_can_replace_is_not_challenged(task: dict[str, Any]
     """Of no instance, concluded, or of the last one."""
     with pytest.raises(NoDispute):
         called("challenge", {"task_id": 1, "reason": "no"}, instances=2, **task)
+
+
+def test_what_concerns_providers_goes_to_the_contract_that_knows_them() -> None:
+    assert called("set_namers", {"service_id": 1, "namers": "anybody"}) == [("Providers", "setNamers")]
+    assert called("match_task", {"task_id": 1, "service_id": 2}) == [("TaskManager", "matchTask")]
+    assert called("vouch", {"account": OTHER}) == [("Organization", "vouchFor")]

@@ -63,8 +63,11 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
 
     rows = [ruled(7, executor="0x01").model_dump(), ruled(8, executor="0x02").model_dump()]
     index = SimpleNamespace(unconcluded=lambda: rows, late_verdicts=lambda _now_s: [7])
+    index.providers, index.engaged = dict, set
+    index.stood_back = index.locked_bonds = list
     wallets = {"panther1": SimpleNamespace(execute=execute)}
-    attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets)
+    handback = SimpleNamespace(can_do=lambda _name, _kind: True)
+    attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets, handback=handback)
     assert bridge._expire_overdue(attachment) is None
     assert sent == [("conclude", {"task_id": 7})]
     assert "task 7" in concerns["verdicts"]

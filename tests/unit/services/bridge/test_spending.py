@@ -60,7 +60,7 @@ FREE = {
     *("update_service", "agree", "register_device", "revoke_device", "post_root"),
     *("allow_kind", "remove_judge", "retire_rules"),
     *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
-    *("admit", "dismiss", "suspend_provider", "reinstate_provider", "suspend_service"),
+    *("admit", "dismiss", "vouch", "set_namers", "suspend_provider", "reinstate_provider", "suspend_service"),
     *("reinstate_service", "grant_role", "revoke_role", "change_judge_key", "seat_judge"),
     *("unseat_judge", "set_quorum", "hand_over", "set_delay"),
 }

@@ -40,7 +40,7 @@ REPORT, NONE = "0x" + "f" * 64, "0x" + "0" * 64
 
 def judged(ruling: str, reason: str, until: int = 0, **more: Any) -> list[tuple[str, dict[str, Any]]]:
     """A ruling with its report; `until` 0: it is final."""
-    report = {"reason": reason, "report_hash": REPORT, "report_uri": "file:///f.json"}
+    report = {"reason": reason, "report_uri": "file:///f.json"}
     return [
         ("Reported", report),
         ("Ruled", {"ruling": ruling, "fault": "nobody", "until": until, "report": REPORT} | more),
@@ -137,3 +137,15 @@ def test_what_was_passed_on_is_known_as_such() -> None:
     told = events(REGISTERED, assigned(1), proven("a"), ruling[0], ("PassedOn", {"attempt": 1}), ruling[1])
     (waits,) = attempts(told)
     assert (waits.passed_on, waits.standing, waits.reason) == (True, "void", "too dark")
+
+
+def test_an_attempt_that_the_contracts_passed_does_not_count() -> None:
+    passed = ("TaskPassed", {"provider": 3, "gave_up": False})
+    told = events(
+        REGISTERED, assigned(1), passed, ("TaskRequeued", {"cause": "abandoned"}), assigned(2, OTHER)
+    )
+    first, second = attempts(told)
+    assert (first.counts, first.verdict, first.reason) == (
+        False, "abandoned", "the executor gave the task back in the grace period",
+    )  # fmt: skip
+    assert second.counts and second.verdict is None

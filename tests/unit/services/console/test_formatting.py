@@ -6,8 +6,18 @@ from decimal import Decimal
 
 import pytest
 
-from rodeo.queries import ProposedCall
-from services.console.formatting import calls_in_words, exact, iec, process
+from rodeo.queries import KindRules, Known, ProposedCall
+from services.console.formatting import (
+    calls_in_words,
+    exact,
+    iec,
+    known_in_words,
+    passed_in_words,
+    process,
+    tries_in_words,
+    windows_in_words,
+)
+from tests.support.tasks import task
 
 
 @pytest.mark.parametrize(
@@ -47,3 +57,36 @@ def test_calls_in_a_call_read_like_calls() -> None:
     assert calls_in_words([proposed]) == (
         "Organization.setMembersOnly(members_only True); ?(); setMembersOnly(members_only True)"
     )
+
+
+def test_what_is_known_of_a_provider_leaves_out_what_is_over() -> None:
+    rests = Known(rests_until=900.0, bond_locked_until=87_300.0)
+    told = [known_in_words(rests, str, now_s) for now_s in (None, 800.0, 1000.0, 90_000.0)]
+    both = "newcomer; rests until 900.0; bonds locked until 87300.0"
+    assert told == [both, both, "newcomer; bonds locked until 87300.0", "newcomer"]
+    assert known_in_words(Known(proven=True, vouched=True), str, None) == "proven (vouched for)"
+
+
+def test_attempts_that_do_not_count_are_told_apart_from_those_that_do() -> None:
+    assert tries_in_words(task("assigned", attempt=2)) == "2 of 3"
+    passed = [{"provider": f"0x{number}", "gave_up": number == 2} for number in range(1, 5)]
+    again = task("assigned", attempt=5, passed=passed)
+    assert tries_in_words(again) == "5, of which 1 of at most 3 count"
+    assert passed_in_words(again) == (
+        "0x1, 0x2 (gave up), 0x3, 0x4; while a proven provider offers such work, it is offered to proven "
+        "ones only"
+    )
+
+
+def test_a_kinds_windows_read_as_times_and_nothing_where_nobody_set_them() -> None:
+    rules = KindRules(
+        kind="x",
+        allowed=True,
+        judge="oracle",
+        min_window_s=600,
+        max_window_s=7200,
+        grace_s=180,
+        audit_window_s=0,
+    )
+    assert windows_in_words(rules) == "10 min 0 s to 2 h 0 min to work, the first 3 min 0 s to give it back"
+    assert windows_in_words(rules.model_copy(update={"max_window_s": 0})) == ""

@@ -13,6 +13,7 @@ from rodeo.messages import RegisterTask
 from rodeo.queries import Offer
 from services.console import posting
 from tests.support.site import LAB
+from tests.support.tasks import task
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +89,7 @@ def test_a_site_without_robots_and_items_says_so(site: Site) -> None:
 def offer(number: int, provider: str, **fields: Any) -> Offer:
     """With what the form reads of it."""
     common = {"id": number, "provider": provider, "provider_name": None, "kind": "battery_charging"}
+    common |= {"task_id": None}
     return Offer.model_construct(**{**common, "price_iec": Decimal(10 + number), "state": "active", **fields})
 
 
@@ -107,6 +109,24 @@ def test_a_provider_can_be_named_who_has_several_services_that_take_the_kind() -
         "4": "4: west, 14 IEC",
     }
     assert posting.hireable(services, None) == {}
+
+
+def test_a_service_that_nobody_may_name_is_not_offered_for_it() -> None:
+    assert posting.hireable([offer(1, f"0x{'1' * 40}", namers="nobody")], "battery_charging") == {}
+
+
+def test_a_task_is_matched_only_with_a_service_that_is_free_fits_and_has_not_had_it() -> None:
+    one, other = f"0x{'1' * 40}", f"0x{'2' * 40}"
+    waits = task("open", kind="battery_charging", reward_iec="13", passed=[{"provider": other}])
+    services = [
+        offer(1, one, provider_name="east"),
+        offer(2, one, task_id=7),
+        offer(3, one, kind="waste_disposal"),
+        offer(3, one, state="paused"),
+        offer(4, one),
+        offer(2, other),
+    ]
+    assert posting.fitting(waits, services) == {"1": "1: east, 11 IEC"}
 
 
 @pytest.mark.parametrize(("value", "said"), [(f"0x{'1' * 40}", "provider"), ("12", "service_id")])

@@ -136,7 +136,7 @@ class Bridge:
         passed_on = request.ruling == "undecided"
         said = {"ruling": "void" if passed_on else request.ruling, "report": request.report_sha256}
         happened: list[tuple[str, dict[str, Any]]] = [
-            ("Reported", {"report_hash": request.report_sha256, "report_uri": ""}),
+            ("Reported", {"report_uri": "", "reason": ""}),
             *([("PassedOn", {})] if passed_on else []),
             ("Ruled", said),
             *([] if passed_on else [("TaskSettled", {})]),

@@ -131,9 +131,9 @@ def event(name: str, **args: Any) -> DaoEvent:
 
 def test_what_was_never_handed_over_is_not_looked_for() -> None:
     submitted = event("ProofSubmitted", uri="file:///s/a.mcap", proof_hash="0xAA")
-    verdict = {"report_uri": "file:///s/b.json", "report_hash": "0xBB"}
-    rejected = event("Reported", reason="fetched: proof_not_found", **verdict)
-    assert [one.sha256 for one in judged_files([submitted, rejected])] == ["0xbb"]
-    accepted = event("Reported", reason="accepted", **verdict)
-    assert [one.sha256 for one in judged_files([submitted, accepted])] == ["0xaa", "0xbb"]
+    ruled = event("Ruled", report="0xBB")
+    rejected = event("Reported", reason="fetched: proof_not_found", report_uri="file:///s/b.json")
+    assert [one.sha256 for one in judged_files([submitted, rejected, ruled])] == ["0xbb"]
+    accepted = event("Reported", reason="accepted", report_uri="file:///s/b.json")
+    assert [one.sha256 for one in judged_files([submitted, accepted, ruled])] == ["0xaa", "0xbb"]
     assert [*judged_files([submitted])] == []

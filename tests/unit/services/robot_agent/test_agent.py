@@ -103,7 +103,8 @@ class Night:
         agent._energy, agent._behaviours = SimpleNamespace(name="charge"), {TASK.kind: self}
         agent._open_services = lambda wanted: setattr(self, "service", "active" if wanted else "paused")
         agent._has_begun = lambda _task: False
-        agent._payout = None
+        agent._payout, agent._rests_until_s = None, 0.0
+        agent._acceptance = SimpleNamespace(accept=lambda *_: None)
         self.agent = agent
         return agent
 

@@ -25,6 +25,7 @@ from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
 from rodeo.robot.ros_body import Battery
 from services.robot_agent import agent as agent_module
+from services.robot_agent.acceptance import Acceptance
 from services.robot_agent.agent import Agent
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.journal import Journal, Phase
@@ -82,9 +83,12 @@ class Dao(RobotParticipant):
         self.offers: dict[str, str] = {}
         self.proofs: list[int] = []
         self.abandoned: list[int] = []
+        self.accepted: list[int] = []
+        self.rests_until: float | None = None
 
     def assignments(self, kind: str) -> list[Task]:
-        return [one for one in self.assigned if one.kind == kind and one.id not in self.proofs]
+        over = self.proofs + self.abandoned
+        return [one for one in self.assigned if one.kind == kind and one.id not in over]
 
     def own_live_task(self, kind: str) -> Task | None:
         return None
@@ -95,7 +99,8 @@ class Dao(RobotParticipant):
 
     def offer_service(self, kind: str, *_offer: Any, **_more: Any) -> Offer | None:
         self.offers[kind] = "active"
-        return None
+        before: Any = SimpleNamespace(rests_until=self.rests_until)
+        return before
 
     def set_service_state(self, service_id: Any, state: str) -> None:
         self.offers[service_id] = state
@@ -110,6 +115,9 @@ class Dao(RobotParticipant):
     def task(self, task_id: int) -> Task:
         known = next(one for one in self.assigned if one.id == task_id)
         return known.model_copy(update={"state": "submitted"}) if task_id in self.proofs else known
+
+    def accept_task(self, task: Task) -> None:
+        self.accepted.append(task.id)
 
     def abandon_task(self, task: Task) -> None:
         self.abandoned.append(task.id)
@@ -204,6 +212,8 @@ def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     agent._energy = kind("tea")
     agent._kinds = {name: kind(name) for name in ("guarding", "watching")}
     agent._behaviours = {name: StandGuard(robot) for name in agent._kinds}
+    agent._acceptance = Acceptance(SITE, agent._dao, clock, agent._behaviours)
+    agent._rests_until_s, agent._assigned_seq = 0.0, 0
     return agent
 
 
@@ -251,6 +261,43 @@ def test_a_task_whose_time_is_too_short_is_given_back_although_the_battery_would
     mind._wait_for_news = lambda **_: None
     mind._step()
     assert (mind._dao.abandoned, mind._body.drives) == ([7], [])
+
+
+def test_a_robot_agrees_to_a_task_before_it_works_on_it_and_not_to_one_that_it_gives_back(mind: Any) -> None:
+    mind._dao.assigned = [guarding(7), guarding(8, x_m="there")]
+    mind._step()
+    assert (mind._dao.accepted, mind._dao.proofs, mind._dao.abandoned) == ([7], [7], [8])
+
+
+def test_what_is_assigned_while_it_works_is_answered_in_its_grace_period(mind: Any) -> None:
+    """That is over before the work is."""
+    mind._behaviours["guarding"].weigh = lambda _task, here: Estimate(1.0, 600.0, here)
+    now_s = mind._clock.now_s()
+    window = {"assigned": now_s, "execution_deadline": now_s + 1000, "execution_window_s": 1000}
+    first = guarding(7)
+    late, fine = (guarding(number).model_copy(update=window) for number in (8, 9))
+    fine = fine.model_copy(update={"execution_deadline": now_s + 9000})
+    mind._dao.assigned = [first]
+    work = mind._behaviours["guarding"].execute
+
+    def execute(one: Work) -> None:
+        if one.task.id == 7:
+            mind._dao.assigned = [first, late, fine]
+            mind._assigned_seq += 1
+        work(one)
+
+    mind._behaviours["guarding"].execute = execute
+    mind._step()
+    assert (mind._dao.proofs, mind._dao.abandoned, set(mind._dao.accepted)) == ([7], [8], {7, 9})
+
+
+def test_a_robot_that_rests_says_until_when_and_looks_again_then(mind: Any) -> None:
+    mind._dao.rests_until = mind._clock.now_s() + 600
+    mind._open_services(["guarding"])
+    assert mind._rests_until == mind._schedule.time_of_day(mind._dao.rests_until)
+    mind._dao.rests_until = None
+    mind._open_services(["guarding"])
+    assert mind._rests_until is None
 
 
 def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(mind: Any) -> None:

@@ -150,12 +150,17 @@ def test_no_work_is_done_for_a_verdict_that_may_come_too_late(clock: ClockConfig
 
 def test_a_window_that_is_too_short_for_the_work_is_refused_while_that_costs_nothing() -> None:
     """Whoever posts such a task would have the penalties of every robot that takes it."""
-    task = JOB.model_copy(update={"assigned": 1000.0, "execution_deadline": 1060.0, "execution_window_s": 60})
+    task = JOB.model_copy(update={"assigned": 1000.0, "execution_deadline": 1060.0, "grace_s": 20})
     require_time_for_work(task, 50.0, now_s=1005.0)
     with pytest.raises(TaskFailed) as refused:
         require_time_for_work(task, 90.0, now_s=1005.0)
     assert refused.value.details == {"left_s": 55, "needs_s": 90}
-    require_time_for_work(task, 90.0, now_s=1016.0)  # from here on it can only try
+    agreed = task.model_copy(update={"accepted": True})
+    require_time_for_work(agreed, 90.0, now_s=1021.0)  # from here on it can only try
+    with pytest.raises(TaskFailed):
+        require_time_for_work(agreed, 90.0, now_s=1020.0)
+    with pytest.raises(TaskFailed):
+        require_time_for_work(task, 90.0, now_s=1021.0)  # it has not agreed yet
 
 
 def test_the_sites_own_tasks_leave_time_for_the_verdict() -> None:

@@ -75,12 +75,17 @@ class SilentBus:
         return self.answer(key)
 
 
-def task(state: str = "assigned", kind: str = "wheel_cleaning", window_s: float = 2 * HOUR_S) -> Task:
+def task(
+    state: str = "assigned",
+    kind: str = "wheel_cleaning",
+    window_s: float = 2 * HOUR_S,
+    accepted: bool = True,
+) -> Task:
     by_state = {"assigned": "execution_deadline", "submitted": "verdict_deadline", "ruled": "case_end"}
     unknown = ("creator_name", "executor", "executor_name", "service_id", "price_iec", "nonce", "assigned")
     unknown += ("proof_submitted", "settled", "execution_deadline", "verdict_deadline", "proof_sha256")
     unknown += ("proof_uri", "verdict", "reason", "report_sha256", "report_uri")
-    fields = {**dict.fromkeys(unknown), by_state[state]: START_S + window_s}
+    fields = {**dict.fromkeys(unknown), by_state[state]: START_S + window_s, "assigned": START_S}
     if state == "ruled":
         fields["standing"] = {"ruling": "void", "until": START_S + window_s}
     return Task(
@@ -96,6 +101,8 @@ def task(state: str = "assigned", kind: str = "wheel_cleaning", window_s: float 
         description="",
         registered=START_S,
         execution_window_s=int(window_s),
+        accepted=accepted,
+        grace_s=1800,
         verdict_window_s=int(window_s),
         **fields,
     )
@@ -167,6 +174,20 @@ def test_the_clock_is_slow_for_those_who_work_and_those_who_judge_and_for_no_mac
     held.adjust(clock.wall_s)
     assert held.speed(400) == 400
     assert held.activity("simulating") == "simulating"
+    held.close()
+
+
+def test_a_person_who_has_yet_to_accept_has_time_for_that_and_then_for_the_work() -> None:
+    clock = Clock()
+    held = people(clock)
+    held.take([task(window_s=24 * HOUR_S, accepted=False)], clock.wall_s)
+    held.adjust(clock.wall_s)
+    assert held.speed(400) == 1.0  # for the half hour of its grace period
+    clock.wall_s += 1800
+    clock.site_s += 1800
+    held.take([task(window_s=24 * HOUR_S)], clock.wall_s)
+    held.adjust(clock.wall_s)
+    assert 22 < held.speed(400) < 24  # an hour for the rest, from now on
     held.close()
 
 

@@ -1,0 +1,393 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {Strings} from "@openzeppelin/contracts/utils/Strings.sol";
+import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
+import {Ruling, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {HighestReputation} from "../src/policies/HighestReputation.sol";
+import {LowestPrice} from "../src/policies/LowestPrice.sol";
+import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
+import {NO_TASK, TaskId} from "../src/types/TaskId.sol";
+import {Fixture} from "../test/Fixture.sol";
+
+/// @notice What strangers can do against one honest robot in a day, with 1,000 tokens locked and 10 EUR: 96 tasks of three
+/// attempts, posted every quarter of an hour by two creators, under the terms of new organizations (20/5/3). Each test takes
+/// the worst of a grid. `bench/contracts.py` reads the figures.
+/// @dev Time comes from the machine: the compiler takes `block.timestamp` for the same in all of a transaction.
+contract GriefingBench is Fixture {
+    /// @dev What an account of the attacker does with a task.
+    enum Way {
+        GiveBack,
+        GiveBackLate,
+        Miss,
+        GiveUp,
+        Garbage,
+        Expire,
+        Name
+    }
+
+    /// @param accounts of the attacker
+    /// @param each services of an account
+    /// @param renews an account whose bond is used up or rests long is replaced, if its money has come back
+    struct Point {
+        uint256 accounts;
+        uint256 each;
+        bool renews;
+        Way way;
+    }
+
+    /// @param failed tasks that failed
+    /// @param delay in minutes, of 95 of 100 tasks at most, from posting to the start of the honest robot
+    /// @param income the honest robot's, of what it has without an attacker, in thousandths
+    /// @param gas of the dearest transaction with a match
+    struct Damage {
+        uint256 failed;
+        uint256 delay;
+        uint256 income;
+        uint256 gas;
+    }
+
+    uint256 private constant TASKS = 96;
+    uint256 private constant PERIOD = 15 minutes;
+    /// @dev What the honest robot needs for a task.
+    uint256 private constant WORK = 10 minutes;
+    uint256 private constant STEP = 1 minutes;
+    uint256 private constant LOCKED = 1000 ether;
+    uint96 private constant BOND = 20 ether;
+    uint96 private constant PENALTY = 5 ether;
+    uint256 private constant PRICE = 30 ether;
+    uint256 private constant REWARD = 40 ether;
+
+    /// @dev EUR in millionths. One ETH is 3,700 EUR and gas costs 0.01 gwei, as on Arbitrum One; a token is worth 1 EUR, so
+    /// that a penalty costs 5 EUR.
+    uint256 private constant BUDGET = 10_000_000;
+    uint256 private constant EUR_PER_ETH = 3700;
+    uint256 private constant GWEI_PER_100_GAS = 1;
+    uint256 private constant EUR_PER_TOKEN = 1;
+
+    ServiceId private _honest;
+    uint256 private _started;
+    TaskId private _at;
+    /// @dev Since when a task is at an account of the attacker, by attempt.
+    mapping(TaskId taskId => mapping(uint8 attempt => uint256)) private _since;
+    /// @dev The attacker keeps the task, and pays the penalty in the end.
+    mapping(TaskId taskId => mapping(uint8 attempt => bool)) private _kept;
+    mapping(TaskId taskId => uint256) private _posted;
+    /// @dev Tasks that are not over.
+    TaskId[] private _live;
+    uint256[] private _delays;
+    uint256 private _spentGas;
+    uint256 private _lostTokens;
+    uint256 private _accounts;
+    uint256 private _dearest;
+    Point private _point;
+
+    /// @dev What a step has needed the next one uses again: a day's memory would cost more gas than there is.
+    modifier frees() {
+        uint256 free;
+        assembly ("memory-safe") {
+            free := mload(64)
+        }
+        _;
+        assembly ("memory-safe") {
+            mstore(64, free)
+        }
+    }
+
+    function test_firstComeFirstServed() public {
+        _grid("fcfs", policy);
+    }
+
+    function test_lowestPrice() public {
+        _grid("lowest_price", new LowestPrice());
+    }
+
+    function test_highestReputation() public {
+        _grid("highest_reputation", new HighestReputation());
+    }
+
+    /// @dev Nobody is proven: when each of five honest newcomers has its first task.
+    function test_newcomers() public {
+        uint256 worst = 0;
+        for (uint256 way = 0; way <= uint256(Way.Garbage); ++way) {
+            uint256 snapshot = vm.snapshotState();
+            _point = Point(50, 1, false, Way(way));
+            uint256 hour = _firstTasks();
+            vm.revertToState(snapshot);
+            if (hour > worst) worst = hour;
+        }
+        _figure("newcomer_first_task_h", worst);
+    }
+
+    function _grid(string memory name, IMatchingPolicy policy_) private {
+        uint256[2][5] memory sizes =
+            [[uint256(1), 8], [uint256(3), 1], [uint256(6), 8], [uint256(25), 2], [uint256(50), 1]];
+        Damage memory worst = Damage(0, 0, 1000, 0);
+        for (uint256 way = 0; way <= uint256(type(Way).max); ++way) {
+            for (uint256 i = 0; i < 2 * sizes.length; ++i) {
+                uint256[2] memory size = sizes[i / 2];
+                uint256 snapshot = vm.snapshotState();
+                Damage memory d = _day(policy_, Point(size[0], size[1], i % 2 == 1, Way(way)));
+                vm.revertToState(snapshot);
+                worst = _worse(worst, d);
+            }
+        }
+        _figure(string.concat("griefing_tasks_failed_", name), worst.failed);
+        _figure(string.concat("griefing_delay_p95_min_", name), worst.delay);
+        _figure(string.concat("griefing_honest_income_permille_", name), worst.income);
+        _figure(string.concat("griefing_match_gas_max_", name), worst.gas);
+    }
+
+    function _worse(Damage memory a, Damage memory b) private pure returns (Damage memory) {
+        if (b.failed > a.failed) a.failed = b.failed;
+        if (b.delay > a.delay) a.delay = b.delay;
+        if (b.income < a.income) a.income = b.income;
+        if (b.gas > a.gas) a.gas = b.gas;
+        return a;
+    }
+
+    function _day(IMatchingPolicy policy_, Point memory point) private returns (Damage memory d) {
+        _point = point;
+        _begin(policy_);
+        // An attacker that waits longer than the honest robot is served before it.
+        _recruit();
+        _honest = _offer(robot1, PRICE, true);
+        uint256 before = coin.balanceOf(robot1);
+        uint256 start = vm.getBlockTimestamp();
+        for (uint256 minute = 0; minute < (TASKS + 8) * PERIOD / STEP; ++minute) {
+            vm.warp(start + minute * STEP);
+            if (minute % (PERIOD / STEP) == 0 && tasks.taskCount() < TASKS) _post();
+            _step();
+        }
+        for (uint256 i = 1; i <= TASKS; ++i) {
+            if (state(taskNo(i)) != TaskState.Settled) ++d.failed;
+        }
+        d.income = (coin.balanceOf(robot1) - before) * 1000 / (TASKS * PRICE);
+        (d.delay, d.gas) = (_percentile95() / 1 minutes, _dearest);
+    }
+
+    function _begin(IMatchingPolicy policy_) private {
+        setTerms(BOND, PENALTY, 3);
+        vm.startPrank(admin);
+        organization.setPolicy(policy_);
+        organization.setWindows(CLEANING, SHORTEST, 30 days, 0);
+        vm.stopPrank();
+        deal(address(coin), alice, 1e6 ether);
+        deal(address(coin), bob, 1e6 ether);
+    }
+
+    function _recruit() private frees {
+        for (uint256 i = 0; i < _point.accounts; ++i) {
+            _recruitOne();
+        }
+    }
+
+    /// @dev Cheaper than the honest robot, so that it is chosen under LowestPrice, too.
+    function _recruitOne() private {
+        address account = address(uint160(0xbad0000 + ++_accounts));
+        deal(address(coin), account, _point.each * BOND);
+        vm.prank(account);
+        coin.approve(address(tasks), type(uint256).max);
+        for (uint256 i = 0; i < _point.each && _point.way != Way.Name; ++i) {
+            _offer(account, PRICE - 1 ether, _point.way != Way.Miss);
+            _pay();
+        }
+    }
+
+    function _post() private frees {
+        TaskId taskId = taskNo(tasks.taskCount() + 1);
+        _posted[taskId] = vm.getBlockTimestamp();
+        vm.prank(tasks.taskCount() % 2 == 0 ? alice : bob);
+        tasks.registerTask(request(REWARD));
+        _measure();
+        _live.push(taskId);
+    }
+
+    /// @dev One minute: the honest robot, the attacker's accounts, and anybody who ends what is over.
+    function _step() private frees {
+        if (_point.way == Way.Name) _nameHonest();
+        for (uint256 i = 0; i < _live.length;) {
+            TaskId taskId = _live[i];
+            Task memory t = tasks.task(taskId);
+            if (t.state == TaskState.Open) _meet(taskId);
+            else if (t.state == TaskState.Assigned && t.serviceId == _honest) _work(taskId);
+            else if (t.state == TaskState.Assigned) _attack(taskId, t);
+            if (!_forget(i, t.state)) ++i;
+        }
+        if (vm.getBlockTimestamp() % 10 minutes < STEP) _return();
+    }
+
+    /// @dev Whether the task was over.
+    function _forget(uint256 index, TaskState current) private returns (bool over) {
+        over = current == TaskState.Settled || current == TaskState.Failed;
+        if (!over) return false;
+        _live[index] = _live[_live.length - 1];
+        _live.pop();
+    }
+
+    /// @dev The honest robot's bridge asks for a task that was overlooked.
+    function _meet(TaskId taskId) private {
+        Service memory s = services.service(_honest);
+        if (s.place == 0) return;
+        try tasks.matchTask(taskId, _honest) {
+            _measure();
+        } catch {}
+    }
+
+    function _work(TaskId taskId) private {
+        if (_at != taskId) {
+            (_at, _started) = (taskId, vm.getBlockTimestamp());
+            if (_posted[taskId] != 0) _delays.push(vm.getBlockTimestamp() - _posted[taskId]);
+        }
+        if (vm.getBlockTimestamp() < _started + WORK) return;
+        attempt(taskId, true);
+        _measure();
+        _at = NO_TASK;
+    }
+
+    /// @dev A penalty is spent when the work is kept that it will cost: the attacker knows how much it has left.
+    function _attack(TaskId taskId, Task memory t) private {
+        Way way = _point.way;
+        bool costs = way == Way.GiveUp || way == Way.Garbage || way == Way.Expire;
+        if (_since[taskId][t.attempt] == 0) {
+            _since[taskId][t.attempt] = vm.getBlockTimestamp();
+            _kept[taskId][t.attempt] = costs && _affords(PENALTY);
+            if (_kept[taskId][t.attempt]) _lostTokens += PENALTY;
+        }
+        if (costs && !_kept[taskId][t.attempt]) way = Way.GiveBack;
+        uint256 elapsed = vm.getBlockTimestamp() - _since[taskId][t.attempt];
+        address account = services.providerOf(t.serviceId);
+        if (way == Way.GiveBack || (way == Way.GiveBackLate && elapsed >= 2 minutes)) {
+            vm.prank(account);
+            tasks.abandonTask(taskId, t.attempt);
+            _pay();
+        } else if (way == Way.GiveUp || way == Way.Garbage) {
+            vm.prank(account);
+            tasks.submitProof(taskId, t.attempt, PROOF, "");
+            _pay();
+            judgeAs(oracle, taskId, way == Way.GiveUp ? Ruling.GivenUp : Ruling.Rejected, 0);
+        } else if (vm.getBlockTimestamp() > t.deadline || (!t.accepted && elapsed > 3 minutes)) {
+            tasks.expireTask(taskId);
+        } else {
+            return;
+        }
+        _measure();
+    }
+
+    /// @dev Accounts that have rested come back; used-up ones are replaced, as far as the money goes.
+    function _return() private {
+        for (uint256 i = 1; i <= services.serviceCount() && _affords(0); ++i) {
+            ServiceId serviceId = serviceNo(i);
+            if (serviceId == _honest) continue;
+            Service memory s = services.service(serviceId);
+            if (s.state == ServiceState.Retired || s.taskId != NO_TASK || s.place != 0) continue;
+            uint256 until = providers.asleepUntil(s.provider);
+            bool over = s.state == ServiceState.Suspended || until > vm.getBlockTimestamp() + 2 hours;
+            if (over && _point.renews && s.bond != 0) _renew(serviceId, s);
+            else if (until == 0 && s.state == ServiceState.Active) _update(serviceId, s, ServiceState.Active);
+        }
+    }
+
+    function _renew(ServiceId serviceId, Service memory s) private {
+        _update(serviceId, s, ServiceState.Retired);
+        if (coin.balanceOf(s.provider) >= BOND) _recruitOne();
+    }
+
+    function _update(ServiceId serviceId, Service memory s, ServiceState next) private {
+        vm.prank(s.provider);
+        try services.updateService(serviceId, s.price, next) {
+            _pay();
+        } catch {}
+    }
+
+    /// @dev Puppets post tasks that name the honest robot, and have their reward back.
+    function _nameHonest() private {
+        if (!_affords(0) || services.service(_honest).place == 0) return;
+        address puppet = address(uint160(0xbad0001));
+        deal(address(coin), puppet, LOCKED);
+        TaskRequest memory r = request(REWARD);
+        r.serviceId = _honest.pack();
+        vm.prank(puppet);
+        try tasks.registerTask(r) {
+            _pay();
+        } catch {
+            _pay();
+        }
+    }
+
+    /// @dev Hours until each of five honest newcomers has had a task; 25 if one had none in a day.
+    function _firstTasks() private returns (uint256 hour) {
+        vm.startPrank(admin);
+        organization.vouchFor(robot1, false);
+        vm.stopPrank();
+        _begin(policy);
+        _recruit();
+        uint256 start = vm.getBlockTimestamp();
+        uint256 first = services.serviceCount() + 1;
+        for (uint256 i = 0; i < 5; ++i) {
+            address newcomer = address(uint160(0x600d0000 + i));
+            deal(address(coin), newcomer, BOND);
+            vm.prank(newcomer);
+            coin.approve(address(tasks), type(uint256).max);
+            _offer(newcomer, PRICE, true);
+        }
+        uint256 had = 0;
+        for (uint256 minute = 0; minute < 1440; ++minute) {
+            vm.warp(start + minute * STEP);
+            if (minute % 15 == 0) _post();
+            had |= _newcomersStep(first);
+            if (had == 31) return (vm.getBlockTimestamp() - start + 1 hours - 1) / 1 hours;
+        }
+        return 25;
+    }
+
+    /// @dev The same minute; newcomers work at once. Returns who had a task, one bit each.
+    function _newcomersStep(uint256 first) private returns (uint256 had) {
+        for (uint256 i = 0; i < _live.length;) {
+            TaskId taskId = _live[i];
+            Task memory t = tasks.task(taskId);
+            uint256 number = ServiceId.unwrap(t.serviceId);
+            bool honest = number >= first && number < first + 5;
+            if (t.state == TaskState.Assigned && honest) {
+                had |= 1 << (number - first);
+                attempt(taskId, true);
+            } else if (t.state == TaskState.Assigned) {
+                _attack(taskId, t);
+            }
+            if (!_forget(i, t.state)) ++i;
+        }
+        if (vm.getBlockTimestamp() % 10 minutes < STEP) _return();
+    }
+
+    function _offer(address provider, uint256 price, bool autoAccept) private returns (ServiceId) {
+        vm.prank(provider);
+        return services.registerService(CLEANING, price, NO_LIMIT, autoAccept, "");
+    }
+
+    /// @dev The attacker's last transaction.
+    function _pay() private {
+        _spentGas += vm.lastCallGas().gasTotalUsed;
+    }
+
+    /// @dev With what it has spent today.
+    function _affords(uint256 penalty) private view returns (bool) {
+        uint256 gas = _spentGas * GWEI_PER_100_GAS * EUR_PER_ETH / 100 / 1000;
+        return gas + (_lostTokens + penalty) * EUR_PER_TOKEN / 1e12 <= BUDGET;
+    }
+
+    /// @dev The last transaction had a match.
+    function _measure() private {
+        uint256 gas = vm.lastCallGas().gasTotalUsed;
+        if (gas > _dearest) _dearest = gas;
+    }
+
+    function _percentile95() private returns (uint256) {
+        uint256[] memory sorted = vm.sort(_delays);
+        return sorted.length == 0 ? 1 days : sorted[sorted.length * 95 / 100];
+    }
+
+    function _figure(string memory name, uint256 value) private {
+        vm.snapshotValue("contracts", name, value);
+    }
+}

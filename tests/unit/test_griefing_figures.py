@@ -1,0 +1,30 @@
+"""What a benchmark tells of griefers is the worst under any matching policy."""
+
+from __future__ import annotations
+
+import pytest
+
+from bench.contracts import griefing
+
+FIGURES = {
+    **{f"griefing_tasks_failed_{policy}": value for policy, value in (("fcfs", 1.0), ("lowest_price", 3.0))},
+    "griefing_delay_p95_min_fcfs": 12.0,
+    "griefing_honest_income_permille_fcfs": 950.0,
+    "griefing_honest_income_permille_lowest_price": 910.0,
+    "griefing_match_gas_max_fcfs": 240_000.0,
+    "newcomer_first_task_h": 6.0,
+    "gas_register": 90_000.0,
+}
+
+
+def test_the_worst_of_all_policies_is_told_with_each() -> None:
+    told = griefing(FIGURES)
+    assert told["griefing_tasks_failed"] == 3.0 and told["griefing_tasks_failed_fcfs"] == 1.0
+    assert told["griefing_honest_income_share"] == 0.91 and told["griefing_delay_p95_min"] == 12.0
+    assert told["griefing_match_gas_max"] == 240_000.0 and told["newcomer_first_task_h"] == 6.0
+    assert told["gas_register"] == 90_000.0 and not any("permille" in name for name in told)
+
+
+def test_a_figure_that_the_benchmark_lost_is_missed() -> None:
+    with pytest.raises(KeyError, match="griefing_match_gas_max"):
+        griefing({key: value for key, value in FIGURES.items() if "match_gas" not in key})
