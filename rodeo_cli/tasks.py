@@ -388,9 +388,9 @@ def match(
         send_command(loaded, bus, participant, "match_task", **request)
         task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
     waits = (
-        "no service fits, and it waits on" if task.state == "open" else f"service {task.service_id} has it"
+        "no service fits, so it still waits" if task.state == "open" else f"service {task.service_id} has it"
     )
-    say(f"Task {task_id} was matched: {waits}.")
+    say(f"Task {task_id}: {waits}.")
 
 
 @tasks.command("relay")
@@ -591,7 +591,8 @@ def set_namers(
             "--max-void",
             min=0,
             max=100,
-            help="Refuse creators of whose tasks that named somebody a larger part (%) ended void; 0: none.",
+            help="Refuse creators of whose tasks that named somebody more than this part (%) ended void. "
+            "0 refuses nobody.",
         ),
     ] = 0,
     site: SiteOption = DEFAULT_SITE,

@@ -521,7 +521,7 @@ class Bridge:
         jobs = []
         for end in due:
             if self._expiring.get(end, -math.inf) <= wall_s:
-                log.info("its time is over; %s by %s", end.command, end.wallet, extra={"task": end.task_id})
+                log.info("%s by %s is due", end.command, end.wallet, extra={"task": end.task_id})
                 self._expiring[end] = wall_s + _EXPIRY_RETRY_S
                 jobs.append(self._threads[end.wallet].submit(_end, attachment.wallets[end.wallet], end))
         ended, _ = futures.wait(jobs, _EXPIRY_RETRY_S)
