@@ -46,9 +46,13 @@ class Verdict(NamedTuple):
 
 
 def run() -> dict[str, float | None]:
-    found = sorted(_judged())
     OUT.parent.mkdir(exist_ok=True)
-    OUT.write_text("".join(json.dumps(one._asdict()) + "\n" for one in found))
+    found = []
+    with OUT.open("w") as file:
+        for one in _judged():
+            found.append(one)
+            # At once: a run that is stopped keeps what it has, to be compared with the same cases.
+            print(json.dumps(one._asdict()), file=file, flush=True)
     counts = Counter(one.outcome for one in found)
     figures: dict[str, float | None] = {f"verdicts_{name}": number for name, number in sorted(counts.items())}
     before = os.environ.get("VERDICTS_BEFORE")
