@@ -6,6 +6,7 @@ from rodeo.checks.case import NO_MOCAP, Case
 from rodeo.checks.completeness import holes
 from rodeo.checks.poses import base_of, moved_s
 from rodeo.checks.report import Finding, at_most, skipped
+from rodeo.checks.smoothing import smoothed
 from rodeo.checks.tables import increasing, table_of
 from rodeo.evidence.series import Array
 from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M
@@ -85,10 +86,13 @@ def odometry(case: Case) -> Finding:
 def stays_in_room(case: Case) -> Finding:
     """How deep the base's outline ever was in a wall or in furniture."""
     pose = base_of(case)
+    seen = np.column_stack([pose.position_m[:, :2], pose.yaw_rad])
+    # The deepest of thousands of noisy poses is deeper than the base ever was.
+    at = smoothed(pose.time_s, seen, pose.time_s)
     outline = _outline()
-    c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
-    x = pose.position_m[:, :1] + c[:, None] * outline[:, 0] - s[:, None] * outline[:, 1]
-    y = pose.position_m[:, 1:2] + s[:, None] * outline[:, 0] + c[:, None] * outline[:, 1]
+    c, s = np.cos(at[:, 2:]), np.sin(at[:, 2:])
+    x = at[:, :1] + c * outline[:, 0] - s * outline[:, 1]
+    y = at[:, 1:2] + s * outline[:, 0] + c * outline[:, 1]
     length_m, width_m = case.site.lab.size_m
     depth = {"the walls": float(max(-x.min(), -y.min(), x.max() - length_m, y.max() - width_m))}
     for furniture in case.site.lab.furniture:

@@ -22,8 +22,8 @@ from rodeo.topics import ATTESTATION_CHANNEL
 from rodeo.witness.statement import Statement, parse, payload_digest
 
 MAX_BAD_SIGNATURES = 200
-"""Of one device in one recording: a recorder that writes only what it verified has none. What follows is not
-looked at, so that nobody makes the oracle compute."""
+"""Chains of one device in one recording: a recorder that writes only what it verified has none. What follows
+is not looked at, so that nobody makes the oracle compute."""
 
 
 class Recorded(NamedTuple):
@@ -140,44 +140,73 @@ def _link(one: Recorded) -> _Link | None:
 
 
 def _testimony(address: str, links: list[_Link]) -> Testimony:
-    by_number: dict[int, dict[str, _Link]] = defaultdict(dict)
-    for link in links:
-        by_number[link.statement.seq].setdefault(link.digest, link)
+    by_number: dict[int, list[_Link]] = defaultdict(list)
+    for link in _signed(links):
+        by_number[link.statement.seq].append(link)
     said: list[Said] = []
     twice: int | None = None
-    named: tuple[int, str | None] = (0, None)
-    """Number and digest of the statement that the genuine one after it names."""
-    bad = 0
+    after: _Link | None = None
     for number in sorted(by_number, reverse=True):
-        signed = []
-        for link in _most_likely_first(by_number[number], named[1] if named[0] == number else None):
-            if named != (number, link.digest):
-                if bad >= MAX_BAD_SIGNATURES:
-                    break
-                if not _genuine(Attestation.model_validate(read_json(link.data))):
-                    bad += 1
-                    continue
-            signed.append(link)
-        if not signed:
-            continue
-        first = signed[0]
-        if len(signed) > 1 or (named[0] == number and named[1] != first.digest):
+        named = after.statement.previous if after and after.statement.seq == number + 1 else None
+        link = max(by_number[number], key=lambda one: one.digest == named)
+        if len(by_number[number]) > 1 or named not in (None, link.digest):
             twice = number
-        said.append(Said(first.statement, first.digest, first.log_s))
-        named = number - 1, first.statement.previous
+        said.append(Said(link.statement, link.digest, link.log_s))
+        after = link
     said.reverse()
     return Testimony(address, said, twice)
 
 
-def _most_likely_first(links: dict[str, _Link], named: str | None) -> Iterator[_Link]:
-    if named in links:
-        yield links[named]
-    yield from (link for digest, link in links.items() if digest != named)
+_Place = tuple[int, str]
+"""Number and digest of a statement."""
 
 
-def _genuine(attestation: Attestation) -> bool:
+def _signed(links: list[_Link]) -> list[_Link]:
+    """Those of one address that it signed, each once.
+
+    Anybody may have put statements in a device's name into the recording: behind its own, beside them, or
+    copies of them with another signature. So its chain is followed before anything is counted. The longest
+    chains come first, and of a chain everything up to some statement is signed, which bisection finds.
+    """
+    copies: dict[_Place, list[_Link]] = defaultdict(list)
+    lengths: dict[_Place, int] = {}
+    for link in sorted(links, key=lambda one: one.statement.seq):
+        place = link.statement.seq, link.digest
+        copies[place].append(link)
+        lengths[place] = 1 + lengths.get(_before(link), 0)
+    signed: dict[_Place, _Link] = {}
+    looked_at: set[_Place] = set()
+    bad = 0
+    for end in sorted(lengths, key=lambda one: lengths[one], reverse=True):
+        if bad >= MAX_BAD_SIGNATURES:
+            break
+        chain: list[_Place] = []
+        place = end
+        while place in lengths and place not in looked_at:
+            chain.append(place)
+            place = _before(copies[place][0])
+        looked_at.update(chain)
+        first, until, at = 0, len(chain), 0
+        while first < until:
+            genuine = False
+            for copy in copies[chain[at]][: max(MAX_BAD_SIGNATURES - bad, 1)]:
+                genuine = _genuine(copy)
+                bad += not genuine
+                if genuine:
+                    break
+            first, until = (first, at) if genuine else (at + 1, until)
+            at = (first + until) // 2
+        signed |= {one: copies[one][0] for one in chain[first:]}
+    return list(signed.values())
+
+
+def _before(link: _Link) -> _Place:
+    return link.statement.seq - 1, link.statement.previous or ""
+
+
+def _genuine(link: _Link) -> bool:
     try:
-        verify_attestation(attestation)
+        verify_attestation(Attestation.model_validate(read_json(link.data)))
     except BadAttestation:
         return False
     return True
