@@ -1,11 +1,12 @@
 // Builds the contracts and writes what running needs, so that running needs no Node:
-//   node contracts/build.mjs          write rodeo/chain/artifacts/<Contract>.json and enums.json
+//   node contracts/build.mjs          write rodeo/chain/artifacts/<Contract>.json, enums.json and origin.json
 //   node contracts/build.mjs --check  fail if they differ from the sources
 //   node contracts/build.mjs --standard-json [DIR]  write <Contract>.json for explorers, which verify sources by it
 import { existsSync, mkdirSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
-import { dirname, join } from "node:path";
+import { dirname, join, relative } from "node:path";
 import { fileURLToPath } from "node:url";
-import { forge } from "./forge.mjs";
+import { current, origin } from "./built.mjs";
+import { forge, program } from "./forge.mjs";
 
 const CONTRACTS = [
   "IECoin",
@@ -85,14 +86,22 @@ const check = task === "--check";
 mkdirSync(target, { recursive: true });
 
 const stale = [];
-const built = CONTRACTS.map((name) => [name, artifact(name)]);
-for (const [name, content] of [...built, ["enums", enums()]]) {
-  const path = join(target, `${name}.json`);
+
+function update(path, content) {
   const text = JSON.stringify(content, null, 1) + "\n";
-  if (existsSync(path) && readFileSync(path, "utf8") === text) continue;
+  if (existsSync(path) && readFileSync(path, "utf8") === text) return;
   if (check) stale.push(path);
   else writeFileSync(path, text);
 }
+
+const built = CONTRACTS.map((name) => [name, artifact(name)]);
+const files = new Set(CONTRACTS.flatMap((name) => Object.keys(compiled(name).metadata.sources)));
+for (const [name, content] of [...built, ["enums", enums()]]) {
+  const path = join(target, `${name}.json`);
+  update(path, content);
+  files.add(relative(root, path));
+}
+update(origin(root), current(root, program, [...files].sort()));
 
 if (stale.length > 0) {
   console.error(`built contracts differ from their sources; run \`make contracts\`:\n  ${stale.join("\n  ")}`);

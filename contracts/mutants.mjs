@@ -18,11 +18,11 @@ const RUNS = [16, 128, 512];
 const root = dirname(dirname(fileURLToPath(import.meta.url)));
 const wanted = argv.slice(2);
 
-/** A copy of the contracts, in which bugs can be planted. */
+/** A copy of the contracts, in which bugs can be planted. The built ones are not in it: tests of them would fail. */
 function copied() {
   const copy = mkdtempSync(join(tmpdir(), "rodeo-mutants-"));
   const folders = ["contracts/src", "contracts/symbolic", "contracts/test"];
-  const programs = ["contracts/forge.mjs", "contracts/solc.mjs"];
+  const programs = ["contracts/built.mjs", "contracts/forge.mjs", "contracts/solc.mjs"];
   for (const path of ["foundry.toml", "package.json", ...folders, ...programs]) {
     cpSync(join(root, path), join(copy, path), { recursive: true });
   }
@@ -32,7 +32,7 @@ function copied() {
 
 /** What forge says of some tests of this copy: exit status and output. */
 function forge(copy, args, env) {
-  const options = { cwd: copy, env: { ...process.env, ...env }, timeout: LIMIT_MS, maxBuffer: 1 << 28 };
+  const options = { cwd: copy, env: { ...process.env, RODEO_CONTRACTS: "sources", ...env }, timeout: LIMIT_MS, maxBuffer: 1 << 28 };
   return new Promise((resolve, reject) => {
     execFile("node", [join(copy, "contracts", "forge.mjs"), "test", ...args], options, (error, stdout, stderr) => {
       if (error && typeof error.code !== "number") reject(error);

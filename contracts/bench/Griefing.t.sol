@@ -100,11 +100,11 @@ contract GriefingBench is Fixture {
     }
 
     function test_lowestPrice() public {
-        _grid("lowest_price", new LowestPrice());
+        _grid("lowest_price", LowestPrice(deployed("LowestPrice")));
     }
 
     function test_highestReputation() public {
-        _grid("highest_reputation", new HighestReputation());
+        _grid("highest_reputation", HighestReputation(deployed("HighestReputation")));
     }
 
     /// @dev Nobody is proven: when each of five honest newcomers has its first task.

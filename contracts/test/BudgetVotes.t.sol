@@ -19,8 +19,8 @@ contract BudgetVotesTest is Fixture {
 
     function setUp() public override {
         super.setUp();
-        members = new MemberVotes(organization);
-        rounds = new BudgetVotes(organization, members);
+        members = MemberVotes(deployed("MemberVotes", abi.encode(organization)));
+        rounds = BudgetVotes(deployed("BudgetVotes", abi.encode(organization, members)));
         bytes32 role = organization.ALLOCATOR_ROLE();
         vm.prank(admin);
         organization.grantRole(role, address(rounds));

@@ -20,7 +20,7 @@ abstract contract Committee is Fixture {
 
     function setUp() public virtual override {
         super.setUp();
-        committee = new CommitteeJudge(organization, address(auditorJudge));
+        committee = committeeJudge(address(auditorJudge));
         for (uint8 i = 0; i < JUDGES; ++i) {
             (judges[i], judgeKeys[i]) = makeAddrAndKey(string.concat("judge", vm.toString(i)));
             seat(judges[i], judgeKeys[i], judges[i]);

@@ -193,7 +193,7 @@ contract CommitteeJudgeTest is Committee {
     function test_aVoteForAnotherCommitteeDoesNotCount() public {
         Finding memory vote = accepting(submitted());
         CommitteeJudge ours = committee;
-        committee = new CommitteeJudge(organization, address(auditorJudge));
+        committee = committeeJudge(address(auditorJudge));
         bytes memory votes = signatures(vote, 3);
         committee = ours;
         vm.expectPartialRevert(ICommitteeJudge.NotAJudge.selector);

@@ -3,7 +3,6 @@ pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {Organization} from "../src/Organization.sol";
-import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
@@ -13,7 +12,6 @@ import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 import {PlainToken} from "./PlainToken.sol";
-import {Terms} from "../src/interfaces/IProviders.sol";
 
 /// @notice An organization that pays in a token with six decimals.
 contract DecimalsTest is Fixture {
@@ -67,7 +65,7 @@ contract DecimalsTest is Fixture {
     }
 
     function test_smallPricesAreToldApart() public {
-        LowestPrice lowest = new LowestPrice();
+        LowestPrice lowest = LowestPrice(deployed("LowestPrice"));
         vm.prank(admin);
         organization.setPolicy(lowest);
         offer(robot1, 3 * TOKEN / 100);
@@ -107,11 +105,11 @@ contract DecimalsTest is Fixture {
                 abi.encodeWithSelector(Units.UnsupportedDecimals.selector, token, refused[i], 2, 18);
             uint64 nonce = vm.getNonce(address(this));
             TaskManager later = TaskManager(vm.computeCreateAddress(address(this), nonce + 2));
-            Organization fake = new Organization(token, services, later, policy, admin, 0, Terms(0, 0, 0));
+            Organization fake = organizationOf(token, later);
             vm.expectRevert(reason);
-            new ServiceManager(fake, later);
+            deployed("ServiceManager", abi.encode(fake, later));
             vm.expectRevert(reason);
-            new TaskManager(fake, services);
+            deployed("TaskManager", abi.encode(fake, services));
         }
     }
 
@@ -122,9 +120,9 @@ contract DecimalsTest is Fixture {
         vm.mockCall(
             address(policy), abi.encodeCall(IERC20.approve, (address(later), NO_LIMIT)), abi.encode(true)
         );
-        Organization fake = new Organization(silent, services, later, policy, admin, 0, Terms(0, 0, 0));
+        Organization fake = organizationOf(silent, later);
         vm.expectRevert();
-        new TaskManager(fake, services);
+        deployed("TaskManager", abi.encode(fake, services));
     }
 
     function _pays(uint8 decimals) private {

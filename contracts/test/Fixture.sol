@@ -11,11 +11,13 @@ import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {IProviders, Terms} from "../src/interfaces/IProviders.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Fault, Ruling, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {CommitteeJudge} from "../src/judges/CommitteeJudge.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {Deployed} from "./Deployed.sol";
 
 /// @notice Short words for numbers of tasks and services.
 abstract contract Numbers {
@@ -38,7 +40,7 @@ abstract contract Numbers {
 
 /// @notice An organization with its contracts, two humans who post tasks and three robots who do them. The organization
 /// vouches for all five.
-abstract contract Fixture is Numbers, Test {
+abstract contract Fixture is Deployed, Numbers, Test {
     bytes32 internal constant CLEANING = "waste_disposal";
     bytes32 internal constant CHARGING = "battery_charging";
     bytes32 internal constant RULES = keccak256("rules");
@@ -81,8 +83,8 @@ abstract contract Fixture is Numbers, Test {
         for (uint256 i = 0; i < 4; ++i) {
             amounts[i] = 2000 ether;
         }
-        coin = new IECoin(holders, amounts);
-        policy = new FirstComeFirstServed();
+        coin = IECoin(deployed("IECoin", abi.encode(holders, amounts)));
+        policy = FirstComeFirstServed(deployed("FirstComeFirstServed"));
         found(coin);
         for (uint256 i = 1; i < 4; ++i) {
             vm.prank(holders[i]);
@@ -97,12 +99,12 @@ abstract contract Fixture is Numbers, Test {
         organization = Organization(vm.computeCreateAddress(address(this), nonce));
         services = ServiceManager(vm.computeCreateAddress(address(this), nonce + 1));
         tasks = TaskManager(vm.computeCreateAddress(address(this), nonce + 2));
-        new Organization(token, services, tasks, policy, admin, 0, Terms(0, 0, 0));
-        new ServiceManager(organization, tasks);
-        new TaskManager(organization, services);
+        organizationOf(token, tasks);
+        deployed("ServiceManager", abi.encode(organization, tasks));
+        deployed("TaskManager", abi.encode(organization, services));
         providers = services.providers();
-        auditorJudge = new RoleJudge(organization, organization.AUDITOR_ROLE(), address(0));
-        oracleJudge = new RoleJudge(organization, organization.ORACLE_ROLE(), address(auditorJudge));
+        auditorJudge = roleJudge(organization.AUDITOR_ROLE(), address(0));
+        oracleJudge = roleJudge(organization.ORACLE_ROLE(), address(auditorJudge));
 
         vm.startPrank(admin);
         organization.grantRole(organization.ORACLE_ROLE(), oracle);
@@ -123,6 +125,21 @@ abstract contract Fixture is Numbers, Test {
         organization.allowKind(CLEANING, oracleJudge, RULES);
         organization.allowKind(CHARGING, oracleJudge, RULES);
         vm.stopPrank();
+    }
+
+    /// @dev It takes `services` and the `tasks` given for its own.
+    function organizationOf(IERC20 token, TaskManager tasks_) internal returns (Organization) {
+        Terms memory none = Terms(0, 0, 0);
+        bytes memory arguments = abi.encode(token, services, tasks_, policy, admin, 0, none);
+        return Organization(deployed("Organization", arguments));
+    }
+
+    function roleJudge(bytes32 role, address next) internal returns (RoleJudge) {
+        return RoleJudge(deployed("RoleJudge", abi.encode(organization, role, next)));
+    }
+
+    function committeeJudge(address next) internal returns (CommitteeJudge) {
+        return CommitteeJudge(deployed("CommitteeJudge", abi.encode(organization, next)));
     }
 
     function setTerms(uint96 bond, uint96 penalty, uint8 maxFailures) internal {

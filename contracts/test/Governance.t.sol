@@ -19,8 +19,19 @@ import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {Fixture} from "./Fixture.sol";
 
+abstract contract Timelocks is Fixture {
+    function timelockOf(uint256 delay, address[] memory proposers, bool byMembers)
+        internal
+        returns (OrganizationTimelock)
+    {
+        return OrganizationTimelock(
+            payable(deployed("OrganizationTimelock", abi.encode(delay, proposers, byMembers)))
+        );
+    }
+}
+
 /// @notice An organization whose members decide by votes, with a timelock as its administrator.
-contract GovernanceTest is Fixture {
+contract GovernanceTest is Timelocks {
     uint256 private constant DELAY = 2 days;
     uint32 private constant VOTING_PERIOD = 3 days;
     uint8 private constant AGAINST = 0;
@@ -39,12 +50,12 @@ contract GovernanceTest is Fixture {
 
     function setUp() public override {
         super.setUp();
-        votes = new MemberVotes(organization);
+        votes = MemberVotes(deployed("MemberVotes", abi.encode(organization)));
         uint64 nonce = vm.getNonce(address(this));
         address[] memory proposers = new address[](1);
         proposers[0] = vm.computeCreateAddress(address(this), nonce + 1);
-        timelock = new OrganizationTimelock(DELAY, proposers, true);
-        governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 25);
+        timelock = timelockOf(DELAY, proposers, true);
+        governor = _governor();
         vm.startPrank(admin);
         serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         organization.admit(alice);
@@ -66,6 +77,11 @@ contract GovernanceTest is Fixture {
             abi.encodeCall(organization.updateService, (serviceId, 90 ether, ServiceState.Active))
         );
         vm.warp(block.timestamp + 1);
+    }
+
+    function _governor() private returns (OrganizationGovernor) {
+        bytes memory arguments = abi.encode(votes, timelock, VOTING_PERIOD, 25);
+        return OrganizationGovernor(payable(deployed("OrganizationGovernor", arguments)));
     }
 
     function _propose(address who) private returns (uint256 proposalId) {
@@ -329,8 +345,8 @@ contract GovernanceTest is Fixture {
     /// @dev The timelock administers it from the constructor on, and the founder has forgotten somebody.
     function test_whereThereAreFewerThanThreeNobodyProposes() public {
         found(coin);
-        votes = new MemberVotes(organization);
-        governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 25);
+        votes = MemberVotes(deployed("MemberVotes", abi.encode(organization)));
+        governor = _governor();
         vm.startPrank(admin);
         organization.admit(alice);
         organization.admit(bob);
@@ -369,7 +385,7 @@ contract GovernanceTest is Fixture {
     function test_whoSetsUpActsAtOnceAndEndsWithNothing() public {
         address[] memory proposers = new address[](2);
         (proposers[0], proposers[1]) = (address(governor), address(this));
-        OrganizationTimelock young = new OrganizationTimelock(0, proposers, true);
+        OrganizationTimelock young = timelockOf(0, proposers, true);
         bytes32 proposer = young.PROPOSER_ROLE();
         address[] memory itself = new address[](3);
         (itself[0], itself[1], itself[2]) = (address(young), address(young), address(young));
@@ -393,7 +409,7 @@ contract GovernanceTest is Fixture {
 }
 
 /// @notice An organization whose administrator proposes and waits: a timelock, to which the key of `admin` speaks.
-contract WaitingAdministratorTest is Fixture {
+contract WaitingAdministratorTest is Timelocks {
     uint256 private constant DELAY = 2 days;
 
     OrganizationTimelock private timelock;
@@ -407,7 +423,7 @@ contract WaitingAdministratorTest is Fixture {
         super.setUp();
         address[] memory proposers = new address[](1);
         proposers[0] = admin;
-        timelock = new OrganizationTimelock(0, proposers, false);
+        timelock = timelockOf(0, proposers, false);
         vm.prank(admin);
         organization.beginDefaultAdminTransfer(address(timelock));
         vm.warp(block.timestamp + 1);
@@ -491,9 +507,9 @@ contract WaitingAdministratorTest is Fixture {
 
     /// @dev Another judge, its judges, its instances and the auditors: whoever looks can see them coming.
     function test_aJudgeIsNamedAfterTheDelay() public {
-        RoleJudge other = new RoleJudge(organization, organization.ORACLE_ROLE(), address(0));
-        CommitteeJudge committee = new CommitteeJudge(organization, address(0));
-        DisputeJudge disputes = new DisputeJudge(organization, address(0));
+        RoleJudge other = roleJudge(organization.ORACLE_ROLE(), address(0));
+        CommitteeJudge committee = committeeJudge(address(0));
+        DisputeJudge disputes = DisputeJudge(deployed("DisputeJudge", abi.encode(organization, address(0))));
         bytes32 administrator = organization.DEFAULT_ADMIN_ROLE();
         vm.startPrank(admin);
         _expectUnauthorized(admin, administrator);

@@ -429,7 +429,7 @@ contract GriefingTest is Fixture {
     }
 
     function test_aMatchLooksIntoTheLinesOfOtherPrices() public {
-        LowestPrice lowest = new LowestPrice();
+        LowestPrice lowest = LowestPrice(deployed("LowestPrice"));
         vm.prank(admin);
         organization.setPolicy(lowest);
         offer(robot1, 1 ether);

@@ -12,7 +12,7 @@ contract IECoinTest is Fixture {
 
     function test_everyHolderNeedsAnAmount() public {
         vm.expectRevert(abi.encodeWithSelector(IECoin.LengthMismatch.selector, 1, 0));
-        new IECoin(new address[](1), new uint256[](0));
+        deployed("IECoin", abi.encode(new address[](1), new uint256[](0)));
     }
 
     function test_aPermitIsAnApprovalBySignature() public {

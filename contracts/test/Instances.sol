@@ -27,7 +27,7 @@ abstract contract Instances is Committee {
 
     function setUp() public virtual override {
         super.setUp();
-        disputes = new DisputeJudge(organization, address(auditorJudge));
+        disputes = DisputeJudge(deployed("DisputeJudge", abi.encode(organization, address(auditorJudge))));
         (second, secondKeys) = seated("second", 7, 4);
         (third, thirdKeys) = seated("third", 9, 5);
         setInstances(three());
@@ -76,7 +76,7 @@ abstract contract Instances is Committee {
         internal
         returns (CommitteeJudge made, uint256[] memory keys)
     {
-        made = new CommitteeJudge(organization, address(0));
+        made = committeeJudge(address(0));
         keys = new uint256[](count);
         for (uint8 i = 0; i < count; ++i) {
             address key;

@@ -5,14 +5,13 @@ import {Test} from "forge-std/Test.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {Cradle, OrganizationRegistry} from "../src/OrganizationRegistry.sol";
-import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {Founding, IOrganizationRegistry, Part} from "../src/interfaces/IOrganizationRegistry.sol";
 import {Terms} from "../src/interfaces/IProviders.sol";
-import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
+import {Deployed} from "./Deployed.sol";
 
 /// @notice Organizations are founded in few transactions, at addresses that are known before.
-contract OrganizationRegistryTest is Test {
+contract OrganizationRegistryTest is Deployed, Test {
     bytes32 private constant COIN = "IECoin";
     bytes32 private constant POLICY = "FirstComeFirstServed";
     bytes32 private constant ORGANIZATION = "Organization";
@@ -30,17 +29,17 @@ contract OrganizationRegistryTest is Test {
     function setUp() public {
         names = [COIN, POLICY, ORGANIZATION, SERVICES, TASKS];
         codes = [
-            type(IECoin).creationCode,
-            type(FirstComeFirstServed).creationCode,
-            type(Organization).creationCode,
-            type(ServiceManager).creationCode,
-            type(TaskManager).creationCode
+            codeOf("IECoin"),
+            codeOf("FirstComeFirstServed"),
+            codeOf("Organization"),
+            codeOf("ServiceManager"),
+            codeOf("TaskManager")
         ];
         bytes32[] memory hashes = new bytes32[](codes.length);
         for (uint256 i = 0; i < codes.length; ++i) {
             hashes[i] = keccak256(codes[i]);
         }
-        registry = new OrganizationRegistry(names, hashes);
+        registry = OrganizationRegistry(deployed("OrganizationRegistry", abi.encode(names, hashes)));
     }
 
     function _at(address founder, uint32 number, bytes32 part) private view returns (address) {
@@ -211,12 +210,12 @@ contract OrganizationRegistryTest is Test {
             keccak256(bytes.concat(parts[0].code, parts[0].arguments))
         );
         assertEq(registry.initCodeHashOf(alice), 0);
-        assertEq(registry.initCodeHashOf(address(new FirstComeFirstServed())), 0);
+        assertEq(registry.initCodeHashOf(deployed("FirstComeFirstServed")), 0);
     }
 
     function test_everyPartHasAHash() public {
         vm.expectRevert(abi.encodeWithSelector(IOrganizationRegistry.HashesMissing.selector, 1, 2));
-        new OrganizationRegistry(new bytes32[](1), new bytes32[](2));
+        deployed("OrganizationRegistry", abi.encode(new bytes32[](1), new bytes32[](2)));
     }
 
     function test_aCradleServesItsRegistryAlone() public {

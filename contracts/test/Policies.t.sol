@@ -21,8 +21,8 @@ contract PolicyTest is Fixture {
 
     function setUp() public override {
         super.setUp();
-        _lowestPrice = new LowestPrice();
-        _highestReputation = new HighestReputation();
+        _lowestPrice = LowestPrice(deployed("LowestPrice"));
+        _highestReputation = HighestReputation(deployed("HighestReputation"));
     }
 
     function _use(IMatchingPolicy policy_) private {

@@ -166,7 +166,7 @@ contract ReputationTest is Fixture {
 
     function test_aWaitingServiceKeepsItsPlaceAndLeavesTheLineAllTheSame() public {
         vm.startPrank(admin);
-        organization.setPolicy(new HighestReputation());
+        organization.setPolicy(HighestReputation(deployed("HighestReputation")));
         vm.stopPrank();
         ServiceId working = offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);

@@ -342,9 +342,7 @@ contract RulingsTest is Fixture {
         ruleUntil(oracleJudge, taskId, Ruling.Void, 0, tasks.attemptOf(taskId).caseEnd);
         post(bob, 10 ether);
         vm.startPrank(admin);
-        organization.allowKind(
-            CLEANING, new RoleJudge(organization, organization.ORACLE_ROLE(), address(0)), RULES
-        );
+        organization.allowKind(CLEANING, roleJudge(organization.ORACLE_ROLE(), address(0)), RULES);
         vm.stopPrank();
         vm.prank(robot1);
         services.agree(second);
@@ -500,7 +498,7 @@ contract RulingsTest is Fixture {
 
     function test_nobodysWorkComesUnderAJudgeThatItDidNotAgreeTo() public {
         TaskId waiting = post(bob, REWARD);
-        RoleJudge another = new RoleJudge(organization, organization.ORACLE_ROLE(), address(0));
+        RoleJudge another = roleJudge(organization.ORACLE_ROLE(), address(0));
         vm.prank(admin);
         organization.allowKind(CLEANING, another, RULES);
         assertEq(organization.numberOf(CLEANING), 3);

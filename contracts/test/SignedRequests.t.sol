@@ -414,7 +414,7 @@ contract SignedRequestsTest is Fixture {
     }
 
     function test_attack_anotherContractOfTheSameCodeIsNotBelieved() public {
-        SignedRequests copy = new SignedRequests();
+        SignedRequests copy = SignedRequests(deployed("SignedRequests"));
         assertEq(address(copy.tasks()), address(this));
         assertEq(address(requests.tasks()), address(tasks));
     }

@@ -3,7 +3,6 @@ pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
-import {TaskManager} from "../src/TaskManager.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {
@@ -577,6 +576,6 @@ contract TaskManagerTest is Fixture {
         vm.expectRevert(
             abi.encodeWithSelector(ITaskManager.NotWired.selector, address(organization), address(services))
         );
-        new TaskManager(organization, IServiceManager(address(services)));
+        deployed("TaskManager", abi.encode(organization, IServiceManager(address(services))));
     }
 }

@@ -6,8 +6,6 @@ import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {Hire, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {Record, TaskRecords} from "../src/libraries/TaskRecords.sol";
-import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
-import {LowestPrice} from "../src/policies/LowestPrice.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -101,11 +99,11 @@ contract TaskRecordsTest is Fixture {
 
     function test_nobodyHasToAskWhoeverChoosesTheLongestIdle() public {
         assertEq(address(_matching()), address(0));
-        IMatchingPolicy cheapest = new LowestPrice();
+        IMatchingPolicy cheapest = IMatchingPolicy(deployed("LowestPrice"));
         vm.prank(admin);
         organization.setPolicy(cheapest);
         assertEq(address(_matching()), address(cheapest));
-        IMatchingPolicy first = new FirstComeFirstServed();
+        IMatchingPolicy first = IMatchingPolicy(deployed("FirstComeFirstServed"));
         vm.prank(admin);
         organization.setPolicy(first);
         assertEq(address(_matching()), address(0));

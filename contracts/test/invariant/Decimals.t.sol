@@ -12,7 +12,6 @@ import {ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
 import {PlainToken} from "../PlainToken.sol";
-import {Terms} from "../../src/interfaces/IProviders.sol";
 
 /// @notice Organizations that pay in tokens with different decimals, and in which the same happens.
 contract DecimalsInvariants is Fixture {
@@ -35,7 +34,7 @@ contract DecimalsInvariants is Fixture {
 
     function setUp() public override {
         super.setUp();
-        LowestPrice lowest = new LowestPrice();
+        LowestPrice lowest = LowestPrice(deployed("LowestPrice"));
         address[3] memory robots = [robot1, robot2, robot3];
         uint8[3] memory decimals = [18, 6, 2];
         for (uint256 i = 0; i < decimals.length; ++i) {
@@ -122,8 +121,8 @@ contract DecimalsInvariants is Fixture {
     function foundAnother(uint256 decimals) external {
         PlainToken token = new PlainToken(uint8(bound(decimals, 0, 40)));
         bool right = token.decimals() >= 2 && token.decimals() <= 18;
-        Organization other = new Organization(token, services, tasks, policy, admin, 0, Terms(0, 0, 0));
-        try new ServiceManager(other, tasks) {
+        Organization other = organizationOf(token, tasks);
+        try vm.deployCode(artifactOf("ServiceManager"), abi.encode(other, tasks)) {
             if (!right) ++_wronglyFounded;
         } catch {
             if (right) ++_wronglyRefused;

@@ -29,8 +29,8 @@ contract EscrowInvariants is Fixture {
             coin.approve(address(tasks), type(uint256).max);
         }
         IMatchingPolicy[] memory policies = new IMatchingPolicy[](4);
-        (policies[0], policies[1]) = (policy, new LowestPrice());
-        (policies[2], policies[3]) = (new HighestReputation(), new UnrulyPolicy());
+        (policies[0], policies[1]) = (policy, LowestPrice(deployed("LowestPrice")));
+        (policies[2], policies[3]) = (HighestReputation(deployed("HighestReputation")), new UnrulyPolicy());
         _participants = [alice, bob, robot1, robot2, robot3, address(organization)];
         _handler = new Handler(coin, organization, admin, oracle, auditor, creators, robots, policies);
         // Whoever may not judge has the roles all the same: what stops it is that it is a party.

@@ -150,8 +150,8 @@ contract GovernanceInvariants is Fixture {
 
     function setUp() public override {
         super.setUp();
-        _members = new MemberVotes(organization);
-        _rounds = new BudgetVotes(organization, _members);
+        _members = MemberVotes(deployed("MemberVotes", abi.encode(organization)));
+        _rounds = BudgetVotes(deployed("BudgetVotes", abi.encode(organization, _members)));
         bytes32 role = organization.ALLOCATOR_ROLE();
         vm.prank(admin);
         organization.grantRole(role, address(_rounds));

@@ -35,7 +35,7 @@ contract VotesInvariants is Committee {
         setQuorum(VOTES, PANEL, ROTATION, uint64((1 << LISTED) - 1));
         vm.prank(admin);
         committee.setQuorum(CHARGING, 1, 1, 0, 1 << 6);
-        _other = new CommitteeJudge(organization, address(0));
+        _other = committeeJudge(address(0));
         offer(robot1, 1 gwei);
         offer(robot2, 1 gwei);
         bytes4[] memory actions = new bytes4[](2);
