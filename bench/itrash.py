@@ -22,13 +22,13 @@ from rodeo.vision.classification import MODEL_DIR, WEIGHTS
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_testing.recordings import RENDERINGS
-from services.itrash.training import crossed, evaluation, metrics, others, renderings
-from services.itrash.training.card import FOLDS_DIR
-from services.itrash.training.corruptions import CORRUPTIONS, SEVERITIES
-from services.itrash.training.crossed import TRAINING, Training
-from services.itrash.training.dataset import Sample, load_photos
-from services.itrash.training.looks import said_of
 from services.itrash.web import LIMITS, make_api
+from training import crossed, evaluation, metrics, others, renderings
+from training.card import FOLDS_DIR
+from training.corruptions import CORRUPTIONS, SEVERITIES
+from training.crossed import TRAINING, Training
+from training.dataset import Sample, load_photos
+from training.looks import said_of
 
 TRASHNET = Path("../shared/data/trashnet")
 FRAME = RENDERINGS / "metal_1.jpg"
@@ -121,7 +121,7 @@ def _real_unknown(classifier: Classifier) -> dict[str, float]:
     try:
         photos += others.measured_photos(others.FETCHED).values()
     except others.NoSamples:
-        print(f"itrash: no photos of further packages in {others.FETCHED} (services.itrash.training.others)")
+        print(f"itrash: no photos of further packages in {others.FETCHED} (training.others)")
     answers = metrics.answers_to(classifier, photos, [None] * len(photos))
     print(f"itrash: {len(photos)} real photos of no waste")
     return {"itrash_unknown_recall_real": answers.unknown_share()}

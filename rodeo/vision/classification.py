@@ -1,7 +1,7 @@
 """What the bin says of a picture, and the data that decide it: weights, classes, preprocessing, thresholds.
 
 Preprocessing, classes and thresholds are data beside the weights (`model/preprocessing.json`, written by
-`services.itrash.training.train`). A network is known by one hash of both files: the same weights with other
+`training.train`). A network is known by one hash of both files: the same weights with other
 classes, another temperature or another threshold say something else, and are another network. It stands in
 what the bin signs, and in the rules that list the networks whose word counts.
 

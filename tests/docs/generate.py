@@ -18,7 +18,7 @@ from pydantic import BaseModel
 
 from rodeo.config import Site
 from rodeo_cli import app
-from tests.docs.text import DOCS
+from tests.docs.text import DOCS, ROOT
 
 COMMON = {"--site", "--as", "--json", "--help"}
 """Options that the page of commands explains once."""
@@ -150,6 +150,7 @@ def _docstrings(model: type) -> dict[str, str]:
 # -- decisions ---------------------------------------------------------------------------------------------
 
 
+TRAINING = ROOT / "training" / "decisions"
 _HEAD = re.compile(r"---\ndate: (\S+)\nsubject: (.+)\nstatus: (.+)\n---\n\n# (\d{4}: .+)\n\n(.*)")
 
 
@@ -172,13 +173,14 @@ class Decision:
         return cls(path.name, head[4], head[1], head[2], head[3], head[5].startswith("*Replaced by "))
 
 
-def decisions() -> list[Decision]:
-    return [Decision.of(path) for path in sorted((DOCS / "decisions").glob("0*.md"))]
+def decisions(folder: Path = DOCS / "decisions") -> list[Decision]:
+    return [Decision.of(path) for path in sorted(folder.glob("0*.md"))]
 
 
 def decisions_page() -> str:
     found = decisions()
     files = {one.file[:4]: one.file for one in found}
+    elsewhere = {one.file[:4] for one in decisions(TRAINING)}
     lines = [
         "# Decisions",
         "",
@@ -189,10 +191,17 @@ def decisions_page() -> str:
         lines += ["", f"## {subject}", "", "| decision | date | status |", "|---|---|---|"]
         for one in found:
             if one.subject == subject:
-                status = re.sub(r"\b\d{4}\b", lambda number: f"[{number[0]}]({files[number[0]]})", one.status)
+                status = re.sub(r"\b\d{4}\b", lambda number: _linked(number[0], files, elsewhere), one.status)
                 lines.append(f"| [{one.title}]({one.file}) | {one.date} | {status} |")
+    lines += ["", "## Training the bin's network", "", "These lie in `training/decisions`.", ""]
+    lines += [f"- {one.title} ({one.status})" for one in decisions(TRAINING)]
     lines += ["", "```{toctree}", ":hidden:", ":glob:", "0*", "```"]
     return "\n".join(lines) + "\n"
+
+
+def _linked(number: str, files: dict[str, str], elsewhere: set[str]) -> str:
+    """A decision about training has no page on the site, so its number stands alone."""
+    return number if number in elsewhere else f"[{number}]({files[number]})"
 
 
 PAGES = {

@@ -45,28 +45,24 @@ NOT_RUN: dict[str, str] = {
     "rodeo up --new-chain": "is for a site whose chain is lost",
     "rodeo up --new-journal": "is for a site whose journal is lost",
     "rodeo up --only oracle": "is for a site whose oracle does not run yet",
-    'pip install --constraint constraints.txt -e ".[train,dev]"': "installs gigabytes",
+    'pip install --constraint constraints.txt -r training/requirements.txt -e ".[dev]"': "installs gigabytes",
     "pip wheel --no-deps .": "tests/integration/test_wheel.py builds the wheel",
     'pip install "$(ls rodeo_dao-*.whl)[site]"': "tests/integration/test_wheel.py installs it",
     "rodeo demo": f"{_MINUTES}: tests/integration/test_wheel.py runs it",
-    "python -m services.itrash.training.train --data ../shared/data/trashnet --out ~/itrash-model": (
-        f"{_MINUTES}, and needs the extra"
+    "python -m training.train --data ../shared/data/trashnet --out ~/itrash-model": (
+        f"{_MINUTES}, and needs training/requirements.txt"
     ),
-    "python -m services.itrash.training.others": (
-        "downloads packages: tests/unit/services/itrash/training/test_others.py"
+    "python -m training.others": "downloads packages: tests/unit/training/test_others.py",
+    "python -m training.train --data ../shared/data/trashnet --all --out ~/itrash-model": (
+        "needs trained networks: tests/unit/training/test_cross_validate.py"
     ),
-    "python -m services.itrash.training.train --data ../shared/data/trashnet --all --out ~/itrash-model": (
-        "needs trained networks: tests/unit/services/itrash/training/test_cross_validate.py"
+    "python -m training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds": (
+        "takes hours, and needs training/requirements.txt: tests/unit/training/test_cross_validate.py"
     ),
-    "python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds": (
-        "takes hours, and needs the extra: tests/unit/services/itrash/training/test_cross_validate.py"
-    ),
-    "python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds "
-    "--pack bench/itrash_folds": (
-        "needs trained networks: tests/unit/services/itrash/training/test_cross_validate.py"
-    ),
-    "python -m services.itrash.train --add-corrections site.toml": (
-        "needs trained networks: tests/unit/services/itrash/training/test_corrected.py"
+    "python -m training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds "
+    "--pack bench/itrash_folds": ("needs trained networks: tests/unit/training/test_cross_validate.py"),
+    "python -m training --add-corrections site.toml": (
+        "needs trained networks: tests/unit/training/test_corrected.py"
     ),
     "export RODEO_KEYSTORE_PASSPHRASE=...": _SHELL,
     "rodeo up --site my-site.toml": _CHAIN,

@@ -164,6 +164,7 @@ def broken_links_of(page: Path) -> list[str]:
 def broken_links() -> list[str]:
     """Those of every page, and pages that docs/index.md does not list."""
     every = {*pages(), *DOCS.rglob("*.md"), *ROOT.glob("*.md"), *(ROOT / ".github").rglob("*.md")}
+    every |= set((ROOT / "training").rglob("*.md"))
     found = [broken for page in sorted(every) for broken in broken_links_of(page)]
     listed = {*pages(), *(DOCS / "decisions").glob("*.md")}
     return found + [

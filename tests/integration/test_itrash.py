@@ -33,8 +33,8 @@ from rodeo_testing.recordings import RENDERINGS
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.itrash.behaviour import DropRecord, Memory
 from services.itrash.journal import Journal
-from services.itrash.training.allowed import Allowed
 from tests.support.site import RunningSite
+from training.allowed import Allowed
 
 TICK_S = 0.01
 """Wall time between two rounds of readings, which are 0.1 s of site time apart."""

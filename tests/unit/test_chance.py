@@ -152,11 +152,6 @@ ELSEWHERE = {
     "services/console/pages/tasks.py": "ids of requests",
     "rodeo/checks/replay.py": "a verdict is the same on every site",
     "rodeo_experiments/ablation.py": "draws forgeries by a seed that it is given; does not run on a site",
-    "services/itrash/training/crossed.py": "measures the classifier; does not run on a site",
-    "services/itrash/training/evaluation.py": "measures the classifier; does not run on a site",
-    "services/itrash/training/folds.py": "measures the classifier; does not run on a site",
-    "services/itrash/training/renderings.py": "makes pictures to train on",
-    "services/itrash/training/train.py": "trains the classifier",
     "deploy/contracts.py": "salts by which a timelock tells its acts apart; they decide nothing",
     "deploy/chain/local_chain.py": "the identity of a local chain and of its blocks",
 }

@@ -17,12 +17,12 @@ APACHE_2_SHA256 = "c71d239df91726fc519c6eb72d318ec65820627232b2f796219e87dcf35d0
 """Of the text as the Apache Software Foundation publishes it, without its empty first line."""
 
 
-def test_the_wheel_holds_what_sites_run_and_neither_benchmarks_nor_tests() -> None:
+def test_the_wheel_holds_what_sites_run_and_neither_benchmarks_nor_tests_nor_training() -> None:
     find = PYPROJECT["tool"]["setuptools"]["packages"]["find"]
     packages = [folder.parent.name for folder in ROOT.glob("*/__init__.py")]
     installed = {name for name in packages if any(fnmatch(name, pattern) for pattern in find["include"])}
     assert installed >= {"rodeo", "rodeo_cli", "services", "deploy"}
-    assert not installed & {"bench", "tests"}
+    assert not installed & {"bench", "tests", "training"}
 
 
 def test_the_wheel_is_for_every_machine_and_needs_no_compiler() -> None:

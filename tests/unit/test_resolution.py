@@ -12,8 +12,8 @@ from tests.support.extras import PROJECT, ROOT
 
 MACHINES = ("x86_64-manylinux_2_28", "aarch64-manylinux_2_28")
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
-EXTRAS = sorted(PROJECT["optional-dependencies"].keys() - {"dev", "train"})
-"""`train` needs packages that are published as sources only, and `dev` is not for sites."""
+EXTRAS = sorted(PROJECT["optional-dependencies"].keys() - {"dev"})
+"""`dev` is not for sites."""
 AWAY = (
     "error sending request",
     "dns error",

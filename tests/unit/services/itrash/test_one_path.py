@@ -25,12 +25,12 @@ from rodeo_testing.recordings import RENDERINGS
 from services.itrash.behaviour import Attest, Bin, Memory, State, TakePhoto
 from services.itrash.pictures import Pictures
 from services.itrash.process import Itrash
-from services.itrash.training import metrics
-from services.itrash.training.dataset import Sample
 from services.itrash.web import make_api
 from tests.unit.rodeo_kinds.waste_disposal.test_picture import digest, proof, said
 from tests.unit.rodeo_kinds.waste_disposal.test_picture import shown as shown_to_the_oracle
 from tests.unit.services.itrash.test_web import QuietBin
+from training import metrics
+from training.dataset import Sample
 
 PHOTOS = Path(__file__).parents[5] / "shared" / "data" / "trashnet" / "val"
 FOLDERS = [pytest.param(RENDERINGS, id="renderings")]
