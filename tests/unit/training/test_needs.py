@@ -72,7 +72,7 @@ def test_missing_packages_are_named_with_the_command_that_installs_them(
     complete: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(needs.importlib.util, "find_spec", lambda name: None if name == "torch" else name)
-    with pytest.raises(NotInstalled, match="pip install --constraint constraints.txt -r") as refused:
+    with pytest.raises(NotInstalled, match=r"pip install --constraint constraints.txt -r") as refused:
         check(complete)
     assert refused.value.details["missing"] == ["torch"]
 
