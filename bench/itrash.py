@@ -24,7 +24,7 @@ from rodeo.vision.images import decode_image
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.web import LIMITS, make_api
 from training import crossed, evaluation, metrics, others, renderings
-from training.card import FOLDS_DIR
+from training.answers import Kept, OtherNetwork, check_installed
 from training.corruptions import CORRUPTIONS, SEVERITIES
 from training.crossed import TRAINING, Training
 from training.dataset import Sample, load_photos
@@ -38,7 +38,6 @@ RENDERING_SEED = 1000
 NOTHING = 150
 VIEWED_PER_CLASS = 20
 CORRUPTED_EVERY = 3
-CORRUPTED_EVERY_OF_ALL = 20
 REPEATS = 500
 PHOTO_PX = (512, 384)
 CLIENTS, REQUESTS = 8, 25
@@ -55,7 +54,7 @@ def run() -> dict[str, float]:
     nothing: list[Sample] = []
     photos: list[Sample] = []
     training = Training.model_validate_json((MODEL_DIR / TRAINING).read_bytes())
-    found = _crossed(training)
+    kept = _kept()
     if TRASHNET.is_dir():
         photos = load_photos(TRASHNET / "val")
         answers = metrics.answers_to_files(classifier, TRASHNET / "val", photos)
@@ -64,12 +63,6 @@ def run() -> dict[str, float]:
         if not training.learnt_all:
             known.append(answers)
             figures |= _photo_figures(classifier, photos, answers)
-        elif found is not None:
-            known.append(found.answers)
-            figures["itrash_ece"] = found.answers.calibration_error(1.0)
-            every_photo = crossed.all_photos(TRASHNET)
-            corrupted = crossed.corrupted(FOLDS_DIR, every_photo, every=CORRUPTED_EVERY_OF_ALL)
-            figures["itrash_corrupted_accuracy"] = float(np.mean(list(corrupted.values())))
     else:
         print(f"itrash: no photos at {TRASHNET}, so no itrash_said_accuracy_val")
     try:
@@ -85,8 +78,13 @@ def run() -> dict[str, float]:
         figures |= _multi_view_gain(classifier)
     nothing += evaluation.nothing_samples(RENDERING_SEED, NOTHING, photos)
     figures |= _real_unknown(classifier)
-    if found is not None:
+    if kept is not None:
+        found = kept.crossed()
         figures |= {f"itrash_cv_{name}": share for name, share in crossed.figures(found).items()}
+        if training.learnt_all:
+            known.append(found.answers)
+            figures["itrash_ece"] = found.answers.calibration_error(1.0)
+            figures["itrash_corrupted_accuracy"] = float(np.mean(list(kept.corrupted_accuracy().values())))
     figures["itrash_unknown_recall"] = metrics.answers_to_samples(classifier, nothing).unknown_share()
     if known:
         figures["itrash_known_rejected"] = max(one.unknown_share() for one in known)
@@ -127,15 +125,13 @@ def _real_unknown(classifier: Classifier) -> dict[str, float]:
     return {"itrash_unknown_recall_real": answers.unknown_share()}
 
 
-def _crossed(training: Training) -> crossed.Crossed | None:
-    """What each cross-validated network of the installed recipe answers to the photos that it did not learn
-    from; None where networks or photos are not there."""
+def _kept() -> Kept | None:
+    """The cross-validated answers that the model card counts; None where they are another network's."""
     try:
-        crossed.check(FOLDS_DIR, training)
-    except (crossed.Unfinished, crossed.OtherRecipe) as error:
+        return check_installed()
+    except (OtherNetwork, crossed.OtherRecipe) as error:
         print(f"itrash: {error}, so no itrash_cv_said_accuracy")
         return None
-    return crossed.measured(FOLDS_DIR, TRASHNET) if TRASHNET.is_dir() else None
 
 
 def _multi_view_gain(classifier: Classifier) -> dict[str, float]:

@@ -20,7 +20,7 @@ from rodeo.config import Site
 from rodeo.errors import RodeoError
 from training import needs
 from training.allowed import Allowed
-from training.card import FOLDS_DIR
+from training.crossed import FOLDS_DIR
 from training.others import FETCHED
 
 

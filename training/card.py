@@ -20,6 +20,7 @@ from rodeo.vision.classification import MODEL_DIR, UNKNOWN, Preprocessing
 from rodeo.vision.classifier import Classifier
 from training import crossed, evaluation, metrics, others, renderings
 from training.abstention import SURE
+from training.answers import Kept
 from training.crossed import TRAINING, Training
 from training.dataset import CLASSES, Sample, load_photos
 from training.metrics import Answers
@@ -28,11 +29,8 @@ from training.trials import TRIALS
 HERE = Path(__file__).parent
 """Where the card of the installed model lies."""
 CARD, CONFUSION, CALIBRATION = "MODEL_CARD.md", "confusion.png", "calibration.png"
-FOLDS_DIR = others.PROJECT / "bench/itrash_folds"
-"""Where the cross-validated networks of the installed recipe lie."""
 CORRUPTED_EVERY = 5
 """Every which photo is measured under a corruption and severity."""
-CORRUPTED_EVERY_OF_ALL = 30
 _EXAMPLES = 12
 _CELL_PX, _MARGIN_PX = 64, 110
 _PLOT_PX = 320
@@ -70,22 +68,21 @@ def held_out_samples(recipe: dict[str, Any], photos: Sequence[Sample]) -> tuple[
     return [sample for sample in held_out if sample.label is not None], nothing
 
 
-def measure(model_dir: Path, data: Path, fetched: Path, training: Training, folds: Path) -> Measured:
-    """Every figure counts what the deployed code says of encoded pictures.
+def measure(model_dir: Path, data: Path, fetched: Path, training: Training, kept: Kept | None) -> Measured:
+    """Every figure counts what the deployed code says of encoded pictures. `kept` are the cross-validated
+    answers, which measure a network that learnt from all photos in its place.
 
-    Raises NoSamples; Unfinished or OtherRecipe where the network learnt from all photos, and there are no
-    others of its recipe to measure.
+    Raises NoSamples.
     """
     classifier, val_photos = Classifier(model_dir), load_photos(data / "val")
     rendered, nothing = held_out_samples(training.recipe, val_photos)
-    found = _measured_folds(data, training, folds)
+    found = None if kept is None else kept.crossed()
     if training.learnt_all:
-        assert found is not None
+        assert kept is not None and found is not None
         on_photos, temperature, grouped = found.answers, 1.0, None
-        every_photo = crossed.all_photos(data)
-        by_name = {photo.name: photo for photo in every_photo}
+        by_name = {photo.name: photo for photo in crossed.all_photos(data)}
         samples = [by_name[name] for name in found.names]
-        corrupted = crossed.corrupted(folds, every_photo, every=CORRUPTED_EVERY_OF_ALL)
+        corrupted = kept.corrupted_accuracy()
     else:
         samples, temperature = val_photos, classifier.preprocessing.temperature
         on_photos = metrics.answers_to_files(classifier, data / "val", samples)
@@ -111,22 +108,11 @@ def measure(model_dir: Path, data: Path, fetched: Path, training: Training, fold
     )
 
 
-def _measured_folds(data: Path, training: Training, folds: Path) -> crossed.Crossed | None:
-    """None where they are not there; a network that learnt from all photos must have them."""
-    try:
-        crossed.check(folds, training)
-    except (crossed.Unfinished, crossed.OtherRecipe):
-        if training.learnt_all:
-            raise
-        return None
-    return crossed.measured(folds, data)
-
-
-def write_card(model_dir: Path, data: Path, fetched: Path, folds: Path, out: Path) -> str:
+def write_card(model_dir: Path, data: Path, fetched: Path, kept: Kept | None, out: Path) -> str:
     """Measure the model in `model_dir` on the photos in `data` and on those of other things in `fetched`, and
-    the cross-validated networks in `folds`; write the model's card and its two pictures into `out`."""
+    count the cross-validated answers `kept`; write the model's card and its two pictures into `out`."""
     training = Training.model_validate_json((model_dir / TRAINING).read_bytes())
-    m = measure(model_dir, data, fetched, training, folds)
+    m = measure(model_dir, data, fetched, training, kept)
     preprocessing = Classifier(model_dir).preprocessing
     cv2.imwrite(str(out / CONFUSION), confusion_picture(metrics.confusion(m.photos)))
     curve = metrics.calibration_curve(m.photos.probabilities(m.temperature), m.photos.truth)
@@ -349,12 +335,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Measure a trained model and write its card.")
     parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
     parser.add_argument(
-        "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
-    )
-    parser.add_argument(
         "--others", type=Path, default=others.FETCHED, help="folder of photos of other things"
     )
-    parser.add_argument("--model", type=Path, default=MODEL_DIR, help="folder of the weights")
     parser.add_argument("--out", type=Path, default=HERE, help="folder for the card (%(default)s)")
     arguments = parser.parse_args()
-    print(write_card(arguments.model, arguments.data, arguments.others, arguments.folds, arguments.out))
+    print(write_card(MODEL_DIR, arguments.data, arguments.others, Kept.load(), arguments.out))

@@ -1,7 +1,7 @@
 """How good a recipe is on photos that it did not see: five networks, each measured on the fold it was not
 shown.
 
-    python -m training.cross_validate --data ../shared/data/trashnet --out FOLDER
+    python -m training.cross_validate --data ../shared/data/trashnet
 
 Real photos of other things must have been fetched (`others.py`). One core for five times as long as `train`.
 A run that was killed goes on where it was when it is started again; `--fold K` does one of them. Each
@@ -25,6 +25,7 @@ from rodeo.vision.classification import WEIGHTS, load_preprocessing
 from rodeo.vision.classifier import to_input
 from training import crossed, renderings
 from training.abstention import threshold
+from training.answers import Kept
 from training.compact import compact
 from training.crossed import TRAINING, Division, Training
 from training.dataset import Sample
@@ -77,8 +78,8 @@ def one_fold(
     recipe: Recipe,
     after: Weather,
 ) -> None:
-    """Train and export the network that has not seen `fold`. What is in the folder tells how far an earlier
-    run got; the recipe is written last."""
+    """Train the network that has not seen `fold`, and export it with weights of 8 bits. What is in the folder
+    tells how far an earlier run got; the recipe is written last."""
     folder.mkdir(parents=True, exist_ok=True)
     learnt = learnt_without(photos, division, fold)
     log.info("fold %d: %d photos to learn from", fold, len(learnt))
@@ -91,29 +92,11 @@ def one_fold(
     rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
     network = wholly(learnt, rendered, world, recipe, after, folder / WEIGHTS, folder)
     export(network, folder / WEIGHTS, recipe.input_px)
+    (folder / WEIGHTS).write_bytes(compact((folder / WEIGHTS).read_bytes()))
     write_preprocessing(folder, uncalibrated(recipe))
     (folder / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     for stage in folder.glob("*.pt"):
         stage.unlink()
-
-
-def pack(data: Path, out: Path, into: Path) -> None:
-    """Write the networks of `out` with weights of 8 bits into `into`, calibrated anew as they are there.
-    Raises Unfinished."""
-    if not crossed.complete(out):
-        raise crossed.Unfinished("all networks are packed together", folder=str(out))
-    into.mkdir(parents=True, exist_ok=True)
-    division = _division(crossed.all_photos(data), out)
-    (into / crossed.DIVISION).write_text(division.model_dump_json() + "\n")
-    for fold in range(FOLDS):
-        source, folder = crossed.folder_of(out, fold), crossed.folder_of(into, fold)
-        folder.mkdir(exist_ok=True)
-        (folder / WEIGHTS).write_bytes(compact((source / WEIGHTS).read_bytes()))
-        (folder / TRAINING).write_bytes((source / TRAINING).read_bytes())
-    made_by = Training.model_validate_json((crossed.folder_of(into, 0) / TRAINING).read_bytes())
-    calibrate(into, data, Recipe(**made_by.recipe))
-    for line in crossed.table(crossed.measured(into, data)):
-        log.info("%s", line)
 
 
 def choose(data: Path, out: Path, model: Path, risk: float) -> None:
@@ -150,11 +133,15 @@ def calibrate(out: Path, data: Path, recipe: Recipe) -> None:
 
 
 def _division(photos: list[Sample], out: Path) -> Division:
-    """As it lies in `out`, else made now."""
+    """As it lies in `out`; else that of the kept answers, if they are of these photos; else made now."""
     names = [photo.name for photo in photos]
     if (found := crossed.division_in(out)) is not None:
         found.check(names)
         return found
+    kept = Kept.load().division()
+    if kept.photos.keys() == set(names):
+        (out / crossed.DIVISION).write_text(kept.model_dump_json(indent=1) + "\n")
+        return kept
     group = groups(photos, seen_by_imagenet(photos))
     fold = divided([str(photo.label) for photo in photos], group)
     division = Division.of_arrays(names, fold, group)
@@ -177,11 +164,15 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Cross-validate a recipe for the bin's classifier.")
     parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
     parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
-    parser.add_argument("--out", type=Path, required=True, help="where networks and checkpoints are kept")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=crossed.FOLDS_DIR,
+        help="where networks and checkpoints are kept (%(default)s)",
+    )
     parser.add_argument("--fold", type=int, choices=range(FOLDS), help="this one; all without it")
     parser.add_argument("--recipe", choices=RECIPES, default="shipped")
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="less work, to try it out")
-    parser.add_argument("--pack", type=Path, metavar="FOLDER", help="train nothing: write small files there")
     parser.add_argument(
         "--choose", type=Path, metavar="MODEL", help="train nothing: write the threshold of all folds there"
     )
@@ -191,8 +182,6 @@ if __name__ == "__main__":
     chosen = RECIPES[arguments.recipe].shortened(arguments.shorten)
     if arguments.choose is not None:
         choose(arguments.data, arguments.out, arguments.choose, chosen.known_rejected)
-    elif arguments.pack is not None:
-        pack(arguments.data, arguments.out, arguments.pack)
     else:
         folds = range(FOLDS) if arguments.fold is None else [arguments.fold]
         after = WEATHER.shortened(arguments.shorten)

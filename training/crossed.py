@@ -21,11 +21,13 @@ from pydantic import BaseModel
 
 from rodeo.errors import RodeoError
 from rodeo.vision.classifier import Classifier
-from training import evaluation, metrics
+from training import metrics
 from training.dataset import Sample, load_photos
 from training.folds import FOLDS
 from training.metrics import Answers
 
+FOLDS_DIR = Path(__file__).resolve().parents[1] / "out/folds"
+"""Where `cross_validate.py` puts the networks. They are not kept in the repository: `answers.py`."""
 DIVISION = "division.json"
 TRAINING = "training.json"
 PARTS = ("train", "val")
@@ -59,9 +61,11 @@ class Training(BaseModel):
     weather: dict[str, Any] | None = None
     """Of the steps that followed (`train.Weather`); None where there were none."""
 
-    def as_read(self) -> Training:
-        """As it comes back from its file."""
-        return Training.model_validate_json(self.model_dump_json())
+    def same_recipe(self, other: Training) -> bool:
+        """Whether both were made alike, whichever photos they learnt from."""
+        # As they come back from a file, where tuples are lists.
+        own, its = (Training.model_validate_json(one.model_dump_json()) for one in (self, other))
+        return (own.recipe, own.others_sha256, own.weather) == (its.recipe, its.others_sha256, its.weather)
 
     @property
     def learnt_all(self) -> bool:
@@ -148,15 +152,10 @@ def check(out: Path, training: Training) -> None:
         raise Unfinished("cross-validated networks are missing", folder=str(out))
     for fold in range(FOLDS):
         found = Training.model_validate_json((folder_of(out, fold) / TRAINING).read_bytes())
-        own = training.as_read()
-        if _made(found) != _made(own):
+        if not training.same_recipe(found):
             raise OtherRecipe(
                 "the cross-validated networks are of another recipe", folder=str(out), fold=fold
             )
-
-
-def _made(training: Training) -> tuple[Any, ...]:
-    return training.recipe, training.others_sha256, training.weather
 
 
 def measured(out: Path, data: Path) -> Crossed:
@@ -179,18 +178,7 @@ def measured(out: Path, data: Path) -> Crossed:
         group += [division.of(name).group for name in own]
         of_fold += [fold] * len(own)
         shown += own
-    return Crossed(_joined(answers), np.array(group, int), np.array(of_fold, int), there, tuple(shown))
-
-
-def corrupted(out: Path, photos: Sequence[Sample], every: int) -> dict[str, float]:
-    """Accuracy under each corruption, each photo by the network that did not learn from it. `photos` are
-    `all_photos`. Every `every`-th photo of a fold is used, as in `evaluation.corrupted_accuracy`."""
-    division = Division.model_validate_json((out / DIVISION).read_bytes())
-    found = []
-    for fold in range(FOLDS):
-        own = [photo for photo in photos if division.of(photo.name).fold == fold]
-        found.append(evaluation.corrupted_accuracy(Classifier(folder_of(out, fold)), own, every=every))
-    return {name: float(np.mean([one[name] for one in found])) for name in found[0]}
+    return Crossed(metrics.joined(answers), np.array(group, int), np.array(of_fold, int), there, tuple(shown))
 
 
 def figures(found: Crossed) -> dict[str, float]:
@@ -235,14 +223,3 @@ _SHARES: dict[str, Callable[[Answers], float]] = {
 
 def _names(folder: Path) -> list[str]:
     return [f"{path.parent.name}/{path.name}" for path in sorted(folder.glob("*/*"))]
-
-
-def _joined(answers: Sequence[Answers]) -> Answers:
-    if not answers:
-        return Answers(np.empty((0, 0)), np.empty(0, int), np.empty(0, int), np.empty(0, str))
-    return Answers(
-        np.concatenate([one.logits for one in answers]),
-        np.concatenate([one.truth for one in answers]),
-        np.concatenate([one.said for one in answers]),
-        np.concatenate([one.compartment for one in answers]),
-    )

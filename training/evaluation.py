@@ -12,7 +12,7 @@ from rodeo.vision.classifier import Classifier
 from training import scenery
 from training.corruptions import CORRUPTIONS, SEVERITIES
 from training.dataset import Sample
-from training.metrics import Answers, answers_to_samples
+from training.metrics import Answers, answers_to_samples, joined
 
 SAME_OBJECT = 0.9
 """Correlation from which two photos are taken for the same object in the same place."""
@@ -37,19 +37,26 @@ def grouped_accuracy(answers: Answers, photos: Sequence[Sample], seen: Sequence[
 
 
 def corrupted_accuracy(classifier: Classifier, photos: Sequence[Sample], every: int = 1) -> dict[str, float]:
-    """Accuracy under each corruption, over all severities. Every `every`-th photo is used, others for each
+    """Accuracy under each corruption, over all severities."""
+    return {
+        name: answers.accuracy() for name, answers in corrupted_answers(classifier, photos, every).items()
+    }
+
+
+def corrupted_answers(classifier: Classifier, photos: Sequence[Sample], every: int) -> dict[str, Answers]:
+    """The answers under each corruption, over all severities. Every `every`-th photo is used, others for each
     corruption and severity, so that a part of the work still covers all photos."""
     found = {}
     for number, (name, corrupt) in enumerate(CORRUPTIONS.items()):
-        right: list[np.ndarray] = []
+        answers: list[Answers] = []
         for severity in SEVERITIES:
             rng = np.random.default_rng((number, severity))
             spoilt = [
                 Sample(corrupt(photo.image_bgr, severity, rng), photo.label)
                 for photo in photos[(number + severity) % every :: every]
             ]
-            right.append(answers_to_samples(classifier, spoilt).right())
-        found[name] = float(np.concatenate(right).mean())
+            answers.append(answers_to_samples(classifier, spoilt))
+        found[name] = joined(answers)
     return found
 
 

@@ -77,6 +77,19 @@ class Answers(Outputs):
         return float((self.said == len(CLASSES)).mean())
 
 
+def joined(answers: Sequence[Answers]) -> Answers:
+    """One after the other; sets without photos are left out."""
+    answers = [one for one in answers if len(one.truth)]
+    if not answers:
+        return Answers(np.empty((0, 0)), np.empty(0, int), np.empty(0, int), np.empty(0, str))
+    return Answers(
+        np.concatenate([one.logits for one in answers]),
+        np.concatenate([one.truth for one in answers]),
+        np.concatenate([one.said for one in answers]),
+        np.concatenate([one.compartment for one in answers]),
+    )
+
+
 def answers_to(classifier: Classifier, photos: Sequence[bytes], labels: Sequence[str | None]) -> Answers:
     """What the bin answers to encoded photos; a label is None where there is no item.
 

@@ -39,9 +39,10 @@ from rodeo.vision.classification import PREPROCESSING, WEIGHTS, Preprocessing, l
 from rodeo.vision.classifier import Classifier, to_input
 from training import crossed, metrics, renderings, scenery, weather
 from training.abstention import RISK, threshold
+from training.answers import ANSWERS, Kept
 from training.augment import CHANCES, SELDOM, Chances, augment, drawn
-from training.card import FOLDS_DIR, held_out_samples, write_card
-from training.crossed import TRAINING, Training
+from training.card import held_out_samples, write_card
+from training.crossed import FOLDS_DIR, TRAINING, Training
 from training.dataset import CLASSES, Sample, load_photos
 from training.evaluation import bare_board
 from training.network import (
@@ -678,7 +679,7 @@ def publish(
     recipe: Recipe,
     folds: Path,
 ) -> None:
-    """Export, calibrate, measure; write the model and its card into `out`."""
+    """Export, calibrate, measure; write the model, its card and its cross-validated answers into `out`."""
     out.mkdir(parents=True, exist_ok=True)
     val_photos = load_photos(data / "val")
     (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
@@ -687,14 +688,17 @@ def publish(
     write_preprocessing(out, preprocessing)
     classifier = Classifier(out)
     _assert_same(network, classifier, val_photos[0])
+    kept = None
     if training.learnt_all:
         changed = calibrated(crossed.measured(folds, data), folds, recipe.known_rejected)
         write_preprocessing(out, preprocessing.model_copy(update=changed))
+        kept = Kept.measured(folds, data, Classifier(out).model_sha256)
+        kept.write(out / ANSWERS)
     else:
         on_photos = metrics.answers_to_files(classifier, data / "val", val_photos)
         on_rendered = metrics.answers_to_samples(classifier, held_out_samples(training.recipe, val_photos)[0])
         write_preprocessing(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
-    log.info("%s", write_card(out, data, fetched, folds, out))
+    log.info("%s", write_card(out, data, fetched, kept, out))
 
 
 def write_preprocessing(out: Path, preprocessing: Preprocessing) -> None:

@@ -56,11 +56,12 @@ NOT_RUN: dict[str, str] = {
     "python -m training.train --data ../shared/data/trashnet --all --out ~/itrash-model": (
         "needs trained networks: tests/unit/training/test_cross_validate.py"
     ),
-    "python -m training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds": (
+    "python -m training.cross_validate --data ../shared/data/trashnet": (
         "takes hours, and needs training/requirements.txt: tests/unit/training/test_cross_validate.py"
     ),
-    "python -m training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds "
-    "--pack bench/itrash_folds": ("needs trained networks: tests/unit/training/test_cross_validate.py"),
+    "python -m training.answers --data ../shared/data/trashnet": (
+        "needs trained networks: tests/unit/training/test_answers.py"
+    ),
     "python -m training --add-corrections site.toml": (
         "needs trained networks: tests/unit/training/test_corrected.py"
     ),
