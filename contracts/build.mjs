@@ -11,6 +11,7 @@ import { forge, program } from "./forge.mjs";
 const CONTRACTS = [
   "IECoin",
   "Organization",
+  "DeviceRegistry",
   "ServiceManager",
   "TaskManager",
   "Providers",

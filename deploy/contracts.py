@@ -318,7 +318,7 @@ def _possession(site: Site, client: ChainClient, keystore: str, owner: str) -> t
             "skipped %s, which is not registered: %s; run this step again with its key", keystore, error
         )
         return None
-    nonce, registry = client.device_nonce(key.address), client.organization
+    nonce, registry = client.device_nonce(key.address), client.deployment.address("DeviceRegistry")
     signed = bytes.fromhex(possession.sign(key, owner, nonce, client.w3.eth.chain_id, registry)[2:])
     return signed[:32], signed[32:]
 
@@ -574,7 +574,8 @@ def _missing_kind(
             kind,
         )
     if not rules.max_window:
-        yield calls.set_windows(kind, *declared.windows_s, declared.grace_period_s)
+        price = site.economy.currency.to_units(declared.reference_price_iec)
+        yield calls.set_windows(kind, *declared.windows_s, declared.grace_period_s, price)
     if declared.judge == "auditor":
         if not rules.allowed or there != judge:
             yield calls.allow_kind(kind, judge, bytes(32))

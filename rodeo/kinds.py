@@ -41,6 +41,9 @@ PEOPLES_MIN_WINDOW_S = 3600
 MAX_GRACE_S, GRACE_STEP_S = 2550, 10
 """Of the contracts: a task keeps its grace period in 8 bits."""
 
+DEFAULT_PRICE_IEC = Decimal(100)
+"""Reference price of a kind that names no price: what a newcomer's record counts for (`rodeo.chain.reputation`)."""
+
 FORMATS = {
     "item": "the id of an item of the site",
     "robot": "the name of a robot of the site",
@@ -165,6 +168,12 @@ class Kind:
         """How long an executor may give a task back: `grace_s`, and at most half of the shortest window."""
         longest_s = min(MAX_GRACE_S, self.windows_s[0] // 2) // GRACE_STEP_S * GRACE_STEP_S
         return min(self.grace_s or (longest_s if self.by_people else 180), longest_s)
+
+    @property
+    def reference_price_iec(self) -> Decimal:
+        """The most that an attempt counts in its provider's record: what the work costs, or what a newcomer
+        counts for where the declaration has no price."""
+        return self.price_iec or DEFAULT_PRICE_IEC
 
     @property
     def by_people(self) -> bool:

@@ -437,6 +437,7 @@ class Contracts(Answer):
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
 
     organization: str = Field(alias="Organization")
+    device_registry: str = Field(alias="DeviceRegistry")
     task_manager: str = Field(alias="TaskManager")
     service_manager: str = Field(alias="ServiceManager")
     oracle_committee: str = Field(alias="OracleCommittee")

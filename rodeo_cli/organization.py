@@ -886,7 +886,7 @@ def sign_device(
         people = queries.ask(bus, loaded.org, queries.PARTICIPANTS).participants
     address = next((one.address for one in people if one.name == owner), owner)
     key = keystores.open_key(loaded, keystore)
-    say(possession.sign(key, address, nonce, chain.chain_id, chain.contracts.organization))
+    say(possession.sign(key, address, nonce, chain.chain_id, chain.contracts.device_registry))
 
 
 @organization.command("revoke-device")

@@ -15,6 +15,7 @@ CONTRACTS = {
     "OracleCommittee": "0x" + "06" * 20,
     "OracleJudge": "0x" + "07" * 20,
     "AuditorJudge": "0x" + "08" * 20,
+    "DeviceRegistry": "0x" + "09" * 20,
 }
 
 

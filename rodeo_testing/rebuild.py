@@ -54,6 +54,8 @@ class Rebuilt:
     """Provider -> failures in a row of all its services."""
     work: dict[str, Work] = field(default_factory=dict)
     """Provider -> what it is known for."""
+    reference_prices: dict[str, int] = field(default_factory=dict)
+    """Kind -> the most that an attempt counts in a record."""
     suspended_providers: set[str] = field(default_factory=set)
     asleep: dict[str, int] = field(default_factory=dict)
     """Provider -> when it may wake up, of those that are asleep."""
@@ -70,7 +72,7 @@ class Rebuilt:
     lines: dict[int, bool] = field(default_factory=dict)
     """Service that waits -> whether in a line of proven providers."""
     organization: str = ""
-    """Its address: it is proven."""
+    """Its address: it is proven, and all work for it counts."""
     payouts: dict[str, str] = field(default_factory=dict)
     """Provider -> who is paid for its work, of those that have named somebody."""
     waiting: list[int] = field(default_factory=list)
@@ -342,6 +344,7 @@ class Rebuilt:
             case events.WindowsChanged():
                 windows = {"min_window": event.min, "max_window": event.max}
                 self._kind(event.kind, **windows, grace=event.grace)
+                self.reference_prices[event.kind] = event.reference_price
             case events.VerdictWindowsChanged():
                 bounds = {"min_verdict_window": event.min, "max_verdict_window": event.max}
                 self._kind(event.kind, **bounds)
@@ -446,7 +449,10 @@ class Rebuilt:
         own = is_own(self.tasks[task_id].creator, service.provider, owners, payout)
         if not own:
             work = self.work.get(service.provider, Work())
-            self.work[service.provider] = work.plus(value, accepted, time_s)
+            task = self.tasks[task_id]
+            creator = "" if task.creator == self.organization else task.creator
+            counted = min(value, self.reference_prices[task.kind])
+            self.work[service.provider] = work.plus(counted, accepted, time_s, creator)
         if not accepted:
             self._set_failures(service.provider, service.failures + 1)
         elif not own:

@@ -171,7 +171,7 @@ contract GriefingBench is Fixture {
         setTerms(BOND, PENALTY, 3);
         vm.startPrank(admin);
         organization.setPolicy(policy_);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, 0);
+        organization.setWindows(CLEANING, SHORTEST, 30 days, 0, 1 ether);
         vm.stopPrank();
         deal(address(coin), alice, 1e6 ether);
         deal(address(coin), bob, 1e6 ether);

@@ -23,7 +23,7 @@ import {TaskId} from "./types/TaskId.sol";
 
 // The mapping `kindNumbered` implements the function of that name, which Slither does not see through KindId.
 // slither-disable-next-line unimplemented-functions
-contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdminRules, Multicall {
+contract Organization is IOrganization, AccessControlDefaultAdminRules, Multicall {
     using SafeERC20 for IERC20;
 
     bytes32 public constant OPERATOR_ROLE = keccak256("OPERATOR_ROLE");
@@ -64,6 +64,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     IServiceManager public immutable services;
     /// @inheritdoc IOrganization
     ITaskManager public immutable tasks;
+    /// @inheritdoc IOrganization
+    IDeviceRegistry public immutable devices = new DeviceRegistry();
     /// @dev The hash of its code, so that this contract does not contain that.
     bytes32 private immutable _firstComeFirstServed = keccak256(type(FirstComeFirstServed).runtimeCode);
     /// @inheritdoc IOrganization
@@ -81,6 +83,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     Terms private _terms;
     uint8 private _kindCount;
     mapping(bytes32 kind => Kind) private _kinds;
+    /// @inheritdoc IOrganization
+    mapping(bytes32 kind => uint96) public referencePriceOf;
     /// @inheritdoc IOrganization
     mapping(KindId number => bytes32) public kindNumbered;
     /// @inheritdoc IOrganization
@@ -170,7 +174,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace)
+    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace, uint96 referencePrice)
         external
         onlyRole(DEFAULT_ADMIN_ROLE)
     {
@@ -184,7 +188,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (grace > longest || grace % GRACE_STEP != 0) revert InvalidGrace(grace, GRACE_STEP, longest);
         Kind storage k = _kinds[kind];
         (k.minWindow, k.maxWindow, k.grace) = (min, max, grace);
-        emit WindowsChanged(kind, min, max, grace);
+        if (referencePrice != referencePriceOf[kind]) _setReferencePrice(kind, referencePrice);
+        emit WindowsChanged(kind, min, max, grace, referencePrice);
     }
 
     /// @inheritdoc IOrganization
@@ -293,7 +298,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         emit TasksResumed(msg.sender);
     }
 
-    /// @inheritdoc IDeviceRegistry
+    /// @inheritdoc IOrganization
     function registerDevice(
         address device_,
         bytes32 role,
@@ -302,22 +307,13 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         bytes32 r,
         bytes32 vs
     ) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _registerDevice(device_, role, owner_, name, r, vs);
+        devices.registerDevice(device_, role, owner_, name, r, vs, msg.sender);
         services.providers().recordOwner(device_, owner_);
     }
 
-    /// @inheritdoc IDeviceRegistry
+    /// @inheritdoc IOrganization
     function revokeDevice(address device_, Revocation reason) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _revokeDevice(device_, reason);
-    }
-
-    /// @inheritdoc IDeviceRegistry
-    function postRoot(address device_, uint64 day, bytes32 root, string calldata uri) external {
-        address owner_ = _device(device_).owner;
-        if (msg.sender != owner_ && !hasRole(OPERATOR_ROLE, msg.sender)) {
-            revert NotDeviceOwner(device_, msg.sender, owner_);
-        }
-        _postRoot(device_, day, root, uri);
+        devices.revokeDevice(device_, reason);
     }
 
     /// @inheritdoc IOrganization
@@ -502,7 +498,17 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         }
         (k.judgesWindow, k.maxCase, k.number) = (window, longest, KindId.wrap(++_kindCount));
         (kindNumbered[k.number], judgeNumbered[k.number]) = (kind, judge);
-        tasks.recordJudge(k.number, address(judge));
+        tasks.recordJudge(k.number, address(judge), referencePriceOf[kind]);
+    }
+
+    /// @dev Also of the numbers that the kind had with earlier judges, whose tasks may still run.
+    function _setReferencePrice(bytes32 kind, uint96 price) private {
+        referencePriceOf[kind] = price;
+        for (uint8 i = _kindCount; i > 0; --i) {
+            KindId number = KindId.wrap(i);
+            if (kindNumbered[number] != kind) continue;
+            tasks.recordJudge(number, address(judgeNumbered[number]), price);
+        }
     }
 
     /// @dev The organization itself needs no membership.

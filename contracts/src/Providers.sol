@@ -29,8 +29,10 @@ contract Providers is IProviders {
         uint8 naps;
         /// @dev Until when it rests, or when it may wake up; 0 if it never had to since the last accepted proof.
         uint32 restsUntil;
-        /// @dev What it was paid for accepted work of others (64 bits), and what it would have been paid for work that
-        /// failed (64 bits), in `_unit`, as of a day (16 bits): both decay. One number, because it is written so.
+        /// @dev What it was paid for accepted work of others (56 bits), and what it would have been paid for work that
+        /// failed (56 bits), in `_unit`, as of a day (16 bits): both decay. Between them who was the last creator that day
+        /// whose attempt counted (16 bits), see _signOf; 0 if there was none, or only the organization. One number, because
+        /// it is written so.
         uint144 work;
         /// @dev See OWNED and the constants after it.
         uint16 flags;
@@ -81,6 +83,8 @@ contract Providers is IProviders {
     uint16 private constant ACCEPTED = 1 << 7;
     uint16 private constant FOR_ORGANIZATION = 1 << 9;
 
+    /// @dev More than 72 million tokens of work are not told apart.
+    uint256 private constant MAX_WORK = type(uint56).max;
     /// @dev The bits of a reputation that are its grade.
     uint64 private constant GRADE = MAX_MINOR - (uint64((1 << MINOR_BITS) / GRADES) - 1);
     /// @dev The part of work that a day leaves: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
@@ -119,7 +123,7 @@ contract Providers is IProviders {
         _requireAwake(provider);
         Provider storage p = _providers[provider];
         if (p.number == 0) {
-            (p.number, p.work) = (serviceId.pack(), _work(0, 0));
+            (p.number, p.work) = (serviceId.pack(), _work(0, 0, 0));
             if (provider == _organization) _setFlag(p, VOUCHED, true);
         }
         if (terms.bond != 0 || terms.maxFailures != 0) {
@@ -358,7 +362,7 @@ contract Providers is IProviders {
         bool own = _isOwn(e.provider, flags, payout, e.creator);
         bool accepted = e.outcome == Outcome.Completed;
         uint256 value = e.value / _unit;
-        if (value != 0 && !own) _rate(p, accepted, value);
+        if (value != 0 && !own) _rate(p, e.creator, accepted, value);
         if (!accepted) {
             if (p.failures < type(uint8).max) ++p.failures;
         } else if (!own) {
@@ -388,12 +392,26 @@ contract Providers is IProviders {
         return flags;
     }
 
-    /// @dev A provider is known for work for others, by its value. Nobody pays oneself, or nothing, for a name.
-    function _rate(Provider storage p, bool accepted, uint256 value) private {
+    /// @dev A provider is known for work for others, by its value. Nobody pays oneself, or nothing, for a name. Of attempts for
+    /// one creator in a row only the first of a day counts, however it ended: no creator makes or ruins a name alone in an
+    /// afternoon. Those for the organization all count: what it posts is paid by its treasury, and its operators have budgets.
+    function _rate(Provider storage p, address creator, bool accepted, uint256 value) private {
+        uint256 work = p.work;
+        uint256 last = uint16(work) == block.timestamp / 1 days ? uint16(work >> 16) : 0;
+        if (creator != _organization) {
+            uint256 sign = _signOf(creator);
+            if (sign == last) return;
+            last = sign;
+        }
         (uint256 done, uint256 failed) = _record(p);
-        if (accepted) done = Math.min(done + value, type(uint64).max);
-        else failed = Math.min(failed + value, type(uint64).max);
-        p.work = _work(done, failed);
+        if (accepted) done = Math.min(done + value, MAX_WORK);
+        else failed = Math.min(failed + value, MAX_WORK);
+        p.work = _work(done, failed, last);
+    }
+
+    /// @dev By what a creator is remembered, never 0. Two with the same sign, one in 65,535, count as one.
+    function _signOf(address creator) private pure returns (uint256) {
+        return uint160(creator) % type(uint16).max + 1;
     }
 
     /// @dev A proof was accepted, of work for others.
@@ -489,7 +507,7 @@ contract Providers is IProviders {
     /// @dev (done + _prior) / (done + failed + 2 _prior) in 64ths, the rule of succession (Laplace): 0 .. 63.
     function _reputation(Provider storage p) private view returns (uint64) {
         (uint256 done, uint256 failed) = _record(p);
-        // Both have 64 bits, and so has what a newcomer counts for.
+        // Both have 56 bits, and what a newcomer counts for has 64 at most.
         unchecked {
             done += _prior;
             return uint64((done << MINOR_BITS) / (done + failed + _prior));
@@ -500,8 +518,8 @@ contract Providers is IProviders {
     /// how often it is computed.
     function _record(Provider storage p) private view returns (uint256 done, uint256 failed) {
         uint256 work = p.work;
-        (done, failed) = (work >> 80, (work >> 16) & type(uint64).max);
-        uint256 elapsed = block.timestamp / 1 days - (work & type(uint16).max);
+        (done, failed) = (work >> 88, (work >> 32) & MAX_WORK);
+        uint256 elapsed = block.timestamp / 1 days - uint16(work);
         if (elapsed == 0) return (done, failed);
         (done, failed) = (done >> (elapsed / HALF_LIFE), failed >> (elapsed / HALF_LIFE));
         uint256 factor = DAILY;
@@ -512,8 +530,8 @@ contract Providers is IProviders {
         }
     }
 
-    function _work(uint256 done, uint256 failed) private view returns (uint144) {
-        return uint144(done << 80 | failed << 16 | block.timestamp / 1 days);
+    function _work(uint256 done, uint256 failed, uint256 last) private view returns (uint144) {
+        return uint144(done << 88 | failed << 32 | last << 16 | block.timestamp / 1 days);
     }
 
     function _requireServiceManager() private view {

@@ -61,10 +61,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bytes32 proof;
     }
 
-    /// @dev The judge of a kind's number.
+    /// @dev The judge of a kind's number, in one word, which each ruling reads.
+    /// @param referencePrice the most that an attempt counts in a record. No price of a service has more bits (Units.max)
     struct Bench {
         address judge;
         bool removed;
+        uint88 referencePrice;
     }
 
     /// @notice Of attempts that count. With those that do not they fit in four bits.
@@ -268,8 +270,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function recordJudge(KindId kindId, address judge) external onlyOrganization {
-        _benches[kindId].judge = judge;
+    function recordJudge(KindId kindId, address judge, uint96 referencePrice) external onlyOrganization {
+        if (referencePrice == 0 || !Units.isPrice(referencePrice, _unit)) {
+            revert IServiceManager.InvalidPrice(referencePrice, _unit, Units.max(_unit));
+        }
+        (_benches[kindId].judge, _benches[kindId].referencePrice) = (judge, uint88(referencePrice));
     }
 
     /// @inheritdoc ITaskManager
@@ -480,7 +485,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         returns (Release memory r)
     {
         uint40 place = _totals.waiting == 0 ? _totals.places + 1 : 0;
-        r = services.release(serviceId, outcome, value, t.creator, place);
+        r = services.release(serviceId, outcome, _counted(t.kindId, outcome, value), t.creator, place);
         if (place == 0 || !r.available) return r;
         (_totals.places, r.available) = (place, false);
     }
@@ -492,7 +497,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     {
         uint96 penalty = _standing[taskId].penalty;
         delete _standing[taskId];
+        value = _counted(t.kindId, outcome, value);
         return services.conclude(t.serviceId, taskId, outcome, value, t.creator, penalty);
+    }
+
+    /// @dev What an attempt counts in its provider's record. The kind's word was read for the ruling.
+    function _counted(KindId kindId, Outcome outcome, uint256 value) private view returns (uint256) {
+        // Other outcomes, of which some never came to a judge, go into no record.
+        if (outcome > Outcome.Expired) return 0;
+        return Math.min(value, _benches[kindId].referencePrice);
     }
 
     /// @dev Whether the service takes the task, at its own price; nothing happened if not.

@@ -61,7 +61,7 @@ contract SettlementSymbolic is Test {
         organization.grantRole(organization.ORACLE_ROLE(), JUDGE);
         organization.grantRole(organization.AUDITOR_ROLE(), AUDITOR);
         organization.setAudit(KIND, WINDOW);
-        organization.setWindows(KIND, WINDOW, WINDOW, 0);
+        organization.setWindows(KIND, WINDOW, WINDOW, 0, 1 ether);
         organization.vouchFor(ROBOT, true);
         organization.allowKind(KIND, judges, keccak256("rules"));
         organization.grantRole(organization.OPERATOR_ROLE(), ADMIN);

@@ -246,7 +246,7 @@ contract AttackTest is Fixture {
 
     function test_attack_aWindowThatIsTooShortForTheWorkHarvestsPenalties() public {
         vm.prank(admin);
-        organization.setWindows(CLEANING, WINDOW, 30 days, 0);
+        organization.setWindows(CLEANING, WINDOW, 30 days, 0, 1 ether);
         setTerms(100 ether, 100 ether, 0);
         offer(robot1, 80 ether);
         assertEq(organization.kindOf(CLEANING).minWindow, WINDOW);

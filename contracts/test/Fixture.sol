@@ -14,6 +14,7 @@ import {Fault, Ruling, Task, TaskRequest, TaskState} from "../src/interfaces/ITa
 import {CommitteeJudge} from "../src/judges/CommitteeJudge.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
+import {Units} from "../src/libraries/Units.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -106,15 +107,17 @@ abstract contract Fixture is Deployed, Numbers, Test {
         auditorJudge = roleJudge(organization.AUDITOR_ROLE(), address(0));
         oracleJudge = roleJudge(organization.ORACLE_ROLE(), address(auditorJudge));
 
+        (uint256 unit,) = Units.unitOf(token);
+        uint96 dearest = uint96(Units.max(unit));
         vm.startPrank(admin);
         organization.grantRole(organization.ORACLE_ROLE(), oracle);
         organization.grantRole(organization.AUDITOR_ROLE(), auditor);
         organization.grantRole(organization.OPERATOR_ROLE(), admin);
         organization.grantRole(organization.TREASURER_ROLE(), admin);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, uint16(GRACE));
-        organization.setWindows(CHARGING, SHORTEST, 30 days, uint16(GRACE));
+        organization.setWindows(CLEANING, SHORTEST, 30 days, uint16(GRACE), dearest);
+        organization.setWindows(CHARGING, SHORTEST, 30 days, uint16(GRACE), dearest);
         // For tests that allow another kind.
-        organization.setWindows("painting", SHORTEST, 30 days, uint16(GRACE));
+        organization.setWindows("painting", SHORTEST, 30 days, uint16(GRACE), dearest);
         address[5] memory known = [alice, bob, robot1, robot2, robot3];
         for (uint256 i = 0; i < known.length; ++i) {
             organization.vouchFor(known[i], true);

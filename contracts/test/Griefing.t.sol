@@ -507,7 +507,7 @@ contract GriefingTest is Fixture {
         _offerByHand(robot1);
         TaskId taskId = post(alice, REWARD);
         vm.prank(admin);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, 0);
+        organization.setWindows(CLEANING, SHORTEST, 30 days, 0, 1 ether);
         skip(GRACE);
         vm.expectRevert();
         tasks.expireTask(taskId);

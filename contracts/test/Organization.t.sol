@@ -10,6 +10,7 @@ import {Terms} from "../src/interfaces/IProviders.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Fault, ITaskManager, Task, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
+import {Units} from "../src/libraries/Units.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -38,6 +39,13 @@ contract StubJudge {
 }
 
 contract OrganizationTest is Fixture {
+    IDeviceRegistry private devices;
+
+    function setUp() public override {
+        super.setUp();
+        devices = organization.devices();
+    }
+
     function _refusal(address caller, bytes32 role) private pure returns (bytes memory) {
         return abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, caller, role);
     }
@@ -131,7 +139,7 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.setAudit(CLEANING, 60);
         vm.expectRevert(refusal);
-        organization.setWindows(CLEANING, 60, 60, 0);
+        organization.setWindows(CLEANING, 60, 60, 0, 1 ether);
         vm.expectRevert(refusal);
         organization.vouchFor(stranger, true);
         vm.expectRevert(refusal);
@@ -330,7 +338,7 @@ contract OrganizationTest is Fixture {
     function test_onlyTheOrganizationRecordsWhoJudges() public {
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotOrganization.selector, bob));
         vm.prank(bob);
-        tasks.recordJudge(KindId.wrap(1), bob);
+        tasks.recordJudge(KindId.wrap(1), bob, 1 ether);
     }
 
     function test_aDisallowedKindKeepsItsJudges() public {
@@ -343,10 +351,20 @@ contract OrganizationTest is Fixture {
     }
 
     function test_aKindSaysHowLongItsTasksMayTake() public {
-        vm.expectEmit(address(organization));
-        emit IOrganization.WindowsChanged(CLEANING, WINDOW + 1, WINDOW + 2, 3 minutes);
+        uint96[2] memory prices = [uint96(0), 1 gwei + 1];
+        uint256 most = Units.max(1 gwei);
         vm.startPrank(admin);
-        organization.setWindows(CLEANING, WINDOW + 1, WINDOW + 2, 0);
+        for (uint256 i = 0; i < 2; ++i) {
+            vm.expectRevert(
+                abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, prices[i], 1 gwei, most)
+            );
+            organization.setWindows(CLEANING, WINDOW + 1, WINDOW + 2, 0, prices[i]);
+        }
+        vm.stopPrank();
+        vm.expectEmit(address(organization));
+        emit IOrganization.WindowsChanged(CLEANING, WINDOW + 1, WINDOW + 2, 3 minutes, 1 ether);
+        vm.startPrank(admin);
+        organization.setWindows(CLEANING, WINDOW + 1, WINDOW + 2, 0, 1 ether);
         vm.stopPrank();
         bytes memory refusal = abi.encodeWithSelector(
             IOrganization.InvalidWindow.selector, CLEANING, WINDOW, WINDOW + 1, WINDOW + 2
@@ -361,21 +379,31 @@ contract OrganizationTest is Fixture {
                     IOrganization.InvalidWindows.selector, wrong[i][0], wrong[i][1], 1 minutes, 30 days
                 )
             );
-            organization.setWindows(CLEANING, wrong[i][0], wrong[i][1], 0);
+            organization.setWindows(CLEANING, wrong[i][0], wrong[i][1], 0, 1 ether);
         }
         vm.stopPrank();
     }
 
     function test_theGracePeriodIsAtMostHalfOfTheShortestWindow() public {
         vm.startPrank(admin);
-        organization.setWindows(CLEANING, 60, 60, 30);
-        organization.setWindows(CLEANING, 90, 90, 0);
+        organization.setWindows(CLEANING, 60, 60, 30, 1 ether);
+        organization.setWindows(CLEANING, 90, 90, 0, 1 ether);
         assertEq(organization.kindOf(CLEANING).grace, 40, "half of it, in tens");
         uint16[2] memory wrong = [uint16(40), 25];
         for (uint256 i = 0; i < 2; ++i) {
             vm.expectRevert(abi.encodeWithSelector(IOrganization.InvalidGrace.selector, wrong[i], 10, 30));
-            organization.setWindows(CLEANING, 60, 60, wrong[i]);
+            organization.setWindows(CLEANING, 60, 60, wrong[i], 1 ether);
         }
+        vm.stopPrank();
+    }
+
+    function test_aKindWithoutAReferencePriceIsNotAllowed() public {
+        vm.startPrank(admin);
+        organization.setWindows("gardening", SHORTEST, 30 days, 0, 0);
+        vm.expectRevert(
+            abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, 0, 1 gwei, Units.max(1 gwei))
+        );
+        organization.allowKind("gardening", oracleJudge, RULES);
         vm.stopPrank();
     }
 
@@ -422,7 +450,7 @@ contract OrganizationTest is Fixture {
     function test_aDeviceIsRegisteredAndRevokedOnce() public {
         address device = makeAddr("device");
         vm.startPrank(admin);
-        vm.expectEmit(address(organization));
+        vm.expectEmit(address(devices));
         emit IDeviceRegistry.DeviceRegistered(device, "robot", robot1, "panther1", admin);
         Possession.register(organization, device, "robot", robot1, "panther1");
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, device));
@@ -430,10 +458,10 @@ contract OrganizationTest is Fixture {
 
         uint256 registeredAt = block.timestamp;
         vm.warp(registeredAt + 100);
-        vm.expectEmit(address(organization));
+        vm.expectEmit(address(devices));
         emit IDeviceRegistry.DeviceRevoked(device, Revocation.Compromised);
         organization.revokeDevice(device, Revocation.Compromised);
-        Device memory d = organization.device(device);
+        Device memory d = devices.device(device);
         assertEq(d.role, bytes32("robot"));
         assertEq(d.name, bytes32("panther1"));
         assertEq(d.owner, robot1);
@@ -450,7 +478,7 @@ contract OrganizationTest is Fixture {
 
     function test_anUnknownDeviceIsAnError() public {
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.UnknownDevice.selector, stranger));
-        organization.device(stranger);
+        devices.device(stranger);
     }
 
     function test_aDeviceNeedsAnAddressARoleAnOwnerAndAName() public {
@@ -472,7 +500,7 @@ contract OrganizationTest is Fixture {
         address bin = makeAddr("bin");
         vm.startPrank(admin);
         Possession.register(organization, bin, "bin", address(organization), "itrash");
-        assertEq(organization.deviceNamed("bin", "itrash"), bin);
+        assertEq(devices.deviceNamed("bin", "itrash"), bin);
         vm.expectRevert(
             abi.encodeWithSelector(
                 IDeviceRegistry.DeviceNameTaken.selector, bytes32("bin"), bytes32("itrash"), bin
@@ -482,6 +510,17 @@ contract OrganizationTest is Fixture {
         // Another bin, and another device of that name, are others.
         Possession.register(organization, robot1, "bin", address(organization), "itrash2");
         Possession.register(organization, robot2, "meter", address(organization), "itrash");
+    }
+
+    function test_attack_theAdministratorIsAskedByTheOrganizationAlone() public {
+        (bytes32 r, bytes32 vs) = _signed(block.chainid, robot2, robot1, 0);
+        bytes memory refusal = abi.encodeWithSelector(IDeviceRegistry.NotOrganization.selector, admin);
+        vm.startPrank(admin);
+        vm.expectRevert(refusal);
+        devices.registerDevice(robot2, "robot", robot1, "panther1", r, vs, admin);
+        vm.expectRevert(refusal);
+        devices.revokeDevice(robot2, Revocation.Compromised);
+        vm.stopPrank();
     }
 
     function test_attack_nobodyRegistersTheKeyOfAnother() public {
@@ -505,15 +544,15 @@ contract OrganizationTest is Fixture {
         (bytes32 r0, bytes32 vs0) = _signed(block.chainid, robot2, alice, 0);
         vm.startPrank(admin);
         organization.registerDevice(robot2, "robot", alice, "panther1", r0, vs0);
-        assertEq(organization.deviceNonce(robot2), 1);
+        assertEq(devices.deviceNonce(robot2), 1);
         (bytes32 r1, bytes32 vs1) = _signed(block.chainid, robot2, robot1, 1);
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, robot2));
         organization.registerDevice(robot2, "bin", robot1, "panther1", r1, vs1);
-        vm.expectEmit(address(organization));
+        vm.expectEmit(address(devices));
         emit IDeviceRegistry.DeviceOwnerChanged(robot2, robot1, admin);
         organization.registerDevice(robot2, "robot", robot1, "panther1", r1, vs1);
         vm.stopPrank();
-        assertEq(organization.device(robot2).owner, robot1);
+        assertEq(devices.device(robot2).owner, robot1);
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.NotSignedByDevice.selector, robot2, alice));
         vm.prank(admin);
         organization.registerDevice(robot2, "robot", alice, "panther1", r0, vs0);
@@ -534,7 +573,7 @@ contract OrganizationTest is Fixture {
         view
         returns (bytes32, bytes32)
     {
-        return Possession.sign(address(organization), chainId, device, owner, nonce);
+        return Possession.sign(address(devices), chainId, device, owner, nonce);
     }
 
     function _notSigned(address device, address owner, bytes32 r, bytes32 vs) private {
@@ -548,9 +587,9 @@ contract OrganizationTest is Fixture {
         vm.startPrank(admin);
         Possession.register(organization, robot1, "bin", address(organization), "itrash");
         organization.revokeDevice(robot1, Revocation.Superseded);
-        assertEq(organization.deviceNamed("bin", "itrash"), address(0));
+        assertEq(devices.deviceNamed("bin", "itrash"), address(0));
         Possession.register(organization, next, "bin", address(organization), "itrash");
-        assertEq(organization.deviceNamed("bin", "itrash"), next);
+        assertEq(devices.deviceNamed("bin", "itrash"), next);
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, robot1));
         Possession.register(organization, robot1, "bin", address(organization), "itrash2");
     }
@@ -561,20 +600,20 @@ contract OrganizationTest is Fixture {
         Possession.register(organization, bin, "bin", address(organization), "itrash");
         Possession.register(organization, robot2, "robot", robot1, "panther1");
         uint64 today = uint64(block.timestamp / 1 days);
-        vm.expectEmit(address(organization));
+        vm.expectEmit(address(devices));
         emit IDeviceRegistry.WitnessRoot(bin, today, "root", "store");
-        organization.postRoot(bin, today, "root", "store");
-        assertEq(organization.rootOf(bin, today), "root");
+        devices.postRoot(bin, today, "root", "store");
+        assertEq(devices.rootOf(bin, today), "root");
         vm.expectRevert(
             abi.encodeWithSelector(IDeviceRegistry.RootAlreadyPosted.selector, bin, today, bytes32("root"))
         );
-        organization.postRoot(bin, today, "another", "store");
-        organization.postRoot(bin, today - 1, "yesterday", "store");
+        devices.postRoot(bin, today, "another", "store");
+        devices.postRoot(bin, today - 1, "yesterday", "store");
         vm.stopPrank();
 
         vm.prank(robot1);
-        organization.postRoot(robot2, today, "own", "");
-        assertEq(organization.rootOf(robot2, today), "own");
+        devices.postRoot(robot2, today, "own", "");
+        assertEq(devices.rootOf(robot2, today), "own");
     }
 
     function test_attack_strangersAndOtherDevicesPostNoRoots() public {
@@ -588,11 +627,11 @@ contract OrganizationTest is Fixture {
                 abi.encodeWithSelector(IDeviceRegistry.NotDeviceOwner.selector, robot2, others[i], robot1)
             );
             vm.prank(others[i]);
-            organization.postRoot(robot2, today, "root", "");
+            devices.postRoot(robot2, today, "root", "");
         }
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.UnknownDevice.selector, robot3));
         vm.prank(admin);
-        organization.postRoot(robot3, today, "root", "");
+        devices.postRoot(robot3, today, "root", "");
     }
 
     function test_aRootIsSomethingAndOfADayThatHasBegun() public {
@@ -602,15 +641,15 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(
             abi.encodeWithSelector(IDeviceRegistry.InvalidRoot.selector, robot2, today, bytes32(0), today)
         );
-        organization.postRoot(robot2, today, 0, "");
+        devices.postRoot(robot2, today, 0, "");
         vm.expectRevert(
             abi.encodeWithSelector(
                 IDeviceRegistry.InvalidRoot.selector, robot2, today + 1, bytes32("root"), today
             )
         );
-        organization.postRoot(robot2, today + 1, "root", "");
+        devices.postRoot(robot2, today + 1, "root", "");
         vm.expectRevert(abi.encodeWithSelector(Texts.TextTooLong.selector, 8193, 8192));
-        organization.postRoot(robot2, today, "root", new string(8193));
+        devices.postRoot(robot2, today, "root", new string(8193));
     }
 
     function test_nobodyRevokesAKeyWithoutSayingWhy() public {

@@ -83,9 +83,16 @@ contract PolicyTest is Fixture {
     function test_highestReputation_theMostReliableIsServedFirst() public {
         _use(_highestReputation);
         ServiceId bad = offer(robot1, 10 ether);
-        attempt(post(alice, 100 ether), false);
-        attempt(taskNo(1), false);
-        attempt(taskNo(1), false);
+        address[3] memory creators = [alice, bob, alice];
+        for (uint256 i = 0; i < creators.length; ++i) {
+            TaskId taskId = post(creators[i], 100 ether);
+            submit(taskId);
+            update(bad, 10 ether, ServiceState.Paused);
+            judge(taskId, false);
+            vm.prank(creators[i]);
+            tasks.cancelTask(taskId);
+            update(bad, 10 ether, ServiceState.Active);
+        }
         ServiceId fresh = offer(robot2, 50 ether);
         vm.prank(robot3);
         ServiceId good = services.registerService(CLEANING, 90 ether, NO_LIMIT, true, "");

@@ -4,7 +4,9 @@ pragma solidity ^0.8.28;
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Ruling} from "../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
+import {Finding} from "../src/interfaces/IJudge.sol";
 import {NOBODY} from "../src/types/Passed.sol";
+import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -34,7 +36,7 @@ contract ReputationTest is Fixture {
         _work(alice, true);
         assertEq(_of(little), 32, "101 of 201");
         update(little, 60 ether, ServiceState.Active);
-        _work(alice, true);
+        _work(bob, true);
         assertEq(_of(little), 39, "161 of 261");
     }
 
@@ -49,7 +51,7 @@ contract ReputationTest is Fixture {
         ServiceId serviceId = offer(robot1, 20 ether);
         _work(alice, false);
         assertEq(_of(serviceId), 29, "100 of 220");
-        vm.warp(block.timestamp + WINDOW + 1);
+        vm.warp(block.timestamp + WINDOW + 1 days);
         tasks.expireTask(taskNo(1));
         assertEq(_of(serviceId), 26, "100 of 240");
     }
@@ -182,11 +184,194 @@ contract ReputationTest is Fixture {
         assertEq(services.mostReputableIdle(cleaning(), 80 ether, NOBODY), waiting);
     }
 
+    // -- names for money ----------------------------------------------------------------------------------
+
+    /// @dev The kind's reference price.
+    function _refer(uint96 price) private {
+        vm.prank(admin);
+        organization.setWindows(CLEANING, SHORTEST, 30 days, 0, price);
+    }
+
+    /// @dev Rejected twenty times, by two creators in turn: a price of 50 each time.
+    function _failOften() private returns (ServiceId serviceId) {
+        serviceId = offer(robot1, 50 ether);
+        for (uint256 i = 0; i < 20; ++i) {
+            update(serviceId, 50 ether, ServiceState.Active);
+            TaskId taskId = post(i % 2 == 0 ? alice : bob, 50 ether);
+            submit(taskId);
+            update(serviceId, 50 ether, ServiceState.Paused);
+            judge(taskId, false);
+            vm.prank(i % 2 == 0 ? alice : bob);
+            tasks.cancelTask(taskId);
+        }
+        update(serviceId, 50 ether, ServiceState.Active);
+        assertEq(_of(serviceId), 5, "100 of 1200");
+    }
+
+    /// @dev Another account of the provider, which looks like anybody.
+    function _puppet() private returns (address puppet) {
+        puppet = makeAddr("puppet");
+        deal(address(coin), puppet, 100_000 ether);
+        vm.prank(puppet);
+        coin.approve(address(tasks), type(uint256).max);
+    }
+
+    function test_oneDearTaskThatOnePaysOneselfBuysNoName() public {
+        _refer(50 ether);
+        ServiceId serviceId = _failOften();
+        update(serviceId, 100_000 ether, ServiceState.Active);
+        attempt(post(_puppet(), 100_000 ether), true);
+        assertEq(_of(serviceId), 7, "150 of 1250, and 63 if all of it counted");
+    }
+
+    function test_manyTasksOfOneCreatorInADayCountAsOne() public {
+        _refer(50 ether);
+        ServiceId serviceId = _failOften();
+        address puppet = _puppet();
+        for (uint256 i = 0; i < 20; ++i) {
+            attempt(post(puppet, 50 ether), true);
+        }
+        assertEq(_of(serviceId), 7, "150 of 1250");
+        vm.warp(block.timestamp + 1 days);
+        attempt(post(puppet, 50 ether), true);
+        assertEq(_of(serviceId), 9, "200 of 1300, less what decayed");
+    }
+
+    function test_noCreatorRuinsANameInADay() public {
+        ServiceId serviceId = offer(robot1, 50 ether);
+        for (uint256 i = 1; i < 4; ++i) {
+            post(alice, 50 ether);
+            for (uint256 j = 0; j < ATTEMPTS; ++j) {
+                attempt(taskNo(i), false);
+            }
+        }
+        assertEq(_of(serviceId), 25, "100 of 250");
+        assertEq(services.service(serviceId).rejected, 9);
+        assertEq(services.service(serviceId).failures, 9);
+    }
+
+    /// @dev Whatever comes first counts, so that neither side has the choice.
+    function test_theFirstAttemptOfADayCountsHoweverItEnded() public {
+        ServiceId serviceId = offer(robot1, 50 ether);
+        _work(alice, true);
+        _work(alice, false);
+        assertEq(_of(serviceId), 38, "150 of 250");
+    }
+
+    function test_workForSeveralCreatorsCountsAsBefore() public {
+        _refer(50 ether);
+        ServiceId serviceId = offer(robot1, 50 ether);
+        for (uint256 i = 0; i < 5; ++i) {
+            _work(alice, true);
+            _work(bob, i != 4);
+        }
+        assertEq(_of(serviceId), 50, "550 of 700");
+    }
+
+    function test_allWorkForTheOrganizationCounts() public {
+        ServiceId serviceId = offer(robot1, 50 ether);
+        for (uint256 i = 1; i < 5; ++i) {
+            vm.prank(admin);
+            attempt(organization.registerTask(request(50 ether)), true);
+        }
+        assertEq(_of(serviceId), 48, "300 of 400");
+    }
+
+    /// @dev What the organization posts meanwhile lets nobody count twice, nor hides whom another day began with.
+    function test_workForTheOrganizationIsNotInTheRow() public {
+        ServiceId serviceId = offer(robot1, 50 ether);
+        for (uint256 i = 0; i < 2; ++i) {
+            _work(alice, true);
+            vm.prank(admin);
+            attempt(organization.registerTask(request(50 ether)), true);
+        }
+        assertEq(_of(serviceId), 45, "250 of 350");
+        vm.warp(block.timestamp + 1 days);
+        vm.prank(admin);
+        attempt(organization.registerTask(request(50 ether)), true);
+        _work(alice, true);
+        assertEq(_of(serviceId), 49, "350 of 450, less what decayed");
+    }
+
+    function test_theReferencePriceCountsThatHoldsWhenTheAttemptEnds() public {
+        _refer(50 ether);
+        ServiceId serviceId = offer(robot1, 100 ether);
+        submit(post(alice, 100 ether));
+        _refer(20 ether);
+        update(serviceId, 100 ether, ServiceState.Paused);
+        judge(taskNo(1), false);
+        assertEq(_of(serviceId), 29, "100 of 220");
+        vm.prank(alice);
+        tasks.cancelTask(taskNo(1));
+        update(serviceId, 100 ether, ServiceState.Active);
+        _refer(80 ether);
+        _work(bob, true);
+        assertEq(_of(serviceId), 38, "180 of 300");
+    }
+
+    function test_lateWorkCountsUpToTheReferencePrice() public {
+        _refer(20 ether);
+        ServiceId serviceId = offer(robot1, 100 ether);
+        post(alice, 100 ether);
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(taskNo(1));
+        assertEq(_of(serviceId), 29, "100 of 220");
+    }
+
+    function test_rulingsThatStoodCountUpToTheReferencePrice() public {
+        _refer(20 ether);
+        ServiceId serviceId = offer(robot1, 100 ether);
+        submit(post(alice, 100 ether));
+        judgeAs(oracle, taskNo(1), Ruling.None, 0);
+        judgeAs(auditor, taskNo(1), Ruling.Accepted, 100 ether);
+        assertEq(_of(serviceId), 34, "120 of 220");
+    }
+
+    /// @dev Another judge is another number; tasks of the number before are still judged.
+    function test_theReferencePriceIsTheKindsWhateverItsNumber() public {
+        _refer(20 ether);
+        ServiceId before = offer(robot1, 100 ether);
+        submit(post(alice, 100 ether));
+        vm.startPrank(admin);
+        organization.allowKind(CLEANING, auditorJudge, RULES);
+        vm.stopPrank();
+        _refer(40 ether);
+        judge(taskNo(1), false);
+        assertEq(_of(before), 26, "100 of 240");
+        ServiceId next = offer(robot2, 100 ether);
+        submit(post(bob, 100 ether));
+        Finding memory found = finding(taskNo(2), Ruling.Accepted, 100 ether);
+        vm.prank(auditor);
+        auditorJudge.rule(found, "report");
+        assertEq(_of(next), 37, "140 of 240");
+        assertEq(organization.referencePriceOf(CLEANING), 40 ether);
+    }
+
+    /// @dev A judge that was removed rules no more because the price was changed.
+    function test_aChangedReferencePriceBringsNoJudgeBack() public {
+        KindId number = cleaning();
+        vm.prank(admin);
+        organization.removeJudge(number);
+        _refer(40 ether);
+        assertTrue(tasks.isRemoved(number));
+    }
+
+    function test_workThatIsTheSameForBothGoesToBothNames() public {
+        ServiceId serviceId = offer(robot1, 80 ether);
+        vm.startPrank(address(tasks));
+        for (uint160 i = 1; i < 4; ++i) {
+            services.release(serviceId, Outcome.Rejected, type(uint256).max / 2, address(i), 0);
+            services.release(serviceId, Outcome.Completed, type(uint256).max / 2, address(i + 9), 0);
+        }
+        vm.stopPrank();
+        assertEq(_of(serviceId), NEWCOMER);
+    }
+
     function test_itNeverOverflows() public {
         ServiceId serviceId = offer(robot1, 80 ether);
         vm.startPrank(address(tasks));
-        for (uint256 i = 0; i < 3; ++i) {
-            services.release(serviceId, Outcome.Completed, type(uint256).max / 2, alice, 0);
+        for (uint160 i = 1; i < 4; ++i) {
+            services.release(serviceId, Outcome.Completed, type(uint256).max / 2, address(i), 0);
         }
         vm.stopPrank();
         assertEq(_of(serviceId), 63);

@@ -27,7 +27,12 @@ from rodeo.chain.abi import (
     Terms,
 )
 from rodeo.chain.calls import Calls, OrganizationCalls
-from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
+from rodeo.chain.contract_calls import (
+    CommitteeJudgeCalls,
+    DeviceRegistryCalls,
+    DisputeJudgeCalls,
+    RoleJudgeCalls,
+)
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain
@@ -79,6 +84,7 @@ class ChainClient:
         self.oracle_calls = RoleJudgeCalls(deployment, "OracleJudge")
         self.auditor_calls = RoleJudgeCalls(deployment, "AuditorJudge")
         self.dispute_calls = DisputeJudgeCalls(deployment)
+        self.device_calls = DeviceRegistryCalls(deployment)
         """Where rulings can be challenged."""
         self.governance_calls = GovernanceCalls(deployment)
         """Where the administrator is a timelock."""
@@ -166,15 +172,15 @@ class ChainClient:
 
     def device(self, address: str) -> Device:
         """Raises ContractReverted: UnknownDevice."""
-        return self._view("Organization", "device", to_checksum_address(address))
+        return self._view("DeviceRegistry", "device", to_checksum_address(address))
 
     def device_nonce(self, address: str) -> int:
         """How often the key's own signature was used to register it."""
-        return int(self._view("Organization", "deviceNonce", to_checksum_address(address)))
+        return int(self._view("DeviceRegistry", "deviceNonce", to_checksum_address(address)))
 
     def root(self, device: str, day: int) -> bytes | None:
         """The root of what the device signed on `day`, counted from 1970-01-01 UTC; None: not posted."""
-        found: bytes = self._view("Organization", "rootOf", to_checksum_address(device), day)
+        found: bytes = self._view("DeviceRegistry", "rootOf", to_checksum_address(device), day)
         return found if any(found) else None
 
     def is_kind_allowed(self, kind: str) -> bool:
@@ -182,6 +188,10 @@ class ChainClient:
 
     def kind(self, kind: str) -> KindRules:
         return self._view("Organization", "kindOf", kind_to_bytes32(kind))
+
+    def reference_price(self, kind: str) -> int:
+        """The most that an attempt at such a task counts in its provider's record; 0 before it has one."""
+        return int(self._view("Organization", "referencePriceOf", kind_to_bytes32(kind)))
 
     def current_rules(self, kind: str) -> list[bytes]:
         """Hashes of the rules under which tasks of `kind` may be posted now, the newest last."""

@@ -36,6 +36,11 @@ class CommitteeJudgeCalls(ContractCalls):
         return self._call("CommitteeJudge", "setQuorum", kind, votes, panel, rotation, seats)
 
 
+class DeviceRegistryCalls(ContractCalls):
+    def post_root(self, device: str, day: int, root: bytes, uri: str) -> Call:
+        return self._call("DeviceRegistry", "postRoot", device, day, root, uri)
+
+
 class DisputeJudgeCalls(ContractCalls):
     def announce_withdrawal(self, committee: str, seat: int, amount: int) -> Call:
         return self._call("DisputeJudge", "announceWithdrawal", committee, seat, amount)
@@ -130,9 +135,6 @@ class OrganizationCalls(ContractCalls):
     def pause_tasks(self, duration: int) -> Call:
         return self._call("Organization", "pauseTasks", duration)
 
-    def post_root(self, device: str, day: int, root: bytes, uri: str) -> Call:
-        return self._call("Organization", "postRoot", device, day, root, uri)
-
     def register_device(self, device: str, role: str, owner: str, name: str, r: bytes, vs: bytes) -> Call:
         return self._call("Organization", "registerDevice", device, role, owner, name, r, vs)
 
@@ -195,8 +197,8 @@ class OrganizationCalls(ContractCalls):
     def set_verdict_windows(self, kind: str, min: int, max: int) -> Call:
         return self._call("Organization", "setVerdictWindows", kind, min, max)
 
-    def set_windows(self, kind: str, min: int, max: int, grace: int) -> Call:
-        return self._call("Organization", "setWindows", kind, min, max, grace)
+    def set_windows(self, kind: str, min: int, max: int, grace: int, reference_price: int) -> Call:
+        return self._call("Organization", "setWindows", kind, min, max, grace, reference_price)
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("Organization", "submitProof", task_id, attempt, proof_hash, uri)

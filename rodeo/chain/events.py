@@ -51,28 +51,6 @@ class Deposited(Event):
 
 
 @dataclass(frozen=True)
-class DeviceOwnerChanged(Event):
-    device: str
-    owner: str
-    registrar: str
-
-
-@dataclass(frozen=True)
-class DeviceRegistered(Event):
-    device: str
-    role: str
-    owner: str
-    device_name: str
-    registrar: str
-
-
-@dataclass(frozen=True)
-class DeviceRevoked(Event):
-    device: str
-    reason: Revocation
-
-
-@dataclass(frozen=True)
 class JudgeRemoved(Event):
     number: int
     judge: str
@@ -169,12 +147,35 @@ class WindowsChanged(Event):
     min: int
     max: int
     grace: int
+    reference_price: int
 
 
 @dataclass(frozen=True)
 class Withdrawn(Event):
     to: str
     amount: int
+
+
+@dataclass(frozen=True)
+class DeviceOwnerChanged(Event):
+    device: str
+    owner: str
+    registrar: str
+
+
+@dataclass(frozen=True)
+class DeviceRegistered(Event):
+    device: str
+    role: str
+    owner: str
+    device_name: str
+    registrar: str
+
+
+@dataclass(frozen=True)
+class DeviceRevoked(Event):
+    device: str
+    reason: Revocation
 
 
 @dataclass(frozen=True)

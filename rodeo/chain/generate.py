@@ -31,6 +31,7 @@ BETWEEN_CONTRACTS = {
             *("takeBond", "vouch", "wake"),
         }
     ),
+    "DeviceRegistry": frozenset({"registerDevice", "revokeDevice"}),
     "TaskQueues": frozenset({"countNamed", "countVoid", "pass", "put", "remove"}),
     "TaskManager": frozenset(
         {"enter", "onServiceFree", "recordJudge", "removeJudge", "rescue", "returnBond", "rule"}

@@ -1,4 +1,4 @@
-"""What a provider is known for, computed from events as ServiceManager computes it.
+"""What a provider is known for, computed from events as Providers computes it.
 
 reputation = 64 * (done + PRIOR) / (done + failed + 2 * PRIOR)
 """
@@ -15,7 +15,8 @@ _HALF_LIFE_DAYS = 90
 _DAILY = 18_305_219_661_902_323_056
 """What a day leaves of work: 2 ** (-1 / 90), times 2 ** 64."""
 _PRIOR_TOKENS = 100
-_MAX = 2**64 - 1
+_MAX = 2**56 - 1
+_SIGNS = 2**16 - 1
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,9 @@ class Work:
     failed: int = 0
     """What would have been paid for work that was rejected or came too late."""
     day: int = 0
+    creator: int = 0
+    """Whose attempt counted last on that day, by a number that few have in common; 0: nobody's, or only the
+    organization's."""
 
     def at(self, time_s: float) -> Work:
         """What is left of it."""
@@ -38,17 +42,21 @@ class Work:
                 done, failed = done * factor >> 64, failed * factor >> 64
             factor = factor * factor >> 64
             rest >>= 1
-        return Work(done, failed, today)
+        return Work(done, failed, today, self.creator if today == self.day else 0)
 
-    def plus(self, value_wei: int, accepted: bool, time_s: float, currency: Currency = IEC) -> Work:
-        """With work that was judged, or that never came, at `time_s`. Less than a unit changes nothing."""
-        value = value_wei // currency.price_unit
-        if value == 0:
+    def plus(
+        self, value_wei: int, accepted: bool, time_s: float, creator: str = "", currency: Currency = IEC
+    ) -> Work:
+        """With work that was judged, or that never came, at `time_s`. Less than a unit changes nothing, nor does
+        the second attempt of a day for the same creator in a row. `creator`: empty for the organization, whose
+        attempts all count."""
+        value, now = value_wei // currency.price_unit, self.at(time_s)
+        sign = int(creator, 16) % _SIGNS + 1 if creator else now.creator
+        if value == 0 or (creator and sign == now.creator):
             return self
-        now = self.at(time_s)
         if accepted:
-            return Work(min(now.done + value, _MAX), now.failed, now.day)
-        return Work(now.done, min(now.failed + value, _MAX), now.day)
+            return Work(min(now.done + value, _MAX), now.failed, now.day, sign)
+        return Work(now.done, min(now.failed + value, _MAX), now.day, sign)
 
     def reputation(self, time_s: float, currency: Currency = IEC) -> int:
         """In 64ths."""

@@ -28,7 +28,7 @@ from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
 from rodeo.evidence.store import Store
-from rodeo.kinds import EXECUTION_WINDOW_S, MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S, Kinds
+from rodeo.kinds import DEFAULT_PRICE_IEC, EXECUTION_WINDOW_S, MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S, Kinds
 from rodeo.messages import (
     JUDGES,
     AbandonTask,
@@ -791,9 +791,8 @@ class Wallet:
         return [self.client.organization_calls.revoke_device(self.names.address(command.device), reason)]
 
     def _post_root(self, command: PostRoot) -> list[Call]:
-        device = self.names.address(command.device)
-        calls = self.client.organization_calls
-        return [calls.post_root(device, command.day, _bytes32(command.root), command.uri)]
+        device, root = self.names.address(command.device), _bytes32(command.root)
+        return [self.client.device_calls.post_root(device, command.day, root, command.uri)]
 
     def _allow_kind(self, command: AllowKind) -> list[Call]:
         calls = self.client.organization_calls
@@ -833,8 +832,11 @@ class Wallet:
             return []
         if row is not None and has_windows:
             known = row["min_window_s"], row["max_window_s"], row["grace_s"]
+            price = row["reference_price"]
         else:
             known = _UNDECLARED if kind is None else (*kind.windows_s, kind.grace_period_s)
+            declared_iec = DEFAULT_PRICE_IEC if kind is None else kind.reference_price_iec
+            price = self._currency.to_units(declared_iec)
         shortest, longest, grace = (
             now if one is None else one for one, now in zip(named, known, strict=True)
         )
@@ -852,7 +854,8 @@ class Wallet:
                 grace_s=grace,
                 min_window_s=shortest,
             )
-        return [self.client.organization_calls.set_windows(command.kind, shortest, longest, grace)]
+        calls = self.client.organization_calls
+        return [calls.set_windows(command.kind, shortest, longest, grace, price)]
 
     def _judge_for(self, kind: str, judge: str) -> str:
         """The address of the contract that judges `kind` from now on. Where oracles judge it already, theirs

@@ -339,7 +339,8 @@ class Projection:
                 self._change_kind(event.kind, audit_window_s=event.audit_window)
             case events.WindowsChanged():
                 windows = {"min_window_s": event.min, "max_window_s": event.max}
-                self._change_kind(event.kind, **windows, grace_s=event.grace)
+                grace_s, price = event.grace, event.reference_price
+                self._change_kind(event.kind, **windows, grace_s=grace_s, reference_price=price)
             case events.VerdictWindowsChanged():
                 bounds = {"min_verdict_window_s": event.min, "max_verdict_window_s": event.max}
                 self._change_kind(event.kind, **bounds)
@@ -668,6 +669,7 @@ class Projection:
             "done": 0,
             "failed": 0,
             "day": 0,
+            "creator": 0,
             "asleep_until": None,
             "rests_until": None,
             "bond_locked_until": None,
@@ -767,6 +769,7 @@ class Projection:
             "min_window_s": 0,
             "max_window_s": 0,
             "grace_s": 0,
+            "reference_price": 0,
             "min_verdict_window_s": 0,
             "max_verdict_window_s": 0,
             "audit_window_s": 0,
@@ -808,10 +811,12 @@ class Projection:
         # As ServiceManager counts: failures in a row of all the provider's services.
         provider = self._provider(service["provider"])
         completed, failures = counter == "completed", min(provider["failures"] + 1, 255)
-        work = Work(provider["done"], provider["failed"], provider["day"])
+        work = Work(provider["done"], provider["failed"], provider["day"], provider["creator"])
         own = self._is_own(task["creator"], service["provider"])
         if not own:
-            work = work.plus(value, completed, time_s, self.currency)
+            counted = min(value, self._kind(task["kind"])["reference_price"])
+            creator = "" if task["creator"] == self.contracts.get("Organization") else task["creator"]
+            work = work.plus(counted, completed, time_s, creator, self.currency)
         if completed:
             failures = provider["failures"] if own else 0
         forgiven = _AWAKE if completed and not own else {}

@@ -203,6 +203,7 @@ providers = Table(
     Column("done", Wei, nullable=False, doc="accepted work for others, 10^9 wei, as of `day`"),
     Column("failed", Wei, nullable=False, doc="work that was rejected or came too late"),
     Column("day", Integer, nullable=False, doc="from 1970-01-01 UTC"),
+    Column("creator", Integer, nullable=False, doc="whose attempt counted last that day, see Work.creator"),
     Column("asleep_until", BigInteger, doc="when it may wake up, s; null while it is awake"),
     Column(
         "rests_until", BigInteger, doc="it is not proven, and gets no task before; null if it never rested"
@@ -251,6 +252,7 @@ kinds = Table(
     Column("min_window_s", BigInteger, nullable=False, doc="of an execution; 0 before anybody has set it"),
     Column("max_window_s", BigInteger, nullable=False),
     Column("grace_s", BigInteger, nullable=False, doc="in which an executor may give a task back"),
+    Column("reference_price", Wei, nullable=False, doc="the most that an attempt counts in a record"),
     Column("min_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
     Column("max_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
     Column("audit_window_s", BigInteger, nullable=False),

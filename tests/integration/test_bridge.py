@@ -536,7 +536,7 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     device, client = key.address, dao.client()
 
     def of(owner: str, nonce: int = 0) -> dict[str, str]:
-        of_chain = client.w3.eth.chain_id, client.organization
+        of_chain = client.w3.eth.chain_id, client.deployment.address("DeviceRegistry")
         signature = possession.sign(key, keystores.address(dao.site, owner), nonce, *of_chain)
         return {"device": device, "role": "mocap", "owner": owner, "signature": signature}
 

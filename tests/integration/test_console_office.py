@@ -508,7 +508,7 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
     key = account.address
     chain = queries.ask(dao.running.bus, dao.site.org, queries.CHAIN)
     owner = keystores.address(dao.site, "eva")
-    agreed = possession.sign(account, owner, 0, chain.chain_id, chain.contracts.organization)
+    agreed = possession.sign(account, owner, 0, chain.chain_id, chain.contracts.device_registry)
     page.get_by_role("button", name="Register a key").click()
     page.get_by_label("Address of the key").fill(key)
     page.get_by_label("The key's own signature").fill(agreed)

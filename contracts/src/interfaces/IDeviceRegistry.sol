@@ -29,7 +29,8 @@ struct Device {
 
 /// @title The keys that may sign evidence.
 /// @notice A key is registered once and revoked once, so signatures from that time stay verifiable. At most one key
-/// that is not revoked has a given role and name, so the bin of that name is this key and no other.
+/// that is not revoked has a given role and name, so the bin of that name is this key and no other. The organization makes this
+/// contract, and registers and revokes here what its administrator decides.
 interface IDeviceRegistry {
     event DeviceRegistered(
         address indexed device,
@@ -57,26 +58,33 @@ interface IDeviceRegistry {
     error RevocationWithoutReason(address device);
     /// @notice The caller is neither an operator nor the device's owner.
     error NotDeviceOwner(address device, address caller, address owner);
+    error NotOrganization(address caller);
     error RootAlreadyPosted(address device, uint64 day, bytes32 root);
     error InvalidRoot(address device, uint64 day, bytes32 root, uint64 today);
 
-    /// @notice Let `device_` sign as the `role` called `name`, for `owner`. The key itself has to agree to this owner.
-    /// Again, with the same role and name, it corrects the owner. Only the administrator.
+    /// @notice See IOrganization.registerDevice. Only the organization.
     /// @param device_ address of its key
     /// @param role what it is, ASCII: robot, bin, meter, mocap
     /// @param owner who answers for it
     /// @param name on its site, ASCII
     /// @param r of the key's signature (EIP-712, EIP-2098) of Possession(device, owner, deviceNonce)
     /// @param vs the rest of that signature
-    function registerDevice(address device_, bytes32 role, address owner, bytes32 name, bytes32 r, bytes32 vs)
-        external;
+    /// @param registrar the administrator who registers it
+    function registerDevice(
+        address device_,
+        bytes32 role,
+        address owner,
+        bytes32 name,
+        bytes32 r,
+        bytes32 vs,
+        address registrar
+    ) external;
 
     /// @notice How often the key's signature was used: the next one has to name this number.
     /// @param device_ address of its key
     function deviceNonce(address device_) external view returns (uint256);
 
-    /// @notice Invalidate everything the device signs from now on. `reason` decides about earlier signatures.
-    /// Only the administrator.
+    /// @notice See IOrganization.revokeDevice. Only the organization.
     /// @param device_ address of its key
     /// @param reason Compromised: what it signed before counts no more either
     function revokeDevice(address device_, Revocation reason) external;

@@ -5,7 +5,7 @@ import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {KindId} from "../types/KindId.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
-import {IDeviceRegistry} from "./IDeviceRegistry.sol";
+import {IDeviceRegistry, Revocation} from "./IDeviceRegistry.sol";
 import {IJudge} from "./IJudge.sol";
 import {IMatchingPolicy} from "./IMatchingPolicy.sol";
 import {Terms} from "./IProviders.sol";
@@ -62,7 +62,7 @@ struct Kind {
 /// @notice It is itself a participant: its operator posts tasks and offers services in its name, rewards come
 /// from and income goes to its own token balance. The administrator (OpenZeppelin's default admin, handed over
 /// in two steps) grants the other roles.
-interface IOrganization is IDeviceRegistry {
+interface IOrganization {
     /// @param number of the kind with this judge
     /// @param rules 0 where people judge and no rules were named
     event KindAllowed(bytes32 indexed kind, KindId indexed number, IJudge judge, bytes32 rules);
@@ -72,7 +72,8 @@ interface IOrganization is IDeviceRegistry {
     event AuditorsChanged(IJudge indexed auditors);
     event RulesRetired(bytes32 indexed kind, bytes32 rules);
     event KindDisallowed(bytes32 indexed kind);
-    event WindowsChanged(bytes32 indexed kind, uint32 min, uint32 max, uint32 grace);
+    /// @param referencePrice the most that an attempt counts in its provider's record, in the token's smallest unit
+    event WindowsChanged(bytes32 indexed kind, uint32 min, uint32 max, uint32 grace, uint256 referencePrice);
     event VerdictWindowsChanged(bytes32 indexed kind, uint32 min, uint32 max);
     event AuditChanged(bytes32 indexed kind, uint32 auditWindow);
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
@@ -172,13 +173,17 @@ interface IOrganization is IDeviceRegistry {
     function setAuditors(IJudge auditors_) external;
 
     /// @notice Refuse tasks of `kind` whose execution window is shorter than `min` or longer than `max`, from now on. Nobody
-    /// can make others fail with a window in which the work cannot be done. A kind is not allowed before this.
+    /// can make others fail with a window in which the work cannot be done. An attempt that ends from now on counts in its
+    /// provider's record by its value, but at most as `referencePrice`, whichever judge it has: nobody buys a name with one dear
+    /// task. A kind is not allowed before this.
     /// @param kind what is to be done, ASCII
     /// @param min s, from assignment to proof
     /// @param max s
     /// @param grace s, from assignment on, in which an executor may give a task back: at most half of `min`; 0 for three
     /// minutes, or half of `min` if that is less
-    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace) external;
+    /// @param referencePrice what such work usually costs: a price as services have it, not 0 (IServiceManager.InvalidPrice, here
+    /// or, while the kind has no number, when it is allowed)
+    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace, uint96 referencePrice) external;
 
     /// @notice Refuse tasks of `kind` whose verdict window is shorter than `min` or longer than `max`, from now on.
     /// @param kind what is to be done, ASCII
@@ -231,6 +236,22 @@ interface IOrganization is IDeviceRegistry {
     /// reinstated first.
     /// @param serviceId see registerService
     function reinstateService(ServiceId serviceId) external;
+
+    /// @notice Let `device` sign as the `role` called `name`, for `owner`. The key itself has to agree to this owner.
+    /// Again, with the same role and name, it corrects the owner.
+    /// @param device address of its key
+    /// @param role what it is, ASCII: robot, bin, meter, mocap
+    /// @param owner who answers for it
+    /// @param name on its site, ASCII
+    /// @param r of the key's signature (EIP-712, EIP-2098) of Possession(device, owner, deviceNonce), for `devices`
+    /// @param vs the rest of that signature
+    function registerDevice(address device, bytes32 role, address owner, bytes32 name, bytes32 r, bytes32 vs)
+        external;
+
+    /// @notice Invalidate everything the device signs from now on. `reason` decides about earlier signatures.
+    /// @param device address of its key
+    /// @param reason Compromised: what it signed before counts no more either
+    function revokeDevice(address device, Revocation reason) external;
 
     /// @notice Replace the matching policy. Queues and live tasks stay as they are. Services that become free while tasks wait
     /// ask the new one from the next task on, if it replaces FirstComeFirstServed.
@@ -335,6 +356,9 @@ interface IOrganization is IDeviceRegistry {
     function token() external view returns (IERC20);
     function services() external view returns (IServiceManager);
     function tasks() external view returns (ITaskManager);
+
+    /// @notice Returns the keys that may sign evidence, in a contract of its own.
+    function devices() external view returns (IDeviceRegistry);
     function policy() external view returns (IMatchingPolicy);
 
     function terms() external view returns (Terms memory);
@@ -354,6 +378,10 @@ interface IOrganization is IDeviceRegistry {
     /// @notice The rules for work of `kind`.
     /// @param kind what is to be done, ASCII
     function kindOf(bytes32 kind) external view returns (Kind memory);
+
+    /// @notice Returns the most that an attempt at a task of `kind` counts in its provider's record; 0 before setWindows.
+    /// @param kind what is to be done, ASCII
+    function referencePriceOf(bytes32 kind) external view returns (uint96);
 
     /// @notice SHA-256 of each of the rules under which tasks of `kind` may be posted now, the newest last.
     /// @param kind what is to be done, ASCII

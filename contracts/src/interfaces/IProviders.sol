@@ -63,7 +63,7 @@ struct Agreement {
 
 /// @notice An attempt that has ended.
 /// @param creator who posted the task
-/// @param value what the provider was paid, or would have been, in the token's smallest unit
+/// @param value what the provider was paid, or would have been, in the token's smallest unit; at most the kind's reference price
 struct Ended {
     ServiceId serviceId;
     TaskId taskId;

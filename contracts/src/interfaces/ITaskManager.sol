@@ -363,10 +363,12 @@ interface ITaskManager is IServiceListener {
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);
 
-    /// @notice Name the judge of tasks with this number. Only the organization, once for each number.
+    /// @notice Name the judge of tasks with this number, and what their attempts count at most. Only the organization, with the
+    /// same judge for each number.
     /// @param kindId the number
     /// @param judge the contract that rules
-    function recordJudge(KindId kindId, address judge) external;
+    /// @param referencePrice see IOrganization.setWindows
+    function recordJudge(KindId kindId, address judge, uint96 referencePrice) external;
 
     /// @notice From now on the judge of this number rules no more, and what it said and is not concluded is void until
     /// the case ends. Only the organization.

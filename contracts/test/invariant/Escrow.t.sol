@@ -18,6 +18,8 @@ contract EscrowInvariants is Fixture {
 
     function setUp() public override {
         super.setUp();
+        vm.prank(admin);
+        organization.setWindows(CLEANING, SHORTEST, 30 days, uint16(GRACE), 40 ether);
         address[] memory creators = new address[](3);
         (creators[0], creators[1], creators[2]) = (alice, bob, robot1);
         address[] memory robots = new address[](3);

@@ -46,6 +46,9 @@ struct Work {
     uint256 done;
     uint256 failed;
     uint256 day;
+    /// @dev Whose attempt counted last, and when, but for the organization's.
+    address creator;
+    uint256 since;
 }
 
 /// @notice Who judges a kind, and by which rules: the newest last.
@@ -201,11 +204,18 @@ contract Handler is CommonBase, StdUtils, Numbers {
         }
     }
 
-    /// @dev The work for `creator` was judged, or never came.
+    /// @dev The work for its creator was judged, or never came: at most the reference price counts, and once a day in a row.
     function _expectReputation(Task memory t, uint256 done, uint256 failed) private {
         address provider = _services.providerOf(t.serviceId);
-        if (_isOwn(t.creator, provider)) return;
+        if (_isOwn(t.creator, provider) || done + failed == 0) return;
         Work memory w = _workOf(provider);
+        uint256 most = _organization.referencePriceOf(t.kind);
+        (done, failed) = (_min(done, most), _min(failed, most));
+        if (t.creator != address(_organization)) {
+            bool again = w.creator == t.creator && w.since == block.timestamp / 1 days;
+            if (again) return;
+            (w.creator, w.since) = (t.creator, block.timestamp / 1 days);
+        }
         (w.done, w.failed) = (w.done + done, w.failed + failed);
         _work[provider] = w;
     }
@@ -973,7 +983,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         try _oracles.ruleForNext(_finding(taskId, t, Ruling.Accepted, t.price), "") {
             violation = "a stranger is the next judge";
         } catch {}
-        try _tasks.recordJudge(KindId.wrap(1), who) {
+        try _tasks.recordJudge(KindId.wrap(1), who, 1) {
             violation = "a stranger named a judge";
         } catch {}
         try _tasks.removeJudge(KindId.wrap(1)) {
@@ -1048,7 +1058,8 @@ contract Handler is CommonBase, StdUtils, Numbers {
         private
         returns (bool)
     {
-        (bytes32 r, bytes32 vs) = Possession.sign(address(_organization), block.chainid, key, named, nonce);
+        (bytes32 r, bytes32 vs) =
+            Possession.sign(Possession.registryOf(_organization), block.chainid, key, named, nonce);
         vm.prank(_admin);
         try _organization.registerDevice(device, "wallet", owner, bytes32(uint256(uint160(device))), r, vs) {
             return true;

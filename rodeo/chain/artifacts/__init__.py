@@ -14,6 +14,7 @@ CONTRACTS = (
     "LowestPrice",
     "HighestReputation",
     "Organization",
+    "DeviceRegistry",
     "ServiceManager",
     "Providers",
     "TaskManager",
@@ -52,6 +53,7 @@ CREATED_BY = {
     "SignedRequests": ("TaskManager", 1),
     "TaskQueues": ("TaskManager", 2),
     "Providers": ("ServiceManager", 1),
+    "DeviceRegistry": ("Organization", 1),
 }
 """Contract -> the one whose constructor creates it, and its number among those, from 1."""
 

@@ -57,7 +57,10 @@ class Life:
         oracles, auditors = self.judges
         for call in (
             calls.set_terms(Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(4)), 4)),
-            *(calls.set_windows(one, 600, 7200, 60) for one in ("battery_charging", "painting", KIND)),
+            *(
+                calls.set_windows(one, 600, 7200, 60, IEC.to_units(Decimal(60)))
+                for one in ("battery_charging", "painting", KIND)
+            ),
             calls.allow_kind("battery_charging", auditors, REPORT),
             calls.set_verdict_windows(KIND, 600, 7200),
             calls.grant_role(Role.AUDITOR, organization.oracle.address),
@@ -79,7 +82,7 @@ class Life:
             calls.disallow_kind("painting"),
             calls.set_audit(KIND, 3600),
             calls.vouch_for(organization.robot.address, False),
-            calls.post_root(DEVICE, 0, REPORT, "file:///day"),
+            client.device_calls.post_root(DEVICE, 0, REPORT, "file:///day"),
             *(seats.seat(key.address, key.address, *self.agreed(key, key.address)) for key in JUDGE_KEYS[:2]),
             seats.set_quorum(KIND, 2, 2, 60, 0b11),
             seats.change_key(JUDGES[1], JUDGES[2], *self.agreed(JUDGE_KEYS[2], JUDGES[1])),
@@ -106,7 +109,8 @@ class Life:
 
     def registered_device(self, owner: str, nonce: int) -> Call:
         client = self.organization.client
-        signature = possession.sign(DEVICE_KEY, owner, nonce, client.w3.eth.chain_id, client.organization)
+        registry = client.deployment.address("DeviceRegistry")
+        signature = possession.sign(DEVICE_KEY, owner, nonce, client.w3.eth.chain_id, registry)
         r, vs = bytes.fromhex(signature[2:66]), bytes.fromhex(signature[66:])
         return client.organization_calls.register_device(DEVICE, "mocap", owner, "mocap2", r, vs)
 

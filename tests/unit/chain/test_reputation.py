@@ -4,10 +4,11 @@ from rodeo.chain.reputation import Work, is_own
 
 IEC = 10**18
 DAY_S = 86_400
+ALICE, BOB = "0x" + "a1" * 20, "0x" + "b0" * 20
 
 
 def test_work_counts_half_after_ninety_days() -> None:
-    work = Work().plus(80 * IEC, True, 0).plus(40 * IEC, False, 0)
+    work = Work().plus(80 * IEC, True, 0, ALICE).plus(40 * IEC, False, 0)
     assert work.at(90 * DAY_S) == Work(40 * 10**9, 20 * 10**9, 90)
 
 
@@ -25,6 +26,22 @@ def test_a_newcomer_has_half_and_much_work_never_a_whole() -> None:
 
 def test_less_than_a_unit_changes_nothing() -> None:
     assert Work(1, 2, 3).plus(10**9 - 1, True, 100 * DAY_S) == Work(1, 2, 3)
+
+
+def test_the_first_attempt_of_a_day_for_a_creator_counts_and_those_behind_it_do_not() -> None:
+    once = Work().plus(80 * IEC, True, 0, ALICE)
+    assert once.plus(80 * IEC, True, DAY_S - 1, ALICE) == once.plus(80 * IEC, False, 0, ALICE) == once
+    assert once.plus(80 * IEC, True, DAY_S, ALICE).done > 150 * 10**9
+    between = once.plus(80 * IEC, True, 0, BOB)
+    assert between.plus(80 * IEC, True, 0, ALICE).done == 240 * 10**9
+
+
+def test_all_work_for_the_organization_counts_and_is_not_in_the_row() -> None:
+    twice = Work().plus(80 * IEC, True, 0, ALICE).plus(80 * IEC, True, 0).plus(80 * IEC, True, 0)
+    assert twice.done == 240 * 10**9
+    assert twice.plus(80 * IEC, True, 0, ALICE) == twice
+    tomorrow = twice.plus(80 * IEC, True, DAY_S)
+    assert tomorrow.plus(80 * IEC, True, DAY_S, ALICE) != tomorrow
 
 
 def test_who_has_the_same_owner_works_for_itself() -> None:

@@ -84,6 +84,8 @@ def test_an_organization_takes_five_transactions_of_its_founder_and_the_next_one
         rules = client.kind(name)
         windows = rules.min_window, rules.max_window, rules.grace
         assert windows == (*kind.windows_s, kind.grace_period_s), name
+        price = client.reference_price(name)
+        assert price == site.economy.currency.to_units(kind.reference_price_iec) > 0, name
     assert all(client.is_proven(keystores.address(site, robot.name)) for robot in site.robots)
     assert not client.is_proven(keystores.address(site, "oracle"))
     second = another(site, tmp_path / "second")

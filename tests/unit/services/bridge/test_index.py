@@ -283,12 +283,17 @@ def known_for(chain: Chain) -> tuple[int, int]:
 
 
 def test_what_others_paid_for_and_what_was_rejected_make_the_reputation(chain: Chain) -> None:
+    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 180, 90 * IEC))
     chain.block(registered(), offered(), assigned(), proved())
     chain.block(*judged(False), events.TaskRequeued(1, 1, Cause.REJECTED))
-    assert known_for(chain) == (0, 100)
+    assert known_for(chain) == (0, 90), "the reference price"
     chain.block(assigned(2), proved(2))
-    chain.block(*judged(True, 2), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
-    assert known_for(chain) == (80, 100)
+    chain.block(*judged(False, 2), events.TaskRequeued(1, 2, Cause.REJECTED))
+    assert known_for(chain) == (0, 90), "the same creator on the same day"
+    chain.block(assigned(3), proved(3))
+    paid = events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC)
+    chain.block(*judged(True, 3), paid, time_s=2 * 86_400)
+    assert known_for(chain) == (80, 88)
 
 
 def test_what_an_owner_pays_its_robot_makes_no_reputation(chain: Chain) -> None:
@@ -592,9 +597,9 @@ def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
 
 
 def test_an_attempt_that_nobody_accepted_is_overdue_after_the_kinds_grace_period(chain: Chain) -> None:
-    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 180))
+    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 180, IEC))
     chain.block(registered(), offered(auto_accept=False), assigned(deadline=4_600))
-    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 300))  # for later tasks
+    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 300, IEC))  # for later tasks
     assert task(chain)["grace_s"] == 180
     assert chain.index.overdue(1_180) == [] and chain.index.next_end_s(1_180) == 1_180
     assert chain.index.overdue(1_181) == [1] and chain.index.next_end_s(1_181) is None

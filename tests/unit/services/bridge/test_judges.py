@@ -69,7 +69,7 @@ def called(
         judges=lambda: [{}] * seats,
         rules=lambda _kind, now: list(kept) if now == number["judge"] else [],
         kinds=lambda: [KIND],
-        kind=lambda _kind: {"min_window_s": 600, "max_window_s": 7200, "grace_s": 180},
+        kind=lambda _kind: {"min_window_s": 600, "max_window_s": 7200, "grace_s": 180, "reference_price": 1},
     )
     unused: Any = SimpleNamespace()
     kinds: Any = SimpleNamespace(by_people=lambda _kind: False, get=lambda _kind: None)

@@ -2,52 +2,55 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from rodeo.currency import IEC
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S
 from rodeo.messages import AllowKind
 from services.bridge.commands import Wallet
 
-ON_CHAIN = {"min_window_s": 600, "max_window_s": 7200, "grace_s": 180}
-DECLARED = SimpleNamespace(windows_s=(900, 3600), grace_period_s=240)
+ON_CHAIN = {"min_window_s": 600, "max_window_s": 7200, "grace_s": 180, "reference_price": 70 * 10**18}
+DECLARED = SimpleNamespace(windows_s=(900, 3600), grace_period_s=240, reference_price_iec=Decimal(80))
 
 
 def windows(
     there: dict[str, int] | None = None, declared: Any = None, **said: Any
-) -> list[tuple[str, int, int, int]]:
+) -> list[tuple[str, int, int, int, int]]:
     """What `setWindows` is called with, if at all, where the chain has `there`."""
     calls: Any = SimpleNamespace(set_windows=lambda *given: given)
     wallet: Any = SimpleNamespace(
         index=SimpleNamespace(kind=lambda _kind: there),
         kinds=SimpleNamespace(get=lambda _kind: declared),
         client=SimpleNamespace(organization_calls=calls),
+        _currency=IEC,
     )
     command = AllowKind.model_validate({"kind": "dusting", "judge": "auditor", **said})
     return Wallet._windows(wallet, command)  # type: ignore[return-value]
 
 
 def test_a_kind_gets_the_windows_that_it_declares_and_keeps_them() -> None:
-    assert windows(declared=DECLARED) == [("dusting", 900, 3600, 240)]
+    assert windows(declared=DECLARED) == [("dusting", 900, 3600, 240, 80 * 10**18)]
     assert windows(ON_CHAIN, DECLARED) == []
     assert windows(None, judge=None, allowed=False) == []
 
 
 def test_people_may_accept_for_long_where_nobody_declares_a_kind() -> None:
-    people = "dusting", PEOPLES_MIN_WINDOW_S, MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S // 2
+    people = "dusting", PEOPLES_MIN_WINDOW_S, MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S // 2, 100 * 10**18
     assert windows() == [people]
 
 
 def test_what_is_left_out_stays_as_it_is() -> None:
-    assert windows(ON_CHAIN, max_window_s=9000) == [("dusting", 600, 9000, 180)]
-    assert windows(ON_CHAIN, grace_s=60) == [("dusting", 600, 7200, 60)]
+    assert windows(ON_CHAIN, max_window_s=9000) == [("dusting", 600, 9000, 180, 70 * 10**18)]
+    assert windows(ON_CHAIN, grace_s=60) == [("dusting", 600, 7200, 60, 70 * 10**18)]
 
 
 def test_a_grace_period_that_nobody_named_gives_way_to_a_short_window() -> None:
-    assert windows(ON_CHAIN, min_window_s=120) == [("dusting", 120, 7200, 0)]
+    assert windows(ON_CHAIN, min_window_s=120) == [("dusting", 120, 7200, 0, 70 * 10**18)]
     with pytest.raises(InvalidRequest) as refused:
         windows(ON_CHAIN, min_window_s=120, grace_s=180)
     assert refused.value.details == {"grace_s": 180, "min_window_s": 120}
