@@ -5,13 +5,14 @@ import {Address} from "@openzeppelin/contracts/utils/Address.sol";
 import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {SignatureChecker} from "@openzeppelin/contracts/utils/cryptography/SignatureChecker.sol";
 import {BitMaps} from "@openzeppelin/contracts/utils/structs/BitMaps.sol";
-import {ISignedRequests} from "./interfaces/ISignedRequests.sol";
+import {IDisputeJudge} from "./interfaces/IDisputeJudge.sol";
+import {ChallengeRequest, ISignedRequests} from "./interfaces/ISignedRequests.sol";
 import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
 import {TaskId} from "./types/TaskId.sol";
 
-/// @dev The only contract from which TaskManager takes the caller's address from the end of the calldata (ERC-2771). It
-/// calls no functions but the five here: one that calls others by delegatecall would let a signer append somebody
-/// else's address.
+/// @dev The only contract from which TaskManager and DisputeJudge take the caller's address from the end of the calldata
+/// (ERC-2771). It calls no functions but the six here: one that calls others by delegatecall would let a signer append
+/// somebody else's address. Whatever contract a signer names as the judge is called with `challenge` alone.
 contract SignedRequests is ISignedRequests, EIP712 {
     using BitMaps for BitMaps.BitMap;
 
@@ -32,6 +33,10 @@ contract SignedRequests is ISignedRequests, EIP712 {
         keccak256("AcceptTask(address executor,uint256 taskId,uint8 attempt,uint256 nonce,uint256 deadline)");
     bytes32 private constant ABANDON_TYPEHASH = keccak256(
         "AbandonTask(address executor,uint256 taskId,uint8 attempt,uint256 nonce,uint256 deadline)"
+    );
+
+    bytes32 private constant CHALLENGE_TYPEHASH = keccak256(
+        "Challenge(address challenger,address judge,uint256 taskId,uint8 attempt,uint8 instance,string reason,uint256 nonce,uint256 deadline)"
     );
 
     ITaskManager public immutable tasks;
@@ -55,7 +60,8 @@ contract SignedRequests is ISignedRequests, EIP712 {
         bytes32 said = keccak256(abi.encode(REGISTER_TYPEHASH, creator, _hashTask(request), nonce, deadline));
         _requireSigned(creator, said, nonce, deadline, signature);
         _used[creator].set(nonce);
-        bytes memory answer = _callAs(creator, abi.encodeCall(ITaskManager.registerTask, (request)));
+        bytes memory answer =
+            _callAs(creator, address(tasks), abi.encodeCall(ITaskManager.registerTask, (request)));
         taskId = abi.decode(answer, (TaskId));
         emit RequestUsed(creator, nonce, taskId, msg.sender);
     }
@@ -70,7 +76,7 @@ contract SignedRequests is ISignedRequests, EIP712 {
     ) external {
         bytes32 said = keccak256(abi.encode(CANCEL_TYPEHASH, creator, taskId, nonce, deadline));
         _requireSigned(creator, said, nonce, deadline, signature);
-        _callAs(creator, abi.encodeCall(ITaskManager.cancelTask, (taskId)));
+        _callAs(creator, address(tasks), abi.encodeCall(ITaskManager.cancelTask, (taskId)));
     }
 
     /// @inheritdoc ISignedRequests
@@ -85,7 +91,7 @@ contract SignedRequests is ISignedRequests, EIP712 {
         bytes32 said = keccak256(abi.encode(ACCEPT_TYPEHASH, executor, taskId, attempt, nonce, deadline));
         _requireSigned(executor, said, nonce, deadline, signature);
         _used[executor].set(nonce);
-        _callAs(executor, abi.encodeCall(ITaskManager.acceptTask, (taskId, attempt)));
+        _callAs(executor, address(tasks), abi.encodeCall(ITaskManager.acceptTask, (taskId, attempt)));
     }
 
     /// @inheritdoc ISignedRequests
@@ -100,7 +106,7 @@ contract SignedRequests is ISignedRequests, EIP712 {
         bytes32 said = keccak256(abi.encode(ABANDON_TYPEHASH, executor, taskId, attempt, nonce, deadline));
         _requireSigned(executor, said, nonce, deadline, signature);
         _used[executor].set(nonce);
-        _callAs(executor, abi.encodeCall(ITaskManager.abandonTask, (taskId, attempt)));
+        _callAs(executor, address(tasks), abi.encodeCall(ITaskManager.abandonTask, (taskId, attempt)));
     }
 
     /// @inheritdoc ISignedRequests
@@ -118,7 +124,37 @@ contract SignedRequests is ISignedRequests, EIP712 {
         bytes memory task = abi.encode(PROOF_TYPEHASH, executor, taskId, attempt, proofHash);
         bytes32 said = keccak256(bytes.concat(task, abi.encode(keccak256(bytes(uri)), nonce, deadline)));
         _requireSigned(executor, said, nonce, deadline, signature);
-        _callAs(executor, abi.encodeCall(ITaskManager.submitProof, (taskId, attempt, proofHash, uri)));
+        bytes memory call = abi.encodeCall(ITaskManager.submitProof, (taskId, attempt, proofHash, uri));
+        _callAs(executor, address(tasks), call);
+    }
+
+    /// @inheritdoc ISignedRequests
+    function challengeFor(
+        address challenger,
+        ChallengeRequest calldata request,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external {
+        bytes32 said = keccak256(
+            abi.encode(
+                CHALLENGE_TYPEHASH,
+                challenger,
+                request.judge,
+                request.taskId,
+                request.attempt,
+                request.instance,
+                keccak256(bytes(request.reason)),
+                nonce,
+                deadline
+            )
+        );
+        _requireSigned(challenger, said, nonce, deadline, signature);
+        _used[challenger].set(nonce);
+        bytes memory call = abi.encodeCall(
+            IDisputeJudge.challenge, (request.taskId, request.attempt, request.instance, request.reason)
+        );
+        _callAs(challenger, request.judge, call);
     }
 
     /// @inheritdoc ISignedRequests
@@ -134,8 +170,8 @@ contract SignedRequests is ISignedRequests, EIP712 {
     }
 
     /// @dev What fails there fails here, so that no relayer uses up a nonce with a call that fails for too little gas.
-    function _callAs(address signer, bytes memory call) private returns (bytes memory) {
-        return Address.functionCall(address(tasks), bytes.concat(call, bytes20(signer)));
+    function _callAs(address signer, address target, bytes memory call) private returns (bytes memory) {
+        return Address.functionCall(target, bytes.concat(call, bytes20(signer)));
     }
 
     function _requireUnused(address signer, uint256 nonce) private view {

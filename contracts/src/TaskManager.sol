@@ -13,6 +13,7 @@ import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IProviders, Outcome} from "./interfaces/IProviders.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
+import {ISignedRequests} from "./interfaces/ISignedRequests.sol";
 import {Free, Hire, IServiceManager, Release} from "./interfaces/IServiceManager.sol";
 import {
     Attempt,
@@ -27,6 +28,7 @@ import {
     TaskState
 } from "./interfaces/ITaskManager.sol";
 import {Payments} from "./libraries/Payments.sol";
+import {Relayed} from "./libraries/Relayed.sol";
 import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
@@ -86,8 +88,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     IServiceManager public immutable services;
     IProviders private immutable _providers;
     uint256 private immutable _unit;
-    /// @notice Says for whom it calls, and is believed: it has seen that participant's signature.
-    SignedRequests public immutable signedRequests;
+    /// @inheritdoc ITaskManager
+    ISignedRequests public immutable signedRequests;
     /// @inheritdoc ITaskManager
     ITaskQueues public immutable queues;
 
@@ -715,14 +717,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (caller != executor) revert NotExecutor(taskId, caller, executor);
     }
 
-    /// @dev The caller, or the signer whose request SignedRequests sends (ERC-2771).
-    function _sender() private view returns (address sender) {
-        sender = msg.sender;
-        if (sender != address(signedRequests)) return sender;
-        // By hand: 300 bytes less of code than a slice. That contract always appends an address.
-        assembly ("memory-safe") {
-            sender := shr(96, calldataload(sub(calldatasize(), 20)))
-        }
+    /// @dev The caller, or the signer whose request SignedRequests sends.
+    function _sender() private view returns (address) {
+        return Relayed.sender(address(signedRequests));
     }
 
     /// @dev Until then the executor of an assigned task may abandon it at no cost.

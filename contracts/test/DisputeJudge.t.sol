@@ -443,6 +443,7 @@ contract DisputeJudgeTest is Instances {
         vm.expectRevert(abi.encodeWithSelector(IDisputeJudge.JudgesTwice.selector, CLEANING, cousin));
         disputes.postVotes(f, REPORT_URI, abi.encodePacked(four, r, vs));
         disputes.postVotes(f, REPORT_URI, by(second, secondKeys, 5, f));
+        instance = 1;
         challenge(robot1, taskId);
         decideThird(taskId, Ruling.Accepted);
         assertState(taskId, TaskState.Settled);

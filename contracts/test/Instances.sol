@@ -61,6 +61,9 @@ abstract contract Instances is Committee {
         (all[0].judgeStake, all[1].judgeStake) = (JUDGE_STAKE, JUDGE_STAKE);
     }
 
+    /// @dev Whose ruling is challenged next.
+    uint8 internal instance;
+
     /// @dev From the stranger's money.
     function deposit(CommitteeJudge who, uint8 seat_, uint256 amount) internal {
         vm.prank(stranger);
@@ -110,6 +113,7 @@ abstract contract Instances is Committee {
     }
 
     function first(TaskId taskId, Ruling ruling) internal {
+        instance = 0;
         Finding memory vote = voteOf(taskId, ruling);
         disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
     }
@@ -123,6 +127,7 @@ abstract contract Instances is Committee {
 
     function decideSecond(TaskId taskId, Ruling ruling) internal {
         decide(second, secondKeys, 4, taskId, ruling);
+        instance = 1;
     }
 
     function decideThird(TaskId taskId, Ruling ruling) internal {
@@ -131,7 +136,7 @@ abstract contract Instances is Committee {
 
     function challenge(address who, TaskId taskId) internal {
         vm.prank(who);
-        disputes.challenge(taskId, "wrong");
+        disputes.challenge(taskId, 1, instance, "wrong");
     }
 
     function by(CommitteeJudge who, uint256[] memory keys, uint256 count, Finding memory vote)

@@ -5,6 +5,7 @@ import {Test} from "forge-std/Test.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {Cradle, OrganizationRegistry} from "../src/OrganizationRegistry.sol";
+import {SignedRequests} from "../src/SignedRequests.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {Founding, IOrganizationRegistry, Part} from "../src/interfaces/IOrganizationRegistry.sol";
 import {Terms} from "../src/interfaces/IProviders.sol";
@@ -85,7 +86,9 @@ contract OrganizationRegistryTest is Deployed, Test {
         assertEq(address(organization.tasks()), _at(founder, number, TASKS));
         assertEq(address(organization.services()), _at(founder, number, SERVICES));
         assertEq(
-            address(TaskManager(_at(founder, number, TASKS)).signedRequests().tasks()),
+            address(
+                SignedRequests(address(TaskManager(_at(founder, number, TASKS)).signedRequests())).tasks()
+            ),
             _at(founder, number, TASKS)
         );
         assertEq(organization.defaultAdmin(), founder);

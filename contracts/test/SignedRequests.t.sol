@@ -20,7 +20,7 @@ contract SignedRequestsTest is Fixture {
 
     function setUp() public override {
         super.setUp();
-        requests = tasks.signedRequests();
+        requests = SignedRequests(address(tasks.signedRequests()));
         deadline = block.timestamp + 1 hours;
     }
 
@@ -234,7 +234,7 @@ contract SignedRequestsTest is Fixture {
         found(coin);
         vm.prank(alice);
         coin.approve(address(tasks), type(uint256).max);
-        SignedRequests others = tasks.signedRequests();
+        ISignedRequests others = tasks.signedRequests();
         vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
         others.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature);
     }

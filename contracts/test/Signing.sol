@@ -5,6 +5,7 @@ import {IERC1271} from "@openzeppelin/contracts/interfaces/IERC1271.sol";
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
 import {Vm} from "forge-std/Vm.sol";
+import {ChallengeRequest} from "../src/interfaces/ISignedRequests.sol";
 import {TaskRequest} from "../src/interfaces/ITaskManager.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 
@@ -108,6 +109,22 @@ library Signing {
         );
         bytes memory first = abi.encode(typehash, executor, taskId, number, proofHash);
         return _sign(key, requests, bytes.concat(first, abi.encode(keccak256(bytes(uri)), nonce, deadline)));
+    }
+
+    function challenge(
+        uint256 key,
+        address requests,
+        address challenger,
+        ChallengeRequest memory r,
+        uint256 nonce,
+        uint256 deadline
+    ) internal view returns (bytes memory) {
+        bytes32 typehash = keccak256(
+            "Challenge(address challenger,address judge,uint256 taskId,uint8 attempt,uint8 instance,string reason,uint256 nonce,uint256 deadline)"
+        );
+        bytes memory ruling = abi.encode(typehash, challenger, r.judge, r.taskId, r.attempt, r.instance);
+        bytes memory rest = abi.encode(keccak256(bytes(r.reason)), nonce, deadline);
+        return _sign(key, requests, bytes.concat(ruling, rest));
     }
 
     function _sign(uint256 key, address requests, bytes memory said) private view returns (bytes memory) {

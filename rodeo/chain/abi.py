@@ -109,6 +109,15 @@ class Budget(Struct):
 
 
 @dataclass(frozen=True)
+class ChallengeRequest(Struct):
+    judge: str
+    task_id: int
+    attempt: int
+    instance: int
+    reason: str
+
+
+@dataclass(frozen=True)
 class Device(Struct):
     role: str
     name: str

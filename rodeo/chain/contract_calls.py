@@ -6,7 +6,16 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 
 from __future__ import annotations
 
-from rodeo.chain.abi import Finding, Instance, Namers, Revocation, ServiceState, TaskRequest, Terms
+from rodeo.chain.abi import (
+    ChallengeRequest,
+    Finding,
+    Instance,
+    Namers,
+    Revocation,
+    ServiceState,
+    TaskRequest,
+    Terms,
+)
 from rodeo.chain.encoding import Call, ContractCalls
 from rodeo.chain.types import Role, TimelockRole
 
@@ -45,8 +54,8 @@ class DisputeJudgeCalls(ContractCalls):
     def announce_withdrawal(self, committee: str, seat: int, amount: int) -> Call:
         return self._call("DisputeJudge", "announceWithdrawal", committee, seat, amount)
 
-    def challenge(self, task_id: int, reason: str) -> Call:
-        return self._call("DisputeJudge", "challenge", task_id, reason)
+    def challenge(self, task_id: int, attempt: int, instance: int, reason: str) -> Call:
+        return self._call("DisputeJudge", "challenge", task_id, attempt, instance, reason)
 
     def deposit_stake(self, committee: str, seat: int, amount: int) -> Call:
         return self._call("DisputeJudge", "depositStake", committee, seat, amount)
@@ -329,6 +338,11 @@ class SignedRequestsCalls(ContractCalls):
         self, creator: str, task_id: int, nonce: int, deadline: int, signature: bytes
     ) -> Call:
         return self._call("SignedRequests", "cancelTaskFor", creator, task_id, nonce, deadline, signature)
+
+    def challenge_for(
+        self, challenger: str, request: ChallengeRequest, nonce: int, deadline: int, signature: bytes
+    ) -> Call:
+        return self._call("SignedRequests", "challengeFor", challenger, request, nonce, deadline, signature)
 
     def register_task_for(
         self, creator: str, request: TaskRequest, nonce: int, deadline: int, signature: bytes

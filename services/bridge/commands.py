@@ -616,11 +616,12 @@ class Wallet:
         return number["judge"], number["removed"]
 
     def _challenge(self, command: Challenge) -> list[Call]:
-        stake = self._stake(self._disputed(command.task_id))
+        task = self._disputed(command.task_id)
+        stake, against = self._stake(task), (task["attempt"], task["dispute"]["instance"])
         self._require_funds(self.key_address, stake)
         return [
             *self._approval(self._disputes(), stake),
-            self.client.dispute_calls.challenge(command.task_id, command.reason),
+            self.client.dispute_calls.challenge(command.task_id, *against, command.reason),
         ]
 
     def _conclude(self, command: Conclude) -> list[Call]:

@@ -81,7 +81,7 @@ def test_three_digits_of_a_price_count_for_who_names_nobody(price: str, reward: 
 @pytest.mark.parametrize("decimals", [2, 6, 9, 18])
 def test_the_same_work_makes_the_same_name_in_each_token(decimals: int) -> None:
     currency = Currency(decimals)
-    work = Work().plus(currency.to_units(Decimal(30)), True, 0, currency)
+    work = Work().plus(currency.to_units(Decimal(30)), True, 0, currency=currency)
     assert (work.reputation(0, currency), Work().reputation(0, currency)) == (36, 32)
 
 

@@ -115,6 +115,8 @@ interface IDisputeJudge is IJudge {
     error ChallengedBefore(TaskId taskId, address challenger);
     /// @notice A later instance cannot pass a challenge on.
     error MustDecide(TaskId taskId);
+    /// @notice Meanwhile this instance of this attempt has ruled.
+    error AnotherRuling(TaskId taskId, uint8 attempt, uint8 instance);
     error NoCase(TaskId taskId, uint8 attempt);
     error WindowOver(TaskId taskId, uint256 until, uint256 time);
     error WindowNotOver(TaskId taskId, uint256 until, uint256 time);
@@ -187,10 +189,13 @@ interface IDisputeJudge is IJudge {
     // -- a party or a judge -------------------------------------------------------------------------------
 
     /// @notice Have the next instance decide. The caller's stake is taken by its allowance for this contract. A party may
-    /// take over what a judge has challenged, in the same window; the judge's stake goes back.
+    /// take over what a judge has challenged, in the same window; the judge's stake goes back. Whoever has no gas signs the
+    /// same for ISignedRequests.challengeFor.
     /// @param taskId whose ruling
+    /// @param attempt which attempt at it
+    /// @param instance whose ruling it is, counted from 0: a late call is against no other one
     /// @param reason why it is wrong, as people read it
-    function challenge(TaskId taskId, string calldata reason) external;
+    function challenge(TaskId taskId, uint8 attempt, uint8 instance, string calldata reason) external;
 
     // -- views --------------------------------------------------------------------------------------------
 

@@ -4,7 +4,21 @@ pragma solidity ^0.8.28;
 import {TaskId} from "../types/TaskId.sol";
 import {TaskRequest} from "./ITaskManager.sol";
 
-/// @title Calls of TaskManager that somebody else sends, and pays the gas for.
+/// @notice The ruling that a challenge is against, so that it never meets another one.
+/// @param judge the IDisputeJudge that has the case, and takes the stake
+/// @param taskId whose ruling
+/// @param attempt which attempt at it
+/// @param instance whose ruling it is, counted from 0
+/// @param reason why it is wrong, as people read it
+struct ChallengeRequest {
+    address judge;
+    TaskId taskId;
+    uint8 attempt;
+    uint8 instance;
+    string reason;
+}
+
+/// @title Calls of TaskManager, and challenges, that somebody else sends, and pays the gas for.
 /// @notice The participant signs what it wants (EIP-712). Anybody sends it, and TaskManager treats the signer as the
 /// caller: its allowance pays, its membership counts, it is the creator or the executor. A contract signs by ERC-1271.
 /// A request that fails changes nothing and may be sent again until its deadline.
@@ -97,6 +111,21 @@ interface ISignedRequests {
         uint8 attempt,
         bytes32 proofHash,
         string calldata uri,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external;
+
+    /// @notice Challenge a ruling, as a party to the task or a judge signed. The challenger, not the caller, pays the stake,
+    /// and has approved the judge's contract for it.
+    /// @param challenger who signed
+    /// @param request the ruling, and the contract that is to hear this
+    /// @param nonce any number that the challenger has neither used nor revoked
+    /// @param deadline until when the request is valid, block time in seconds
+    /// @param signature of Challenge
+    function challengeFor(
+        address challenger,
+        ChallengeRequest calldata request,
         uint256 nonce,
         uint256 deadline,
         bytes calldata signature

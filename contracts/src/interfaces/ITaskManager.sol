@@ -7,6 +7,7 @@ import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
 import {Hire} from "./IServiceManager.sol";
+import {ISignedRequests} from "./ISignedRequests.sol";
 import {ITaskQueues} from "./ITaskQueues.sol";
 
 /// @notice Ruled: a ruling on the proof stands until its time is over, and another one may replace it.
@@ -356,6 +357,9 @@ interface ITaskManager is IServiceListener {
     /// @notice The part of the price that an executor is paid for a task that is impossible: one in so many.
     // solhint-disable-next-line func-name-mixedcase
     function IMPOSSIBLE_SHARE() external view returns (uint256);
+
+    /// @notice Returns the trusted forwarder: it says for whom it calls, and has verified that participant's signature.
+    function signedRequests() external view returns (ISignedRequests);
 
     /// @notice Returns where open tasks wait, and which providers each of them has passed.
     function queues() external view returns (ITaskQueues);

@@ -9,6 +9,7 @@ import {IDisputeJudge, Instance, InstanceRuling} from "../interfaces/IDisputeJud
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
 import {Attempt, Ruling} from "../interfaces/ITaskManager.sol";
+import {Relayed} from "../libraries/Relayed.sol";
 import {Payments} from "../libraries/Payments.sol";
 import {Texts} from "../libraries/Texts.sol";
 import {KindId} from "../types/KindId.sol";
@@ -59,6 +60,8 @@ contract DisputeJudge is IDisputeJudge, Judge {
     bytes32 private constant OPERATOR = keccak256("OPERATOR_ROLE");
 
     IERC20 private immutable _token;
+    /// @dev For `challenge` alone.
+    address private immutable _forwarder;
 
     mapping(bytes32 kind => Instance[][]) private _instances;
     mapping(TaskId taskId => mapping(uint8 attempt => Case)) private _cases;
@@ -67,7 +70,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     mapping(address account => uint256) public pendingPayments;
 
     constructor(IOrganization organization_, address next_) Judge(organization_, next_) {
-        _token = organization_.token();
+        (_token, _forwarder) = (organization_.token(), address(tasks.signedRequests()));
     }
 
     /// @inheritdoc IDisputeJudge
@@ -98,24 +101,28 @@ contract DisputeJudge is IDisputeJudge, Judge {
     }
 
     /// @inheritdoc IDisputeJudge
-    function challenge(TaskId taskId, string calldata reason) external {
+    function challenge(TaskId taskId, uint8 attempt, uint8 instance, string calldata reason) external {
         Attempt memory a = tasks.attemptOf(taskId);
         Case storage c = _cases[taskId][a.number];
         if (c.count == 0 || c.settled) revert NoCase(taskId, a.number);
-        InstanceRuling storage last = c.rulings[c.count - 1];
+        if (attempt != a.number || instance + 1 != c.count) {
+            revert AnotherRuling(taskId, a.number, c.count - 1);
+        }
+        InstanceRuling storage last = c.rulings[instance];
         if (block.timestamp > last.windowEnd) revert WindowOver(taskId, last.windowEnd, block.timestamp);
         Texts.requireText(reason);
         Instance[] storage all = _allOf(c);
-        address before = _requireChallenger(taskId, c);
+        address challenger = Relayed.sender(_forwarder);
+        address before = _requireChallenger(taskId, c, challenger);
         if (before == address(0)) {
             c.challenged = true;
-            last.until = (block.timestamp + all[c.count].decision).toUint40();
+            last.until = (block.timestamp + all[instance + 1].decision).toUint40();
             _ruleAgain(taskId, a, last);
         }
-        last.challenger = msg.sender;
-        uint256 stake = all[c.count - 1].stake;
-        emit Challenged(taskId, c.count - 1, msg.sender, stake, last.until, reason);
-        _take(stake);
+        last.challenger = challenger;
+        uint256 stake = all[instance].stake;
+        emit Challenged(taskId, instance, challenger, stake, last.until, reason);
+        _take(challenger, stake);
         if (before != address(0)) _pay(taskId, before, stake);
     }
 
@@ -165,7 +172,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
         // What leaves and what stays fit into one word together.
         d.stake = (amount + d.stake + d.leaving).toUint96() - d.leaving;
         emit StakeDeposited(committee, seat, msg.sender, amount);
-        _take(amount);
+        _take(msg.sender, amount);
     }
 
     /// @inheritdoc IDisputeJudge
@@ -304,11 +311,15 @@ contract DisputeJudge is IDisputeJudge, Judge {
         emit InstanceRuled(f.taskId, f.attempt, number, f.ruling, f.rulesHash, voters, until);
     }
 
-    /// @dev The caller may challenge the last ruling, or take the challenge over.
+    /// @dev The account may challenge the last ruling, or take the challenge over.
     /// @return before from whom; 0 if nobody has challenged it
-    function _requireChallenger(TaskId taskId, Case storage c) private view returns (address before) {
-        bool party = _isParty(c, msg.sender);
-        if (!party && !_isJudge(c, msg.sender)) revert NeitherPartyNorJudge(taskId, msg.sender);
+    function _requireChallenger(TaskId taskId, Case storage c, address account)
+        private
+        view
+        returns (address before)
+    {
+        bool party = _isParty(c, account);
+        if (!party && !_isJudge(c, account)) revert NeitherPartyNorJudge(taskId, account);
         before = c.rulings[c.count - 1].challenger;
         if (before != address(0) && (!party || _isParty(c, before))) revert ChallengedBefore(taskId, before);
     }
@@ -396,10 +407,12 @@ contract DisputeJudge is IDisputeJudge, Judge {
         _send(to, amount);
     }
 
-    /// @dev All of `amount` arrives from the caller, or nothing happened: else stakes of others would pay for it.
-    function _take(uint256 amount) private {
+    /// @dev All of `amount` arrives, or nothing happened: else stakes of others would pay for it.
+    function _take(address from, uint256 amount) private {
         uint256 before = _token.balanceOf(address(this));
-        _token.safeTransferFrom(msg.sender, address(this), amount);
+        // The caller, or who signed the challenge.
+        // slither-disable-next-line arbitrary-send-erc20
+        _token.safeTransferFrom(from, address(this), amount);
         uint256 received = _token.balanceOf(address(this)) - before;
         if (received != amount) revert WrongStakeReceived(amount, received);
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {InstanceRuling} from "../../src/interfaces/IDisputeJudge.sol";
 import {Finding} from "../../src/interfaces/IJudge.sol";
 import {Ruling, TaskRequest, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {CommitteeJudge} from "../../src/judges/CommitteeJudge.sol";
@@ -259,8 +260,10 @@ contract DisputesInvariants is Instances {
     }
 
     function _challenges(address who, TaskId taskId) private returns (bool) {
+        (InstanceRuling[] memory rulings,,) = disputes.caseOf(taskId, 1);
+        uint8 last = rulings.length == 0 ? 0 : uint8(rulings.length - 1);
         vm.prank(who);
-        try disputes.challenge(taskId, "wrong") {
+        try disputes.challenge(taskId, 1, last, "wrong") {
             return true;
         } catch {
             return false;

@@ -82,7 +82,7 @@ class Life:
             calls.disallow_kind("painting"),
             calls.set_audit(KIND, 3600),
             calls.vouch_for(organization.robot.address, False),
-            client.device_calls.post_root(DEVICE, 0, REPORT, "file:///day"),
+            organization.client.device_calls.post_root(DEVICE, 0, REPORT, "file:///day"),
             *(seats.seat(key.address, key.address, *self.agreed(key, key.address)) for key in JUDGE_KEYS[:2]),
             seats.set_quorum(KIND, 2, 2, 60, 0b11),
             seats.change_key(JUDGES[1], JUDGES[2], *self.agreed(JUDGE_KEYS[2], JUDGES[1])),
