@@ -42,7 +42,7 @@ MAX_GRACE_S, GRACE_STEP_S = 2550, 10
 """Of the contracts: a task keeps its grace period in 8 bits."""
 
 DEFAULT_PRICE_IEC = Decimal(100)
-"""Reference price of a kind that names no price: what a newcomer's record counts for (`rodeo.chain.reputation`)."""
+"""Reference price of a kind that names no price: what a newcomer's record counts for."""
 
 FORMATS = {
     "item": "the id of an item of the site",

@@ -47,9 +47,9 @@ class Work:
     def plus(
         self, value_wei: int, accepted: bool, time_s: float, creator: str = "", currency: Currency = IEC
     ) -> Work:
-        """With work that was judged, or that never came, at `time_s`. Less than a unit changes nothing, nor does
-        the second attempt of a day for the same creator in a row. `creator`: empty for the organization, whose
-        attempts all count."""
+        """With work that was judged, or that never came, at `time_s`. Less than a unit changes nothing, nor
+        does the second attempt of a day for the same creator in a row. `creator`: empty for the organization,
+        whose attempts all count."""
         value, now = value_wei // currency.price_unit, self.at(time_s)
         sign = int(creator, 16) % _SIGNS + 1 if creator else now.creator
         if value == 0 or (creator and sign == now.creator):
