@@ -6,7 +6,6 @@ import {Address} from "@openzeppelin/contracts/utils/Address.sol";
 import {IDisputeJudge, InstanceRuling} from "../src/interfaces/IDisputeJudge.sol";
 import {ChallengeRequest, ISignedRequests} from "../src/interfaces/ISignedRequests.sol";
 import {Ruling, TaskRequest} from "../src/interfaces/ITaskManager.sol";
-import {DisputeJudge} from "../src/judges/DisputeJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Instances} from "./Instances.sol";
 import {SignerWallet, Signing} from "./Signing.sol";
@@ -113,7 +112,7 @@ contract RelayedChallengesTest is Instances {
         for (uint256 i = 0; i < others.length; ++i) {
             others[i] = _against(taskId, 1, 0);
         }
-        others[0].judge = address(new DisputeJudge(organization, address(auditorJudge)));
+        others[0].judge = deployed("DisputeJudge", abi.encode(organization, address(auditorJudge)));
         others[1].taskId = following(taskId);
         others[2].attempt = 2;
         others[3].instance = 1;
