@@ -11,6 +11,7 @@ import pytest
 from rodeo import chain
 from rodeo.chain import artifacts
 from rodeo.chain.abi import (
+    ChallengeRequest,
     Fault,
     Finding,
     Instance,
@@ -22,7 +23,12 @@ from rodeo.chain.abi import (
     Terms,
 )
 from rodeo.chain.calls import Calls, OrganizationCalls
-from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
+from rodeo.chain.contract_calls import (
+    CommitteeJudgeCalls,
+    DeviceRegistryCalls,
+    DisputeJudgeCalls,
+    RoleJudgeCalls,
+)
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import ContractCalls
 from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
@@ -115,6 +121,7 @@ ALL_CALLS = (
     OrganizationCalls(DEPLOYMENT),
     RoleJudgeCalls(DEPLOYMENT, "OracleJudge"),
     CommitteeJudgeCalls(DEPLOYMENT, "OracleCommittee"),
+    DeviceRegistryCalls(DEPLOYMENT),
     DisputeJudgeCalls(DEPLOYMENT),
 )
 
@@ -155,6 +162,8 @@ def _sample(parameter: str, annotation: str) -> Any:
         return Role.ORACLE
     if annotation == "Revocation":
         return Revocation.SUPERSEDED
+    if annotation == "ChallengeRequest":
+        return ChallengeRequest(ADDRESS, 1, 1, 0, "wrong")
     if annotation == "Namers":
         return Namers.ANYBODY
     if parameter in SAMPLES:
