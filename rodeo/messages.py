@@ -763,14 +763,14 @@ class Collect(Command):
 # -- what one participant signs and another one sends -------------------------------------------------------
 
 
-Signable = Literal["register_task", "cancel_task", "accept_task", "abandon_task", "submit_proof"]
+Signable = Literal["register_task", "cancel_task", "accept_task", "abandon_task", "submit_proof", "challenge"]
 """Commands that somebody else may send."""
 
 
 class Sign(Message):
     """Sign a command for somebody else to send with `relay`, who pays its gas. Nothing is sent.
     `revoke_request` takes it back until it is sent, and `valid_s` ends it. Of requests with the same
-    `request_id` one at most posts, accepts or gives back a task."""
+    `request_id` one at most posts, accepts or gives back a task, or challenges a ruling."""
 
     command: Signable
     request: dict[str, Any] = {}
@@ -795,8 +795,8 @@ class SignedRequest(Message):
 
     request: TypedSignature
     permit: TypedSignature | None = None
-    """Lets the contracts take the reward and no more (ERC-2612), where they may not yet. Of several requests
-    with permits, only the first can be sent: sign each after the one before it was sent."""
+    """Lets the contracts take the reward or the stake, and no more (ERC-2612), where they may not yet. Of
+    several requests with permits, only the first can be sent: sign each after the one before it was sent."""
 
 
 class Relay(Command):

@@ -157,6 +157,23 @@ class SubmitProof(_Said):
     deadline: _Number
 
 
+class Challenge(_Said):
+    """`challenger` challenges the ruling of one instance, and pays the stake to `judge`, which hears it."""
+
+    types = {
+        "Challenge": "address challenger,address judge,uint256 taskId,uint8 attempt,uint8 instance,"
+        "string reason,uint256 nonce,uint256 deadline"
+    }
+    challenger: _Address
+    judge: _Address
+    task_id: _Number
+    attempt: _Uint8
+    instance: _Uint8
+    reason: _Text
+    nonce: _Number
+    deadline: _Number
+
+
 class Permit(_Said):
     """`owner` lets `spender` take tokens (ERC-2612)."""
 
@@ -168,10 +185,10 @@ class Permit(_Said):
     deadline: _Number
 
 
-Said = RegisterTask | CancelTask | AcceptTask | AbandonTask | SubmitProof
+Said = RegisterTask | CancelTask | AcceptTask | AbandonTask | SubmitProof | Challenge
 
 SAID: dict[str, type[Said]] = {
-    one.__name__: one for one in (RegisterTask, CancelTask, AcceptTask, AbandonTask, SubmitProof)
+    one.__name__: one for one in (RegisterTask, CancelTask, AcceptTask, AbandonTask, SubmitProof, Challenge)
 }
 """Primary type -> what `SignedRequests` carries out."""
 

@@ -28,7 +28,7 @@ from rodeo_cli.common import (
     write_file,
 )
 from rodeo_cli.formatting import iec
-from rodeo_cli.tasks import ParticipantOption
+from rodeo_cli.tasks import ParticipantOption, SignOption, ValidOption, sign_into
 
 disputes = typer.Typer(
     help="Challenge a ruling while it stands, and decide about a challenge.", no_args_is_help=True
@@ -60,11 +60,17 @@ def challenge(
     reason: Annotated[str, typer.Option(help="Why the ruling is wrong.")],
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
+    sign: SignOption = None,
+    valid_s: ValidOption = 600,
 ) -> None:
     """Have the judges of challenges decide. This takes a stake, which is lost if the ruling is right. A party
-    may take over what a judge has challenged."""
+    may take over what a judge has challenged. What was signed with --sign challenges this ruling alone."""
     with connected(site) as (loaded, bus):
-        send_command(loaded, bus, participant, "challenge", task_id=task_id, reason=reason)
+        request = {"task_id": task_id, "reason": reason}
+        if sign is not None:
+            sign_into(loaded, bus, participant, "challenge", request, valid_s, sign)
+            return
+        send_command(loaded, bus, participant, "challenge", **request)
     say(f"{participant} challenged the ruling on task {task_id}.")
 
 

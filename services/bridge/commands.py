@@ -390,10 +390,9 @@ class Wallet:
         command, _ = self._parse(request.command, request.request)
         deadline = int(self.index.position.block_time_s) + request.valid_s
         said, permit = self._said(command, deadline), None
-        if isinstance(said, signed_requests.RegisterTask):
-            reward = said.request.reward
-            if self._approval(self.client.task_manager, reward):
-                permit = self._requests.permit(self.address, reward, deadline)
+        taker, amount = self._taken(said)
+        if amount and self._approval(taker, amount):
+            permit = self._requests.permit(self.address, taker, amount, deadline)
         signed = SignedRequest(
             request=TypedSignature(typed_data=self._requests.typed(said)),
             permit=None if permit is None else TypedSignature(typed_data=permit),
@@ -437,7 +436,29 @@ class Wallet:
                     nonce=nonce,
                     deadline=deadline,
                 )
+            case Challenge():
+                task = self._disputed(command.task_id)
+                self._require_funds(self.address, self._stake(task))
+                return signed_requests.Challenge(
+                    challenger=self.address,
+                    judge=self._disputes(),
+                    task_id=command.task_id,
+                    attempt=task["attempt"],
+                    instance=task["dispute"]["instance"],
+                    reason=command.reason,
+                    nonce=nonce,
+                    deadline=deadline,
+                )
         raise UnknownCommand("nobody sends this for another", command=type(command).__name__)
+
+    def _taken(self, said: Said) -> tuple[str, int]:
+        """The contract that takes tokens from whoever signed, and how many."""
+        match said:
+            case signed_requests.RegisterTask():
+                return self.client.task_manager, said.request.reward
+            case signed_requests.Challenge():
+                return said.judge, self._stake(self._disputed(said.task_id))
+        return self.client.task_manager, 0
 
     def _relay(self, command: Relay) -> list[Call]:
         return self._requests.calls(command.signed)

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from rodeo import signed_requests, typed_data
 from rodeo.bus import validate
+from rodeo.chain.abi import ChallengeRequest
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
@@ -19,6 +20,7 @@ from rodeo.signed_requests import (
     AbandonTask,
     AcceptTask,
     CancelTask,
+    Challenge,
     Permit,
     RegisterTask,
     Said,
@@ -48,15 +50,15 @@ class Requests:
         """What is signed."""
         return said.typed_data(self._domain)
 
-    def permit(self, owner: str, amount: int, deadline: int) -> Typed:
-        """What lets the contracts take `amount` units from `owner`, and no more. Raises NoPermit."""
+    def permit(self, owner: str, spender: str, amount: int, deadline: int) -> Typed:
+        """What lets the contract `spender` take `amount` units from `owner`, and no more. Raises NoPermit."""
         client = self._client
         domain = self._token_domain(owner)
         try:
             nonce = client.permit_nonce(owner)
         except ContractReverted as error:
             raise self._no_permit(owner) from error
-        said = Permit(owner=owner, spender=client.task_manager, value=amount, nonce=nonce, deadline=deadline)
+        said = Permit(owner=owner, spender=spender, value=amount, nonce=nonce, deadline=deadline)
         return said.typed_data(domain)
 
     def _no_permit(self, owner: str) -> NoPermit:
@@ -76,7 +78,7 @@ class Requests:
             case RegisterTask():
                 request = said.request.request
                 call = calls.register_task_for(said.creator, request, said.nonce, said.deadline, signature)
-                return [*self._permitted(signed, said), call]
+                return [*self._permitted(signed, said.creator, said.nonce), call]
             case CancelTask():
                 cancelled = said.creator, said.task_id, said.nonce, said.deadline, signature
                 return [calls.cancel_task_for(*cancelled)]
@@ -98,6 +100,21 @@ class Requests:
                         signature,
                     )
                 ]
+            case Challenge():
+                judge = self._client.deployment.contracts.get("DisputeJudge")
+                if said.judge != judge:  # whatever is called there could use up the sender's gas
+                    raise OtherContracts(
+                        "another contract hears challenges", judge=said.judge, expected=judge
+                    )
+                against = ChallengeRequest(
+                    judge=said.judge,
+                    task_id=said.task_id,
+                    attempt=said.attempt,
+                    instance=said.instance,
+                    reason=said.reason,
+                )
+                call = calls.challenge_for(said.challenger, against, said.nonce, said.deadline, signature)
+                return [*self._permitted(signed, said.challenger, said.nonce), call]
 
     def read(self, signed: SignedRequest) -> Said:
         """What its participant wants. Raises OtherContracts or InvalidRequest."""
@@ -109,17 +126,14 @@ class Requests:
             )
         return _message(kind, typed, self._domain)
 
-    def _permitted(self, signed: SignedRequest, request: RegisterTask) -> list[Call]:
+    def _permitted(self, signed: SignedRequest, signer: str, nonce: int) -> list[Call]:
         """What has to be sent first: the permit, unless it is sent already or the request is void."""
-        creator, client = request.creator, self._client
-        allowance = client.allowance(creator, client.task_manager)
-        if (
-            signed.permit is None
-            or allowance >= request.request.reward
-            or client.is_request_nonce_used(creator, request.nonce)
-        ):
+        client = self._client
+        if signed.permit is None or client.is_request_nonce_used(signer, nonce):
             return []
-        said = _message(Permit, signed.permit.typed_data, self._token_domain(creator))
+        said = _message(Permit, signed.permit.typed_data, self._token_domain(signer))
+        if client.allowance(said.owner, said.spender) >= said.value:
+            return []
         raw = _bytes(signed.permit)
         if said.nonce != (expected := client.permit_nonce(said.owner)):
             raise NotSigned(

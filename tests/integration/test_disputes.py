@@ -205,8 +205,17 @@ def test_a_ruling_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path) 
     assert (
         "the oracles" in shown and "rejected" in shown and "report.json" in shown and "rodeo verify" in shown
     )
-    rodeo(dao, "challenge", str(task_id), "--reason", "it is in the bin", "--as", "panther1")
+    challenges = ("challenge", str(task_id), "--reason", "it is in the bin", "--as", "panther1")
+    signed = tmp_path / "challenge.json"
+    assert "rodeo task relay" in rodeo(dao, *challenges, "--sign", str(signed))
+    assert dao.task(task_id)["dispute"]["challenger"] is None
+    # Whoever sends it pays the gas, and the robot the stake.
+    dao.command("anna", "relay", signed=json.loads(signed.read_text()))
+    assert dao.task(task_id)["dispute"]["challenger"] == keystores.address(dao.site, "panther1")
     assert dao.balances()["panther1"] == before - STAKE
+    with pytest.raises(RemoteError) as caught:
+        dao.command("anna", "relay", signed=json.loads(signed.read_text()))
+    assert caught.value.code == "nonce_used"
     shown = rodeo(dao, "show", str(task_id))
     assert "it is in the bin" in shown and "20 IEC at stake" in shown
 

@@ -12,14 +12,18 @@ from rodeo import signed_requests, typed_data
 from rodeo.chain.encoding import Call
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
-from rodeo.signed_requests import AbandonTask, AcceptTask, CancelTask, Said, SubmitProof
+from rodeo.signed_requests import AbandonTask, AcceptTask, CancelTask, Challenge, Said, SubmitProof
 from services.bridge.commands import Wallet
-from services.bridge.errors import NoPermit, NotSigned
+from services.bridge.errors import NoPermit, NotSigned, OtherContracts
 from services.bridge.relaying import Requests
 
 ROBOT = Account.from_key("0x" + "01" * 32)
 CONTRACT = "0x" + "11" * 20
 NONCE = "0x" + "ab" * 32
+JUDGE = "0x" + "22" * 20
+DEPLOYMENT = SimpleNamespace(
+    chain_id=1, address=lambda _name: CONTRACT, contracts={"DisputeJudge": JUDGE, "TaskManager": CONTRACT}
+)
 
 
 @pytest.fixture
@@ -30,7 +34,7 @@ def wallet() -> Wallet:
         return Call(CONTRACT, "0x", "called")  # type: ignore[arg-type]
 
     client: Any = SimpleNamespace(
-        deployment=SimpleNamespace(chain_id=1, address=lambda _name: CONTRACT),
+        deployment=DEPLOYMENT,
         calls=SimpleNamespace(submit_proof_for=called, cancel_task_for=called),
     )
     index: Any = SimpleNamespace(task=lambda _task_id: {"nonce": NONCE})
@@ -103,7 +107,7 @@ def token(name: str, version: str) -> Any:
     """A client of an organization that pays with such a token."""
     separator = typed_data.separator(signed_requests.domain(name, 1, CONTRACT, version))
     return SimpleNamespace(
-        deployment=SimpleNamespace(chain_id=1, address=lambda _name: CONTRACT),
+        deployment=DEPLOYMENT,
         task_manager=CONTRACT,
         token_name=lambda: name,
         permit_nonce=lambda _owner: 0,
@@ -125,7 +129,7 @@ def with_permit(permit: TypedSignature) -> SignedRequest:
 @pytest.mark.parametrize(("name", "version"), [("IECoin", "1"), ("USD Coin", "2")])
 def test_a_permit_is_signed_for_the_version_of_the_token(name: str, version: str) -> None:
     """One for another version is worth nothing, and only whoever sends it would hear that."""
-    permit = Requests(token(name, version)).permit(ROBOT.address, 7, 2_000_000_000)
+    permit = Requests(token(name, version)).permit(ROBOT.address, CONTRACT, 7, 2_000_000_000)
     assert permit["message"]["value"] == "7"  # and not all that the owner will ever have
     assert permit["domain"] == {
         "name": name,
@@ -137,7 +141,7 @@ def test_a_permit_is_signed_for_the_version_of_the_token(name: str, version: str
 
 def test_where_nobody_knows_how_the_token_takes_permits_none_is_signed() -> None:
     with pytest.raises(NoPermit):
-        Requests(token("Odd", "odd")).permit(ROBOT.address, 7, 2_000_000_000)
+        Requests(token("Odd", "odd")).permit(ROBOT.address, CONTRACT, 7, 2_000_000_000)
 
 
 def test_a_permit_is_not_sent_where_nobody_knows_how_the_token_takes_them() -> None:
@@ -154,7 +158,8 @@ def test_a_permit_is_sent_once_and_not_after_another_one_of_its_wallet() -> None
     client.calls = SimpleNamespace(permit=lambda *_: "permit", register_task_for=lambda *_: "register")
     requests = Requests(client)
     permit = signed_requests.sign(
-        with_permit(TypedSignature(typed_data=requests.permit(ROBOT.address, 5, 2_000_000_000))), ROBOT
+        with_permit(TypedSignature(typed_data=requests.permit(ROBOT.address, CONTRACT, 5, 2_000_000_000))),
+        ROBOT,
     )
     assert requests.calls(permit) == ["permit", "register"]
     client.permit_nonce = lambda _owner: 1
@@ -175,3 +180,49 @@ def test_an_acceptance_and_a_return_are_sent_as_what_they_are(wallet: Wallet) ->
         said = kind(executor=ROBOT.address, task_id=7, attempt=2, nonce=5, deadline=2_000_000_000)
         (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(said)}))
         assert order.call.name == f"{name}{(ROBOT.address, 7, 2, 5)}" and order.task_id == 7
+
+
+def challenge(judge: str = JUDGE) -> Challenge:
+    return Challenge(
+        challenger=ROBOT.address,
+        judge=judge,
+        task_id=7,
+        attempt=2,
+        instance=1,
+        reason="it is in the bin",
+        nonce=5,
+        deadline=2_000_000_000,
+    )
+
+
+def test_a_challenge_is_sent_with_the_permit_for_its_stake() -> None:
+    client = token("IECoin", "1")
+    sent: list[Any] = []
+    client.calls = SimpleNamespace(
+        permit=lambda *said: sent.append(said), challenge_for=lambda *said: sent.append(said)
+    )
+    requests = Requests(client)
+    domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
+    permit = requests.permit(ROBOT.address, JUDGE, 20, 2_000_000_000)
+    request = SignedRequest(
+        request=TypedSignature(typed_data=challenge().typed_data(domain)),
+        permit=TypedSignature(typed_data=permit),
+    )
+    requests.calls(signed_requests.sign(request, ROBOT))
+    permitted, (challenger, against, nonce, deadline, _) = sent
+    assert permitted[:3] == (ROBOT.address, JUDGE, 20)
+    assert (challenger, nonce, deadline) == (ROBOT.address, 5, 2_000_000_000)
+    assert (against.judge, against.task_id, against.attempt, against.instance) == (JUDGE, 7, 2, 1)
+    assert against.reason == "it is in the bin"
+    client.allowance = lambda owner, spender: 20 if (owner, spender) == (ROBOT.address, JUDGE) else 0
+    sent.clear()
+    requests.calls(signed_requests.sign(request, ROBOT))
+    assert len(sent) == 1  # somebody has sent the permit
+
+
+def test_attack_a_challenge_is_sent_to_no_contract_that_only_its_signer_knows(wallet: Wallet) -> None:
+    """Whatever that does, the sender would pay its gas."""
+    for judge in ("0x" + "33" * 20, CONTRACT):
+        with pytest.raises(OtherContracts) as refused:
+            wallet._orders("relay", *wallet._parse("relay", {"signed": signed(challenge(judge))}))
+        assert refused.value.details == {"judge": judge, "expected": JUDGE}
