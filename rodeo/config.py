@@ -555,6 +555,8 @@ class KindConfig(_Table):
     parameters: dict[str, Any] = {}
     """JSON Schema (draft 2020-12) of a task's parameters."""
     price_iec: Decimal | None = Field(default=None, ge=0)
+    """What the work costs if nobody says otherwise. From the founding on an attempt counts in its provider's
+    record up to this, or up to 100 IEC if there is no price; later `rodeo organization kind` changes it."""
     execution_window_s: int | None = Field(default=None, ge=60, le=30 * 86_400)
     min_window_s: int | None = Field(default=None, ge=60, le=30 * 86_400)
     """The shortest execution window of a task, s. It holds on chain from the founding on; later `rodeo

@@ -455,6 +455,9 @@ class AllowKind(Command):
     grace_s: Annotated[int, Field(ge=0, le=2550, multiple_of=10)] | None = None
     """How long an executor may give a task back so that the attempt does not count, at most half of
     `min_window_s`. 0: three minutes, or half of `min_window_s` if that is less."""
+    reference_price_iec: Payment | None = None
+    """The most that an attempt counts in its provider's record. By default what it is now, or the price that
+    the kind's declaration says."""
     min_verdict_window_s: Window | None = None
     """The shortest verdict window that a task of the kind may have."""
     max_verdict_window_s: Window | None = None

@@ -352,6 +352,8 @@ class KindRules(Answer):
     """The longest."""
     grace_s: int = 0
     """How long an executor may give a task back so that the attempt does not count."""
+    reference_price_iec: Amount = Decimal(0)
+    """The most that an attempt counts in its provider's record."""
     min_verdict_window_s: int = 0
     max_verdict_window_s: int = 0
     """The bounds of a task's verdict window; 0 for the contracts' own."""

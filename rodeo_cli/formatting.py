@@ -71,6 +71,7 @@ _SENTENCES = {
     "not_a_contract": "only a contract can have this role, not an account with a key",
     "role_without_budget": "only operators and treasurers have budgets",
     "challenged_before": "somebody has challenged this ruling already, and only a party may take that over",
+    "another_ruling": "another ruling stands by now: look at it, and challenge that one",
     "neither_party_nor_judge": "only the task's parties and judges may challenge its ruling",
     "no_case": "nobody has ruled in a way that can be challenged, or the stakes are settled already",
     "window_over": "it is too late for this",

@@ -222,7 +222,7 @@ def _kind_in_words(kind: queries.KindRules) -> str:
         if kind.judge_stake_iec:
             told += f" with a stake of {iec(kind.judge_stake_iec)} each"
     if windows := windows_in_words(kind):
-        told += f"; {windows}"
+        told += f"; {windows}; an attempt counts up to {iec(kind.reference_price_iec)}"
     if kind.max_verdict_window_s:
         told += f"; {span(kind.min_verdict_window_s)} to {span(kind.max_verdict_window_s)} to judge"
     if kind.audit_window_s:
@@ -277,6 +277,14 @@ def kind(
             "seconds, at most half of the shortest window. 0: three minutes, or that half if it is less.",
         ),
     ] = None,
+    reference_price_iec: Annotated[
+        str | None,
+        typer.Option(
+            "--reference-price",
+            help="The most that an attempt counts in its provider's record, in IEC. By default what it is "
+            "now, or the kind's `price_iec`.",
+        ),
+    ] = None,
     min_verdict_window_s: Annotated[
         int | None, typer.Option("--min-verdict-window", help="Shortest verdict window, in seconds.")
     ] = None,
@@ -320,6 +328,7 @@ def kind(
         "min_window_s": min_window_s,
         "max_window_s": max_window_s,
         "grace_s": grace_s,
+        "reference_price_iec": reference_price_iec,
         "min_verdict_window_s": min_verdict_window_s,
         "max_verdict_window_s": max_verdict_window_s,
         "audit_window_s": audit_window_s,

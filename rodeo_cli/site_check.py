@@ -27,7 +27,7 @@ from rodeo.config import (
     read_tables,
 )
 from rodeo.errors import ConfigError
-from rodeo.kinds import KindError, declared, installed, load
+from rodeo.kinds import DEFAULT_PRICE_IEC, KindError, declared, installed, load
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import ahead, facing
 from rodeo.lab.layout import (
@@ -101,6 +101,7 @@ def check(path: Path) -> list[Finding]:
             *_one_host(site),
             *_hurried(site),
             *_standby(site),
+            *_unpriced(site),
             *_overlaps(site),
             *_unreachable(site),
             *_thin_stakes(site),
@@ -286,6 +287,20 @@ def _hurried(site: Site) -> Iterator[tuple[Place, str]]:
                 f"a task of {one.name} can be given back for {grace_s} s of site time, and a process may "
                 f"need {site.answer_s:g} s for that, {ANSWER_WALL_S:g} s on the wall clock: lower "
                 "clock.speed, or raise grace_s",
+            )
+
+
+def _unpriced(site: Site) -> Iterator[tuple[Place, str]]:
+    """Kinds whose attempts count in records by a price that nobody chose."""
+    known = installed()
+    for number, one in enumerate(site.kinds):
+        if one.judge is None and one.name not in known:
+            continue
+        if not declared(one).price_iec:
+            yield (
+                ("kinds", number),
+                f"{one.name} has no price_iec, so an attempt counts up to {DEFAULT_PRICE_IEC} IEC in its "
+                "provider's record: say what the work costs",
             )
 
 

@@ -42,6 +42,7 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "min_window_s": 600,
         "max_window_s": 604_800,
         "grace_s": 180,
+        "reference_price_iec": "100",
         "min_verdict_window_s": 0,
         "max_verdict_window_s": 0,
     }

@@ -845,20 +845,22 @@ class Wallet:
         return [*found, calls.allow_kind(command.kind, judge, _bytes32(rules))]
 
     def _windows(self, command: AllowKind) -> list[Call]:
-        """What sets the kind's execution windows, where the command names any, or the kind has none and is
-        allowed."""
+        """What sets the kind's execution windows and reference price, where the command names any, or the
+        kind has none and is allowed."""
         row, kind = self.index.kind(command.kind), self.kinds.get(command.kind)
         has_windows = row is not None and row["max_window_s"] > 0
         named = (command.min_window_s, command.max_window_s, command.grace_s)
-        if all(one is None for one in named) and (has_windows or not command.allowed):
+        price_iec = command.reference_price_iec
+        if price_iec is None and all(one is None for one in named) and (has_windows or not command.allowed):
             return []
         if row is not None and has_windows:
             known = row["min_window_s"], row["max_window_s"], row["grace_s"]
             price = row["reference_price"]
         else:
             known = _UNDECLARED if kind is None else (*kind.windows_s, kind.grace_period_s)
-            declared_iec = DEFAULT_PRICE_IEC if kind is None else kind.reference_price_iec
-            price = self._currency.to_units(declared_iec)
+            price_iec = price_iec or (DEFAULT_PRICE_IEC if kind is None else kind.reference_price_iec)
+        if price_iec is not None:
+            price = self._currency.to_units(price_iec)
         shortest, longest, grace = (
             now if one is None else one for one, now in zip(named, known, strict=True)
         )

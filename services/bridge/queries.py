@@ -353,6 +353,7 @@ class Queries:
                     **{key: row[key] for key in _OF_KIND},
                     **self._judge_of(numbers.get(row["number"])),
                     "judge_stake_iec": self._iec(row["judge_stake"]),
+                    "reference_price_iec": self._iec(row["reference_price"]),
                 }
                 for row in self._index.all_kinds()
             ],

@@ -108,6 +108,7 @@ FIELD_ADVICE = {
     "min_window_s": "enter seconds, from a minute to 30 days, and at most the longest window",
     "max_window_s": "enter seconds, from a minute to 30 days",
     "grace_s": "enter tens of seconds, at most 2550 s and half of the shortest window",
+    "reference_price_iec": "enter a price in IEC, greater than 0",
     "max_void_percent": "enter a whole number from 0 to 100",
     "service_id": "enter the number of a service",
 }

@@ -339,7 +339,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.M
 
     before = state()
     organization("policy", "lowest_price")
-    organization("kind", "sweeping", "--judge", "auditor", "--min-window", "120")
+    organization("kind", "sweeping", "--judge", "auditor", "--min-window", "120", "--reference-price", "45")
     organization("terms", "--bond", "50", "--penalty", "20", "--max-failures", "2")
     organization("members-only")
     organization("admit", "panther1")
@@ -368,7 +368,13 @@ def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.M
     now = state()
     assert (now["policy"], now["members_only"]) == ("lowest_price", True)
     assert now["terms"] == {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
-    rules = {"kind": "sweeping", "allowed": True, "judge": "auditor", "min_window_s": 120}
+    rules = {
+        "kind": "sweeping",
+        "allowed": True,
+        "judge": "auditor",
+        "min_window_s": 120,
+        "reference_price_iec": "45",
+    }
     rules |= {"min_verdict_window_s": 0, "max_verdict_window_s": 0}
     rules |= {"audit_window_s": 0, "removed": False, "rules_sha256": []}
     rules |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}

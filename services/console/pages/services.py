@@ -373,6 +373,7 @@ class ServicesPage:
                 ("Kind of work", ""),
                 ("Judged by", ""),
                 ("Time", "wrap wide-only"),
+                ("Counts up to", "number wide-only"),
                 ("Rules", "wide-only"),
                 ("", ""),
             ],
@@ -381,6 +382,7 @@ class ServicesPage:
                     kind(one.kind),
                     _judges(one),
                     windows_in_words(one) or "–",
+                    iec(one.reference_price_iec) if one.max_window_s else "–",
                     partial(_rules_hashes, one.rules_sha256),
                     partial(self._kind_end, one),
                 )
@@ -541,12 +543,13 @@ class ServicesPage:
             return await self._act("allow_kind", request, f"The times of {kind(answer['kind'])} are set")
 
         await ask_form(
-            "Times of a kind, in seconds; what is left empty stays",
+            "Times of a kind, in seconds, and its price; what is left empty stays",
             {
                 "kind": Field("Kind of work", choices={name: kind(name) for name in judges}),
                 "min_window_s": Field("Shortest time to work"),
                 "max_window_s": Field("Longest time to work"),
                 "grace_s": Field("Time to accept a task or give it back"),
+                "reference_price_iec": Field("An attempt counts in a record up to (IEC)"),
                 "audit_window_s": Field("Auditors may rule for, when the judge cannot; then it is void"),
             },
             "Set them",

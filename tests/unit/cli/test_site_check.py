@@ -224,7 +224,7 @@ doors = [{ wall = "north", at_m = 0.9 }]
 
 def test_robots_and_docks_need_a_kind_that_provides_energy(said: Said) -> None:
     """Also where the file forgets that its list replaces the one of the file that it extends."""
-    wheels = '[[kinds]]\nname = "wheel_cleaning"\njudge = "auditor"\n'
+    wheels = '[[kinds]]\nname = "wheel_cleaning"\njudge = "auditor"\nprice_iec = 40\n'
     (found,) = said(wheels)
     assert "no kind provides energy, which robots and docks need" in found and "battery_charging" in found
     assert said(wheels + '[[kinds]]\nname = "battery_charging"\n') == []
@@ -261,6 +261,12 @@ DOUBTFUL = [
         5,
         "kinds.1: a task of waste_disposal can be given back for 40 s of site time, and a process may need "
         "50 s for that, 5 s on the wall clock: lower clock.speed, or raise grace_s",
+    ),
+    (
+        '[[kinds]]\nname = "battery_charging"\n[[kinds]]\nname = "dusting"\njudge = "auditor"\n',
+        5,
+        "kinds.1: dusting has no price_iec, so an attempt counts up to 100 IEC in its provider's record: say "
+        "what the work costs",
     ),
     (
         "".join(f'[[oracles]]\nname = "{name}"\n' for name in ("anna", "bert", "carl"))

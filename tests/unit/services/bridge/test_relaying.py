@@ -197,10 +197,7 @@ def challenge(judge: str = JUDGE) -> Challenge:
 
 def test_a_challenge_is_sent_with_the_permit_for_its_stake() -> None:
     client = token("IECoin", "1")
-    sent: list[Any] = []
-    client.calls = SimpleNamespace(
-        permit=lambda *said: sent.append(said), challenge_for=lambda *said: sent.append(said)
-    )
+    client.calls = SimpleNamespace(permit=lambda *said: said, challenge_for=lambda *said: said)
     requests = Requests(client)
     domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
     permit = requests.permit(ROBOT.address, JUDGE, 20, 2_000_000_000)
@@ -208,16 +205,14 @@ def test_a_challenge_is_sent_with_the_permit_for_its_stake() -> None:
         request=TypedSignature(typed_data=challenge().typed_data(domain)),
         permit=TypedSignature(typed_data=permit),
     )
-    requests.calls(signed_requests.sign(request, ROBOT))
+    sent: list[Any] = requests.calls(signed_requests.sign(request, ROBOT))
     permitted, (challenger, against, nonce, deadline, _) = sent
     assert permitted[:3] == (ROBOT.address, JUDGE, 20)
     assert (challenger, nonce, deadline) == (ROBOT.address, 5, 2_000_000_000)
     assert (against.judge, against.task_id, against.attempt, against.instance) == (JUDGE, 7, 2, 1)
     assert against.reason == "it is in the bin"
     client.allowance = lambda owner, spender: 20 if (owner, spender) == (ROBOT.address, JUDGE) else 0
-    sent.clear()
-    requests.calls(signed_requests.sign(request, ROBOT))
-    assert len(sent) == 1  # somebody has sent the permit
+    assert len(requests.calls(signed_requests.sign(request, ROBOT))) == 1  # somebody has sent the permit
 
 
 def test_attack_a_challenge_is_sent_to_no_contract_that_only_its_signer_knows(wallet: Wallet) -> None:

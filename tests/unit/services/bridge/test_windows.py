@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from rodeo.currency import IEC
 from rodeo.errors import InvalidRequest
@@ -47,6 +48,13 @@ def test_people_may_accept_for_long_where_nobody_declares_a_kind() -> None:
 def test_what_is_left_out_stays_as_it_is() -> None:
     assert windows(ON_CHAIN, max_window_s=9000) == [("dusting", 600, 9000, 180, 70 * 10**18)]
     assert windows(ON_CHAIN, grace_s=60) == [("dusting", 600, 7200, 60, 70 * 10**18)]
+
+
+def test_the_reference_price_changes_alone_and_is_declared_or_named() -> None:
+    assert windows(ON_CHAIN, reference_price_iec="45.5") == [("dusting", 600, 7200, 180, 455 * 10**17)]
+    assert windows(declared=DECLARED, reference_price_iec="45") == [("dusting", 900, 3600, 240, 45 * 10**18)]
+    with pytest.raises(ValidationError):
+        windows(ON_CHAIN, reference_price_iec="0")  # nobody would have a record
 
 
 def test_a_grace_period_that_nobody_named_gives_way_to_a_short_window() -> None:
