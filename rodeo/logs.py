@@ -21,7 +21,7 @@ from rodeo.redaction import hide_in_tracebacks, redacted, redacted_json
 
 _task: ContextVar[int | None] = ContextVar("task", default=None)
 
-_CHATTY = ("httpx", "urllib3", "web3", "asyncio", "alembic", "websockets")
+_CHATTY = ("httpx", "urllib3", "web3", "asyncio", "websockets")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Databases of the bridge: SQLite files by default, PostgreSQL by URL, and the journal's migrations.
+"""Databases of the bridge: SQLite files by default, PostgreSQL by URL, and the upgrade of the journal's file.
 
 The index can be rebuilt from the chain and so may lose its last moments in a power cut; the journal may not.
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy
-from sqlalchemy import Engine, Table, create_engine, make_url
+from sqlalchemy import Engine, MetaData, Table, create_engine, make_url
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import OperationalError
 
@@ -23,8 +23,6 @@ log = logging.getLogger(__name__)
 _CHECKPOINT_S = 2.0
 _CHECKPOINT_PAGES = 10_000
 """Of 4 KiB, after which the log begins anew: it does so by itself only when nothing is written meanwhile."""
-
-_MIGRATIONS = Path(__file__).parent / "migrations" / "journal"
 
 
 def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engine:
@@ -102,45 +100,26 @@ class Checkpointer:
         self._thread.join()
 
 
-def migrate(engine: Engine, revision: str = "head") -> None:
-    """Bring the journal's database to `revision` of its migrations."""
-    if revision == "head" and _revision(engine) == _newest():
-        return
-    # Imported here: half a second that a start without news does not have to wait.
-    from alembic import command
+def upgrade(engine: Engine, tables: MetaData, version: int) -> None:
+    """Bring a SQLite file to schema `version` of `tables`: add each table, column and index that it lacks.
 
+    Its own version is its `user_version`; 0 in a new file, and in one from before versions were numbered.
+    """
     with engine.begin() as connection:
-        command.upgrade(_config(connection), revision)
-
-
-def stamp(engine: Engine, revision: str) -> None:
-    """Note that a journal made before there were migrations is at `revision`."""
-    from alembic import command
-
-    with engine.begin() as connection:
-        command.stamp(_config(connection), revision)
-
-
-def _revision(engine: Engine) -> str | None:
-    """What alembic noted in the database."""
-    with engine.connect() as connection:
-        if not sqlalchemy.inspect(connection).has_table("alembic_version"):
-            return None
-        return connection.scalar(sqlalchemy.text("select version_num from alembic_version"))
-
-
-def _newest() -> str:
-    """Files are named `<revision>_<what it does>.py`, in order."""
-    return max(path.name for path in (_MIGRATIONS / "versions").glob("[0-9]*.py")).partition("_")[0]
-
-
-def _config(connection: sqlalchemy.Connection) -> Any:
-    from alembic.config import Config
-
-    config = Config()
-    config.set_main_option("script_location", str(_MIGRATIONS))
-    config.attributes["connection"] = connection
-    return config
+        if connection.exec_driver_sql("pragma user_version").scalar_one() == version:
+            return
+        there = sqlalchemy.inspect(connection)
+        for table in tables.sorted_tables:
+            if not there.has_table(table.name):
+                table.create(connection)
+                continue
+            known = {column["name"] for column in there.get_columns(table.name)}
+            for column in (one for one in table.columns if one.name not in known):
+                added = sqlalchemy.schema.CreateColumn(column).compile(engine)
+                connection.exec_driver_sql(f"alter table {table.name} add column {added}")
+            for index in table.indexes:
+                index.create(connection, checkfirst=True)
+        connection.exec_driver_sql(f"pragma user_version = {version}")
 
 
 def upsert(engine: Engine, table: Table) -> Any:

@@ -42,7 +42,6 @@
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
     ├── IndexUnusable             the index's file is not a database
-    ├── IndexDamaged              what the index's database holds is not what was written
     ├── JournalDamaged            the journal's file is not what was written
     ├── JournalIncomplete         the journal lacks transactions that its wallets have sent
     ├── JournalUnwritable         the journal's file cannot be written now; what waits stays in the queue
@@ -237,10 +236,6 @@ class BridgeNotReady(RodeoError):
 
 class IndexUnusable(RodeoError):
     """The index's file is not a database. Deleting it is safe: it is rebuilt from the chain."""
-
-
-class IndexDamaged(RodeoError):
-    """What the index's database holds is not what was written to it, or not what the chain says."""
 
 
 class JournalDamaged(RodeoError):

@@ -38,8 +38,7 @@ from rodeo.messages import LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert
-from services.bridge.digest import MODULUS, position_digest, row_digest, rows_digest
-from services.bridge.errors import IndexDamaged, IndexUnusable
+from services.bridge.errors import IndexUnusable
 from services.bridge.projection import ORACLES, Projection
 from services.bridge.rows import Rows, roll_back
 
@@ -127,8 +126,6 @@ class Index:
         }
         self.genesis_hash = genesis_hash
         self._url = url
-        self._rows_digest = 0
-        """Of the rows that are in the database; of SQLite only."""
         _set_aside_if_damaged(url)
         try:
             self._engine = open_database(url, schema_name)
@@ -140,15 +137,9 @@ class Index:
             ) from error
         if rows and all(rows[0][name] == value for name, value in self._identity.items()):
             self._position = Position(rows[0]["block"], rows[0]["block_hash"], rows[0]["block_time_s"])
-            self._rows_digest, problem = self._inspect()
-            if problem is not None:
-                log.warning("rebuilding the index from the chain: %s", problem)
-                self.clear()
-            else:
-                self._forget_receipts()
         else:
             self.clear()
-        self._checkpointer = Checkpointer(self._engine) if self._engine.dialect.name == "sqlite" else None
+        self._checkpointer = Checkpointer(self._engine) if self._is_sqlite else None
 
     def _make_tables(self) -> None:
         """Drop the tables of another schema version, and create those of this one."""
@@ -161,8 +152,7 @@ class Index:
                 found = connection.scalar(select(schema.cursor.c.version))
             if found == expected:
                 return
-            # Older versions were migrated by alembic, which kept a table of its own.
-            if old := names & {*schema.metadata.tables, "alembic_version"}:
+            if old := names & {*schema.metadata.tables}:
                 log.warning(
                     "the index has schema version %s, not %s: it is rebuilt from the chain's events",
                     found or "none",
@@ -179,40 +169,20 @@ class Index:
             for table in schema.metadata.sorted_tables:
                 connection.execute(delete(table))
             connection.execute(
-                insert(schema.cursor).values(
-                    id=1, **self._identity, **_at(NOWHERE), published_seq=0, digest=_digest_text(0, NOWHERE)
-                )
+                insert(schema.cursor).values(id=1, **self._identity, **_at(NOWHERE), published_seq=0)
             )
-        self._position, self._rows_digest = NOWHERE, 0
+        self._position = NOWHERE
 
     def close(self) -> None:
         if self._checkpointer is not None:
             self._checkpointer.close()
         self._engine.dispose()
 
-    # Whether it is what was written ----------------------------------------------------------------------
+    # What can be compared with the chain ------------------------------------------------------------------
 
     @property
-    def _has_digest(self) -> bool:
+    def _is_sqlite(self) -> bool:
         return self._engine.dialect.name == "sqlite"
-
-    def problem(self) -> str | None:
-        """What is wrong with what the database holds, by its own digest. Reads all of it, in any thread."""
-        return self._inspect()[1]
-
-    def _inspect(self) -> tuple[int, str | None]:
-        """The rows' digest, and what is wrong with them."""
-        if not self._has_digest:
-            return 0, None
-        with self._snapshot() as connection:
-            cursor = connection.execute(select(schema.cursor)).mappings().one_or_none()
-            found = rows_digest(connection)
-        if cursor is None:
-            return found, "it does not record its position on the chain"
-        position = Position(cursor["block"], cursor["block_hash"], cursor["block_time_s"])
-        if cursor["digest"] == _digest_text(found, position):
-            return found, None
-        return found, f"its contents up to block {position.block} do not match their digest"
 
     def said(self) -> Said:
         """What the chain can be asked about, as of one block."""
@@ -228,23 +198,18 @@ class Index:
     def is_malformed(self) -> bool:
         """Whether the database's file is not one any more."""
         path = make_url(self._url).database
-        return self._has_digest and bool(path) and damage(Path(path or "")) is not None
+        return self._is_sqlite and bool(path) and damage(Path(path or "")) is not None
 
     @contextmanager
     def _snapshot(self) -> Iterator[Connection]:
         """All that is read through it is of one moment."""
         with self._engine.connect() as connection:
-            if self._has_digest:
+            if self._is_sqlite:
                 connection.exec_driver_sql("begin")
             try:
                 yield connection
             finally:
                 connection.rollback()
-
-    def _forget_receipts(self) -> None:
-        """No digest covers them; they are asked of the node again."""
-        with self._engine.begin() as connection:
-            connection.execute(delete(schema.receipts))
 
     # Following the chain ----------------------------------------------------------------------------------
 
@@ -275,12 +240,9 @@ class Index:
                 rows.block, rows.undoable = timed.log.block, timed.log.block > final
                 projection.apply(seq, timed.log, timed.time_s)
                 applied.append(_dao_event(seq, timed, self.genesis_hash, self._currency))
-            change = rows.write()
+            rows.write()
             if applied:
-                added = [_event_row(event) for event in applied]
-                connection.execute(_ADD_EVENTS, added)
-                change += sum(row_digest(schema.events, row) for row in added)
-            digest = (self._rows_digest + change) % MODULUS
+                connection.execute(_ADD_EVENTS, [_event_row(event) for event in applied])
             recent = {
                 one.log.block: (one.log.block_hash, one.time_s) for one in logs if one.log.block > final
             }
@@ -292,8 +254,8 @@ class Index:
             if position.block % KEPT_BLOCKS == 0 or len(recent) > 1:
                 connection.execute(_FORGET_BLOCKS, {"final": final})
                 connection.execute(_FORGET_UNDO, {"final": final})
-            connection.execute(_MOVE_CURSOR, {**_at(position), "digest": _digest_text(digest, position)})
-        self._position, self._rows_digest = position, digest
+            connection.execute(_MOVE_CURSOR, _at(position))
+        self._position = position
         return applied
 
     def recent_blocks(self) -> list[Position]:
@@ -302,12 +264,7 @@ class Index:
         return [Position(block["number"], block["hash"], block["time_s"]) for block in blocks]
 
     def roll_back(self, position: Position) -> list[DaoEvent]:
-        """Undo all blocks after `position`, one of `recent_blocks` or NOWHERE; returns the notices of it.
-
-        Raises IndexDamaged when what it would go back to is not what was written.
-        """
-        if (problem := self.problem()) is not None:
-            raise IndexDamaged(problem)
+        """Undo all blocks after `position`, one of `recent_blocks` or NOWHERE; returns the notices of it."""
         events = schema.events.c
         gone = (events.block > position.block) & ~events.undone
         with self._engine.begin() as connection:
@@ -335,9 +292,8 @@ class Index:
                 roll_back(self._engine, connection, position.block)
             connection.execute(delete(schema.blocks).where(schema.blocks.c.number > position.block))
             connection.execute(delete(schema.receipts))
-            digest = rows_digest(connection) if self._has_digest else 0
-            connection.execute(_MOVE_CURSOR, {**_at(position), "digest": _digest_text(digest, position)})
-        self._position, self._rows_digest = position, digest
+            connection.execute(_MOVE_CURSOR, _at(position))
+        self._position = position
         return notices
 
     def mark_published(self, seq: int) -> None:
@@ -782,12 +738,6 @@ def _args(log: Log, currency: Currency) -> dict[str, Any]:
 
 def _event_row(event: DaoEvent, undone: bool = False) -> Row:
     return {**{name: getattr(event, name) for name in _OF_EVENT}, "undone": undone}
-
-
-def _digest_text(rows: int, position: Position) -> str:
-    """Of rows and position, as it is kept."""
-    whole = rows + position_digest(position.block, position.block_hash, position.block_time_s)
-    return f"{whole % MODULUS:032x}"
 
 
 def _at(position: Position) -> Row:

@@ -40,8 +40,6 @@ def _copied(site: Site, deployment: Deployment) -> Iterator[Index]:
         try:
             with engine.connect() as connection:
                 found = connection.scalar(select(schema.cursor.c.version))
-                # An index that is opened forgets them, to ask the node again.
-                receipts = [dict(row) for row in connection.execute(select(schema.receipts)).mappings()]
         except DBAPIError as error:
             raise IndexUnusable(
                 "the index cannot be read", path=str(path), problem=str(error.orig)
@@ -61,10 +59,7 @@ def _copied(site: Site, deployment: Deployment) -> Iterator[Index]:
         )
         try:
             if index.position == NOWHERE:
-                raise IndexUnusable(
-                    "the index is of other contracts or damaged: start the site once", path=str(path)
-                )
-            index.keep_receipts(receipts)
+                raise IndexUnusable("the index is of other contracts: start the site once", path=str(path))
             yield index
         finally:
             index.close()

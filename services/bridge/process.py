@@ -45,10 +45,10 @@ from rodeo.serving import served_by
 from services.bridge.chain import Chain
 from services.bridge.commands import KNOWN, Wallet
 from services.bridge.continuity import Continuity, open_journal
+from services.bridge.contradiction import contradiction
 from services.bridge.errors import (
     BridgeNotReady,
     ChainReorganized,
-    IndexDamaged,
     JournalDamaged,
     JournalIncomplete,
     UnknownParticipant,
@@ -58,7 +58,6 @@ from services.bridge.follower import BEHIND_GRACE_S, Follower
 from services.bridge.handback import HandBack
 from services.bridge.heads import POLL_MIN_S, SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
 from services.bridge.index import Index, sqlite_url
-from services.bridge.inspection import Inspector
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.node import Node
 from services.bridge.offers import Update, due_updates
@@ -108,7 +107,6 @@ class _Attachment:
     """Everything that belongs to one deployment on one chain."""
 
     chain: Chain
-    inspector: Inspector
     follower: Follower
     transactions: Transactions
     queries: Queries
@@ -122,7 +120,6 @@ class _Attachment:
     """Whether it was made anew and not found right since."""
 
     def close(self) -> None:
-        self.inspector.close()
         self.probe.close()
         self.transactions.close()
         self.chain.close()
@@ -183,9 +180,6 @@ class Bridge:
                 raise
             except (ChainError, ChainReorganized, JournalDamaged, JournalIncomplete) as error:
                 self._not_ready(str(error))
-            except IndexDamaged as error:
-                if self._attachment is not None:
-                    self._attachment.inspector.found = error.message
             except DBAPIError as error:
                 self._not_ready(f"the index database does not answer: {error.orig}")
                 if self._attachment is not None and self._attachment.chain.index.is_malformed():
@@ -294,7 +288,6 @@ class Bridge:
         )
         opened = _Attachment(
             chain=held,
-            inspector=Inspector(index, node, deployment),
             follower=follower,
             transactions=transactions,
             queries=Queries(held, names, client, site.chain.url, store.urls),
@@ -313,7 +306,6 @@ class Bridge:
         for name in self._threads:
             QUEUE.labels(name).set_function(partial(transactions.orders.waiting, name))
         transactions.start()
-        opened.inspector.start()
         opened.probe.start()
         return opened
 
@@ -338,9 +330,6 @@ class Bridge:
         gc.freeze()
         try:
             while not self._stop.is_set():
-                if attachment.inspector.found is not None:
-                    self._make_index_anew(attachment, attachment.inspector.found)
-                    headers = []
                 before = attachment.chain.index.position
                 again = self._step(attachment, headers)
                 headers = []
@@ -357,15 +346,16 @@ class Bridge:
                     headers = heads.wait()
                     continue
                 if not attachment.compared:
-                    problem = attachment.inspector.compare()
+                    held = attachment.chain
+                    problem = contradiction(held.index, held.node, held.deployment)
                     if problem is not None and attachment.made_anew:
                         self._not_ready(f"the node's contract state contradicts its events: {problem}")
                         headers = heads.wait()
                         continue
-                    attachment.inspector.found = problem
-                    attachment.compared, attachment.made_anew = problem is None, False
                     if problem is not None:
+                        self._make_index_anew(attachment, problem)
                         continue
+                    attachment.compared, attachment.made_anew = True, False
                 chain = self._site.chain
                 position, elsewhere = attachment.chain.index.position, chain.backend == "external"
                 late = why_late(position, chain.max_block_age_s, time.time(), elsewhere)
@@ -388,8 +378,7 @@ class Bridge:
         log.warning("rebuilding the index from the chain: %s", why)
         self._not_ready("the index was damaged; rebuilding it from the chain")
         attachment.chain.index.clear()
-        attachment.inspector.reset()
-        attachment.compared, attachment.made_anew = False, True
+        attachment.made_anew = True
 
     def _step(self, attachment: _Attachment, headers: list[Header]) -> bool:
         """Whether there is more to take in at once."""

@@ -9,7 +9,6 @@ from sqlalchemy import Connection, Delete, Engine, Select, Table, bindparam, del
 
 from services.bridge import schema
 from services.bridge.database import upsert
-from services.bridge.digest import row_digest
 
 Row = dict[str, Any]
 Key = tuple[Any, ...]
@@ -25,8 +24,6 @@ class Rows:
         self._engine = engine
         self._connection = connection
         self._rows: dict[tuple[str, Key], Row | None] = {}
-        self._stored: dict[tuple[str, Key], Row | None] = {}
-        """As they are in the database."""
         self._changed: dict[tuple[str, Key], Table] = {}
         self._before: list[Row] = []
         self._seen: set[tuple[int, str, Key]] = set()
@@ -39,7 +36,7 @@ class Rows:
         if place not in self._rows:
             found = self._connection.execute(_select(table), _parameters(table, key))
             row = found.mappings().one_or_none()
-            self._rows[place] = self._stored[place] = None if row is None else dict(row)
+            self._rows[place] = None if row is None else dict(row)
         return self._rows[place]
 
     def get(self, table: Table, *key: Any) -> Row:
@@ -75,21 +72,17 @@ class Rows:
         before = self.find(table, *key)
         self._before.append({"block": self.block, "table": table.name, "key": list(key), "row": before})
 
-    def write(self) -> int:
-        """Hand everything to the database; by how much that changes the digest of its rows."""
+    def write(self) -> None:
+        """Hand everything to the database."""
         by_table: dict[Table, list[Row]] = {}
-        change = 0
         for place, table in self._changed.items():
-            row, stored = self._rows[place] or {}, self._stored[place]
-            by_table.setdefault(table, []).append(row)
-            change += row_digest(table, row) - (0 if stored is None else row_digest(table, stored))
+            by_table.setdefault(table, []).append(self._rows[place] or {})
         for table, rows in by_table.items():
             self._connection.execute(upsert(self._engine, table), rows)
         if self._before:
             self._connection.execute(insert(schema.undo), self._before)
         self._changed.clear()
         self._before.clear()
-        return change
 
 
 def roll_back(engine: Engine, connection: Connection, block: int) -> None:

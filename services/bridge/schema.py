@@ -72,7 +72,6 @@ cursor = Table(
     Column("block_hash", String(66), nullable=False),
     Column("block_time_s", BigInteger, nullable=False),
     Column("published_seq", BigInteger, nullable=False, doc="last event that was put on the bus"),
-    Column("digest", String(64), doc="of all rows and of the position above, see services.bridge.digest"),
 )
 
 blocks = Table(

@@ -1156,20 +1156,11 @@ def test_a_value_that_was_changed_in_the_index_is_not_told_for_truth(own_dao: Da
     (path,) = Path(dao.site.data_dir / "bridge").rglob("index.sqlite")
     before = (dao.state("events"), dao.state("wallets"))
 
-    def change_balance() -> None:
-        connection = sqlite3.connect(path)
-        with connection:
-            connection.execute("update balances set balance = '9999000000000000000000'")
-        connection.close()
-
-    change_balance()  # while the bridge runs
-    told = "rebuilding the index from the chain"
-    wait_until(lambda: told in dao.running.log("bridge"))
-    dao.running.wait_for_status("bridge", lambda status: status.ready)
-    assert (dao.state("events"), dao.state("wallets")) == before
-
     dao.running.kill("bridge")
-    change_balance()
+    connection = sqlite3.connect(path)
+    with connection:
+        connection.execute("update balances set balance = '9999000000000000000000'")
+    connection.close()
     dao.running.start("bridge")
     assert (dao.state("events"), dao.state("wallets")) == before
-    assert dao.running.log("bridge").count(told) == 2
+    assert dao.running.log("bridge").count("rebuilding the index from the chain") == 1

@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from alembic.autogenerate import compare_metadata
-from alembic.migration import MigrationContext
 
 from rodeo.chain import events
 from rodeo.chain.abi import Cause, Fault, Ruling
 from rodeo.chain.logs import Log
 from rodeo.chain.types import Event
-from services.bridge import journal
-from services.bridge.database import migrate, open_database
+from services.bridge.database import open_database
 from services.bridge.index import NOWHERE, UNDONE, Index, Page, Position, TimedLog, sqlite_url
 from tests.integration.test_bridge import assert_index_equals_contracts
 from tests.support.dao import Dao
@@ -179,19 +176,6 @@ def test_an_index_of_another_version_is_rebuilt_and_answers_the_same(
     kept = opened(here, "versions")
     assert everything(kept) == before
     kept.close()
-
-
-@pytest.mark.parametrize("database", ["sqlite", "postgresql"])
-def test_the_journals_migrations_make_the_tables_that_the_code_uses(
-    url: str, tmp_path: Path, database: str
-) -> None:
-    here = url if database == "postgresql" else sqlite_url(tmp_path / "database.sqlite")
-    engine = open_database(here, "migrations")
-    migrate(engine)
-    migrate(engine)
-    with engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), journal.metadata) == []
-    engine.dispose()
 
 
 def test_the_money_path_with_the_index_in_postgresql(url: str, tmp_path: Path) -> None:

@@ -325,11 +325,11 @@ def test_an_index_of_another_version_is_rebuilt_beside_a_journal_that_is_migrate
     robot.index.close()
     robot.journal.close()
     edit(robot.folder / "index.sqlite", "update cursor set version = '6-before'", "drop table balances")
-    # As the journal's last migration found it.
+    # As before its versions were numbered.
     edit(
         robot.folder / "journal.sqlite",
         "drop table accounted",
-        "update alembic_version set version_num = '0003'",
+        "pragma user_version = 0",
     )
     robot.restart()
     assert "has schema version 6-before" in caplog.text

@@ -10,11 +10,9 @@ from typing import Any
 
 import pytest
 
-from rodeo_testing.waiting import wait_until
-from services.bridge import inspection
+from services.bridge.contradiction import contradiction
 from services.bridge.follower import Follower
 from services.bridge.index import NOWHERE, Index, Position, sqlite_url
-from services.bridge.inspection import Inspector
 from services.bridge.node import Node
 from tests.support.chain import Answer
 from tests.support.deployed import DeployedChain
@@ -39,23 +37,32 @@ def index(chain: DeployedChain, tmp_path: Path) -> Iterator[Index]:
 
 def test_an_index_that_says_what_the_contracts_say_is_left_alone(chain: DeployedChain, index: Index) -> None:
     assert index.said().balances
-    inspector = Inspector(index, Node(chain.site.chain.url), chain.deployment)
-    assert inspector.compare() is None
-    assert [inspector.compare(most=1) for _ in range(5)] == [None] * 5
+    assert contradiction(index, Node(chain.site.chain.url), chain.deployment) is None
 
 
-def test_a_balance_that_the_token_does_not_know_is_found_even_with_a_digest_that_fits(
-    chain: DeployedChain, index: Index, monkeypatch: pytest.MonkeyPatch
+def change(folder: Path, statement: str) -> None:
+    """Change the file by hand, as no bridge does."""
+    connection = sqlite3.connect(folder / "index.sqlite")
+    with connection:
+        assert connection.execute(statement).rowcount
+    connection.close()
+
+
+def test_a_balance_that_was_changed_in_the_file_is_found(
+    chain: DeployedChain, index: Index, tmp_path: Path
 ) -> None:
-    said = index.said()
-    address = max(said.balances)
-    said.balances[address] += 9999
-    monkeypatch.setattr(index, "said", lambda: said)
-    inspector = Inspector(index, Node(chain.site.chain.url), chain.deployment)
-    found = inspector.compare()
-    assert found is not None and address in found and str(said.balances[address]) in found
-    # Asked for one after the other, its turn comes.
-    assert any(inspector.compare(most=1) for _ in said.balances)
+    address = max(index.said().balances)
+    change(tmp_path, f"update balances set balance = '9999' where address = '{address}'")
+    found = contradiction(index, Node(chain.site.chain.url), chain.deployment)
+    assert found is not None and address in found and "9999 in the index" in found
+    index.clear()
+    assert contradiction(index, Node(chain.site.chain.url), chain.deployment) is None
+
+
+def test_a_balance_that_is_no_number_is_found(chain: DeployedChain, index: Index, tmp_path: Path) -> None:
+    change(tmp_path, "update balances set balance = 'much'")
+    found = contradiction(index, Node(chain.site.chain.url), chain.deployment)
+    assert found is not None and "cannot be read" in found
 
 
 def test_one_wrong_answer_of_the_node_does_not_condemn_the_index(chain: DeployedChain, index: Index) -> None:
@@ -69,7 +76,7 @@ def test_one_wrong_answer_of_the_node_does_not_condemn_the_index(chain: Deployed
         return answer(method, params)
 
     chain.node.fault = err
-    assert Inspector(index, Node(chain.site.chain.url), chain.deployment).compare() is None and not wrong
+    assert contradiction(index, Node(chain.site.chain.url), chain.deployment) is None and not wrong
 
 
 @pytest.mark.parametrize("blocks", [-1, 0], ids=["nowhere", "while it is founded"])
@@ -83,25 +90,4 @@ def test_before_there_are_contracts_nothing_is_compared(
     # Others may have been paid since.
     said = replace(index.said(), position=at, balances={})
     monkeypatch.setattr(index, "said", lambda: said)
-    assert Inspector(index, node, chain.deployment).compare() is None
-
-
-def test_what_is_changed_while_the_bridge_runs_is_found_by_itself(
-    chain: DeployedChain, index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(inspection, "PERIOD_S", 0.02)
-    inspector = Inspector(index, Node(chain.site.chain.url), chain.deployment)
-    compare, compared = inspector.compare, list[object]()
-    monkeypatch.setattr(inspector, "compare", lambda *most: compared.append(compare(*most)) or compared[-1])
-    inspector.start()
-    wait_until(lambda: len(compared) >= 3)
-    assert inspector.found is None
-    connection = sqlite3.connect(tmp_path / "index.sqlite")
-    with connection:
-        connection.execute("update balances set balance = '9999'")
-    connection.close()
-    wait_until(lambda: inspector.found is not None)
-    inspector.close()
-    index.clear()
-    inspector.reset()
-    assert (inspector.found, inspector.compare()) == (None, None)
+    assert contradiction(index, node, chain.deployment) is None
