@@ -7,7 +7,7 @@ losses. `forgeries_composed`: those that a seed puts together, see `tests.forger
 under such noise; FORGERIES_COMPOSED=100 makes fewer, FORGERIES_FIRST=1000 begins with another seed.
 `forgeries_refused_share`: of all of these, those by which nobody got what it wanted; each of the others is
 printed with its name, or its seed and what it does. `forgeries_s`: wall time of all that, s.
-`hostile_proof_cpu_s`: what the worst proofs cost, see `bench.hostile`.
+`hostile_proof_...`: what the worst proofs cost, see `bench.hostile`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.hostile import hostile_proof_cpu_s
+from bench.hostile import hostile_proof_costs
 from rodeo.checks.report import Report
 from rodeo.config import Site
 from rodeo_testing.harness import ROLES
@@ -60,7 +60,7 @@ def run() -> dict[str, float]:
     taken_s = time.monotonic() - started_s
     by_role = {f"forgery_kinds_{role.replace(' ', '_')}": kinds(role) for role in ROLES}
     return (
-        hostile_proof_cpu_s()
+        hostile_proof_costs()
         | by_role
         | {
             "forgery_kinds": kinds(),

@@ -8,38 +8,49 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rodeo import topics
-from rodeo.checks.case import Case
+from rodeo.checks.case import Case, ChainRecord
 from rodeo.checks.report import Finding, at_most
 from rodeo.checks.statements import recorded
+from rodeo.config import Site
+from rodeo.evidence.container import Limits
 from rodeo.evidence.proof import TopicMessages
+from rodeo.evidence.seal import SEAL_PERIOD_NS
+from rodeo.kinds import Kind, kinds_of
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 
 BURST_S = 60.0
 """What a device may have signed while the recorder was away, and the recorder asked it for later."""
+TALKATIVE = 5
+"""Times the rates of the key table that a robot may publish."""
+SIGNED_HZ = 1e9 / SEAL_PERIOD_NS
+"""Seals of a recorder, and statements of motion capture; the other devices sign less."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """The most of each. The numbers are many times what the longest honest work of each kind holds."""
+    """The most of each in any proof. `counts_of` is what a task allows, which may be less."""
 
     messages: int = 600_000
-    """All topics together; 45 minutes of a cleaning. Counted while the file is read."""
+    """All topics together; an hour of a cleaning. Counted while the file is read."""
+    uncompressed_bytes: int = 192 * 1024**2
+    """The same; 40 minutes of a cleaning. They lie in memory until there is a verdict."""
+    seals: int = 20_000
+    """The same; each is parsed and compared."""
     recorded_s: float = 24 * 3600.0
     """From the first log time to the last."""
     message_bytes: int = 2 * 1024
-    """On average over each ROS topic, pictures apart: the largest honest message has 740. All topics together
-    hold at most `Limits.uncompressed_bytes`, counted while the file is read."""
+    """On average over each ROS topic, pictures apart: the largest honest message has 740."""
     events: int = 10_000
     """On `rodeo/event`."""
-    event_bytes: int = 8 * 1024**2
+    event_bytes: int = 2 * 1024**2
     """Of all events: they are held as objects, which take many times as much."""
-    statements: int = 50_000
+    statements: int = 20_000
     """On `rodeo/attestation`, whoever made them."""
-    json_bytes: int = 64 * 1024**2
-    """Of both together."""
+    json_bytes: int = 16 * 1024**2
+    """Of both together; an hour of a cleaning."""
     statements_per_s: float = 10.0
     """Of one registered signer, over the recording and `BURST_S`: motion capture makes one for each body, the
     others fewer."""
@@ -50,8 +61,51 @@ class Counts:
     replayed_s: float = 1_200.0
     """Stepped through physics in all replays together. Counted while they run."""
 
+    def limits(self, file_bytes: int) -> Limits:
+        """What of them is counted while a file of at most so many bytes is read."""
+        # A chunk ends with a seal, or where it is larger than one MiB.
+        chunks = self.seals + self.uncompressed_bytes // 1024**2
+        return Limits(
+            file_bytes=file_bytes,
+            uncompressed_bytes=self.uncompressed_bytes,
+            messages=self.messages,
+            seals=self.seals,
+            chunks=chunks,
+        )
+
 
 COUNTS = Counts()
+
+
+def counts_of(site: Site, chain_record: ChainRecord | None) -> Counts:
+    """What a proof of the task may hold: what a talkative robot records while the assignment lasts, and never
+    more than `COUNTS`."""
+    kind = None if chain_record is None else kinds_of(site).get(chain_record.task.kind)
+    if chain_record is None or kind is None or not kind.checks:
+        return COUNTS
+    window_s = chain_record.task.execution_window_s + chain_record.task.grace_s + BURST_S
+    signed = round(TALKATIVE * SIGNED_HZ * window_s)
+    messages = round(TALKATIVE * _rate_hz(kind, site) * window_s) + 2 * signed + COUNTS.events
+    return replace(
+        COUNTS,
+        messages=min(COUNTS.messages, messages),
+        uncompressed_bytes=min(COUNTS.uncompressed_bytes, messages * COUNTS.message_bytes),
+        seals=min(COUNTS.seals, signed),
+        recorded_s=min(COUNTS.recorded_s, window_s),
+        statements=min(COUNTS.statements, signed),
+    )
+
+
+def _rate_hz(kind: Kind, site: Site) -> float:
+    """Messages per second of all topics that a recording of this kind holds at this site."""
+    return sum((one.topic.rate_hz or 0.0) * _places(one.topic.key, site) for one in kind.recorded)
+
+
+def _places(key: str, site: Site) -> int:
+    """For how many bins, compartments or docks of the site there is a topic with this key."""
+    if "{compartment}" in key:
+        return sum(len(one.compartments) for one in site.bins)
+    return len(site.bins) if "{bin}" in key else len(site.docks) if "{dock}" in key else 1
 
 
 def within_counts(case: Case) -> Finding:
@@ -69,30 +123,29 @@ def within_counts(case: Case) -> Finding:
 
 def _counted(case: Case) -> Iterator[tuple[str, float, float, str]]:
     """(count, value, limit, unit); what costs to count comes after what bounds that cost."""
-    proof = case.proof
+    proof, most = case.proof, counts_of(case.site, case.chain_record)
     recorded_s = (proof.end_ns - proof.start_ns) * 1e-9
-    yield "recorded seconds", recorded_s, COUNTS.recorded_s, "s"
+    yield "recorded seconds", recorded_s, most.recorded_s, "s"
     yield (
         "bytes per message",
         max(_average_bytes(proof.topics.values()), default=0.0),
-        COUNTS.message_bytes,
+        most.message_bytes,
         "bytes",
     )
-    yield "events", proof.count(EVENT_CHANNEL), COUNTS.events, ""
-    yield "bytes of events", _bytes(case, EVENT_CHANNEL), COUNTS.event_bytes, "bytes"
+    yield "events", proof.count(EVENT_CHANNEL), most.events, ""
+    yield "bytes of events", _bytes(case, EVENT_CHANNEL), most.event_bytes, "bytes"
     statements, size = proof.count(ATTESTATION_CHANNEL), _bytes(case, EVENT_CHANNEL, ATTESTATION_CHANNEL)
-    yield "statements", statements, COUNTS.statements, ""
-    yield "bytes of events and statements", size, COUNTS.json_bytes, "bytes"
+    yield "statements", statements, most.statements, ""
+    yield "bytes of events and statements", size, most.json_bytes, "bytes"
     seen = (proof.count("/" + topics.ITEM_POSE.name(ns=robot.namespace)) for robot in case.site.robots)
-    yield "sightings", max(seen, default=0), COUNTS.sightings, ""
-    if statements <= COUNTS.statements and size <= COUNTS.json_bytes:
+    yield "sightings", max(seen, default=0), most.sightings, ""
+    if statements <= most.statements and size <= most.json_bytes:
         signers = (
             None if case.chain_record is None else {one.address.lower() for one in case.chain_record.devices}
         )
         by = Counter(one.attestation.signer.lower() for one in recorded(proof, signers))
-        most = max(by.values(), default=0)
-        rate = most / (recorded_s + BURST_S)
-        yield "statements per second and signer", rate, COUNTS.statements_per_s, "1/s"
+        rate = max(by.values(), default=0) / (recorded_s + BURST_S)
+        yield "statements per second and signer", rate, most.statements_per_s, "1/s"
 
 
 def _average_bytes(columns: Iterable[TopicMessages]) -> Iterator[float]:

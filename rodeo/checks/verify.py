@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rodeo.checks import provenance
 from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, Checks, OthersFailed
-from rodeo.checks.counts import COUNTS
+from rodeo.checks.counts import counts_of
 from rodeo.checks.report import Check, Report, skipped, undecided
 from rodeo.checks.rules import rules_hash
 from rodeo.checks.stages import PEOPLE
@@ -42,7 +42,8 @@ def verify_file(
     Raises what its own machine fails at (`rodeo.errors.is_machines`), which says nothing about the proof.
     """
     try:
-        proof = _open(path, Limits(file_bytes=site.store.max_bytes, messages=COUNTS.messages), reads_bags)
+        limits = counts_of(site, chain_record).limits(site.store.max_bytes)
+        proof = _open(path, limits, reads_bags)
     except Exception as error:  # noqa: BLE001 - strangers' bytes make libraries raise whatever they like
         return _report([_failed("readable_and_sealed", error)], site, chain_record)
     if proof is None:

@@ -45,24 +45,33 @@ _ENCODINGS = {"json": None, "cdr": "ros2msg"}
 """Message encoding -> schema encoding; JSON channels have no schema."""
 _MOST_RECORDS = 2_000_000
 """That are counted before the first chunk is decompressed; more are counted as they are read."""
+_FORGOTTEN_BYTES = 16 * 1024**2
+"""Read from the mapped file between two times that it is dropped from memory."""
 _ZSTD_WINDOW_BYTES = 8 * 1024**2
 """Decoders may refuse a larger window than this (RFC 8878, 3.1.1.1.2), unless the content is larger."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a proof may cost its reader. The defaults admit a day of 50 Hz recording."""
+    """What a file may cost its reader. The defaults admit a day of 50 Hz recording; a proof has less
+    (`rodeo.checks.counts`)."""
 
     file_bytes: int = 512 * 1024**2
     uncompressed_bytes: int = 1024**3
-    chunk_bytes: int = 64 * 1024**2
+    chunk_bytes: int = 16 * 1024**2
+    """The recorder closes a chunk of more than one MiB, and a picture has eight at most."""
     json_bytes: int = 1024**2
     """Of one JSON message. Its objects take up to 24 times as much."""
     messages: int = 5_000_000
     chunks: int = 500_000
+    seals: int = 500_000
+    seal_bytes: int = 8 * 1024
+    """Of one seal; the recorder's have 1100."""
     channels: int = 256
-    declaration_bytes: int = 1024**2
-    """Of a schema, of a channel, and of the header."""
+    declaration_bytes: int = 64 * 1024
+    """Of a schema, of a channel, and of the header; the longest definition has 2200."""
+    topic_bytes: int = 256
+    """Of a topic's name, as in ROS 2."""
     earliest_ns: int = 946_684_800 * 10**9
     """2000-01-01, before any site of ours."""
     latest_ns: int = 4_102_444_800 * 10**9
@@ -89,11 +98,12 @@ class Container:
         self.limits = limits
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
+        self._topics: set[str] = set()
         self._decompressor = zstandard.ZstdDecompressor()
         self.valid_bytes = 0
         """Up to where the file has been read as complete, valid records."""
         size = path.stat().st_size
-        _limit("file_bytes", size, limits.file_bytes)
+        limit("file_bytes", size, limits.file_bytes)
         if size < len(MCAP0_MAGIC):
             raise TruncatedProof("the file is shorter than an MCAP file's first bytes", size=size)
 
@@ -110,7 +120,7 @@ class Container:
             self._read_header(mapped)
             self._count_stated_bytes(mapped)
             summary = SummaryOf()
-            uncompressed = 0
+            uncompressed = forgotten = 0
             while True:
                 opcode, body, end = self._record(mapped, self.valid_bytes)
                 if opcode == Opcode.DATA_END:
@@ -122,12 +132,15 @@ class Container:
                     )
                 facts, chunk = self._decompressed(body)
                 uncompressed += len(chunk)
-                _limit("uncompressed_bytes", uncompressed, self.limits.uncompressed_bytes)
+                limit("uncompressed_bytes", uncompressed, self.limits.uncompressed_bytes)
                 times: MessageTimes = {}
-                yield from self._chunk_messages(chunk, times)
+                yield from self._chunk_messages(chunk, times, summary.messages)
                 self._check_chunk(mapped, body, end, summary, facts, times)
-                _limit("messages", summary.messages, self.limits.messages)
-                _limit("chunks", summary.chunks, self.limits.chunks)
+                limit("chunks", summary.chunks, self.limits.chunks)
+                if self.valid_bytes - forgotten > _FORGOTTEN_BYTES:
+                    # What was read of a mapped file would stay in memory as long as it is mapped.
+                    mapped.madvise(mmap.MADV_DONTNEED)
+                    forgotten = self.valid_bytes
             self._check_schemas()
             ending = summary.ending(self.valid_bytes, self.schemas, self.channels)
             self._expect(mapped, ending, "the summary does not follow from the messages")
@@ -142,7 +155,7 @@ class Container:
         opcode, body, end = self._record(mapped, self.valid_bytes)
         if opcode != Opcode.HEADER:
             raise CorruptProof("the file does not begin with a header", opcode=opcode)
-        _limit("declaration_bytes", len(body), self.limits.declaration_bytes)
+        limit("declaration_bytes", len(body), self.limits.declaration_bytes)
         header = _parse(Header.read, body)
         if header.profile != "ros2":
             raise CorruptProof("the MCAP profile is not ros2", profile=header.profile[:100])
@@ -157,7 +170,7 @@ class Container:
             opcode, length = _RECORD.unpack_from(mapped, offset)
             if opcode == Opcode.CHUNK:
                 stated += _CHUNK.unpack_from(mapped, offset + _RECORD.size)[2]
-                _limit("uncompressed_bytes", stated, self.limits.uncompressed_bytes)
+                limit("uncompressed_bytes", stated, self.limits.uncompressed_bytes)
             offset += _RECORD.size + length
 
     def _check_chunk(
@@ -202,7 +215,7 @@ class Container:
         end = offset + _RECORD.size + length
         if end > len(mapped):
             raise TruncatedProof("the file ends inside a record", offset=offset, opcode=opcode, length=length)
-        _limit("chunk_bytes", length, self.limits.chunk_bytes)
+        limit("chunk_bytes", length, self.limits.chunk_bytes)
         return opcode, mapped[offset + _RECORD.size : end], end
 
     def _decompressed(self, body: bytes) -> tuple[ChunkFacts, bytes]:
@@ -216,7 +229,7 @@ class Container:
         packed = body[at + _LENGTH.size :]
         if len(packed) != packed_size:
             raise CorruptProof("a chunk is not as long as stated", offset=offset, stated=packed_size)
-        _limit("chunk_bytes", size, self.limits.chunk_bytes)
+        limit("chunk_bytes", size, self.limits.chunk_bytes)
         if compression == b"zstd":
             data = self._decompressed_frame(packed, size)
         elif compression == b"":
@@ -240,7 +253,7 @@ class Container:
         """
         try:
             # A frame that states its size is decompressed into a buffer of that size, whatever it holds.
-            _limit("chunk_bytes", zstandard.frame_content_size(packed), self.limits.chunk_bytes)
+            limit("chunk_bytes", zstandard.frame_content_size(packed), self.limits.chunk_bytes)
             frame = zstandard.get_frame_parameters(packed)
             if frame.content_size != size:
                 raise CorruptProof(
@@ -262,9 +275,11 @@ class Container:
                 "a chunk does not decompress", offset=self.valid_bytes, cause=str(error)
             ) from error
 
-    def _chunk_messages(self, chunk: bytes, times: MessageTimes) -> Iterator[RawMessage]:
-        """The messages of one chunk; `times` fills with what its message indexes should say."""
+    def _chunk_messages(self, chunk: bytes, times: MessageTimes, before: int) -> Iterator[RawMessage]:
+        """The messages of one chunk after `before` others; `times` fills with what its message indexes should
+        say."""
         view = memoryview(chunk)
+        left = self.limits.messages - before
         offset, end_of_chunk = 0, len(chunk)
         earliest_ns, latest_ns = self.limits.earliest_ns, self.limits.latest_ns
         while offset < end_of_chunk:
@@ -284,6 +299,9 @@ class Container:
                         "a message names a channel that was not declared", channel_id=channel_id
                     )
                 entries = times[channel_id] = array("Q")
+            left -= 1
+            if left < 0:
+                limit("messages", self.limits.messages - left, self.limits.messages)
             entries.append(log_ns)
             entries.append(offset)
             if not (earliest_ns <= log_ns <= latest_ns and earliest_ns <= publish_ns <= latest_ns):
@@ -309,7 +327,7 @@ class Container:
         begin, end = offset + _RECORD.size, offset + _RECORD.size + length
         if end > len(chunk):
             raise CorruptProof("a record is longer than its chunk", length=length, offset=self.valid_bytes)
-        _limit("declaration_bytes", length, self.limits.declaration_bytes)
+        limit("declaration_bytes", length, self.limits.declaration_bytes)
         if opcode == Opcode.SCHEMA:
             self._declare_schema(_parse(Schema.read, chunk[begin:end]))
         elif opcode == Opcode.CHANNEL:
@@ -326,7 +344,7 @@ class Container:
         if schema.id in self.schemas:
             raise CorruptProof("a schema is declared twice", schema_id=schema.id)
         self.schemas[schema.id] = schema
-        _limit("channels", len(self.schemas), self.limits.channels)
+        limit("channels", len(self.schemas), self.limits.channels)
 
     def _declare_channel(self, channel: Channel) -> None:
         schema = self.schemas.get(channel.schema_id)
@@ -334,7 +352,8 @@ class Container:
             raise CorruptProof("a channel names a schema that was not declared", schema_id=channel.schema_id)
         if channel.id in self.channels:
             raise CorruptProof("a channel is declared twice", channel_id=channel.id)
-        if any(other.topic == channel.topic for other in self.channels.values()):
+        limit("topic_bytes", len(channel.topic.encode()), self.limits.topic_bytes)
+        if channel.topic in self._topics:
             raise CorruptProof("two channels share one topic", topic=channel.topic[:200])
         encoding = schema.encoding if schema else None
         if (channel.message_encoding, encoding) not in _ENCODINGS.items():
@@ -349,8 +368,9 @@ class Container:
             raise CorruptProof(
                 "a channel has metadata", topic=channel.topic[:200], keys=str(list(channel.metadata))[:200]
             )
+        self._topics.add(channel.topic)
         self.channels[channel.id] = channel
-        _limit("channels", len(self.channels), self.limits.channels)
+        limit("channels", len(self.channels), self.limits.channels)
 
     def _check_schemas(self) -> None:
         """Every schema is this project's own: a text with two fields exchanged gives bytes another meaning.
@@ -381,9 +401,11 @@ def _parse(read: Callable[[ReadDataStream], Record], body: bytes) -> Record:
 
 def _equal_bytes(one: bytes, other: bytes) -> int:
     """How many bytes two strings begin with alike."""
-    return next(
-        (at for at, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other))
-    )
+    low, high = 0, min(len(one), len(other))
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if one[low:middle] == other[low:middle] else (low, middle - 1)
+    return low
 
 
 def _record_at(records: bytes, position: int) -> str:
@@ -397,6 +419,7 @@ def _record_at(records: bytes, position: int) -> str:
     return "end"
 
 
-def _limit(name: str, value: int, limit: int) -> None:
-    if value > limit:
-        raise ProofTooLarge(f"more {name} than allowed", limit=name, value=value, allowed=limit)
+def limit(name: str, value: int, allowed: int) -> None:
+    """Raises ProofTooLarge."""
+    if value > allowed:
+        raise ProofTooLarge(f"more {name} than allowed", limit=name, value=value, allowed=allowed)

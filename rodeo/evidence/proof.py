@@ -30,15 +30,20 @@ class TopicMessages:
         self.publish_ns = array("Q")
         self.sequence = array("I")
         self.data = Payloads()
-        self._table: Table | None = None
+        self._table: Table | LayoutChanged | None = None
 
     def __len__(self) -> int:
         return len(self.data)
 
     def table(self) -> Table:
-        """The ROS messages as columns, read once. Raises LayoutChanged."""
+        """The ROS messages as columns, read once, also where they cannot be. Raises LayoutChanged."""
         if self._table is None:
-            self._table = table(self.data, self.log_ns, self.ros_type, self.topic)
+            try:
+                self._table = table(self.data, self.log_ns, self.ros_type, self.topic)
+            except LayoutChanged as error:
+                self._table = error
+        if isinstance(self._table, LayoutChanged):
+            raise self._table
         return self._table
 
 

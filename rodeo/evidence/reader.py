@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from rodeo.evidence.container import Container, Limits, RawMessage
-from rodeo.evidence.errors import BrokenSeal, ProofTooLarge
+from rodeo.evidence.container import Container, Limits, RawMessage, limit
+from rodeo.evidence.errors import BrokenSeal
 from rodeo.evidence.seal import RunningHash, SealAudit, channel_digest
 from rodeo.topics import SEAL_CHANNEL
 
@@ -19,7 +19,8 @@ class SealedReader:
     """
 
     def __init__(self, path: Path, limits: Limits | None = None) -> None:
-        self._container = Container(path, limits or Limits())
+        self._limits = limits or Limits()
+        self._container = Container(path, self._limits)
         self.running = RunningHash()
         self.audit = SealAudit()
 
@@ -34,14 +35,11 @@ class SealedReader:
             if channel is None:
                 channel = channels[message.channel_id] = self._channel(message.channel_id)
             topic, schema_name, digest = channel
-            if not schema_name and len(message.data) > self._container.limits.json_bytes:
-                raise ProofTooLarge(
-                    "a JSON message is larger than allowed",
-                    limit="json_bytes",
-                    value=len(message.data),
-                    allowed=self._container.limits.json_bytes,
-                )
+            if not schema_name:
+                limit("json_bytes", len(message.data), self._limits.json_bytes)
             if topic == SEAL_CHANNEL:
+                limit("seal_bytes", len(message.data), self._limits.seal_bytes)
+                limit("seals", self.audit.count + 1, self._limits.seals)
                 unsealed_ns = 0 if unsealed_since_ns is None else last_ns - unsealed_since_ns
                 self.audit.see(message.data, self.running, unsealed_ns)
                 unsealed_since_ns = None

@@ -1,30 +1,34 @@
 """ROS 2 messages of one topic as a numpy table, read at fixed offsets.
 
 One walk over one message (`layout.py`) gives the offset of every number in all of them. Every byte that the
-walk relied on is then compared in all messages.
+walk relied on is then compared once in all messages.
 
-A proof may hold a gigabyte of messages, and its reader has a few of memory. So the messages of a topic lie in
-one buffer, which a table looks into. It copies them once, where some have another length; then only columns.
+A proof may hold hundreds of megabytes of messages. They lie in one buffer, which a table looks into: it
+copies a column when it is asked for, and nothing else.
 """
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from rodeo.evidence.errors import LayoutChanged
-from rodeo.evidence.layout import ENCAPSULATION, Walk
+from rodeo.evidence.layout import ENCAPSULATION, Numbers, Walk
 
 Array = np.ndarray[Any, Any]
 
 STRANGE_SHARE = 0.1
 """Of the messages of one topic that may have another layout than the others."""
-_LAYOUTS = 4
-"""That are tried before most messages must have been alike."""
+_SAMPLES = 31
+"""Messages that are looked at to find the layout that most have. With `STRANGE_SHARE` of strange ones, most
+of these are strange once in thirty million times."""
+_GOLDEN = 0.6180339887498949
+"""Places at its multiples are spread evenly, and fall into step with nothing that comes periodically."""
 _AT_ONCE_BYTES = 4 << 20
 """Of messages that are compared at once."""
 
@@ -68,18 +72,10 @@ class Payloads(Sequence[bytes]):
         """(n,) of each message, in bytes."""
         return np.diff(np.frombuffer(self.ends, np.uint64), prepend=np.uint64(0)).astype(np.int64)
 
-    def of_size(self, which: Array, size: int) -> Array:
-        """(len(which), size) uint8, the messages with these numbers, which are `size` bytes long each."""
-        flat = np.frombuffer(self.buffer, np.uint8)
-        if len(which) == len(self):
-            return flat.reshape(len(which), size)
-        raw = np.empty((len(which), size), np.uint8)
-        done = 0
-        for run in np.split(which, np.flatnonzero(np.diff(which) > 1) + 1):
-            end = self.ends[int(run[-1])]
-            raw[done : done + len(run)] = flat[end - len(run) * size : end].reshape(len(run), size)
-            done += len(run)
-        return raw
+    def starts(self) -> Array:
+        """(n,) where each message begins."""
+        ends = np.frombuffer(self.ends, np.uint64).astype(np.int64)
+        return np.concatenate([[0], ends[:-1]])
 
 
 @dataclass(frozen=True)
@@ -93,32 +89,38 @@ class Table:
     """Path -> the text that all messages share ("header.frame_id", "name[0]")."""
     kept: Array
     """(n,) which of the topic's messages these are, in file order"""
-    messages: Array
-    """(m,) structured, not a copy: these and others"""
-    which: Array | None = None
-    """(n,) which of `messages` these are; None for all of them"""
+    numbers: dict[str, Numbers]
+    """Path -> where in each message."""
+    buffer: Array
+    """uint8; these messages and others"""
+    starts: Array
+    """(n,) where in the buffer each of these begins"""
 
     def only(self, which: Array) -> Table:
         """The table of those rows alone; `which` (n,) bool."""
-        if which.all():
-            return self
-        left = np.flatnonzero(which) if self.which is None else self.which[which]
-        return Table(self.topic, self.log_ns[which], self.strings, self.kept[which], self.messages, left)
+        rows = {name: getattr(self, name)[which] for name in ("log_ns", "kept", "starts")}
+        return self if which.all() else replace(self, **rows)
 
     def __len__(self) -> int:
         return len(self.kept)
 
     def __getitem__(self, path: str) -> Array:
         """(n,) column of a number or (n, m) of a sequence of numbers. Raises LayoutChanged."""
-        return self._chosen(self._all(path))
+        found = self._numbers(path)
+        columns = self._read(found, found.offset, 1 if found.length is None else found.length)
+        return columns[:, 0] if found.length is None else columns
 
-    def _all(self, path: str) -> Array:
-        if path not in (self.messages.dtype.names or ()):
+    def _numbers(self, path: str) -> Numbers:
+        if path not in self.numbers:
             raise LayoutChanged("the messages have no such field", topic=self.topic, field=path)
-        return self.messages[path]
+        return self.numbers[path]
 
-    def _chosen(self, column: Array) -> Array:
-        return column if self.which is None else column[self.which]
+    def _read(self, found: Numbers, offset: int, count: int) -> Array:
+        """(n, count) numbers from `offset` of each message on."""
+        kind = np.dtype(found.code)
+        if not (count and len(self)):
+            return np.empty((len(self), count), kind)
+        return sliding_window_view(self.buffer, count * kind.itemsize)[self.starts + offset].view(kind)
 
     def vector(self, path: str, components: str = "xyz") -> Array:
         """(n, len(components)) from `path.x`, `path.y`, ..."""
@@ -126,11 +128,14 @@ class Table:
 
     def named(self, path: str, names: list[str], key: str = "name") -> Array:
         """(n, len(names)): the entries of sequence `path` that belong to `names` in sequence `key`."""
+        sequence = self._numbers(path)
         found = [self.strings[one] for one in self.strings if one.startswith(f"{key}[")]
         missing = [name for name in names if name not in found]
-        if missing or self._all(path).shape[1] != len(found):
+        if missing or sequence.length != len(found):
             raise LayoutChanged("joints are missing", topic=self.topic, field=path, missing=missing)
-        return self._chosen(self._all(path)[:, [found.index(name) for name in names]])
+        size = np.dtype(sequence.code).itemsize
+        offsets = [sequence.offset + size * found.index(name) for name in names]
+        return np.concatenate([self._read(sequence, offset, 1) for offset in offsets], axis=1)
 
     @property
     def stamp_s(self) -> Array:
@@ -149,39 +154,70 @@ def table(messages: Payloads, log_ns: array[int], ros_type: str, topic: str) -> 
     size = int(sizes[counts.argmax()])
     rows = np.flatnonzero(lengths == size)
     _refuse_strange(messages, rows, topic)
-    raw = messages.of_size(rows, size)
-    walk, alike = Walk(b""), np.zeros(len(rows), bool)
-    left = np.ones(len(rows), bool)
-    unreadable: LayoutChanged | None = None
-    for _ in range(_LAYOUTS):
-        if not left.any() or alike.sum() * 2 > len(messages):
-            break
-        first = int(left.argmax())
-        try:
-            found, same = _alike(messages[rows[first]], raw, ros_type, topic)
-        except LayoutChanged as error:
-            left[first], unreadable = False, error
-            continue
-        left &= ~same
-        if same.sum() > alike.sum():
-            walk, alike = found, same
-    if unreadable is not None and not alike.any():
-        raise unreadable
+    walk, reference, free = _most_common(messages, rows, ros_type, topic)
+    buffer, starts = np.frombuffer(messages.buffer, np.uint8), messages.starts()
+    whole = buffer.reshape(-1, size) if len(rows) == len(messages) else None
+    alike = np.empty(len(rows), bool)
+    step = max(1, _AT_ONCE_BYTES // size)
+    for begin in range(0, len(rows), step):
+        chosen = slice(begin, begin + step)
+        raw = sliding_window_view(buffer, size)[starts[rows[chosen]]] if whole is None else whole[chosen]
+        alike[chosen] = ((raw == reference) | free).all(axis=1)
     kept = rows[alike]
     _refuse_strange(messages, kept, topic)
-    layout = np.dtype(
-        {
-            "names": list(walk.numbers),
-            "formats": [
-                one.code if one.length is None else (one.code, (one.length,)) for one in walk.numbers.values()
-            ],
-            "offsets": [one.offset for one in walk.numbers.values()],
-            "itemsize": size,
-        }
+    return Table(
+        topic,
+        np.frombuffer(log_ns, np.uint64)[kept],
+        walk.strings,
+        kept,
+        walk.numbers,
+        buffer,
+        starts[kept],
     )
-    whole = raw.reshape(-1).view(layout)
-    which = None if alike.all() else np.flatnonzero(alike)
-    return Table(topic, np.frombuffer(log_ns, np.uint64)[kept], walk.strings, kept, whole, which)
+
+
+def _most_common(messages: Payloads, rows: Array, ros_type: str, topic: str) -> tuple[Walk, Array, Array]:
+    """The layout that most of the sampled `rows` have: the walk over one of them, its bytes, and which of
+    these are free to differ. A layout is recognised by its bytes, so no message is walked over in vain.
+
+    Raises LayoutChanged if most cannot be read.
+    """
+    found: list[tuple[Walk, Array, Array]] = []
+    votes: list[int] = []
+    unreadable: list[LayoutChanged] = []
+    for sample in range(min(_SAMPLES, len(rows))):
+        row = sample if len(rows) <= _SAMPLES else int(sample * _GOLDEN % 1 * len(rows))
+        message = messages[int(rows[row])]
+        data = np.frombuffer(message, np.uint8)
+        alike = (number for number, (_, own, free) in enumerate(found) if ((data == own) | free).all())
+        if (number := next(alike, None)) is not None:
+            votes[number] += 1
+            continue
+        try:
+            walk = _walked(message, ros_type, topic)
+        except LayoutChanged as error:
+            unreadable.append(error)
+            continue
+        free = np.ones(len(data), bool)
+        for guard in walk.guards:
+            free[guard] = False
+        found.append((walk, data, free))
+        votes.append(1)
+    if unreadable and len(unreadable) >= max(votes, default=0):
+        raise unreadable[0]
+    return found[int(np.argmax(votes))]
+
+
+def _walked(message: bytes, ros_type: str, topic: str) -> Walk:
+    """Raises LayoutChanged."""
+    if message[: len(ENCAPSULATION)] != ENCAPSULATION:
+        raise LayoutChanged(
+            "the encapsulation is not little-endian CDR", topic=topic, header=message[:4].hex()
+        )
+    walk = Walk(message)
+    walk.structure(ros_type, "")
+    walk.guards.append(slice(walk.end(), len(message)))
+    return walk
 
 
 def _refuse_strange(messages: Payloads, alike: Array, topic: str) -> None:
@@ -195,23 +231,3 @@ def _refuse_strange(messages: Payloads, alike: Array, topic: str) -> None:
             messages=len(messages),
             different=strange,
         )
-
-
-def _alike(message: bytes, raw: Array, ros_type: str, topic: str) -> tuple[Walk, Array]:
-    """The walk over `message`, and which of `raw` (n, size) it is true for. Raises LayoutChanged."""
-    if message[: len(ENCAPSULATION)] != ENCAPSULATION:
-        raise LayoutChanged(
-            "the encapsulation is not little-endian CDR", topic=topic, header=message[:4].hex()
-        )
-    walk = Walk(message)
-    walk.structure(ros_type, "")
-    walk.guards.append(slice(walk.end(), len(message)))
-    reference = np.frombuffer(message, np.uint8)
-    free = np.ones(len(reference), bool)
-    for guard in walk.guards:
-        free[guard] = False
-    same = np.empty(len(raw), bool)
-    step = max(1, _AT_ONCE_BYTES // max(1, len(reference)))
-    for begin in range(0, len(raw), step):
-        same[begin : begin + step] = ((raw[begin : begin + step] == reference) | free).all(axis=1)
-    return walk, same

@@ -26,6 +26,8 @@ MAX_STALLS = 64
 """In one statement of motion capture; of a second or two there are a handful."""
 MAX_OCMF = 24_000
 """Characters of a record's text with `MAX_HEADS` heads."""
+MAX_CLASSES = 1000
+"""Of one classification: as many as the largest public data set has."""
 MAX_LOOKS = 9
 """Pictures that one classification combines."""
 MAX_CLAIMANTS = 8
@@ -130,7 +132,7 @@ class Classification(Header):
     number: int = Field(ge=1)
     """Counts the classifications of this bin. A drop refers to it."""
     item_class: str = Field(alias="class", max_length=32)
-    probabilities: dict[str, float]
+    probabilities: dict[str, float] = Field(max_length=MAX_CLASSES)
     compartment: Name
     full: bool
     """True if that compartment is full, so that nothing may be dropped."""

@@ -15,7 +15,6 @@ from rodeo.checks.daily_logs import logged
 from rodeo.checks.verify import case_of
 from rodeo.config import Site
 from rodeo.dao import Participant
-from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import EvidenceError
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.messages import DaoEvent, Device, Root
@@ -129,7 +128,7 @@ class View(NamedTuple):
 def view(path: Path, site: Site, participant: Participant) -> View:
     """What the chain says about the proof at `path`. Raises BusError, RemoteError."""
     try:
-        proof = open_proof(path, Limits(file_bytes=site.store.max_bytes, messages=COUNTS.messages))
+        proof = open_proof(path, COUNTS.limits(site.store.max_bytes))
     except EvidenceError:
         return View(None, [])  # the report says what is wrong with it
     binding = proof.binding

@@ -11,16 +11,15 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo import topics
 from rodeo.checks import replay
-from rodeo.checks.counts import BURST_S, COUNTS
+from rodeo.checks.counts import BURST_S, COUNTS, SIGNED_HZ, TALKATIVE, Counts, counts_of
 from rodeo.checks.report import Report
 from rodeo.config import Site
 from rodeo.evidence.attestation import attest
-from rodeo.evidence.container import Limits
 from rodeo.kinds import kinds_of
 from rodeo.robot.recording import recorded_topics
 from rodeo.ros2.types import new
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
-from rodeo_testing.assignments import ROBOT
+from rodeo_testing.assignments import ROBOT, chain_record
 from rodeo_testing.recordings import Sample, Take, shifted_by
 from tests.unit.conftest import Judge, failed
 
@@ -97,34 +96,64 @@ def test_more_bytes_of_events_than_a_proof_may_hold_are_refused(cleaning: Take, 
 LONGEST_WORK_S = {"waste_disposal": 30 * 60, "battery_charging": 4 * 3600}
 """A charge takes up to its window, the longest of all. A cleaning takes minutes: its window leaves time to
 charge before."""
-RATES = 5
-"""Times those of the key table, by which a robot may be more talkative."""
 LARGEST_BYTES = {topics.POSE.key: 140, topics.ITEM_POSE.key: 140, topics.BIN_LOAD.key: 140}
 """Of topics that are not in the films, with long names of frames."""
 
 
-def test_the_longest_honest_work_of_a_talkative_robot_fits(site: Site, cleaning: Take, charge: Take) -> None:
+@pytest.mark.parametrize(("kind", "longest_s"), LONGEST_WORK_S.items())
+def test_the_longest_honest_work_fits(
+    site: Site, cleaning: Take, charge: Take, kind: str, longest_s: float
+) -> None:
     film = cleaning.samples + charge.samples
     sizes = {sample.topic: len(sample.cdr) for sample in film if sample.ros_type}
-    for kind, longest_s in LONGEST_WORK_S.items():
-        assert longest_s <= kinds_of(site)[kind].execution_window_s
-        recorded = [
-            one.topic for one in kinds_of(site)[kind].recorded if one.topic.plane is topics.Plane.ROBOT
-        ]
-        total = messages = 0.0
-        for topic, name in recorded_topics(site, site.robots[0].name, recorded):
-            if topic is topics.BIN_IMAGE:
-                continue
-            size = LARGEST_BYTES.get(topic.key) or sizes[name]
-            count = RATES * (topic.rate_hz or 1 / RATES) * longest_s
-            assert size < COUNTS.message_bytes / 2
-            total, messages = total + count * (size + _RECORD_BYTES), messages + count
-        assert total + COUNTS.json_bytes + _PICTURES_BYTES < Limits().uncompressed_bytes
-        assert kind != "battery_charging" or messages < COUNTS.messages
+    assert longest_s <= kinds_of(site)[kind].execution_window_s
+    recorded = [one.topic for one in kinds_of(site)[kind].recorded if one.topic.plane is topics.Plane.ROBOT]
+    total = messages = 0.0
+    for topic, name in recorded_topics(site, site.robots[0].name, recorded):
+        if topic is topics.BIN_IMAGE:
+            continue
+        size = LARGEST_BYTES.get(topic.key) or sizes[name]
+        count = (topic.rate_hz or 1.0) * longest_s
+        assert size < COUNTS.message_bytes / 2
+        total, messages = total + count * (size + _RECORD_BYTES), messages + count
+    most = counts_of(site, chain_record(cleaning, kind, {}, execution_window_s=4 * 3600))
+    assert total + most.json_bytes + _PICTURES_BYTES < most.uncompressed_bytes
+    assert messages < most.messages
+    assert SIGNED_HZ * longest_s < min(most.seals, most.statements)
 
 
 _RECORD_BYTES = 31
 _PICTURES_BYTES = 100 * 200_000
+
+
+def test_what_a_proof_may_hold_follows_from_rates_and_the_tasks_window_under_a_ceiling(
+    site: Site, charge: Take
+) -> None:
+    def most(window_s: int) -> Counts:
+        task = chain_record(charge, "battery_charging", {}, execution_window_s=window_s, grace_s=0)
+        return counts_of(site, task)
+
+    short, twice, endless = most(1200 - int(BURST_S)), most(2400 - int(BURST_S)), most(10**7)
+    assert short.recorded_s == 1200.0
+    assert short.seals == TALKATIVE * SIGNED_HZ * 1200.0
+    rates_hz = (topics.DOCK_OUTPUT.rate_hz or 0) * len(site.docks) + (topics.BATTERY_STATE.rate_hz or 0)
+    assert twice.messages - short.messages == TALKATIVE * (rates_hz + 2 * SIGNED_HZ) * 1200.0
+    assert short.uncompressed_bytes == short.messages * COUNTS.message_bytes
+    assert endless == COUNTS
+
+
+def test_a_recording_that_outlasts_the_tasks_window_is_refused(cleaning: Take, judge: Judge) -> None:
+    chain = cleaning_chain_record(cleaning, execution_window_s=600, grace_s=0)
+    last = cleaning.samples[-1]
+    late = Sample("rodeo/event", "", {"event": "something"}, last.time_ns + 700 * 10**9)
+    refused(judge(Take([*cleaning.samples, late]), chain), "recorded seconds")
+
+
+def test_what_is_counted_while_a_file_is_read_bounds_all_that_is_parsed(site: Site) -> None:
+    limits = COUNTS.limits(site.store.max_bytes)
+    assert (limits.messages, limits.seals) == (COUNTS.messages, COUNTS.seals)
+    assert limits.uncompressed_bytes == COUNTS.uncompressed_bytes
+    assert limits.chunks == COUNTS.seals + COUNTS.uncompressed_bytes // 1024**2
 
 
 def test_more_sightings_than_a_proof_may_hold_are_refused(cleaning: Take, site: Site, judge: Judge) -> None:

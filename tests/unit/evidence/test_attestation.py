@@ -79,7 +79,7 @@ def test_a_malformed_signature_is_refused(signature: str) -> None:
         verify_attestation(forged)
 
 
-@pytest.mark.parametrize("value", [float("nan"), 2**60, object()])
+@pytest.mark.parametrize("value", [float("nan"), 2**60, object(), "\ud800", {"\ud800": 1}])
 def test_what_json_cannot_say_exactly_is_not_signed(value: object) -> None:
     with pytest.raises(BadAttestation):
         attest({"value": value}, Account.create())

@@ -310,6 +310,14 @@ def test_what_chunks_state_is_counted_before_any_is_decompressed(
     assert caught.value.details["limit"] == "uncompressed_bytes"
 
 
+def test_no_more_messages_than_allowed_are_read_of_one_chunk(recorded: Callable[..., Path]) -> None:
+    read = []
+    with pytest.raises(ProofTooLarge):
+        for message in Container(recorded(), Limits(messages=3)).messages():
+            read.append(message)
+    assert len(read) == 3
+
+
 @pytest.mark.parametrize(("odd", "times"), [("length", 1.5), ("name", 0.5)])
 def test_a_table_takes_the_memory_of_its_messages_at_most_once_more(odd: str, times: float) -> None:
     """However few messages are odd, and however often some are left out of it."""
@@ -357,6 +365,9 @@ def test_a_json_message_is_not_larger_than_it_may_be(
         (Limits(declaration_bytes=100), "declaration_bytes"),
         (Limits(latest_ns=START_NS), "times"),
         (Limits(uncompressed_bytes=50_000), "uncompressed_bytes"),
+        (Limits(seals=2), "seals"),
+        (Limits(seal_bytes=500), "seal_bytes"),
+        (Limits(topic_bytes=12), "topic_bytes"),
     ],
 )
 def test_each_limit_is_named_when_exceeded(recorded: Callable[..., Path], limits: Limits, limit: str) -> None:

@@ -143,7 +143,7 @@ def test_a_verification_that_hangs_is_undecided(
 def test_a_verification_that_uses_up_its_cpu_time_is_undecided(
     site: Site, cleaning: Take, tmp_path: Path
 ) -> None:
-    costly = Take([sample for sample in cleaning.samples for _ in range(60)])
+    costly = Take([sample for sample in cleaning.samples for _ in range(40)])
     proof = seal(costly, tmp_path / "proof.mcap", BINDING, ROBOT)
     report = submitted(site, costly, proof, tmp_path, limits=OracleConfig(cpu_limit_s=1.0))
     assert "used more than 1 s of CPU time" in undecided_by_the_oracle(report)
