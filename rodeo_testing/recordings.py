@@ -403,6 +403,7 @@ class _ChargeScene:
             "task_id": binding.task_id,
             "attempt": binding.attempt,
             "recording": self._sides.recording or recording,
+            "time_s": sample.time_ns * 1e-9,
         }
         if model is Receipt:
             if self._record is None:
@@ -417,7 +418,7 @@ class _ChargeScene:
         if changed is None:
             return None
         chain = self._chains[model]
-        signed = chain.sign(model, changed.pop("time_s", sample.time_ns * 1e-9), **changed)
+        signed = chain.sign(model, **changed)
         if model is MeterRecord:
             self._record = signed
         other = self._chains[Receipt if model is MeterRecord else MeterRecord]

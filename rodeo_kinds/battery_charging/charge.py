@@ -24,6 +24,10 @@ from rodeo.metering import REGISTER_DIGITS, Reading
 from rodeo.topics import DOCK_OUTPUT
 from rodeo.witness.statement import MeterRecord, Receipt, Scope
 
+DATED_S = 60.0
+"""How far the times of a reading, of the statement that holds it, of the receipt for it, and of the recording
+may be apart, beside a clock's slack. Tariffs change by the hour; between two of them the lower is paid."""
+
 
 @dataclass(frozen=True)
 class Names:
@@ -71,12 +75,12 @@ class Charge:
 
     @property
     def steps(self) -> list[Step]:
-        """The register's steps, in kWh; 2.5 Wh each from an honest meter."""
+        """The register's steps, in kWh; 2.5 Wh each from an honest meter. A step took place at some time
+        between the earliest and the latest that both sides named for its ends."""
         return [
             Step(
-                # An opening may come before the first reading.
-                before.record.until_s if before.record.until_s > 0 else before.record.time_s,
-                after.record.until_s,
+                min(_times_s(before)),
+                max(_times_s(after)),
                 _wh(after.record) / 1000 - _wh(before.record) / 1000,
             )
             for before, after in pairwise(self.signed)
@@ -150,7 +154,7 @@ def charge_of(case: Case) -> Charge:
         receipt, record = one.statement, records.get(getattr(one.statement, "record", ""))
         if not (isinstance(receipt, Receipt) and isinstance(record, MeterRecord) and meter is not None):
             continue
-        if receipt.repeats(record, meter.address):
+        if receipt.repeats(record, meter.address) and receipt.time_s >= record.time_s - DATED_S:
             receipts.append(receipt)
             signed.append(Signed(record, receipt))
     return Charge(
@@ -183,6 +187,7 @@ def _of(
                 if isinstance(each.statement, model)
                 and each.statement.device == name
                 and each.statement.time_s <= until_s[address]
+                and _recorded_when_signed(case, each)
             ],
         )
         for address, one in said.items()
@@ -193,8 +198,21 @@ def _of(
     return max((one for one in found if one.said), key=lambda one: len(one.said), default=None)
 
 
+def _times_s(one: Signed) -> list[float]:
+    # An opening may come before the first reading.
+    read_s = [one.record.until_s] if one.record.until_s > 0 else []
+    return [*read_s, one.record.time_s, one.receipt.time_s]
+
+
 def _wh(record: MeterRecord) -> Decimal:
     return Decimal(str(round(record.register_wh, REGISTER_DIGITS)))
+
+
+def _recorded_when_signed(case: Case, one: Said) -> bool:
+    """Nobody signs what is in the recording already, and what the meter signs, its own recorder writes at
+    once. A receipt may be asked for later."""
+    late_s = one.log_s - one.statement.time_s
+    return -case.slack_s <= late_s <= (DATED_S + case.slack_s if _is_record(one) else math.inf)
 
 
 def _is_record(one: Said) -> bool:

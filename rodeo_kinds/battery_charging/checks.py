@@ -36,7 +36,7 @@ from rodeo.kinds import providing_energy
 from rodeo.metering import METER_CLASS
 from rodeo.topics import BATTERY_STATE, JOINT_STATES
 from rodeo.witness.ocmf import check
-from rodeo_kinds.battery_charging.charge import charge_of, names
+from rodeo_kinds.battery_charging.charge import DATED_S, charge_of, names
 
 PAGES_LOST, PAGES_LOST_SHARE = 2, 0.2
 """Pages of the meter that may be missing: so many, and this share of them. Where one in 20 is lost, a charge
@@ -109,6 +109,18 @@ def in_sequence(case: Case) -> Finding:
         "",
         source=_BOTH,
         detail=f"missing pages of the meter, which numbered {pages[-1]}",
+    )
+
+
+def dated(case: Case) -> Finding:
+    """No record of the meter holds a reading of later than it was signed."""
+    ahead_s = max(record.until_s - record.time_s for record in charge_of(case).records)
+    return at_most(
+        ahead_s,
+        DATED_S + case.slack_s,
+        "s",
+        source=_BOTH,
+        detail="from when a record was signed to its newest reading, at most",
     )
 
 
@@ -290,7 +302,7 @@ CHECKS = Checks(
         (same_names,),
         (both_signed,),
         (witnesses.in_daily_log,),
-        (in_sequence, ocmf, fresh, power, soc_from, tariff),
+        (in_sequence, dated, ocmf, fresh, power, soc_from, tariff),
         (delivered,),
         (gauge,),
         (provenance.sealed,),

@@ -3,7 +3,7 @@ it is no forged proof, but spoils an honest one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import nan
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from eth_account import Account
 
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.witness.statement import Header, Receipt
+from rodeo.witness.statement import Header, MeterRecord, Receipt
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.battery_charging.harness.workshop import GAUGE, HARNESS, ChargingWorkshop
 from rodeo_testing.assignments import CHARGE_BINDING, METER, ROBOT
@@ -205,3 +205,43 @@ def receipts_made_beforehand(shop: ChargingWorkshop) -> Submission:
     witnesses = Witnesses(recording=_ANOTHER)
     path = shop.sealed(shop.take, CHARGE_BINDING, METER, witnesses)
     return Submission(charging_chain_record(shop.take), path)
+
+
+TWO_HOURS_S = 2 * 3600
+
+
+def _dated(later_s: Mapping[type[Header], Mapping[str, float]]) -> Sides:
+    """What both sign names other times, each by so many seconds."""
+
+    def fields(model: type[Header], fields: Fields) -> Fields:
+        changed = {name: fields[name] + by for name, by in later_s.get(model, {}).items() if name in fields}
+        return fields | changed
+
+    return replace(Sides(), fields=fields)
+
+
+@HARNESS.forgery("dated", role="holder of two keys")
+def readings_of_two_hours_later(shop: ChargingWorkshop) -> Submission:
+    """The meter dates its readings into the dear tariff, and the robot signs: a third pays."""
+    later = {"until_s": TWO_HOURS_S, "since_ms": TWO_HOURS_S * 1000}
+    return shop.charged(shop.take, sides=_dated({MeterRecord: later}))
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's meter", role="holder of two keys")
+def records_of_two_hours_later(shop: ChargingWorkshop) -> Submission:
+    """The meter dates its records, too, and the robot's receipts are of then."""
+    later = {"until_s": TWO_HOURS_S, "since_ms": TWO_HOURS_S * 1000, "time_s": TWO_HOURS_S}
+    return shop.charged(shop.take, sides=_dated({MeterRecord: later, Receipt: {"time_s": TWO_HOURS_S}}))
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's meter", role="holder of two keys")
+def records_of_two_hours_before(shop: ChargingWorkshop) -> Submission:
+    """The dear tariff was before, and all that both sign is dated then."""
+    before = {"until_s": -TWO_HOURS_S, "since_ms": -TWO_HOURS_S * 1000, "time_s": -TWO_HOURS_S}
+    return shop.charged(shop.take, sides=_dated({MeterRecord: before, Receipt: {"time_s": -TWO_HOURS_S}}))
+
+
+@HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
+def receipts_of_before_the_records(shop: ChargingWorkshop) -> Submission:
+    """The robot dates its receipts two hours before the records that they are for."""
+    return shop.charged(shop.take, sides=_dated({Receipt: {"time_s": -TWO_HOURS_S}}))

@@ -160,6 +160,35 @@ def test_a_seller_gains_nothing_by_a_step_that_ends_when_energy_is_dear(
     assert report.amount_iec == 300 * kwh(samples[0], samples[-1])
 
 
+@pytest.mark.parametrize("hours", [-1, 1])
+def test_readings_of_another_hour_earn_no_more_than_the_hour_in_which_they_were_signed(
+    charge: Take, judge: Judge, site: Site, hours: int
+) -> None:
+    """The charge is filmed from 17:46 to 18:09 UTC; the hours before and after are dearer."""
+    rates = with_rates(site, (6, 900), (17, 300), (19, 900))
+
+    def dated(model: type[Header], fields: Fields) -> Fields:
+        if model is not MeterRecord:
+            return fields
+        since_ms = fields["since_ms"] + hours * 3_600_000
+        return fields | {"until_s": fields["until_s"] + hours * 3600, "since_ms": since_ms}
+
+    report = judged(judge, charge, replace(HONEST, fields=dated), at=rates)
+    if hours > 0:
+        assert failed(report) == "dated"
+        return
+    assert report.accepted, report.reason
+    samples = charge.of(METER_RECORD)
+    assert report.amount_iec == 300 * kwh(samples[0], samples[-1])
+
+
+def test_a_robot_whose_clock_is_a_little_behind_is_served(charge: Take, judge: Judge) -> None:
+    late = receipts(lambda one: one | {"time_s": one["time_s"] - 50.0})
+    report = judged(judge, charge, late)
+    assert report.accepted, report.reason
+    assert report.amount_iec is None
+
+
 def little(wh: float) -> Sides:
     """Only so much was delivered, and both signed it."""
 
