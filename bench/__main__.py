@@ -17,6 +17,7 @@ AREAS = (
     "evidence",
     "oracle",
     "forgeries",
+    "fuzz",
     "kinds",
     "honest",
     "margins",

@@ -216,9 +216,12 @@ class Workshop(ABC):
                 for _, channel, message in read
             ]
 
-    def rewritten(self, edit: Callable[[list[McapMessage]], list[McapMessage]]) -> Path:
-        """The honest file with its messages as `edit` returns them, seals included, well-formed."""
-        source = self.honest_file()
+    def rewritten(
+        self, edit: Callable[[list[McapMessage]], list[McapMessage]], source: Path | None = None
+    ) -> Path:
+        """A file, the honest one by default, with its messages as `edit` returns them, seals included,
+        well-formed."""
+        source = source or self.honest_file()
         with source.open("rb") as file:
             summary = make_reader(file).get_summary()
         assert summary is not None

@@ -1,0 +1,83 @@
+"""Odd values in honest runs: numbers, texts, lengths, orders (`tests.forgeries.fuzz`).
+
+`fuzz_runs` (FUZZ_RUNS, 5000) with seeds from the commit's hash. `fuzz_wrong`: those that ended without a
+named outcome, raised unforeseen, or were accepted although what was signed was changed; each is printed with
+its seed and the fewest changes that do it. What was found is kept in `out/fuzz.json`: a run that was stopped
+goes on there, and another commit begins anew.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+
+from bench.forgeries import WORKERS
+from rodeo.config import Site
+from tests.forgeries.catalogue import Shops
+from tests.forgeries.fuzz import fuzzed
+
+SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
+STATE = Path("out/fuzz.json")
+RUNS = 5_000
+_KEPT_EVERY = 25
+
+_shops: list[Shops] = []
+"""Of a worker: those it filmed."""
+
+
+def run() -> dict[str, float | None]:
+    console, runs = Console(), int(os.environ.get("FUZZ_RUNS", RUNS))
+    commit = subprocess.run(
+        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    found = _kept(commit)
+    left = [number for number in range(runs) if str(number) not in found]
+    with tempfile.TemporaryDirectory() as folder:
+        spawn = multiprocessing.get_context("spawn")
+        with spawn.Pool(WORKERS, initializer=_film, initargs=(Path(folder),)) as pool:
+            jobs = [(commit, number) for number in left]
+            for done, (number, wrong) in enumerate(pool.imap_unordered(_asked, jobs), start=1):
+                found[str(number)] = wrong
+                if wrong:
+                    console.print(f"seed {commit}:{number} {wrong}", markup=False)
+                if done % _KEPT_EVERY == 0 or done == len(left):
+                    _keep(commit, found)
+    asked = [found[str(number)] for number in range(runs)]
+    return {"fuzz_runs": len(asked), "fuzz_wrong": sum(map(bool, asked))}
+
+
+def _kept(commit: str) -> dict[str, str]:
+    """Number of a seed -> what was wrong, or nothing."""
+    state = json.loads(STATE.read_text()) if STATE.exists() else {}
+    return state["found"] if state.get("commit") == commit else {}
+
+
+def _keep(commit: str, found: dict[str, str]) -> None:
+    STATE.parent.mkdir(exist_ok=True)
+    unfinished = STATE.with_suffix(".tmp")
+    unfinished.write_text(json.dumps({"commit": commit, "found": found}))
+    unfinished.replace(STATE)
+
+
+def _film(folder: Path) -> None:
+    """Once in each worker."""
+    own = folder / str(os.getpid())
+    own.mkdir()
+    _shops.append(Shops(Site.load(SITE), own))
+
+
+def _asked(job: tuple[str, int]) -> tuple[int, str]:
+    commit, number = job
+    drawn = fuzzed(f"{commit}:{number}")
+    wrong = drawn.wrong(_shops[0])
+    return number, "" if wrong is None else f"{wrong}: {drawn.minimized(_shops[0]).words}"
+
+
+if __name__ == "__main__":
+    print(run())
