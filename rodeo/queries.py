@@ -234,6 +234,8 @@ class Person(Known, Paid):
     member: bool
     voids: dict[Fault, int] = {}
     """Whose doing -> number of attempts at the tasks that it created that ended void."""
+    many_voids: bool = False
+    """Whether too many of the last rulings on its tasks are void by its own doing."""
 
 
 class Participants(Answer):
@@ -481,6 +483,8 @@ class Organization(Answer):
     """Those that decide about challenges, one after the other."""
     voids: dict[Fault, int] = {}
     """Whose doing -> number of attempts of all tasks that ended void."""
+    many_voids: bool = False
+    """Whether too many of the last rulings are void, whoever's doing it was."""
     roles: dict[str, list[Holder]]
     """Keys are the contract's names of the roles."""
     contracts: Contracts

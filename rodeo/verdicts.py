@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import get_args
 
 from rodeo.messages import Fault, Ruling, Task
@@ -25,6 +25,11 @@ FAULTS: dict[Fault, str] = {
     "oracle": "the judge's doing",
 }
 """Whose doing a void attempt is."""
+OF_A_CREATOR: tuple[Fault, ...] = ("creator", "creators_witness")
+"""Voids that cost a creator its reputation: nobody can tell a creator that unplugs its own witness, and has
+the work free, from an accomplice of the executor at the same plug. Of the site every void counts."""
+LAST_RULINGS, MOST_VOID = 100, 0.05
+"""More than this share of the last rulings is shown in red."""
 NO_REPORT = "no report"
 _NOT_RULED = "nobody ruled on it in time, or who did rules no more"
 
@@ -54,6 +59,13 @@ def judge_words(judge: str | None, by_people: bool) -> str:
     if by_people:
         return f"the auditor {judge}" if judge else "an auditor"
     return "the oracle" if judge in (None, "oracle") else f"the oracle {judge}"
+
+
+def counted_voids(rulings: int, voids: Mapping[str, int], *, of_a_creator: bool) -> dict[Fault, int]:
+    """Whose doing -> how many of the last `rulings` are void and count against a creator, or against the
+    site; nothing unless they are too many."""
+    counted = {fault: voids[fault] for fault in (OF_A_CREATOR if of_a_creator else FAULTS) if fault in voids}
+    return counted if sum(counted.values()) > MOST_VOID * rulings else {}
 
 
 def void_words(fault: Fault | None, reason: str | None) -> str:

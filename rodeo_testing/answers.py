@@ -63,6 +63,7 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "committees": [],
         "auditors": "none",
         "voids": {},
+        "many_voids": False,
         "suspended_providers": [],
         "budgets": {},
         "roles": {},

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from sqlalchemy import (
     Connection,
@@ -25,6 +25,7 @@ from sqlalchemy import (
     insert,
     inspect,
     make_url,
+    null,
     or_,
     select,
     update,
@@ -34,7 +35,7 @@ from sqlalchemy.exc import DBAPIError
 from rodeo.chain import events
 from rodeo.chain.logs import Log
 from rodeo.currency import IEC, Currency
-from rodeo.messages import LIVE_STATES, DaoEvent
+from rodeo.messages import LIVE_STATES, DaoEvent, Ruling
 from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert
@@ -515,6 +516,30 @@ class Index:
             .group_by(tasks.creator, tasks.fault)
         ):
             counts.setdefault(row["creator"], {})[row["fault"]] = row["number"]
+        return counts
+
+    def recent_voids(self, last: int) -> dict[str | None, tuple[int, dict[str, int]]]:
+        """Creator, None for all -> how many of its last tasks ended by a ruling, at most `last`, and whose
+        doing -> how many of them ended void."""
+        tasks = schema.tasks.c
+        ended = tasks.verdict.in_(get_args(Ruling)) & tasks.ended.is_not(None)
+        order = (tasks.ended.desc(), tasks.id.desc())
+        counts: dict[str | None, tuple[int, dict[str, int]]] = {}
+        for parted, creator in ((tasks.creator, tasks.creator), (None, null())):
+            number = func.row_number().over(partition_by=parted, order_by=order).label("number")
+            newest = (
+                select(creator.label("creator"), tasks.verdict, tasks.fault, number).where(ended).subquery()
+            )
+            of = newest.c
+            for row in self._rows(
+                select(of.creator, of.verdict, of.fault, func.count().label("tasks"))
+                .where(of.number <= last)
+                .group_by(of.creator, of.verdict, of.fault)
+            ):
+                rulings, voids = counts.get(row["creator"], (0, {}))
+                if row["verdict"] == "void":
+                    voids[row["fault"]] = voids.get(row["fault"], 0) + row["tasks"]
+                counts[row["creator"]] = rulings + row["tasks"], voids
         return counts
 
     def kind(self, kind: str) -> Row | None:

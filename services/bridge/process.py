@@ -8,7 +8,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -42,6 +42,7 @@ from rodeo.messages import DaoEvent, Standing
 from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.process import Process
 from rodeo.serving import served_by
+from rodeo.verdicts import FAULTS, LAST_RULINGS, counted_voids
 from services.bridge.chain import Chain
 from services.bridge.commands import KNOWN, Wallet
 from services.bridge.continuity import Continuity, open_journal
@@ -496,6 +497,8 @@ class Bridge:
         index = attachment.chain.index
         self._process.concern("verdicts", late_verdicts(index.late_verdicts(now_s)))
         here = {str(one.address): name for name, one in self._accounts.items() if name != ORGANIZATION}
+        names = {str(one.address): name for name, one in self._accounts.items()}
+        self._process.concern("voids", many_voids(index.recent_voids(LAST_RULINGS), names.get))
         own, next_s = own_rulings(index.unconcluded(), here, now_s)
         updates, update_s = due_updates(index, here, attachment.handback.can_do, now_s)
         due: list[_End | Update] = [*own, *updates]
@@ -641,6 +644,22 @@ def late_verdicts(task_ids: Sequence[int]) -> str:
         f"half of the verdict window has passed without a ruling on {tasks}: check that the judges work. "
         "Without a ruling at its end nobody is paid"
     )
+
+
+def many_voids(
+    recent: Mapping[str | None, tuple[int, Mapping[str, int]]], name: Callable[[str], str | None]
+) -> str:
+    """Against whom too many of the last rulings tell, as `Index.recent_voids` counts; empty if nobody. `name`
+    is that of an address."""
+    said = []
+    for creator, (count, voids) in recent.items():
+        if counted := counted_voids(count, voids, of_a_creator=creator is not None):
+            whose = "this site" if creator is None else f"the creator {name(creator) or creator}"
+            words = ", ".join(f"{number} {FAULTS[fault]}" for fault, number in counted.items())
+            said.append(
+                f"{sum(counted.values())} of the last {count} rulings on tasks of {whose} are void: {words}"
+            )
+    return "; ".join(said)
 
 
 def run(site: Site, name: str, stop: threading.Event) -> None:

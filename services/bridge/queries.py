@@ -30,6 +30,7 @@ from rodeo.queries import (
     TransferFilters,
 )
 from rodeo.redaction import shown
+from rodeo.verdicts import LAST_RULINGS, counted_voids
 from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery, UnknownTask
 from services.bridge.index import Page
@@ -146,6 +147,7 @@ class Queries:
         providers = self._index.providers()
         created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
         members, voids = roles.get(Role.MEMBER, []), self._index.voids()
+        recent = self._index.recent_voids(LAST_RULINGS)
         named = self._names.addresses
         strangers = sorted((created.keys() | executed.keys()) - set(named.values()))
         people: list[tuple[str | None, str]] = [*named.items(), *((None, one) for one in strangers)]
@@ -162,6 +164,7 @@ class Queries:
                     "executed": executed.get(address, {}),
                     "member": address in members,
                     "voids": voids.get(address, {}),
+                    "many_voids": bool(counted_voids(*recent.get(address, (0, {})), of_a_creator=True)),
                     **self._payout_json(providers.get(address, {}).get("payout")),
                     **self._known_json(address, providers),
                 }
@@ -342,6 +345,7 @@ class Queries:
     def _organization(self, _request: Request) -> Json:
         address = self._names.addresses[ORGANIZATION]
         numbers, voids = self._index.numbers(), Counter[str]()
+        recent = self._index.recent_voids(LAST_RULINGS)
         for by_fault in self._index.voids().values():
             voids.update(by_fault)
         return {
@@ -390,6 +394,7 @@ class Queries:
                 for committee in self._deployment.committees[1:]
             ],
             "voids": dict(voids),
+            "many_voids": bool(counted_voids(*recent.get(None, (0, {})), of_a_creator=False)),
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
             "delay_s": self._client.decision_delay_s() if self._deployment.has_timelock else 0,
             "roles": {

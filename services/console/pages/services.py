@@ -366,7 +366,11 @@ class ServicesPage:
             fact("Penalty for a failure", iec(terms.penalty_iec))
             fact("Suspended after", f"{failures} failures in a row" if failures else "never")
             if voids := voids_in_words(organization.voids):
-                fact("Void attempts", voids, "wrap")
+                fact(
+                    "Void attempts",
+                    partial(Text, "span", voids, "alarming") if organization.many_voids else voids,
+                    "wrap",
+                )
         table(
             "Kinds of work",
             [
@@ -660,7 +664,9 @@ def _draw_participants(console: Console, participants: list[queries.Person]) -> 
                 iec(one.balance_iec),
                 "itself" if one.payout is None else one.payout_name or partial(hash_text, one.payout),
                 f"{sum(one.created.values()):,}",
-                voids_in_words(one.voids) or "–",
+                partial(Text, "span", voids_in_words(one.voids), "alarming")
+                if one.many_voids
+                else voids_in_words(one.voids) or "–",
                 f"{one.executed.get('settled', 0):,}",
             )
             for one in participants

@@ -506,6 +506,8 @@ def test_where_nobody_ruled_the_attempt_is_void_and_has_no_report(chain: Chain) 
     assert (row["state"], row["verdict"], row["fault"]) == ("failed", "void", "oracle")
     assert record(chain) == (None, 0, 0, 0, 0)
     assert chain.index.voids() == {CREATOR: {"oracle": 1}}
+    assert chain.index.recent_voids(100) == {CREATOR: (1, {"oracle": 1}), None: (1, {"oracle": 1})}
+    assert chain.index.recent_voids(0) == {}
 
 
 def test_a_report_of_another_transaction_is_not_that_of_a_ruling(chain: Chain) -> None:

@@ -12,7 +12,7 @@ from rodeo.chain.errors import ContractReverted, RpcFailed
 from rodeo.config import Site
 from rodeo.rulings import GRACE_S
 from services.bridge.index import Position
-from services.bridge.process import Bridge, _End, _end, late_verdicts, own_rulings
+from services.bridge.process import Bridge, _End, _end, late_verdicts, many_voids, own_rulings
 from services.bridge.readiness import Probe, why_late
 from tests.support.site import write_site
 from tests.support.tasks import UNTIL_S, ruled
@@ -62,7 +62,11 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
         return mined
 
     rows = [ruled(7, executor="0x01").model_dump(), ruled(8, executor="0x02").model_dump()]
-    index = SimpleNamespace(unconcluded=lambda: rows, late_verdicts=lambda _now_s: [7])
+    index = SimpleNamespace(
+        unconcluded=lambda: rows,
+        late_verdicts=lambda _now_s: [7],
+        recent_voids=lambda _last: {None: (9, {"oracle": 1})},
+    )
     index.providers, index.engaged = dict, set
     index.stood_back = index.locked_bonds = list
     wallets = {"panther1": SimpleNamespace(execute=execute)}
@@ -71,6 +75,7 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
     assert bridge._expire_overdue(attachment) is None
     assert sent == [("conclude", {"task_id": 7})]
     assert "task 7" in concerns["verdicts"]
+    assert "1 of the last 9 rulings on tasks of this site are void" in concerns["voids"]
 
 
 @pytest.mark.parametrize("code", ["WrongState", "RulingStands", "NoCase", "NotAuthorized"])
@@ -111,3 +116,25 @@ def test_tasks_without_a_verdict_at_half_of_the_window_are_named() -> None:
     assert late_verdicts([]) == ""
     assert "without a ruling on task 7:" in late_verdicts([7])
     assert "on tasks 1, 2, 3, 4, 5 and 2 more:" in late_verdicts(range(1, 8))
+
+
+def test_a_void_share_above_a_twentieth_is_told_of_the_site_and_of_each_creator() -> None:
+    assert many_voids({}, {}.get) == ""
+    assert many_voids({None: (100, {"oracle": 5}), "0x01": (100, {"creators_witness": 5})}, {}.get) == ""
+    told = many_voids(
+        {
+            None: (100, {"oracle": 4, "creators_witness": 2}),
+            "0x01": (20, {"creators_witness": 2, "oracle": 4}),
+        },
+        {"0x01": "alice"}.get,
+    )
+    assert told == (
+        "6 of the last 100 rulings on tasks of this site are void: 2 the doing of a device that the creator "
+        "owns, 4 the judge's doing; 2 of the last 20 rulings on tasks of the creator alice are void: "
+        "2 the doing of a device that the creator owns"
+    )
+
+
+@pytest.mark.parametrize("fault", ["oracle", "other_witness", "nobody"])
+def test_what_was_not_its_doing_does_not_count_against_a_creator(fault: str) -> None:
+    assert many_voids({"0x01": (10, {fault: 10})}, {}.get) == ""
