@@ -83,10 +83,6 @@ class Lab:
         )
         return x_m, y_m
 
-    def put_at(self, item: str, place: Point) -> None:
-        """Exactly there."""
-        self._put(self._items[item], Pose2(x_m=place[0], y_m=place[1]))
-
     def free_place(self, taken: Collection[Point], lying: Collection[Point] = ()) -> Point:
         """A random place (m) with a way to it, and from it to every bin. Raises NoFreePlace."""
         return free_place(self._site, self._floor, self._chance, taken, lying)

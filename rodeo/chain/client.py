@@ -126,11 +126,6 @@ class ChainClient:
         """The ruling that stands on the task; Ruling.NONE where none does."""
         return self._view("TaskManager", "standing", task_id)
 
-    def oldest_open(self, service_id: int, number: int, price: int) -> int | None:
-        """The oldest open task of the kind of this number that pays at least `price`, names nobody, and may
-        be offered to the service."""
-        return self._view("TaskManager", "oldestOpen", service_id, number, price) or None
-
     def passed(self, task_id: int) -> list[tuple[int, bool]]:
         """The numbers of the providers that had the task and did not do it, the last first, and whether each
         gave it up."""
@@ -154,17 +149,8 @@ class ChainClient:
         """Until when its bonds are not returned, s of block time; in the past, or 0, where they are."""
         return int(self._view("Providers", "lockedUntil", provider))
 
-    def payout_of(self, account: str) -> str:
-        """Who is paid what the contracts owe an account."""
-        return str(self._view("Providers", "payoutOf", to_checksum_address(account)))
-
     def service_count(self) -> int:
         return self._view("ServiceManager", "serviceCount")
-
-    def longest_idle(self, number: int, max_price: int) -> int | None:
-        """The service of the kind of this number that has waited longest among those that cost at most
-        `max_price`, for a task that has passed nobody."""
-        return self._view("ServiceManager", "longestIdle", number, max_price, 0) or None
 
     def pending_payments(self, account: str) -> int:
         """What the token refused to `account` and `withdrawPayments` pays, wei."""
@@ -208,9 +194,6 @@ class ChainClient:
     def members_only(self) -> bool:
         return self._view("Organization", "membersOnly")
 
-    def is_suspended(self, provider: str) -> bool:
-        return self._view("Organization", "isSuspended", to_checksum_address(provider))
-
     def budget(self, role: Role) -> Budget:
         """What the holders of OPERATOR or TREASURER may spend; a period of 0 is no limit."""
         return self._view("Organization", "budgetOf", role.id)
@@ -227,10 +210,6 @@ class ChainClient:
 
     def has_role(self, role: Role, account: str) -> bool:
         return self._view("Organization", "hasRole", role.id, to_checksum_address(account))
-
-    def handover_delay_s(self) -> int:
-        """Between the announcement of another administrator and the handover, s."""
-        return self._view("Organization", "defaultAdminDelay")
 
     def judge_numbered(self, number: int) -> str:
         """The address of the contract that judges the kind of this number."""
@@ -260,10 +239,6 @@ class ChainClient:
     def instances(self, kind: str) -> list[Instance]:
         """Who judges `kind` one after the other; none where its rulings cannot be challenged."""
         return self._view("DisputeJudge", "instancesOf", kind_to_bytes32(kind))
-
-    def longest_case(self, kind: str) -> int:
-        """How long a case of `kind` lasts at most after its first ruling, s; 0 where there are none."""
-        return self._view("DisputeJudge", "longestCase", kind_to_bytes32(kind))
 
     def stake(self, seat: int, committee: str = artifacts.COMMITTEES[0]) -> int:
         """What counts for the votes of the judge in this seat of the committee, wei."""
@@ -403,17 +378,6 @@ class ChainClient:
                 }
             )
             return sorted(decode_logs(found), key=lambda log: (log.block, log.log_index))
-
-    def logs_of(self, receipt: TxReceipt) -> list[Log]:
-        """The contracts' events in a receipt, in order."""
-        addresses = set(self.deployment.event_sources)
-        topics = set(event_topics())
-        ours = (
-            log
-            for log in receipt["logs"]
-            if log["address"] in addresses and log["topics"] and log["topics"][0].to_0x_hex() in topics
-        )
-        return list(decode_logs(ours))
 
     # -- transactions --------------------------------------------------------------------------------------
 

@@ -43,6 +43,7 @@ from tests.support.browser import chromium, log_in
 from tests.support.console import PASSPHRASE, Desk, click_map, open_page, there
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
+from tests.support.views import logs_of
 
 SITE = """[[participants]]
 name = "eva"
@@ -213,7 +214,7 @@ def test_a_task_is_posted_for_a_provider_with_any_of_its_services(desk: Office) 
     call = client.calls.register_service("waste_disposal", price, 2**95, True, "")
     (second,) = [
         log.event.service_id
-        for log in client.logs_of(client.send(robot, call))
+        for log in logs_of(client, client.send(robot, call))
         if isinstance(log.event, ServiceRegistered)
     ]
     page = desk.page("ada")

@@ -31,6 +31,7 @@ from rodeo.config import Site
 from rodeo.currency import IEC
 from tests.support.site import write_site
 from tests.support.snapshot import found, give_wallets
+from tests.support.views import logs_of
 
 CHAIN_ID = 31_337
 GENESIS_S = 1_700_000_000
@@ -69,7 +70,7 @@ class Organization:
 
     def logs(self, account: LocalAccount, call: Call) -> list[Log]:
         """What the call logged."""
-        return self.client.logs_of(self.send(account, call))
+        return logs_of(self.client, self.send(account, call))
 
     def events(self, account: LocalAccount, call: Call) -> list[Event]:
         """What the call logged, without token transfers."""

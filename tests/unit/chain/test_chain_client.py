@@ -29,6 +29,7 @@ from rodeo.chain.types import Event, Role
 from rodeo.currency import IEC
 from tests.support.organization import KIND, PROOF, REPORT, Organization
 from tests.support.site import free_port
+from tests.support.views import logs_of, view
 
 PRICE = IEC.to_units(Decimal("79.5"))
 REWARD = IEC.to_units(Decimal(100))
@@ -135,8 +136,8 @@ def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its
     assert client.task(task_id).creator == client.organization
     number = client.kind(KIND).number
     last = client.service_count()
-    assert client.oldest_open(last, number, REWARD) == task_id
-    assert client.oldest_open(last, number, REWARD + 10**9) is None
+    assert view(client, "TaskManager", "oldestOpen", last, number, REWARD) == task_id
+    assert view(client, "TaskManager", "oldestOpen", last, number, REWARD + 10**9) == 0
     logged = organization.events(organization.operator, client.organization_calls.cancel_task(task_id))
     assert logged == [TaskCancelled(task_id, REWARD)]
     assert client.balance(client.organization) == before
@@ -144,13 +145,14 @@ def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its
 
 def test_a_service_is_found_by_price_and_paused(organization: Organization, service_id: int) -> None:
     client = organization.client
-    assert client.longest_idle(client.kind(KIND).number, PRICE) == service_id
-    assert client.longest_idle(client.kind(KIND).number, PRICE - 10**9) is None
+    number = client.kind(KIND).number
+    assert view(client, "ServiceManager", "longestIdle", number, PRICE, 0) == service_id
+    assert view(client, "ServiceManager", "longestIdle", number, PRICE - 10**9, 0) == 0
     logged = organization.events(
         organization.robot, client.calls.update_service(service_id, PRICE, ServiceState.PAUSED)
     )
     assert logged == [ServiceUpdated(service_id, PRICE, ServiceState.PAUSED)]
-    assert client.longest_idle(client.kind(KIND).number, PRICE) is None
+    assert view(client, "ServiceManager", "longestIdle", number, PRICE, 0) == 0
     assert client.service(service_id).state is ServiceState.PAUSED
 
 
@@ -168,7 +170,7 @@ def test_a_range_of_blocks_gives_the_logs_of_its_receipts_in_order(organization:
     first = organization.send(
         organization.operator, client.organization_calls.register_task(organization.request())
     )
-    posted = client.logs_of(first)
+    posted = logs_of(client, first)
     cancelled = organization.logs(
         organization.operator, client.organization_calls.cancel_task(_task_id([log.event for log in posted]))
     )

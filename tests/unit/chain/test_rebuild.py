@@ -25,6 +25,7 @@ from rodeo.currency import IEC
 from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, founded
+from tests.support.views import view
 
 STEPS = 120
 DEVICE_KEY = Account.from_key("0x" + "11" * 32)
@@ -442,9 +443,11 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         client.bonds_locked_until(robot) == state.locked.get(robot, 0) == (provider["bond_locked_until"] or 0)
     )
     operator = life.organization.operator.address
-    assert {one: client.payout_of(one) for one in (robot, operator)} == state.payouts
+    assert {one: view(client, "Providers", "payoutOf", one) for one in (robot, operator)} == state.payouts
     assert state.payouts == {robot: robot, operator: robot}
-    suspended = {one for one in (DEVICE, JUDGES[0], robot) if client.is_suspended(one)}
+    suspended = {
+        one for one in (DEVICE, JUDGES[0], robot) if view(client, "Organization", "isSuspended", one)
+    }
     assert suspended == state.suspended_providers == {JUDGES[0]}
     assert (client.policy(), client.auditors()) == (state.policy, state.auditors)
     budgets = {role: client.budget(role) for role in (Role.OPERATOR, Role.TREASURER)}

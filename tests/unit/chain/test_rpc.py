@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from email.utils import formatdate
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from rodeo import redaction
 from rodeo.chain import rpc
-from rodeo.chain.client import ChainClient, connect
+from rodeo.chain.client import connect
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RateLimited
 from rodeo.chain.rpc import Refusal, Rpc
 from rodeo.chain.translation import translated
@@ -193,8 +192,3 @@ def test_a_receipt_tells_what_became_of_it_without_a_price_and_with_anonymous_ev
     lean = {**RECEIPT, "effectiveGasPrice": None, "logs": [{**LOG, "topics": [], "blockNumber": None}]}
     node.answer = lambda payload, _good: json_reply({"id": payload["id"], "result": lean})
     assert Rpc(node.url).batch([("eth_getTransactionReceipt", [RECEIPT["transactionHash"]])]) == [lean]
-
-
-def test_an_anonymous_event_in_a_receipt_is_none_of_ours() -> None:
-    ours = SimpleNamespace(deployment=SimpleNamespace(event_sources=[LOG["address"]]))
-    assert ChainClient.logs_of(ours, {"logs": [{**LOG, "topics": []}]}) == []  # type: ignore[arg-type,typeddict-item]

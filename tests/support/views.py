@@ -1,0 +1,31 @@
+"""What tests ask the contracts and no process of a site does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from eth_utils import is_address, to_checksum_address
+from web3.types import TxReceipt
+
+from rodeo.chain import artifacts
+from rodeo.chain.client import ChainClient
+from rodeo.chain.logs import Log, decode_logs, event_topics
+
+
+def view(client: ChainClient, contract: str, name: str, *arguments: Any) -> Any:
+    """What the contract answers to `name`, as web3 decodes it."""
+    abi = artifacts.load(contract).abi
+    found = client.w3.eth.contract(address=client.deployment.address(contract), abi=abi)
+    given = [to_checksum_address(one) if is_address(one) else one for one in arguments]
+    return found.functions[name](*given).call()
+
+
+def logs_of(client: ChainClient, receipt: TxReceipt) -> list[Log]:
+    """The contracts' events in a receipt, in order."""
+    addresses, topics = set(client.deployment.event_sources), set(event_topics())
+    ours = (
+        log
+        for log in receipt["logs"]
+        if log["address"] in addresses and log["topics"] and log["topics"][0].to_0x_hex() in topics
+    )
+    return list(decode_logs(ours))
