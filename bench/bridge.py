@@ -33,13 +33,13 @@ from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.logs import Log
+from rodeo.chain.types import ZERO_ADDRESS
 from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.messages import RegisterService, RegisterTask, Transfer, Vote
 from services.bridge.follower import MAX_BLOCKS
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
-from services.bridge.projection import ZERO_ADDRESS
 from services.oracle.votes import Votes
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"

@@ -29,13 +29,13 @@ from deploy.founding import OtherToken, count_contracts, create_contracts
 from rodeo import keystores, possession, votes, wallets
 from rodeo.chain import artifacts, transactions
 from rodeo.chain.abi import Instance, KindRules
-from rodeo.chain.client import NOBODY, ChainClient, connect, require_chain
+from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.events import ProviderVouched, RoleRevoked
 from rodeo.chain.translation import translated
-from rodeo.chain.types import Role
+from rodeo.chain.types import ZERO_ADDRESS, Role
 from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
 from rodeo.deploying import Steps, deploying
 from rodeo.errors import RodeoError, WalletError
@@ -433,7 +433,7 @@ def _missing_rules(
         if client.budget(limited).since == 0:
             amount = site.economy.currency.to_units(limit.iec)
             yield administrator, calls.set_budget(limited, amount, limit.period_s)
-    if client.auditors() == NOBODY:
+    if client.auditors() == ZERO_ADDRESS:
         yield administrator, calls.set_auditors(client.deployment.address("AuditorJudge"))
     for kind in kinds_of(site).values():
         for call in _missing_kind(site, client, administrator.address, kind, known):

@@ -23,12 +23,11 @@ from web3.utils import get_create_address
 
 from rodeo import keystores
 from rodeo.chain import artifacts, registry, transactions
-from rodeo.chain.client import NOBODY
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import ContractReverted, TransactionFailed
 from rodeo.chain.registry import Part, Registry
 from rodeo.chain.translation import translated
-from rodeo.chain.types import Policy, Role
+from rodeo.chain.types import ZERO_ADDRESS, Policy, Role
 from rodeo.config import Site
 from rodeo.deploying import Steps
 from rodeo.errors import ConfigError, RodeoError
@@ -235,7 +234,7 @@ def _parts(
         ),
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
-        "AuditorJudge": (organization, Role.AUDITOR.id, NOBODY),
+        "AuditorJudge": (organization, Role.AUDITOR.id, ZERO_ADDRESS),
         "OracleJudge": (organization, Role.ORACLE.id, auditors),
         **dict.fromkeys((*artifacts.COMMITTEES, "DisputeJudge"), (organization, auditors)),
     }

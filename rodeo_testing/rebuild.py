@@ -26,14 +26,12 @@ from rodeo.chain.abi import (
     TaskState,
     Terms,
 )
-from rodeo.chain.client import NOBODY
 from rodeo.chain.logs import Log, woken
 from rodeo.chain.reputation import Work, is_own
+from rodeo.chain.types import ZERO_ADDRESS
 
 NO_PROOF = bytes(32)
 BOND_DELAY_S = 24 * 3600
-ZERO_ADDRESS = "0x" + "00" * 20
-
 
 _COUNTERS = {
     Cause.REJECTED: "rejected",
@@ -132,7 +130,7 @@ class Rebuilt:
                     max_attempts=event.max_attempts,
                     state=TaskState.OPEN,
                     accepted=False,
-                    provider=NOBODY,
+                    provider=ZERO_ADDRESS,
                     hired=Hire.NONE,
                     proof_hash=NO_PROOF,
                 )

@@ -40,11 +40,9 @@ from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls, Op
 from rodeo.chain.logs import Log, decode_logs, event_topics
 from rodeo.chain.rpc import NodeProvider
 from rodeo.chain.translation import translated
-from rodeo.chain.types import Role, kind_to_bytes32, value
+from rodeo.chain.types import ZERO_ADDRESS, Role, kind_to_bytes32, value
 from rodeo.config import ChainConfig
 from rodeo.currency import Currency
-
-NOBODY = "0x" + "00" * 20
 
 _PAGE_BLOCKS = 2_000
 """Of events that a node is asked for at once."""
@@ -226,7 +224,7 @@ class ChainClient:
     def seat(self, key: str, committee: str = artifacts.COMMITTEES[0]) -> Seat | None:
         """The seat of the judge of the committee (one of `artifacts.COMMITTEES`) who signs with `key`."""
         found: Seat = self._view(committee, "seatOf", to_checksum_address(key))
-        return None if found.owner == NOBODY else found
+        return None if found.owner == ZERO_ADDRESS else found
 
     def quorum(self, kind: str, committee: str = artifacts.COMMITTEES[0]) -> Quorum:
         """Which judges of the committee vote on proofs of `kind`; 0 votes where none do."""

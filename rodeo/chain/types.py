@@ -16,6 +16,9 @@ from eth_utils import keccak, to_checksum_address
 
 from rodeo.errors import snake_case
 
+ZERO_ADDRESS = "0x" + "00" * 20
+"""Nobody's, where a contract wants an address."""
+
 
 class ContractEnum(IntEnum):
     """Base of the contracts' enums in abi.py."""

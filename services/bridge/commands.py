@@ -23,7 +23,7 @@ from rodeo.chain.calls import ParticipantCalls
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
 from rodeo.chain.governance import BUDGET_CREDITS, Operation, Proposed, protected_text, shares
-from rodeo.chain.types import Policy, Role, TimelockRole
+from rodeo.chain.types import ZERO_ADDRESS, Policy, Role, TimelockRole
 from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
@@ -149,7 +149,7 @@ from services.bridge.index import Index, Row
 from services.bridge.journal import decoded
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.orders import Order
-from services.bridge.projection import ORACLES, ZERO_ADDRESS, proposal_key
+from services.bridge.projection import ORACLES, proposal_key
 from services.bridge.relaying import Requests, Said, nonce_of
 from services.bridge.transactions import Transactions
 

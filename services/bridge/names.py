@@ -6,9 +6,8 @@ from eth_utils import is_address, to_checksum_address
 
 from rodeo import keystores
 from rodeo.chain import artifacts
-from rodeo.chain.client import NOBODY
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.types import Policy
+from rodeo.chain.types import ZERO_ADDRESS, Policy
 from rodeo.config import Site, oracle_names
 from rodeo.dao import cannot_do, most_offers
 from services.bridge.errors import UnknownParticipant
@@ -86,4 +85,6 @@ class Names:
     def judge(self, address: str) -> str:
         """`oracle` for the contracts of oracles, `auditor`, `none`, or the address of another contract."""
         ours = dict.fromkeys(map(self._contracts.get, artifacts.JUDGES), "oracle")
-        return {**ours, self._contracts["AuditorJudge"]: "auditor", NOBODY: "none"}.get(address, address)
+        return {**ours, self._contracts["AuditorJudge"]: "auditor", ZERO_ADDRESS: "none"}.get(
+            address, address
+        )

@@ -15,14 +15,13 @@ from rodeo.chain.abi import Cause, Ruling
 from rodeo.chain.governance import SUPPORT, shown_text, text_of
 from rodeo.chain.logs import Log, woken
 from rodeo.chain.reputation import Work, is_own
-from rodeo.chain.types import TimelockRole
+from rodeo.chain.types import ZERO_ADDRESS, TimelockRole
 from rodeo.currency import Currency
 from rodeo.errors import MalformedJson
 from rodeo.strict_json import whole_characters
 from services.bridge import schema
 from services.bridge.rows import Rows
 
-ZERO_ADDRESS = "0x" + "00" * 20
 ORACLES = artifacts.COMMITTEES[0]
 
 _OfStake = events.StakeDeposited | events.WithdrawalAnnounced | events.StakeWithdrawn | events.StakeLost

@@ -11,10 +11,10 @@ from eth_typing import HexStr
 from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
-from rodeo.chain.client import NOBODY, ChainClient
+from rodeo.chain.client import ChainClient
 from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, WHY, described, shares
 from rodeo.chain.reputation import Work
-from rodeo.chain.types import Role
+from rodeo.chain.types import ZERO_ADDRESS, Role
 from rodeo.currency import Currency
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
@@ -362,7 +362,7 @@ class Queries:
                 for row in self._index.all_kinds()
             ],
             "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
-            "auditors": self._names.judge(self._index.setting("auditors") or NOBODY),
+            "auditors": self._names.judge(self._index.setting("auditors") or ZERO_ADDRESS),
             "members_only": bool(self._index.setting("members_only")),
             "suspended_providers": [
                 {"address": address, "name": self._names.name(address)}
@@ -406,7 +406,7 @@ class Queries:
 
     def _judge_of(self, number: Mapping[str, Any] | None) -> Json:
         """Who rules on a kind, and whether it still does."""
-        known = number or {"judge": NOBODY, "removed": False}
+        known = number or {"judge": ZERO_ADDRESS, "removed": False}
         return {"judge": self._names.judge(known["judge"]), "removed": known["removed"]}
 
     def _judge_json(self, row: Mapping[str, Any], name: str | None) -> Json:

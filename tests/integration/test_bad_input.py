@@ -14,7 +14,7 @@ import pytest
 
 from rodeo import wallets
 from rodeo.chain.abi import TaskRequest
-from rodeo.chain.client import NOBODY
+from rodeo.chain.types import ZERO_ADDRESS
 from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, RemoteError
 from rodeo.evidence.store import Store
@@ -158,7 +158,9 @@ def test_a_task_that_goes_around_the_bridge_leaves_lists_readable(dao: Dao) -> N
     client.send(account, client.calls.approve(client.task_manager, 10**18))
     before = dao.state("chain")["last_seq"]
     for _ in range(18):
-        client.send(account, request(TaskRequest(CLEANING, 0, 3600, 3600, 1, bytes(32), 0, NOBODY, text)))
+        client.send(
+            account, request(TaskRequest(CLEANING, 0, 3600, 3600, 1, bytes(32), 0, ZERO_ADDRESS, text))
+        )
     dao.wait_for(
         lambda: sum(event.name == "TaskRegistered" for event in list(dao.events) if event.seq > before) == 18,
         "eighteen long tasks",

@@ -9,8 +9,8 @@ from enum import Enum
 from typing import Any
 
 from rodeo.chain.abi import Hire, Revocation
-from rodeo.chain.client import NOBODY, ChainClient
-from rodeo.chain.types import Policy, Role
+from rodeo.chain.client import ChainClient
+from rodeo.chain.types import ZERO_ADDRESS, Policy, Role
 from rodeo.currency import IEC
 from rodeo.messages import Task
 from tests.support.views import view
@@ -39,7 +39,7 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         provider = indexed["requested_provider"]
         hired = Hire.SERVICE if named else Hire.PROVIDER if provider else Hire.NONE
         found.check(f"{what}: hired", hired, kept.hired)
-        found.check(f"{what}: provider", provider or NOBODY, kept.provider)
+        found.check(f"{what}: provider", provider or ZERO_ADDRESS, kept.provider)
         found.check(f"{what}: service", indexed["service_id"] or named or 0, kept.service_id)
         waits = indexed["state"] in ("submitted", "ruled")
         running = "verdict_deadline" if waits else "execution_deadline"
@@ -89,7 +89,7 @@ def _compare_money_and_rules(
     rules = state("organization")
     policies = {client.deployment.contracts[one]: one.name.lower() for one in Policy}
     found.check("policy", rules["policy"], policies[client.policy()])
-    named = {client.deployment.contracts["AuditorJudge"]: "auditor", NOBODY: "none"}
+    named = {client.deployment.contracts["AuditorJudge"]: "auditor", ZERO_ADDRESS: "none"}
     found.check("auditors", rules["auditors"], named.get(client.auditors(), client.auditors()))
     found.check("members only", rules["members_only"], client.members_only())
     found.check_record("terms", rules["terms"], client.terms())

@@ -22,11 +22,11 @@ from deploy.chain.store import Store
 from rodeo import wallets
 from rodeo.chain import events
 from rodeo.chain.abi import TaskRequest
-from rodeo.chain.client import NOBODY, ChainClient
+from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.logs import Log
-from rodeo.chain.types import Event
+from rodeo.chain.types import ZERO_ADDRESS, Event
 from rodeo.config import Site
 from rodeo.currency import IEC
 from tests.support.site import write_site
@@ -85,7 +85,7 @@ class Organization:
             3,
             bytes(32),
             0,
-            NOBODY,
+            ZERO_ADDRESS,
             '{"item_id":"item1"}',
         )
 

@@ -9,7 +9,7 @@ import pytest
 from eth_account import Account
 
 from rodeo.chain.abi import Cause, Fault, Finding, Ruling, ServiceState, TaskRequest, TaskState
-from rodeo.chain.client import NOBODY, ChainClient
+from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed
 from rodeo.chain.events import (
@@ -25,7 +25,7 @@ from rodeo.chain.events import (
     TaskSettled,
     Transfer,
 )
-from rodeo.chain.types import Event, Role
+from rodeo.chain.types import ZERO_ADDRESS, Event, Role
 from rodeo.currency import IEC
 from tests.support.organization import KIND, PROOF, REPORT, Organization
 from tests.support.site import free_port
@@ -206,7 +206,7 @@ def test_a_wrong_state_comes_with_both_states_by_name(organization: Organization
 def test_an_error_from_a_contract_further_down_arrives_as_well(organization: Organization) -> None:
     client, robot = organization.client, organization.robot.address
     balance = client.balance(robot)
-    request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, bytes(32), 0, NOBODY, "{}")
+    request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, bytes(32), 0, ZERO_ADDRESS, "{}")
     error = _refusal(organization, robot, client.calls.register_task(request))
     assert error.code == "erc20_insufficient_balance"
     assert error.args_by_name == {"sender": robot, "balance": balance, "needed": balance + 1}

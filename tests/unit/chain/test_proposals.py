@@ -9,10 +9,10 @@ from eth_utils import keccak
 from rodeo.chain import artifacts, events
 from rodeo.chain.abi import Terms
 from rodeo.chain.calls import OrganizationCalls
-from rodeo.chain.client import NOBODY
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.governance import described, protected_text, shown_text
 from rodeo.chain.logs import decode_json_log, event_topics
+from rodeo.chain.types import ZERO_ADDRESS
 
 MEMBER = "0x" + "0a" * 20
 DEPLOYMENT = Deployment(
@@ -100,5 +100,5 @@ def test_arguments_that_do_not_fit_are_shown_as_bytes(function: str, arguments: 
 def test_only_the_proposers_own_address_is_left_out_of_the_text_that_people_read() -> None:
     text = protected_text("a bond", MEMBER)
     assert shown_text(text, MEMBER) == "a bond" and shown_text(text.lower(), MEMBER.upper()) == "a bond"
-    assert shown_text(text, NOBODY) == text
+    assert shown_text(text, ZERO_ADDRESS) == text
     assert shown_text("a bond", MEMBER) == "a bond" and shown_text(MEMBER, MEMBER) == MEMBER

@@ -20,9 +20,9 @@ from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
 from rodeo.chain.logs import Log
 from rodeo.chain.reputation import Work
-from rodeo.chain.types import Policy, Role
+from rodeo.chain.types import ZERO_ADDRESS, Policy, Role
 from rodeo.currency import IEC
-from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
+from rodeo_testing.rebuild import rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, founded
 from tests.support.views import view

@@ -13,11 +13,11 @@ import sqlalchemy
 from rodeo.chain import events
 from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState
 from rodeo.chain.logs import Log
-from rodeo.chain.types import Event
+from rodeo.chain.types import ZERO_ADDRESS, Event
 from services.bridge import schema
 from services.bridge.errors import IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
-from services.bridge.projection import ZERO_ADDRESS, parse_task_text
+from services.bridge.projection import parse_task_text
 
 GENESIS = "0x" + "01" * 32
 CONTRACTS = {"TaskManager": "0x" + "aa" * 20}
