@@ -182,7 +182,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
             revert InvalidWindows(min, max, MIN_WINDOW, MAX_WINDOW);
         }
         if (grace == 0) {
-            grace = uint16(min / 2 < DEFAULT_GRACE ? min / 2 / GRACE_STEP * GRACE_STEP : DEFAULT_GRACE);
+            grace = uint16(min / 2 < DEFAULT_GRACE ? min / 2 - min / 2 % GRACE_STEP : DEFAULT_GRACE);
         }
         uint256 longest = min / 2 < 255 * GRACE_STEP ? min / 2 : 255 * GRACE_STEP;
         if (grace > longest || grace % GRACE_STEP != 0) revert InvalidGrace(grace, GRACE_STEP, longest);

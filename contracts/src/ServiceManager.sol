@@ -303,6 +303,7 @@ contract ServiceManager is IServiceManager {
         Record storage s = _get(serviceId);
         Turn turn = s.turn;
         if (!_isAvailable(s) || turn.place() != 0) revert ServiceNotIdle(serviceId);
+        // slither-disable-next-line unused-return
         (, uint64 grade,) = providers.recordOf(s.provider);
         s.turn = _enqueue(serviceId, s, grade, turn, place);
     }
@@ -311,6 +312,7 @@ contract ServiceManager is IServiceManager {
     function service(ServiceId serviceId) external view returns (Service memory) {
         Record storage s = _get(serviceId);
         Agreement memory a = providers.agreementOf(serviceId);
+        // slither-disable-next-line unused-return
         (uint64 reputation,, uint8 failures) = providers.recordOf(s.provider);
         return Service({
             provider: s.provider,

@@ -361,6 +361,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc IServiceListener
     function oldestOpen(ServiceId serviceId, KindId kindId, uint256 price) external view returns (TaskId) {
+        // slither-disable-next-line unused-return
         (uint32 number,, bool isOffered) = services.profile(serviceId);
         return queues.oldestOf(kindId, Units.levelFor(price, _unit), number, isOffered);
     }
@@ -643,6 +644,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _pass(TaskId taskId, Record memory t, Cause cause) private returns (bool) {
         bool gaveUp = cause == Cause.GivenUp;
         if (!gaveUp && cause != Cause.Abandoned && cause != Cause.NotAccepted) return false;
+        // slither-disable-next-line unused-return
         (uint32 number, bool proven,) = services.profile(t.serviceId);
         if (gaveUp && !proven) return false;
         bool again = gaveUp && _passed(taskId, t).someoneGaveUp();
@@ -653,6 +655,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _take(address from, uint256 amount) private {
         if (amount == 0) return;
         uint256 before = token.balanceOf(address(this));
+        // The caller, or who signed what is carried out.
+        // slither-disable-next-line arbitrary-send-erc20
         token.safeTransferFrom(from, address(this), amount);
         uint256 received = token.balanceOf(address(this)) - before;
         if (received != amount) revert WrongAmountReceived(amount, received);

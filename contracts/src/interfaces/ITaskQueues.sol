@@ -38,8 +38,8 @@ interface ITaskQueues {
     /// @param taskId the task
     /// @param provider its number, see IServiceManager.numberOf
     /// @param gaveUp it submitted a proof that it could not do the work
-    /// @return passed the list as it is then
-    function pass(TaskId taskId, uint32 provider, bool gaveUp) external returns (Passed passed);
+    /// @return list as it is then
+    function pass(TaskId taskId, uint32 provider, bool gaveUp) external returns (Passed list);
 
     /// @notice A creator posts a task that names a service or a provider. Only the task manager.
     /// @param creator who

@@ -15,16 +15,7 @@ Weight constant MAJOR = Weight.wrap(~MAX_MINOR);
 /// @dev What is left of a weight & MINOR: its minor part.
 Weight constant MINOR = Weight.wrap(MAX_MINOR);
 
-using {
-    equal as ==,
-    differ as !=,
-    greater as >,
-    less as <,
-    atLeast as >=,
-    both as &,
-    either as |,
-    majorOf
-} for Weight global;
+using {equal as ==, differ as !=, greater as >, less as <, both as &, either as |, majorOf} for Weight global;
 
 /// @notice A weight of two parts, at most MAX_MAJOR and MAX_MINOR.
 function weigh(uint64 major, uint64 minor) pure returns (Weight) {
@@ -50,10 +41,6 @@ function greater(Weight a, Weight b) pure returns (bool) {
 
 function less(Weight a, Weight b) pure returns (bool) {
     return Weight.unwrap(a) < Weight.unwrap(b);
-}
-
-function atLeast(Weight a, Weight b) pure returns (bool) {
-    return Weight.unwrap(a) >= Weight.unwrap(b);
 }
 
 function both(Weight a, Weight b) pure returns (Weight) {
