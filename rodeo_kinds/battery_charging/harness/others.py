@@ -7,10 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import nan
 from typing import Any
+from unittest.mock import patch
 
 from eth_account import Account
 
 from rodeo.evidence.attestation import Attestation, attest
+from rodeo.messages import Device
+from rodeo.witness import ocmf
 from rodeo.witness.statement import Header, MeterRecord, Receipt
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.battery_charging.harness.workshop import GAUGE, HARNESS, ChargingWorkshop
@@ -21,6 +24,8 @@ from rodeo_testing.workshop import (
     Submission,
     acts_of,
     claimed_before,
+    noted,
+    registered,
     said,
     stated,
     with_fields,
@@ -245,3 +250,107 @@ def records_of_two_hours_before(shop: ChargingWorkshop) -> Submission:
 def receipts_of_before_the_records(shop: ChargingWorkshop) -> Submission:
     """The robot dates its receipts two hours before the records that they are for."""
     return shop.charged(shop.take, sides=_dated({Receipt: {"time_s": -TWO_HOURS_S}}))
+
+
+_NO_RECEIPT = "the robot signed no receipt for this recording"
+
+
+@HARNESS.forgery("both_signed", _NO_RECEIPT, role="buyer")
+def receipts_for_another_attempt(shop: ChargingWorkshop) -> Submission:
+    """The receipts name the attempt before."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"attempt": 9}))
+
+
+@HARNESS.forgery("both_signed", _NO_RECEIPT, role="buyer")
+def receipts_of_another_chain(shop: ChargingWorkshop) -> Submission:
+    """The robot signs for a chain on which nothing is paid."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"chain_id": 5}))
+
+
+@HARNESS.forgery("both_signed", _NO_RECEIPT, role="buyer")
+def receipts_of_another_organization(shop: ChargingWorkshop) -> Submission:
+    """The robot signs for another organization's escrow."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"organization": STRANGER.address}))
+
+
+@HARNESS.forgery("both_signed", _NO_RECEIPT, role="buyer")
+def receipts_for_another_recording(shop: ChargingWorkshop) -> Submission:
+    """The receipts name the right records, and another recording."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"recording": _ANOTHER}))
+
+
+@HARNESS.forgery("both_signed", _NO_RECEIPT, role="buyer")
+def receipts_for_no_record(shop: ChargingWorkshop) -> Submission:
+    """The receipts name records that the meter never signed."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"record": _ANOTHER}))
+
+
+@HARNESS.forgery("both_signed", _NO_RECEIPT, role="buyer")
+def receipts_from_another_opening(shop: ChargingWorkshop) -> Submission:
+    """The receipts state that the session opened at a higher register."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"begin_wh": one["begin_wh"] + 1.0}))
+
+
+@HARNESS.forgery("both_signed", _NO_RECEIPT, role="buyer")
+def receipts_to_a_meter_of_another_name(shop: ChargingWorkshop) -> Submission:
+    """The receipts name another meter, with the address of the right one."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"meter": "dock9"}))
+
+
+@HARNESS.forgery("delivered", "no energy was delivered", role="buyer")
+def a_robot_that_signs_only_the_opening(shop: ChargingWorkshop) -> Submission:
+    """The robot signs that the session opened, and nothing that it received."""
+    opening = lambda one: one if one["reason"] == "opening" else None  # noqa: E731
+    return shop.charged(shop.take, sides=_receipts(opening))
+
+
+@HARNESS.forgery("signer", "not registered", role="judge")
+def a_judge_that_seals_a_charge(shop: ChargingWorkshop) -> Submission:
+    """The oracle's key seals the charge that it will judge."""
+    return shop.charged(shop.take, device=JUDGE)
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's meter", role="judge")
+def a_judge_as_both_sides(shop: ChargingWorkshop) -> Submission:
+    """The oracle's key signs records and receipts."""
+    return shop.charged(shop.take, sides=replace(Sides(), meter=JUDGE, robot=JUDGE))
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="judge")
+def a_judge_that_is_another_robot(shop: ChargingWorkshop) -> Submission:
+    """The auditor's key is registered as a robot of its own."""
+    own = registered("robot", address=JUDGE.address, name="panther2")
+    return shop.charged(shop.take, sides=replace(Sides(), robot=JUDGE), devices=own)
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="judge")
+def a_judge_that_is_a_bin(shop: ChargingWorkshop) -> Submission:
+    """The auditor's key is registered under the robot's name, as a bin."""
+
+    def own(device: Device) -> Device:
+        as_a_bin = {"address": JUDGE.address, "role": "bin"}
+        return device.model_copy(update=as_a_bin) if device.role == "robot" else device
+
+    return shop.charged(shop.take, sides=replace(Sides(), robot=JUDGE), devices=own)
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="judge")
+def a_verdict_in_a_charge(shop: ChargingWorkshop) -> Submission:
+    """The robot signed nothing, and an accepting verdict of this task is among the events."""
+    verdict = noted(shop.take, event="Ruled", task_id=CHARGE_BINDING.task_id, ruling="accepted")
+    return shop.charged(said(shop.take, verdict), sides=_receipts(lambda _one: None))
+
+
+@HARNESS.forgery("ocmf", "not signed by its device", role="judge")
+def a_judge_that_signs_for_other_software(shop: ChargingWorkshop) -> Submission:
+    """The meter's records are right, and their OCMF text is signed with the oracle's key."""
+    honest = ocmf.sign
+    with patch.object(ocmf, "sign", lambda text, _key: honest(text, bytes(JUDGE.key))):
+        return shop.charged(shop.take)
+
+
+@HARNESS.forgery("same_names", "who takes part", role="judge")
+def a_judge_as_another_dock(shop: ChargingWorkshop) -> Submission:
+    """The oracle's key is registered as another dock's meter, seals, and signs the records."""
+    own = registered("meter", address=JUDGE.address, name="dock9")
+    return shop.charged(shop.take, device=JUDGE, sides=replace(Sides(), meter=JUDGE), devices=own)
