@@ -17,12 +17,14 @@ one thing that it bounds:
 - `sightings`: as many as a proof may hold, at a site without motion capture;
 - `everything`: the swaying robot, and the rest of every count beside it.
 
-Files are not signed message by message: one signature that is well-formed serves all statements of strangers.
+`python -m bench.hostile NAME ...` measures some. Files are not signed message by message: one signature that is
+well-formed serves all statements of strangers.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -462,3 +464,7 @@ def _sealed(site: Site, film: Take, folder: Path, flood: list[Sample]) -> Hostil
     """The film with this at its beginning, sealed by the executor's device."""
     take = Take([film.samples[0], *flood, *film.samples[1:]])
     return site, cleaning_chain_record(film), seal(take, folder / "proof.mcap", BINDING, ROBOT).path
+
+
+if __name__ == "__main__":
+    print(hostile_proof_costs([make for make in HOSTILE if make.__name__ in sys.argv[1:]]))
