@@ -17,8 +17,8 @@ one thing that it bounds:
 - `sightings`: as many as a proof may hold, at a site without motion capture;
 - `everything`: the swaying robot, and the rest of every count beside it.
 
-`python -m bench.hostile NAME ...` measures some. Files are not signed message by message: one signature that is
-well-formed serves all statements of strangers.
+`python -m bench.hostile NAME ...` measures some. Files are not signed message by message: one signature that
+is well-formed serves all statements of strangers.
 """
 
 from __future__ import annotations
