@@ -501,8 +501,8 @@ class StoreConfig(_Table):
 class OracleConfig(_Table):
     cpu_limit_s: float = Field(default=60.0, gt=0)
     """CPU time limit of one verification. It is four times the cost of the worst proof within the limits of
-    `rodeo.checks.counts`. The oracle tries a verification that exceeds it once more, then returns
-    undecided."""
+    `rodeo.checks.counts`. The oracle tries a verification that exceeds it once more, then gives up on it:
+    nobody is paid or fined."""
     time_limit_s: float = Field(default=600.0, gt=0)
     """Wall time limit of one verification, for one that hangs. The consequences are the same."""
     handover_s: float = Field(default=3600.0, gt=0)

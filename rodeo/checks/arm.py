@@ -6,7 +6,10 @@ from rodeo.checks.base import TOLERANCE, WINDOW_S
 from rodeo.checks.case import Case, CaseError
 from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.phases import phases_of
-from rodeo.checks.report import Finding, at_most
+from rodeo.checks.poses import moved_s
+from rodeo.checks.report import Finding, at_most, standing
+from rodeo.checks.smoothing import HALF_WINDOW_S
+from rodeo.checks.sources import blind
 from rodeo.checks.tables import increasing, joints_of, table_of
 from rodeo.evidence.series import Array
 from rodeo.lab.arm import ArmModel
@@ -74,13 +77,16 @@ def joint_speed(case: Case) -> Finding:
 
 def stays_clear(case: Case) -> Finding:
     """How deep any link of the robot ever was in furniture, bin, dock, walls or floor."""
-    touch = kinematics_of(case).deepest()
-    return at_most(
-        touch.depth_m,
-        SOLID_LIMIT_M,
-        "m",
-        source="the site's obstacles and the robot's links",
-        detail=f"{touch.link} into {touch.into}",
+    time_s = moved_s(case, kinematics_of(case).time_s)
+    touch = kinematics_of(case).deepest(~blind(case, time_s - HALF_WINDOW_S, time_s + HALF_WINDOW_S))
+    return standing(
+        at_most(
+            touch.depth_m,
+            SOLID_LIMIT_M,
+            "m",
+            source="the site's obstacles and the robot's links",
+            detail=f"{touch.link} into {touch.into}",
+        )
     )
 
 

@@ -5,8 +5,9 @@ import numpy as np
 from rodeo.checks.case import NO_MOCAP, Case
 from rodeo.checks.completeness import holes
 from rodeo.checks.poses import base_of, moved_s
-from rodeo.checks.report import Finding, at_most, skipped
-from rodeo.checks.smoothing import smoothed
+from rodeo.checks.report import Finding, at_most, skipped, standing
+from rodeo.checks.smoothing import HALF_WINDOW_S, smoothed
+from rodeo.checks.sources import blind
 from rodeo.checks.tables import increasing, table_of
 from rodeo.evidence.series import Array
 from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M
@@ -26,40 +27,49 @@ CLEARANCE_M = 0.03
 
 
 def base_speed(case: Case) -> Finding:
-    """Fastest motion of the base by motion capture."""
+    """Fastest motion of the base by motion capture. Where it was not seen it went no slower than straight."""
     pose = base_of(case)
-    return at_most(
-        float(np.linalg.norm(_rate(moved_s(case, pose.time_s), pose.position_m), axis=1).max(initial=0.0)),
-        case.robot.limits.linear_m_s * TOLERANCE,
-        "m/s",
-        source="Husarion Panther: 2 m/s",
-        detail=f"highest speed by {case.base_source}",
+    return standing(
+        at_most(
+            float(
+                np.linalg.norm(_rate(moved_s(case, pose.time_s), pose.position_m), axis=1).max(initial=0.0)
+            ),
+            case.robot.limits.linear_m_s * TOLERANCE,
+            "m/s",
+            source="Husarion Panther: 2 m/s",
+            detail=f"highest speed by {case.base_source}",
+        )
     )
 
 
 def base_acceleration(case: Case) -> Finding:
     """Hardest change of the base's speed by motion capture."""
     pose = base_of(case)
-    before, middle, after = _windows(moved_s(case, pose.time_s), pose.position_m, 2)
+    begins_s, (before, middle, after) = _windows(moved_s(case, pose.time_s), pose.position_m, 2)
     change = np.linalg.norm(after - 2 * middle + before, axis=1) / WINDOW_S**2
-    return at_most(
-        float(change.max(initial=0.0)),
-        TYRE_GRIP_M_S2,
-        "m/s2",
-        source="friction of the tyres on the lab's floor",
-        detail=f"highest acceleration by {case.base_source}",
+    seen = ~blind(case, begins_s, begins_s + 2 * WINDOW_S)
+    return standing(
+        at_most(
+            float(change[seen].max(initial=0.0)),
+            TYRE_GRIP_M_S2,
+            "m/s2",
+            source="friction of the tyres on the lab's floor",
+            detail=f"highest acceleration by {case.base_source}",
+        )
     )
 
 
 def turning_speed(case: Case) -> Finding:
     """Fastest turn of the base by motion capture."""
     pose = base_of(case)
-    return at_most(
-        float(np.abs(_rate(moved_s(case, pose.time_s), pose.yaw_rad)).max(initial=0.0)),
-        case.robot.limits.angular_rad_s * TOLERANCE,
-        "rad/s",
-        source="the site's limits of the robot",
-        detail=f"highest turn rate by {case.base_source}",
+    return standing(
+        at_most(
+            float(np.abs(_rate(moved_s(case, pose.time_s), pose.yaw_rad)).max(initial=0.0)),
+            case.robot.limits.angular_rad_s * TOLERANCE,
+            "rad/s",
+            source="the site's limits of the robot",
+            detail=f"highest turn rate by {case.base_source}",
+        )
     )
 
 
@@ -74,12 +84,15 @@ def odometry(case: Case) -> Finding:
     edges = _between_holes(np.arange(start_s, end_s, ODOMETRY_WINDOW_S), time_s, ODOM)
     own = _travelled(edges, time_s, table.vector("pose.pose.position"))
     seen = _travelled(edges, pose.time_s, pose.position_m)
-    return at_most(
-        float(np.abs(own - seen).max(initial=0.0)),
-        ODOMETRY_LIMIT_M,
-        "m",
-        source="slip of a skid-steered base",
-        detail=f"largest disagreement with motion capture in {ODOMETRY_WINDOW_S:g} s",
+    on = ~blind(case, moved_s(case, edges[:-1]), moved_s(case, edges[1:]))
+    return standing(
+        at_most(
+            float(np.abs(own - seen)[on].max(initial=0.0)),
+            ODOMETRY_LIMIT_M,
+            "m",
+            source="slip of a skid-steered base",
+            detail=f"largest disagreement with motion capture in {ODOMETRY_WINDOW_S:g} s",
+        )
     )
 
 
@@ -89,6 +102,10 @@ def stays_in_room(case: Case) -> Finding:
     seen = np.column_stack([pose.position_m[:, :2], pose.yaw_rad])
     # The deepest of thousands of noisy poses is deeper than the base ever was.
     at = smoothed(pose.time_s, seen, pose.time_s)
+    moved = moved_s(case, pose.time_s)
+    # Beside a silence it is a guess.
+    known = ~blind(case, moved - HALF_WINDOW_S, moved + HALF_WINDOW_S)
+    at = at[known] if known.any() else seen
     outline = _outline()
     c, s = np.cos(at[:, 2:]), np.sin(at[:, 2:])
     x = at[:, :1] + c * outline[:, 0] - s * outline[:, 1]
@@ -102,24 +119,26 @@ def stays_in_room(case: Case) -> Finding:
         inside_y = furniture.size_m[1] / 2 - np.abs(fc * dy - fs * dx)
         depth[furniture.name] = float(np.minimum(inside_x, inside_y).max())
     deepest = max(depth, key=lambda name: depth[name])
-    return at_most(
-        max(depth[deepest], 0.0),
-        CLEARANCE_M,
-        "m",
-        source="the site's walls and furniture",
-        detail=f"into {deepest}",
+    return standing(
+        at_most(
+            max(depth[deepest], 0.0),
+            CLEARANCE_M,
+            "m",
+            source="the site's walls and furniture",
+            detail=f"into {deepest}",
+        )
     )
 
 
 def _rate(time_s: Array, values: Array) -> Array:
     """Change of `values` (n, m) or (n,) per second, over WINDOW_S from and to each sample."""
-    first, last = _windows(time_s, values, 1)
+    _, (first, last) = _windows(time_s, values, 1)
     return np.asarray((last - first) / WINDOW_S)
 
 
-def _windows(time_s: Array, values: Array, count: int) -> list[Array]:
-    """`values` at the edges of so many windows in a row, which begin or end at each sample. Between two
-    samples they lie on the straight line: a body of which no pose is signed rests."""
+def _windows(time_s: Array, values: Array, count: int) -> tuple[Array, list[Array]]:
+    """When they begin, and `values` at the edges of so many windows in a row, which begin or end at each
+    sample. Between two samples they lie on the straight line: a body of which no pose is signed rests."""
     length_s = count * WINDOW_S
     begins_s = np.concatenate([time_s, time_s - length_s])
     begins_s = begins_s[(begins_s >= time_s[0]) & (begins_s <= time_s[-1] - length_s)]
@@ -129,7 +148,7 @@ def _windows(time_s: Array, values: Array, count: int) -> list[Array]:
         at_s = begins_s + number * WINDOW_S
         found = np.stack([np.interp(at_s, time_s, column) for column in columns], axis=1)
         edges.append(found if values.ndim == 2 else found[:, 0])
-    return edges
+    return begins_s, edges
 
 
 def _between_holes(edges_s: Array, time_s: Array, topic: Topic) -> Array:

@@ -188,6 +188,8 @@ class Checks:
     """Whether seller and buyer testify against each other, so that their own devices' word is evidence.
     Otherwise a witness that the executor owns counts for nothing, and no robot vouches for others: it works
     for the same pay, or for who it helps."""
+    work_from_s: Callable[[Case], float] = lambda case: -math.inf
+    """From when on a witness that is silent misses the work, s. Raises what the case's computations raise."""
     at_idle_speed: bool = False
     """Whether a simulated clock goes at the site's `idle_speed` while the work is done."""
     model_sha256: Callable[[], str] | None = None

@@ -18,8 +18,14 @@ def reported_failure(case: Case) -> str | None:
 def not_given_up(case: Case) -> Finding:
     """The executor does not report that the attempt failed: then nothing else needs to be asked. What nobody
     could do is not its failure."""
-    failure, reason = _failure(case), reported_failure(case)
-    if failure is not None and case.chain_record:
+    failure = _failure(case)
+    if failure is None:
+        return Finding(passed=True, source=_SOURCE, detail="the executor's own statement")
+    return _worth(case, failure).model_copy(update={"last": True})
+
+
+def _worth(case: Case, failure: Mapping[str, Any]) -> Finding:
+    if case.chain_record:
         if case.checks.params:
             try:
                 ordered(case, case.checks.params)
@@ -27,12 +33,12 @@ def not_given_up(case: Case) -> Finding:
                 return impossible(in_words(error), error.fault, source="the task's parameters")
         if (found := case.checks.undoable(case, failure)) is not None:
             return found
-    return Finding(
-        passed=reason is None,
-        measured=reason,
-        source="the executor's own recording",
-        detail="the executor's own statement" if reason is None else f"the executor reports: {reason}",
-    )
+    reason = reported_failure(case)
+    detail = f"the executor reports: {reason}"
+    return Finding(passed=False, measured=reason, source=_SOURCE, detail=detail)
+
+
+_SOURCE = "the executor's own recording"
 
 
 def _failure(case: Case) -> Mapping[str, Any] | None:

@@ -134,13 +134,13 @@ class Kinematics:
                 position_m = position_m + before - turned(quaternion, model.jnt_pos[joint])
         return HandPath(position_m, continuous(quaternion))
 
-    def deepest(self) -> Touch:
-        """How deep a link ever was in floor, walls, furniture, bin or dock, and which."""
+    def deepest(self, known: Array) -> Touch:
+        """How deep a link was in floor, walls, furniture, bin or dock, and which, where (n,) `known`."""
         model, data = self._model, self._data
         way = np.abs(np.diff(self._rows, axis=0)).max(axis=1)
         looks = np.unique(np.floor(np.cumsum(np.r_[0.0, way]) / _LOOK_EVERY), return_index=True)[1]
         deepest = Touch(0.0)
-        for index in looks:
+        for index in looks[known[looks]]:
             data.qpos[:] = self._rows[index]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_collision(model, data)

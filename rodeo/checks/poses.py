@@ -91,6 +91,8 @@ def clock_ahead_s(case: Case) -> float:
     z, w = table["pose.pose.orientation.z"], table["pose.pose.orientation.w"]
     own_rad, time_s = np.unwrap(2 * np.arctan2(z, w)), increasing(table)
     at_s = np.arange(time_s[0] + 1.0, time_s[-1] - 1.0, _TURN_S / 4)
+    for start_s, end_s in base.unseen_s:
+        at_s = at_s[(at_s + _TURN_S < start_s - CLOCKS_S) | (at_s > end_s + CLOCKS_S)]
     own = np.interp(at_s + _TURN_S, time_s, own_rad) - np.interp(at_s, time_s, own_rad)
     turning = np.abs(own) > _TURN_RAD
     if not turning.sum() > _TURNS:

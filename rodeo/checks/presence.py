@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rodeo.checks.case import NO_MOCAP, THE_MOTION_CAPTURE, Case, CaseError
+from rodeo.checks.case import NO_MOCAP, Case, CaseError
 from rodeo.checks.heads import fork
-from rodeo.checks.poses import motion_of, moving_s, pose_of, silences_s
+from rodeo.checks.poses import motion_of, moving_s, pose_of
 from rodeo.checks.report import Finding, at_least, skipped, undecided
 from rodeo.checks.testimony import motion_capture_of
 from rodeo.checks.witnesses import UNSEEN_S, heads_of, listed_soon
@@ -35,18 +35,12 @@ def stays(case: Case, place: Place, near_m: float, least_s: float) -> Finding:
     lasts_s = max(
         (moving_s(case, one.from_s, one.until_s) for one in _stays(case, place, near_m)), default=0.0
     )
-    found = at_least(
+    return at_least(
         lasts_s,
         least_s,
         "s",
         source="the task's parameters",
         detail=f"longest time within {near_m:g} m of the place, as motion capture signed it",
-    )
-    off = any(end_s - start_s > UNSEEN_S for start_s, end_s in silences_s(case))
-    if found.passed or not off:
-        return found
-    return undecided(
-        "motion capture was off meanwhile", THE_MOTION_CAPTURE, source="chain of the motion capture"
     )
 
 

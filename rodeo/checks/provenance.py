@@ -3,7 +3,8 @@
 from rodeo.checks.case import Case
 from rodeo.checks.declared import reported_failure
 from rodeo.checks.keys import counts_until_s, heads_listed, taken
-from rodeo.checks.report import Finding, at_most, equal, skipped, undecided
+from rodeo.checks.report import Finding, at_most, equal, given_up, skipped, undecided
+from rodeo.checks.sources import whose
 from rodeo.checks.testimony import vouching
 from rodeo.messages import Device
 from rodeo.topics import SEAL_CHANNEL
@@ -71,22 +72,25 @@ def _by_its_time(case: Case, device: Device, found: Finding) -> Finding:
     until_s = counts_until_s(device, case.submitted_s)
     if case.proof.end_ns * 1e-9 <= until_s and not taken(device, case.submitted_s):
         return found
-    whose = f"the {device.role} {device.name}"
     if case.proof.start_ns * 1e-9 > until_s:
         return found.model_copy(
             update={"passed": False, "measured": f"{found.measured}, revoked before the recording"}
         )
     if not taken(device, case.submitted_s):
-        detail = f"its key {device.address} was superseded while it recorded"
-        return undecided(detail, whose, source=found.source)
-    if _stood(case, device):
+        if case.checks.both_sides_sign:
+            return found  # what both signed until then is paid
+        detail = f"the key {device.address} that seals it was superseded while it recorded"
+    elif _stood(case, device):
         return found
-    return undecided(
-        f"its key {device.address} was revoked as compromised before the proof was submitted, and no witness "
-        "listed the recording's last seals before that",
-        whose,
-        source=found.source,
-    )
+    else:
+        detail = (
+            f"the key {device.address} that seals it was revoked as compromised before the proof was "
+            "submitted, and no witness listed the recording's last seals before that"
+        )
+    # Whoever had the key by then may have sealed it: it is nobody's work, and nobody is fined for it.
+    if case.checks.both_sides_sign:
+        return undecided(detail, whose(device.role, device.name), found.source)
+    return given_up(detail, found.source).model_copy(update={"last": True})
 
 
 def _stood(case: Case, device: Device) -> bool:

@@ -1,29 +1,32 @@
 """What an oracle says about one proof: a verdict with one entry per check, recomputable by anyone.
 
-A verdict has one of four outcomes. *Rejected*: a check failed for a reason that the executor answers for.
+A verdict has one of five outcomes. *Rejected*: a check failed for a reason that the executor answers for.
 *Undecided*: a check failed for a reason that neither party owns (`Finding.fault`), so people decide.
+*Given up*: the executor could not do it and did no harm, or the checks themselves failed at the proof.
 *Impossible*: the executor gave up, and a check found that nobody could have done the task. *Accepted*: none
 failed.
 
-Which failure names the verdict: stages run in order and end at the first with a failure, so that of an
-earlier stage goes before that of a later one, whichever they are. Within a stage a rejection goes before an
-undecided: the checks of a stage do not build on each other, so what the executor did wrong is as wrong when a
-witness failed beside it.
+A rejection goes before everything else: what the executor did wrong is as wrong when a witness failed beside
+it. So stages run in order and end at the first with a rejection. Of other failures the first names the
+verdict.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from rodeo.foreign_text import printable, quoted, shortened
+from rodeo.messages import Fault
 from rodeo.strict_json import plain, write_json
 
-Outcome = Literal["accepted", "rejected", "undecided", "impossible"]
+Outcome = Literal["accepted", "rejected", "undecided", "given_up", "impossible"]
+_PARTIES: dict[str, Fault] = {"the task's creator": "creator", "the oracle": "oracle", "the store": "oracle"}
+"""Who failed -> as the contracts name it. A site without its store has no judge."""
 
 REASON_CHARACTERS = 500
 _DETAIL_CHARACTERS = 1000
@@ -55,19 +58,36 @@ class Finding(BaseModel):
     detail: Annotated[Text, AfterValidator(lambda text: shortened(text, _DETAIL_CHARACTERS))] = ""
     fault: Text | None = None
     """Who failed, where a check did not pass and that is neither party's failure: "the oracle", "the site's
-    motion capture". The check is then undecided, unless the task is `impossible`."""
-    impossible: bool = False
-    """Whether nobody could do the task, by who is at `fault`: the executor is paid for its trouble."""
+    motion capture". The check is then undecided, unless it is something `instead`."""
+    instead: Literal["given_up", "impossible"] | None = None
+    """Of a check that did not pass. Given up: the executor could not do it. Impossible: nobody could, by who
+    is at `fault`, and the executor is paid for its trouble."""
+    stands: bool = Field(default=False, exclude=True)
+    """Whether a failure stands whatever a witness had said while it was silent: it was found without that."""
+
+    last: bool = Field(default=False, exclude=True)
+    """Whether nothing more is asked where it did not pass."""
 
     @property
     def undecided(self) -> bool:
-        return self.passed is False and self.fault is not None and not self.impossible
+        return self.outcome == "undecided"
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """What a check that did not pass makes of the verdict; None of another one."""
+        if self.passed is not False:
+            return None
+        return self.instead or ("rejected" if self.fault is None else "undecided")
 
 
 class Check(Finding):
     """A finding under the name of its check."""
 
     name: str
+
+    @classmethod
+    def of(cls, name: str, found: Finding) -> Self:
+        return cls(name=name, **dict(found))
 
 
 class Report(BaseModel):
@@ -85,6 +105,8 @@ class Report(BaseModel):
     reason: str
     fault: str | None = None
     """Of an undecided verdict, and of an impossible task: who failed."""
+    party: Fault = "nobody"
+    """The same as the contracts name it."""
     amount_iec: Decimal | None = None
     """What an accepted proof is paid; None is the task's full price."""
     acts: list[str] = []
@@ -111,16 +133,17 @@ class Report(BaseModel):
         amount_iec: Decimal | None = None,
         acts: Sequence[str] = (),
         rules_sha256: str | None = None,
+        parties: Mapping[str, Fault] | None = None,
     ) -> Report:
-        """The report that these checks make; what is paid only where they allow it."""
+        """The report that these checks make; what is paid only where they allow it. `parties`: who is at
+        fault -> as the contracts name it."""
         failed = [check for check in checks if check.passed is False]
         # The first that the executor answers for, else the first.
-        decisive = min(failed, key=lambda check: check.fault is not None, default=None)
-        outcome: Outcome = "rejected"
-        if decisive is not None and decisive.fault is not None:
-            outcome = "impossible" if decisive.impossible else "undecided"
-        elif decisive is None and checks:
-            outcome = "accepted"
+        decisive = min(failed, key=lambda check: check.outcome != "rejected", default=None)
+        outcome: Outcome = "accepted" if checks else "rejected"
+        if decisive is not None:
+            outcome = decisive.outcome or outcome
+        fault = (decisive and decisive.fault) or ""
         return cls(
             kind=kind,
             task_id=task_id,
@@ -129,7 +152,8 @@ class Report(BaseModel):
             item_pose_source=item_pose_source,
             outcome=outcome,
             reason=describe(decisive) if decisive else "accepted" if checks else "nothing was checked",
-            fault=decisive.fault if decisive else None,
+            fault=fault or None,
+            party=(_PARTIES | dict(parties or {})).get(fault.partition(",")[0], "nobody"),
             amount_iec=amount_iec if outcome == "accepted" else None,
             acts=list(acts),
             rules_sha256=rules_sha256,
@@ -149,6 +173,7 @@ class Report(BaseModel):
             amount_iec=self.amount_iec,
             acts=self.acts,
             rules_sha256=self.rules_sha256,
+            parties={} if self.fault is None else {self.fault: self.party},
         )
 
     def to_bytes(self) -> bytes:
@@ -161,7 +186,7 @@ class Report(BaseModel):
         return [
             (
                 c.name,
-                "impossible" if c.impossible else "undecided" if c.undecided else words[c.passed],
+                words[c.passed] if c.outcome in (None, "rejected") else str(c.outcome).replace("_", " "),
                 _text(c.measured, c.unit),
                 _text(c.limit, c.unit),
                 c.source,
@@ -219,7 +244,17 @@ def undecided(detail: str, fault: str, source: str = "") -> Finding:
 
 def impossible(detail: str, fault: str, source: str = "") -> Finding:
     """Nobody could do what `fault` asked for."""
-    return undecided(detail, fault, source).model_copy(update={"impossible": True})
+    return Finding(passed=False, source=source, detail=detail, fault=fault, instead="impossible")
+
+
+def given_up(detail: str, source: str = "", fault: str | None = None) -> Finding:
+    """The executor could not do it, or `fault` could not judge it: nobody is paid, nobody pays."""
+    return Finding(passed=False, source=source, detail=detail, fault=fault, instead="given_up")
+
+
+def standing(found: Finding) -> Finding:
+    """The same, found without what a witness could have said while it was silent."""
+    return found.model_copy(update={"stands": True})
 
 
 def skipped(detail: str) -> Finding:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from rodeo.checks.case import MOTION_CAPTURE, Case, CaseError
 from rodeo.checks.keys import counts_until_s, taken
-from rodeo.checks.results import once_per_case
+from rodeo.checks.results import once_per_case, reads
 from rodeo.checks.statements import Said, Testimony, joined, recorded, testimonies
 from rodeo.messages import Device
 from rodeo.witness.statement import Statement
@@ -77,10 +77,25 @@ def testimony_of(case: Case, role: str, name: str) -> Testimony:
 @once_per_case
 def parts_of(case: Case, role: str, name: str) -> list[tuple[Device, Testimony]]:
     """The same by key: what each of them signed that counts (`rodeo.checks.keys`)."""
+    reads((role, name))
     return [
         (key, _counting(case, testimony, name, counts_until_s(key, case.submitted_s)))
         for key in keys_of(case, role, name)
         if (testimony := by_signer(case).get(key.address.lower())) is not None
+    ]
+
+
+def said_before(case: Case, role: str, name: str) -> list[Said]:
+    """What this witness signed for this organization before the assignment, in the order of its chain."""
+    earliest_s, _ = case.assignment_s
+    found = (by_signer(case).get(key.address.lower()) for key in keys_of(case, role, name))
+    return [
+        said
+        for testimony in found
+        for said in (testimony.said if testimony else ())
+        if said.statement.device == name
+        and said.statement.time_s < earliest_s
+        and _scope(said.statement) == _scope_of(case)
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,10 @@ from pathlib import Path
 from rodeo.checks import provenance
 from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, Checks, OthersFailed
 from rodeo.checks.counts import counts_of
-from rodeo.checks.report import Check, Report, skipped, undecided
+from rodeo.checks.report import Check, Finding, Report, given_up, skipped, undecided
+from rodeo.checks.results import sources_read
 from rodeo.checks.rules import rules_hash
+from rodeo.checks.sources import judged, parties
 from rodeo.checks.stages import PEOPLE
 from rodeo.config import Site
 from rodeo.errors import RodeoError, is_machines
@@ -24,6 +27,10 @@ from rodeo.foreign_text import in_words, quoted
 from rodeo.kinds import kinds_of
 
 log = logging.getLogger(__name__)
+
+ORACLE = "the oracle"
+"""As who failed."""
+_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 
 
 def verify_file(
@@ -38,7 +45,7 @@ def verify_file(
     which is never paid for, is only read if `reads_bags`. `checks_of` may change the kind's checks,
     to find out what one of them is good for; an oracle never does.
 
-    Never raises for what the file holds: what cannot be read or computed of it is a rejection that names it.
+    Never raises for what the file holds: what it lacks or breaks is a rejection that names it.
     Raises what its own machine fails at (`rodeo.errors.is_machines`), which says nothing about the proof.
     """
     try:
@@ -47,7 +54,7 @@ def verify_file(
     except Exception as error:  # noqa: BLE001 - strangers' bytes make libraries raise whatever they like
         return _report([_failed("readable_and_sealed", error)], site, chain_record)
     if proof is None:
-        unsealed = Check(name="sealed", **provenance.vouched_for(False).model_dump())
+        unsealed = Check.of("sealed", provenance.vouched_for(False))
         return _report([unsealed], site, chain_record)
     return verify_proof(proof, site, chain_record, checks_of=checks_of)
 
@@ -74,8 +81,10 @@ def verify_proof(
         if missed and (proof.sealed or provenance.sealed not in stage):  # nobody need be asked about a bag
             checks += [_skipped(check, f"skipped: {missed} did not pass") for check in stage]
             continue
-        checks += [_run(check, case) for check in stage]
-        missed = next((check.name for check in checks if check.passed is False), "")
+        found = [_run(check, case) for check in stage]
+        checks += found
+        decided = (one.name for one in found if one.outcome == "rejected" or (one.outcome and one.last))
+        missed = missed or next(decided, "")
     report = _report(checks, site, chain_record, case)
     if report.accepted:
         return _with_payment(report, case)
@@ -90,8 +99,8 @@ def _with_payment(report: Report, case: Case) -> Report:
         if is_machines(error):
             raise
         log.exception("what an accepted proof is paid for could not be computed")
-        finding = undecided(_not_computed(error), "the oracle", source="the kind's checks")
-        return report.with_checks(Check(name="payment_computed", **finding.model_dump()))
+        finding = undecided(_not_computed(error), ORACLE, source="the kind's checks")
+        return report.with_checks(Check.of("payment_computed", finding))
     return report.model_copy(update=paid)
 
 
@@ -166,38 +175,43 @@ def _open(path: Path, limits: Limits, reads_bags: bool) -> Proof | None:
 
 
 def _run(function: CheckFunction, case: Case) -> Check:
-    name = function.__name__
-    try:
-        finding = function(case)
-    except OthersFailed as error:
-        finding = undecided(in_words(error), error.fault, source="other parties' statements and posts")
-    except Exception as error:  # noqa: BLE001 - the same
-        return _failed(name, error)
-    return Check(name=name, **finding.model_dump())
+    with sources_read() as sources:
+        try:
+            finding = function(case)
+        except OthersFailed as error:
+            finding = undecided(in_words(error), error.fault, source="other parties' statements and posts")
+        except Exception as error:  # noqa: BLE001 - the same
+            finding = _failure(function.__name__, error)
+    return Check.of(function.__name__, judged(case, finding, sources))
 
 
 def _skipped(function: CheckFunction, why: str) -> Check:
-    return Check(name=function.__name__, **skipped(why).model_dump())
+    return Check.of(function.__name__, skipped(why))
 
 
 def _failed(name: str, error: Exception) -> Check:
-    """What was read and computed is the executor's file: what fails there rejects it. Raises what the
-    oracle's own machine failed at."""
+    return Check.of(name, _failure(name, error))
+
+
+def _failure(name: str, error: Exception) -> Finding:
+    """What was read and computed is the executor's file: what it lacks or breaks rejects it. What no check
+    foresees may be a mistake in the check: that fines nobody, and pays nobody. Raises what the oracle's own
+    machine failed at."""
     if is_machines(error):
         raise error
     # A case's errors are findings in words; those of a broken file are known by their code.
     if isinstance(error, CaseError):
-        detail = in_words(error)
-    elif isinstance(error, RodeoError):
-        detail = f"{error.code}: {in_words(error)}"
-    else:
-        log.error("%s could not be computed", name, exc_info=error)
-        detail = _not_computed(error)
-    return Check(name=name, passed=False, detail=detail)
+        return Finding(passed=False, detail=in_words(error))
+    if isinstance(error, RodeoError):
+        return Finding(passed=False, detail=f"{error.code}: {in_words(error)}")
+    log.error("%s could not be computed", name, exc_info=error)
+    return given_up(_not_computed(error), source="the checks", fault=ORACLE)
 
 
 def _not_computed(error: Exception) -> str:
-    return f"could not be computed: {type(error).__name__}: {quoted(error)}"
+    # Judges vote for equal reports, and where an object lies in memory differs.
+    said = _ADDRESS.sub("", str(error))
+    return f"could not be computed: {type(error).__name__}: {quoted(said)}"
 
 
 def _report(
@@ -214,4 +228,5 @@ def _report(
         proof_sha256=case.proof.sha256 if case else task.proof_sha256 if task else None,
         item_pose_source=case.item_pose_source if case and case.checks.item else None,
         rules_sha256=None if kind is None else rules_hash(kind),
+        parties=parties(case) if case else {},
     )

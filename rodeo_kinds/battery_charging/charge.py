@@ -14,7 +14,7 @@ from rodeo.checks.case import Case, CaseError, ordered
 from rodeo.checks.keys import counts_until_s
 from rodeo.checks.payment import Step
 from rodeo.checks.readings import Readings, unpack
-from rodeo.checks.results import once_per_case
+from rodeo.checks.results import once_per_case, reads
 from rodeo.checks.statements import Said, Testimony, joined
 from rodeo.checks.testimony import by_signer, keys_of
 from rodeo.errors import ConfigError
@@ -138,6 +138,7 @@ def charge_of(case: Case) -> Charge:
     Raises CaseError, OthersFailed.
     """
     who, chain_record = names(case), case.chain_record
+    reads(("meter", who.meter), ("robot", who.robot))
     meters = None if chain_record is None else keys_of(case, "meter", who.meter)
     robots = None
     if chain_record is not None:

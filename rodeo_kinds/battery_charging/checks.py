@@ -19,15 +19,9 @@ from rodeo.checks.case import Case, CaseError, Checks, ordered
 from rodeo.checks.heads import fork, listed
 from rodeo.checks.payment import by_rates_iec
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
+from rodeo.checks.sources import doubtful, signed_twice, whose
 from rodeo.checks.stages import COUNTED, PROVENANCE
 from rodeo.checks.statements import Testimony
-from rodeo.checks.witnesses import (
-    compromised,
-    listed_otherwise,
-    revoked_in_assignment,
-    revoked_meanwhile,
-    signed_twice,
-)
 from rodeo.config import Site
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.proof import Proof
@@ -69,16 +63,13 @@ def both_signed(case: Case) -> Finding:
     """The task's robot signed for what the task's meter recorded of this very session."""
     charge, who = charge_of(case), names(case)
     for role, name in (("meter", who.meter), ("robot", who.robot)):
-        if (failed := compromised(case, role, name, f"the {role} {name}")) is not None:
+        if (failed := doubtful(case, role, name)) is not None:
             return failed
     for role, name, side in (("meter", who.meter, charge.meter), ("robot", who.robot, charge.robot)):
-        whose = f"the {role} {name}"
         if side is None:
-            if (key := revoked_in_assignment(case, role, name)) is not None:
-                return revoked_meanwhile(key, whose)
             raise CaseError(f"nothing signed by the task's {role} is in the recording", **{role: name})
-        if (alarm := signed_twice(side) or listed_otherwise(case, role, name)) is not None:
-            return undecided(alarm, whose, source=_BOTH)
+        if (alarm := signed_twice(side)) is not None:
+            return undecided(alarm, whose(role, name), source=_BOTH)
     if not charge.records:
         raise CaseError("the meter signed nothing for this recording", meter=who.meter)
     if not charge.signed:

@@ -39,7 +39,7 @@ from rodeo.files import replace_file, writing
 from rodeo.foreign_text import in_words
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, Fault, Rule, Task, Vote
+from rodeo.messages import DaoEvent, Rule, Task, Vote
 from rodeo.process import Process
 from rodeo.serving import served_by
 from services.oracle import worker
@@ -300,6 +300,12 @@ class Oracle:
                 return
             report = report.with_checks(check)
         log.info("task %d attempt %d: %s", task_id, attempt, report.reason)
+        if report.outcome == "given_up" and report.fault == FAULT:
+            self._process.concern(
+                "unforeseen",
+                f"task {task_id} attempt {attempt} could not be judged, which the checks do not foresee: "
+                f"{report.reason}",
+            )
         stored = self._until_answered(lambda: self._stored(task, report), task)
         if stored is None:
             return
@@ -400,7 +406,7 @@ class Oracle:
             attempt=task.attempt,
             proof_sha256=task.proof_sha256 or "",
             ruling=report.outcome,
-            fault=_fault(report),
+            fault=report.party,
             amount_iec=_amount_iec(task, report),
             reason=report.reason,
             rules_sha256=report.rules_sha256,
@@ -421,8 +427,8 @@ class Oracle:
         return True
 
     def _vote(self, votes: Votes, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
-        """Vote for the ruling; False when this oracle abstains, because what failed is itself."""
-        if report.fault == FAULT:
+        """Vote for the ruling; False when this oracle abstains, because it alone could not judge."""
+        if report.fault == FAULT and report.outcome == "undecided":
             log.warning("task %d attempt %d: abstaining: %s", task.id, task.attempt, report.reason)
             with self._lock:
                 self._abstained.add((task.id, task.attempt))
@@ -434,6 +440,7 @@ class Oracle:
             report_sha256=report_sha256,
             rules_sha256=report.rules_sha256 or "",
             ruling=report.outcome,
+            fault=report.party,
             amount_iec=_amount_iec(task, report) or Decimal(0),
             reason=report.reason,
         )
@@ -578,11 +585,6 @@ def is_ours(kinds: Kinds, task: Task) -> bool:
     """Whether oracles judge this task, as the organization's rules were when it was posted. Never where the
     oracle has no checks of its own, whatever those say, nor once the right to judge was taken from them."""
     return not kinds.by_people(task.kind) and task.judge == "oracle" and not task.judge_removed
-
-
-def _fault(report: Report) -> Fault:
-    """Whose doing it is that the case is passed on, as far as the contracts have a word for it."""
-    return "oracle" if report.outcome == "undecided" and report.fault == FAULT else "nobody"
 
 
 def _amount_iec(task: Task, report: Report) -> Decimal | None:

@@ -5,7 +5,7 @@ none. Nothing is shared, so a crash, a hang or a full memory costs one proof its
 
 What a proof may cost is bounded by counts that every judge finds the same (`rodeo.checks.counts`). What
 the limits here allow differs from machine to machine, so they never reject: a verification that meets one is
-tried once more and then undecided.
+tried once more and then given up, which fines nobody and pays nobody.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
 from rodeo.checks.case import ChainRecord
-from rodeo.checks.report import Check, Report
+from rodeo.checks.report import Check, Report, given_up, undecided
 from rodeo.config import OracleConfig, Site
 from rodeo.errors import DiskFull, RodeoError, snake_case
 from rodeo.evidence.errors import (
@@ -111,10 +111,11 @@ def verify_apart(
     `copy` is the proof itself where it was had already, `failed` counts its verifications that did.
 
     One that uses up its CPU time, hangs, crashes or runs out of memory raises VerificationFailed, the second
-    such is undecided. `scratch` is where its folder goes, which is removed. Raises EvidenceError when the
-    proof could not be fetched, and DiskFull: both are for the caller to wait for.
+    such is given up. If it cannot be started twice, that is undecided. `scratch` is where its folder goes,
+    which is removed. Raises EvidenceError when the proof could not be fetched, and DiskFull: both are for the
+    caller to wait for.
     """
-    report, ended = _once(site, chain_record, scratch, stop, limits or site.oracle, memory_bytes, copy)
+    report, ended, began = _once(site, chain_record, scratch, stop, limits or site.oracle, memory_bytes, copy)
     # Signals that end the oracle may reach the child first: that is no fault of the proof.
     if report is not None or stop.wait(_SIGNAL_GRACE_S):
         return report
@@ -122,13 +123,11 @@ def verify_apart(
     log.warning("task %d attempt %d: %s", task.id, task.attempt, ended)
     if failed + 1 < ATTEMPTS:
         raise VerificationFailed(ended, task_id=task.id, attempt=task.attempt)
-    check = Check(
-        name="verification_ended",
-        passed=False,
-        source="the oracle's own process",
-        detail=f"{ended}, {ATTEMPTS} times",
-        fault=FAULT,
-    )
+    source = "the oracle's own process"
+    found = undecided(f"{ended}, {ATTEMPTS} times", FAULT, source)
+    if began:  # other judges find the same, and vote for equal reports: not how it ended
+        found = given_up(f"the verification ended without a report, {ATTEMPTS} times", source, FAULT)
+    check = Check.of("verification_ended", found)
     return Report.of(
         [check],
         kind=task.kind,
@@ -147,8 +146,8 @@ def _once(
     limits: OracleConfig,
     memory_bytes: int,
     copy: Path | None,
-) -> tuple[Report | None, str]:
-    """The report of one child, or why there is none. Raises EvidenceError, DiskFull."""
+) -> tuple[Report | None, str, bool]:
+    """The report of one child, or why there is none, and whether it ran. Raises EvidenceError, DiskFull."""
     with writing(scratch), _folder_in(scratch) as folder:
         path, away = Path(folder, _REPORT), Path(folder, _AWAY)
         process = _context_of(site).Process(
@@ -160,7 +159,7 @@ def _once(
         try:
             process.start()
         except _NOT_STARTED as error:
-            return None, f"the process to verify in did not start: {error!r}"
+            return None, f"the process to verify in did not start: {error!r}", False
         deadline_s = time.monotonic() + limits.time_limit_s
         while process.is_alive() and time.monotonic() < deadline_s and not stop.is_set():
             process.join(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))
@@ -169,17 +168,17 @@ def _once(
             process.kill()
             process.join()
         if path.exists():
-            return Report.model_validate_json(path.read_bytes()), ""
+            return Report.model_validate_json(path.read_bytes()), "", True
         if away.exists():
             said = read_json(away.read_bytes())
             raise _AWAY_FOR[said["code"]](said["message"], **said["details"])
         if process.exitcode == _NO_ROOM:
             raise DiskFull("no space left to verify the proof", folder=str(scratch))
         if hung:
-            return None, f"the verification hung for {limits.time_limit_s:g} s"
+            return None, f"the verification hung for {limits.time_limit_s:g} s", True
         if process.exitcode == -signal.SIGXCPU:
-            return None, f"the verification used more than {limits.cpu_limit_s:g} s of CPU time"
-        return None, f"the verification crashed with exit status {process.exitcode}"
+            return None, f"the verification used more than {limits.cpu_limit_s:g} s of CPU time", True
+        return None, f"the verification crashed with exit status {process.exitcode}", True
 
 
 @cache

@@ -59,5 +59,6 @@ CHECKS = Checks(
     undoable=undoable,
     item=item_of,
     bin=bin_of,
+    work_from_s=witnesses.work_from_s,
     model_sha256=model_sha256,
 )

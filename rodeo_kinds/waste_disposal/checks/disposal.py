@@ -7,21 +7,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from rodeo.checks.case import Case, CaseError
-from rodeo.checks.heads import fork, in_file, listed
+from rodeo.checks.case import Case, CaseError, OthersFailed
+from rodeo.checks.heads import LISTED_S, fork, in_file, listed
 from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.phases import REST_M, phases_of
 from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
 from rodeo.checks.replay import replay_of
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
+from rodeo.checks.sources import doubtful, revoked_meanwhile, revoked_while_recorded, whose
 from rodeo.checks.tables import gaps_of
-from rodeo.checks.testimony import bin_said, bin_testimony, own_said
-from rodeo.checks.witnesses import (
-    UNLISTED_S,
-    revoked_meanwhile,
-    revoked_while_recorded,
-    unsound,
-)
+from rodeo.checks.testimony import bin_said, bin_testimony, by_signer, own_said
+from rodeo.checks.witnesses import UNLISTED_S
+from rodeo.evidence.errors import EvidenceError
 from rodeo.foreign_text import quoted
 from rodeo.kinds import kinds_of
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
@@ -57,7 +54,7 @@ def _classification(case: Case) -> Classification:
     """The one that the drop refers to, or the last. Raises CaseError."""
     found = [one.statement for one in bin_said(case) if isinstance(one.statement, Classification)]
     if not found:
-        raise CaseError("no classification signed by the bin is in the recording", bin=case.bin.name)
+        raise _unsaid(case, "no classification signed by the bin is in the recording")
     drop = drop_of(case)
     return next((one for one in found if drop and one.number == drop.classification), found[-1])
 
@@ -65,6 +62,8 @@ def _classification(case: Case) -> Classification:
 def drop_of(case: Case) -> Drop | None:
     """The first that the release can explain, else the last: others may use the bin meanwhile."""
     drops = _drops(case)
+    if len(drops) < 2:
+        return drops[0] if drops else None  # whenever the item was let go of
     earliest_s = replay_of(case).release_s - EARLY_SLACK_S
     return next((drop for drop in drops if drop.settled_s >= earliest_s), drops[-1] if drops else None)
 
@@ -72,8 +71,36 @@ def drop_of(case: Case) -> Drop | None:
 def _drop(case: Case) -> Drop:
     drop = drop_of(case)
     if drop is None:
-        raise CaseError("no drop signed by the bin is in the recording", bin=case.bin.name)
+        raise _unsaid(case, "no drop signed by the bin is in the recording")
     return drop
+
+
+def _unsaid(case: Case, what: str) -> EvidenceError:
+    """Whose failure it is that the bin signed no such statement: the bin's where its key was revoked
+    meanwhile, or where motion capture, of which nothing is missing, heard nothing more of it."""
+    name = case.bin.name
+    if (key := revoked_while_recorded(case, "bin", name)) is not None:
+        return OthersFailed(revoked_meanwhile(key), whose("bin", name))
+    if bin_said(case) and heard_all(case):
+        return OthersFailed(f"{what}, and motion capture heard none either", whose("bin", name))
+    return CaseError(what, bin=name)
+
+
+def heard_all(case: Case) -> bool:
+    """Whether motion capture listened to the end, nothing of that is missing, and it lists no statement of
+    the bin that is not here."""
+    said = [one.statement for one in motion_of(case)] if case.mocap else []
+    if not said or said[-1].time_s < case.proof.end_ns * 1e-9 - LISTED_S * case.speed:
+        return False
+    if _gap([one.seq for one in said]):
+        return False
+    known = {(one.statement.seq, one.digest) for one in bin_said(case)}
+    return all(
+        (head.index, head.digest) in known
+        for one in said
+        for head in one.heads
+        if head.device == case.bin.name and head.chain is None and one.time_s > case.proof.start_ns * 1e-9
+    )
 
 
 def asked_compartment(case: Case) -> str:
@@ -84,12 +111,9 @@ def asked_compartment(case: Case) -> str:
 def bin_witnessed(case: Case) -> Finding:
     """This site's bin signed what it felt by its own sensors, in one chain."""
     name = case.bin.name
-    if (failed := unsound(case, "bin", name, f"the bin {name}")) is not None:
+    if (failed := doubtful(case, "bin", name)) is not None:
         return failed
     testimony = bin_testimony(case)
-    key = revoked_while_recorded(case, "bin", name)
-    if key is not None and not any(isinstance(one.statement, Drop) for one in testimony.said):
-        return revoked_meanwhile(key, f"the bin {name}")
     return Finding(
         passed=True,
         measured=len(testimony.said),
@@ -103,13 +127,8 @@ def classified(case: Case) -> Finding:
     """The item was shown to the bin between grasp and release."""
     statement = _classification(case)
     phases, release_s = replay_of(case).phases, replay_of(case).release_s
-    if any(look.taken_s < phases.closing_s for look in statement.earlier):
-        # The executor did not choose what the bin combined.
-        return undecided(
-            "it combined pictures that it took before the grasp: they show something else",
-            f"the bin {case.bin.name}",
-            source="statement of the bin",
-        )
+    if (failed := _combined(case, statement)) is not None:
+        return failed
     return Finding(
         passed=phases.closing_s <= statement.shown_s <= release_s,
         measured=statement.shown_s - phases.closing_s,
@@ -117,6 +136,17 @@ def classified(case: Case) -> Finding:
         unit="s",
         source="statement of the bin",
         detail=f"shown as {quoted(statement.item_class)} after the grasp, before the release",
+    )
+
+
+def _combined(case: Case, statement: Classification) -> Finding | None:
+    """An undecided finding if the bin combined pictures of something else: the executor did not choose."""
+    if all(look.taken_s >= phases_of(case).closing_s for look in statement.earlier):
+        return None
+    return undecided(
+        "it combined pictures that it took before the grasp: they show something else",
+        f"the bin {case.bin.name}",
+        source="statement of the bin",
     )
 
 
@@ -235,6 +265,8 @@ def pictured(case: Case) -> Finding:
     """The picture that the bin classified is in the proof, as its camera encoded it, and a network that the
     kind's rules list said what it shows."""
     assert case.kind is not None
+    if (failed := _combined(case, _classification(case))) is not None:
+        return failed
     listed = kinds_of(case.site)[case.kind].models()
     return picture.shown(case.proof, case.bin.name, _classification(case), listed)
 
@@ -266,8 +298,7 @@ def nothing_left_out(case: Case) -> Finding:
         ends_s = [one.statement.end_us * 1e-6 for one in motion_of(case) if isinstance(one.statement, Motion)]
         # The one before the release, too: the gap may begin there.
         before = max(bisect_left(ends_s, replay_of(case).release_s) - 1, 0)
-        gap = max((later - one - 1 for one, later in pairwise(numbers[before:])), default=0)
-        missing["motion capture"] = gap if gap > LOST_IN_A_ROW else 0
+        missing["motion capture"] = _gap(numbers[before:])
     return equal(
         sum(missing.values()),
         0,
@@ -276,11 +307,19 @@ def nothing_left_out(case: Case) -> Finding:
     )
 
 
+def _gap(numbers: list[int]) -> int:
+    """How many statements are missing in a row; 0 where no more are than may be lost."""
+    gap = max((later - one - 1 for one, later in pairwise(numbers)), default=0)
+    return gap if gap > LOST_IN_A_ROW else 0
+
+
 def _missing_of_bin(case: Case) -> int:
     """Statements of the bin since the classification that are not in the recording, though a later one is, or
     though motion capture heard of them."""
-    own = [one.statement.seq for one in bin_said(case) if one.statement.seq >= _classification(case).seq]
-    keys = bin_testimony(case).keys
+    keys, shown = bin_testimony(case).keys, _classification(case).seq
+    # Also what it signed under a key that did not count any more: that was not left out.
+    signed = (said for key in keys for said in by_signer(case)[key].said)
+    own = [said.statement.seq for said in signed if said.statement.seq >= shown]
     heard = [
         head.index
         for said in (motion_of(case) if case.mocap else ())
@@ -297,7 +336,11 @@ def _gaps(numbers: list[int]) -> int:
 def stays_in_bin(case: Case) -> Finding:
     """Motion capture sees the item lie in the compartment, or last above its opening, and nowhere else after;
     the fingers are open, the hand is away, nobody takes anything out, and that for a while."""
-    drop = _drop(case)
+    # Where the bin fell silent, `dropped` says so; motion capture saw where the item went all the same.
+    drop = drop_of(case)
+    fell_s = replay_of(case).release_s + DROP_SLACK_S
+    settled_s, after_s = (fell_s, fell_s) if drop is None else (drop.settled_s, drop.after_s)
+    compartment = asked_compartment(case) if drop is None else drop.compartment
     end_s = case.proof.end_ns * 1e-9
     source = f"recorded and signed for {JUDGED_AFTER_DROP_S:g} s after the bin's drop"
     if case.mocap:
@@ -306,8 +349,8 @@ def stays_in_bin(case: Case) -> Finding:
         one.statement
         for one in bin_said(case)
         if isinstance(one.statement, Removal)
-        and one.statement.compartment == drop.compartment
-        and one.statement.settled_s > drop.after_s
+        and one.statement.compartment == compartment
+        and one.statement.settled_s > after_s
     ]
     if taken:
         return equal(
@@ -316,9 +359,9 @@ def stays_in_bin(case: Case) -> Finding:
             source="statement of the bin",
             detail=f"after the drop something was taken out of {quoted(taken[0].compartment)}",
         )
-    if end_s - drop.settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
+    if drop is not None and end_s - settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
         return at_least(
-            end_s - drop.settled_s,
+            end_s - settled_s,
             JUDGED_AFTER_DROP_S,
             "s",
             source,
@@ -326,16 +369,16 @@ def stays_in_bin(case: Case) -> Finding:
         )
     if not case.mocap:
         return Finding(passed=True, source=source, detail="nothing was taken out of the bin")
-    return _lies_in(case, drop)
+    return _lies_in(case, compartment, settled_s)
 
 
-def _lies_in(case: Case, drop: Drop) -> Finding:
+def _lies_in(case: Case, compartment: str, settled_s: float) -> Finding:
     last_m = pose_of(case, case.item.id).position_m[-1]
-    found = _end(case, drop)
-    if found != drop.compartment:
+    found = _end(case, compartment, settled_s + CLOCKS_S)
+    if found != compartment:
         return equal(
             f"{found}, last at {last_m[0]:.2f} {last_m[1]:.2f} {last_m[2]:.2f}",
-            drop.compartment,
+            compartment,
             source="motion capture of the item",
             detail="where the item is from the drop on",
         )
@@ -364,14 +407,14 @@ def _mentioned(case: Case) -> bool:
     )
 
 
-def _end(case: Case, drop: Drop) -> str:
+def _end(case: Case, wanted: str, settled_s: float) -> str:
     """The compartment that the item is in from the drop on, or what keeps it from being in one."""
-    item, settled_s = pose_of(case, case.item.id), drop.settled_s + CLOCKS_S
+    item = pose_of(case, case.item.id)
     layout = BinLayout(case.bin)
     names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
     names += [_fallen_into(case, layout, place) for place in _falling(case, settled_s)]
-    left = next((name for name in names if name not in (drop.compartment, _ABOVE)), drop.compartment)
-    if left != drop.compartment:
+    left = next((name for name in names if name not in (wanted, _ABOVE)), wanted)
+    if left != wanted:
         return left or "left it"
     last_s, last_m = float(item.time_s[-1]), item.position_m[-1]
     if _hidden(case):

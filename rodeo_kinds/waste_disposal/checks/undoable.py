@@ -1,7 +1,7 @@
-"""Could anybody have done it? Asked where the executor gives up.
+"""What is it worth that the executor gives up? Could anybody have done it?
 
-Whether the item was there is for motion capture to say: on a site without it an executor that finds nothing
-has to give the task back in time. Whether there was room for it is for the bin to say.
+Whether the item was there, and who moved it, is for motion capture to say: on a site without it an executor
+that finds nothing has to give the task back in time. Whether there was room for it is for the bin to say.
 """
 
 from collections.abc import Mapping
@@ -10,15 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, THE_MOTION_CAPTURE, Case, CaseError, ordered
-from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
-from rodeo.checks.report import Finding, impossible, undecided
-from rodeo.checks.testimony import bin_said
-from rodeo.checks.witnesses import UNSEEN_S, unsound
+from rodeo.checks import carrying, gripper, witnesses
+from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, Case, CaseError, CheckFunction, ordered
+from rodeo.checks.declared import reported_failure
+from rodeo.checks.poses import Pose, base_of, motion_of, moving_s, pose_of
+from rodeo.checks.report import Finding, given_up, impossible, undecided
+from rodeo.checks.sources import doubtful, whose
+from rodeo.checks.testimony import bin_said, said_before
+from rodeo.checks.witnesses import MOVED_M, UNSEEN_S
+from rodeo.evidence.series import Array
 from rodeo.foreign_text import quoted
 from rodeo.lab.place import PLACE_LIMIT_M
-from rodeo.witness.statement import Classification
-from rodeo_kinds.waste_disposal.checks.disposal import LOST_IN_A_ROW
+from rodeo.witness.motion import PERIOD_US
+from rodeo.witness.statement import Classification, Motion, Removal
+from rodeo_kinds.waste_disposal.checks.disposal import LOST_IN_A_ROW, NEAR_BIN_M, heard_all
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 SEARCHED_M = 1.6
@@ -26,58 +31,113 @@ SEARCHED_M = 1.6
 TOUCHES_M = 1.5
 """A base whose middle is farther from an item has not moved it: its arm reaches 0.75 m."""
 BEGINS_S = 30.0
-"""From the assignment, and from the recording's begin, to the first signed pose of the item: motion capture
-signs what rests every 10 s."""
-_NOT_FOUND = "not_found"
-"""Code of the robot's error `NotFound`."""
+"""From the assignment to the first signed pose of the item: motion capture signs what rests every 10 s."""
+_NOT_FOUND, _NO_ANSWER = "not_found", "no_answer"
+"""Codes of the robot's errors `NotFound` and `NoAnswer`."""
+_LOOK_S = 0.1
 _SOURCE = "motion capture of the item"
+_CARRY: tuple[CheckFunction, ...] = (
+    witnesses.order,
+    witnesses.seen_throughout,
+    gripper.gripper_agrees,
+    gripper.item_in_gripper,
+    carrying.grasp,
+    carrying.transport,
+    carrying.motion_capture,
+)
+"""What has to hold of a carry that ends in front of the bin."""
 
 
 def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
-    """Impossible: motion capture saw the item elsewhere from the assignment on. Undecided where it does not
-    tell, where somebody else took the item away meanwhile, and where the bin that was shown the item said
-    that its compartment is full.
+    """What giving up is worth.
 
-    None where the executor reports another failure, did not go there, left statements out, or where the item
-    lay there; and where the site has no such item or bin: another site of the organization may have it, and
-    whoever sees that gives the task back at no cost.
+    Impossible: the item lay elsewhere since before the assignment, or the bin had said before that there is
+    no room. Undecided: the robot brought the item to the bin, which had no room or did not answer; somebody
+    else took the item; or nobody can tell since when it lay elsewhere. Given up: the robot came near enough
+    to look, and moved nothing. None where motion capture does not show that; and where the site has no such
+    item or bin: another site of the organization may have it, and whoever sees that gives the task back at
+    no cost.
     """
     params = ordered(case, CleaningParams)
     if params.item_id not in {one.id for one in case.site.items}:
         return None
     if params.bin not in {None, *(one.name for one in case.site.bins)}:
         return None
-    if (full := _full(case)) is not None:
-        return full
     details = failure.get("details")
     cause = details.get("cause") if isinstance(details, dict) else None
-    if cause != _NOT_FOUND or not case.mocap:
+    if (found := _at_the_bin(case, cause)) is not None:
+        return found
+    if not case.mocap:
         return None
-    if (failed := unsound(case, "mocap", MOTION_CAPTURE, THE_MOTION_CAPTURE)) is not None:
+    if (failed := doubtful(case, "mocap", MOTION_CAPTURE)) is not None:
         return failed
-    numbers = [one.statement.seq for one in motion_of(case)]
-    if not numbers or max((b - a - 1 for a, b in pairwise(numbers)), default=0) > LOST_IN_A_ROW:
+    if not motion_of(case) or _missing(case) > LOST_IN_A_ROW:
         return None
-    return _whereabouts(case, params)
+    return _whereabouts(case, params, cause)
 
 
-def _full(case: Case) -> Finding | None:
-    """What follows if the last that the bin said of this robot's item is that there is no room for it."""
-    name, shown = case.bin.name, [one.statement for one in bin_said(case)]
+# -- at the bin ------------------------------------------------------------------------------------------
+
+
+def _at_the_bin(case: Case, cause: Any) -> Finding | None:
+    """What follows if the last that the bin said of this robot's item is that there is no room for it, or if
+    it did not answer."""
+    name = case.bin.name
     own = [
-        one
-        for one in shown
-        if isinstance(one, Classification)
-        and any(claimant.recording == case.proof.recording for claimant in one.claimants)
+        one.statement
+        for one in bin_said(case)
+        if isinstance(one.statement, Classification)
+        and any(claimant.recording == case.proof.recording for claimant in one.statement.claimants)
     ]
-    if not (own and own[-1].full):
+    is_full = bool(own) and own[-1].full
+    if not is_full and (own or cause != _NO_ANSWER or not case.mocap):
         return None
-    if (failed := unsound(case, "bin", name, f"the bin {name}")) is not None:
+    if (failed := doubtful(case, "bin", name)) is not None:
         return failed
-    return undecided(f"it said that its compartment {quoted(own[-1].compartment)} is full", f"the bin {name}")
+    compartment = own[-1].compartment if own else ""
+    if is_full and _was_full(case, compartment):
+        said = f"it had said before the assignment that its compartment {quoted(compartment)} is full"
+        return impossible(said, whose("bin", name), "statement of the bin")
+    # Who carried something else to it, or nothing, shows by that only that it did not do the work.
+    if (failed := _not_brought(case, own[-1].shown_s if own else case.proof.end_ns * 1e-9)) is not None:
+        return failed
+    if is_full:
+        return undecided(f"it said that its compartment {quoted(compartment)} is full", whose("bin", name))
+    if not heard_all(case):
+        return None  # it may have said something that is not here
+    return undecided("it was shown the item and did not answer", whose("bin", name))
 
 
-def _whereabouts(case: Case, params: CleaningParams) -> Finding | None:
+def _was_full(case: Case, compartment: str) -> bool:
+    """Whether the last that the bin said of it before the assignment is that nothing may be dropped there."""
+    full = False
+    for said in said_before(case, "bin", case.bin.name):
+        one = said.statement
+        if isinstance(one, Classification | Removal) and one.compartment == compartment:
+            full = isinstance(one, Classification) and one.full
+    return full
+
+
+def _not_brought(case: Case, shown_s: float) -> Finding | None:
+    """Why the robot did not bring the task's item to the bin, as far as motion capture and replay tell."""
+    if not case.mocap:
+        return None
+    for check in _CARRY:
+        found = check(case)
+        if found.passed is False:
+            return found.model_copy(update={"detail": f"{check.__name__}: {found.detail}"})
+    item = pose_of(case, case.item.id)
+    at_m = np.array([np.interp(shown_s, item.time_s, column) for column in item.position_m[:, :2].T])
+    away_m = float(np.linalg.norm(at_m - (case.bin.pose.x_m, case.bin.pose.y_m)))
+    if away_m > NEAR_BIN_M:
+        raise CaseError("the item was not at the bin when it was shown", away_m=round(away_m, 2))
+    return None
+
+
+# -- at the item's place ---------------------------------------------------------------------------------
+
+
+def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | None:
     place_m = np.array([params.x_m, params.y_m])
     base = base_of(case)
     if not np.linalg.norm(base.position_m[:, :2] - place_m, axis=1).min() <= SEARCHED_M:
@@ -85,27 +145,83 @@ def _whereabouts(case: Case, params: CleaningParams) -> Finding | None:
     try:
         item = pose_of(case, params.item_id)
     except CaseError:
-        return undecided("it did not see the item anywhere", THE_MOTION_CAPTURE, _SOURCE)
-    if any(moving_s(case, *span) > UNSEEN_S for span in item.unseen_s):
-        return undecided("it lost sight of the item", THE_MOTION_CAPTURE, _SOURCE)
+        return None  # nothing shows that it did not take the item away
+    if _touched(case, item, base):
+        return _refuted(case, "the item was moved while the robot was within reach")
+    if _lay_s(case, params.item_id, item) > BEGINS_S + case.slack_s:
+        return None
+    hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
+    if hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S:
+        return None  # nor what it did to what was not seen again
     there = np.linalg.norm(item.position_m[:, :2] - place_m, axis=1) <= PLACE_LIMIT_M
-    if there[-1]:
-        return None
-    if there.any():
-        left = int(np.flatnonzero(there)[-1])
-        moving = slice(left, left + 2)
-        at_m = [np.interp(item.time_s[moving], base.time_s, column) for column in base.position_m[:, :2].T]
-        near_m = float(np.linalg.norm(np.column_stack(at_m) - item.position_m[moving, :2], axis=1).min())
-        gone = f"the item lay there, and was taken away while the robot was {near_m:.1f} m from it"
-        return undecided(gone, "whoever took it", _SOURCE) if near_m > TOUCHES_M else None
-    begun_s, seen_s = case.proof.start_ns * 1e-9, float(item.time_s[0])
-    if moving_s(case, begun_s, seen_s) > BEGINS_S:
-        return None
-    assert case.chain_record is not None
+    lost = any(moving_s(case, *span) > UNSEEN_S for span in item.unseen_s)
+    if cause == _NOT_FOUND and there[-1] and not lost:
+        return _refuted(case, "the item lay there all the time")
+    if cause == _NOT_FOUND and there[0] and not there[-1]:
+        return undecided("the item lay there, and somebody else took it away", "whoever took it", _SOURCE)
+    if cause == _NOT_FOUND and not lost and not there.any():
+        since_s = _lay_s(case, params.item_id, item)
+        moved = float(np.linalg.norm(item.position_m - item.position_m[0], axis=1).max()) > MOVED_M
+        if since_s > case.slack_s or _missing(case) or moved:
+            # The executor may have moved it before its recording began.
+            return undecided("nobody can tell since when the item lies elsewhere", "nobody", _SOURCE)
+        nearest_m = float(np.linalg.norm(item.position_m[:, :2] - place_m, axis=1).min())
+        found = impossible("how near the item was to the task's place", THE_CREATOR, _SOURCE)
+        return found.model_copy(update={"measured": nearest_m, "limit": PLACE_LIMIT_M, "unit": "m"})
+    return given_up(f"the executor reports: {reported_failure(case)}", _SOURCE)
+
+
+def _refuted(case: Case, seen: str) -> Finding:
+    """Whatever motion capture had said while it was off."""
+    detail = f"the executor reports: {reported_failure(case)}; {seen}"
+    return Finding(passed=False, source=_SOURCE, detail=detail, stands=True)
+
+
+def _missing(case: Case) -> int:
+    """Statements of motion capture that are missing in a row."""
+    numbers = [one.statement.seq for one in motion_of(case)]
+    return max((later - one - 1 for one, later in pairwise(numbers)), default=0)
+
+
+def _lay_s(case: Case, body: str, item: Pose) -> float:
+    """How long after the assignment it is first signed where a body lay, s: by a pose, or by the number of
+    the statement in which it came to rest. At most one is made in `PERIOD_US`, so that tells how long ago."""
+    assert case.chain_record is not None and item.statement is not None
     assigned_s = case.chain_record.task.assigned
-    if assigned_s is None or seen_s - assigned_s > BEGINS_S + case.slack_s:
-        # The executor may have moved it before its recording began.
-        return undecided("nothing is recorded from when the task was assigned", "nobody", _SOURCE)
-    nearest_m = float(np.linalg.norm(item.position_m[:, :2] - place_m, axis=1).min())
-    finding = impossible("how near the item was to the task's place", THE_CREATOR, _SOURCE)
-    return finding.model_copy(update={"measured": nearest_m, "limit": PLACE_LIMIT_M, "unit": "m"})
+    if assigned_s is None:
+        return np.inf
+    motions = [one.statement for one in motion_of(case) if isinstance(one.statement, Motion)]
+    posed = motions[int(item.statement[0])]
+    number = posed.resting.get(body)
+    first = next(one for one in motions if one.resting.get(body) == number) if number else posed
+    since_s = min(float(item.time_s[0]), first.start_us * 1e-6 if number else np.inf)
+    ago_s = (first.seq - number) * PERIOD_US * 1e-6 * (1 - 1 / 10) if number else 0.0
+    return since_s - ago_s - assigned_s
+
+
+def _touched(case: Case, item: Pose, base: Pose) -> bool:
+    """Whether the item went more than `MOVED_M` while the robot may have been within reach, seen or not."""
+    at_s = np.arange(item.time_s[0], item.time_s[-1] + _LOOK_S, _LOOK_S)
+    item_m, base_m = (_at(pose, at_s) for pose in (item, base))
+    away_m = np.linalg.norm(base_m[:, :2] - item_m[:, :2], axis=1)
+    for start_s, end_s in base.unseen_s:
+        # It may have gone there and back.
+        hidden_s = np.minimum(at_s - start_s, end_s - at_s)
+        away_m -= case.robot.limits.linear_m_s * np.maximum(hidden_s, 0.0)
+    near = away_m <= TOUCHES_M
+    for start_s, end_s in item.unseen_s:
+        hidden = (at_s >= start_s - _LOOK_S) & (at_s <= end_s + _LOOK_S)
+        near[hidden] |= near[hidden].any()
+    # What is a reach away now lay within it a moment ago.
+    near[1:-1] |= near[:-2] | near[2:]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]])))
+    ways_m = [
+        float(np.linalg.norm(item_m[begin:end] - item_m[begin], axis=1).max())
+        for begin, end in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    return sum(ways_m) > MOVED_M
+
+
+def _at(pose: Pose, at_s: Array) -> Array:
+    """(n, 3) positions in between."""
+    return np.stack([np.interp(at_s, pose.time_s, column) for column in pose.position_m.T], axis=1)

@@ -1,6 +1,7 @@
 """The honest runs and forgeries of a cleaning."""
 
 from rodeo_kinds.waste_disposal.harness import executor as executor
+from rodeo_kinds.waste_disposal.harness import giving_up as giving_up
 from rodeo_kinds.waste_disposal.harness import others as others
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS
 

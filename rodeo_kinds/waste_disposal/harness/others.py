@@ -262,7 +262,7 @@ def a_judge_that_seals(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, device=JUDGE)
 
 
-@HARNESS.forgery("dropped", "no drop signed by the bin", role="judge")
+@HARNESS.forgery("dropped", "the bin itrash is at fault", role="judge")
 def a_verdict_in_the_recording(shop: CleaningWorkshop) -> Submission:
     """The recording has no drop, but an accepting verdict of this task among its events."""
     verdict = noted(shop.take, event="Ruled", task_id=BINDING.task_id, ruling="accepted")

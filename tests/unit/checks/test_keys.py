@@ -19,7 +19,8 @@ from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BIN, CHARGE_BINDING, METER, MOCAP, ORGANIZATION, ROBOT
 from rodeo_testing.recordings import Sample, Sides, Take, Witnesses
-from tests.unit.conftest import Judge
+from rodeo_testing.workshop import told
+from tests.unit.conftest import Judge, failed
 
 NEXT = Account.create()
 """The key that takes over."""
@@ -88,12 +89,14 @@ def test_a_robots_key_that_is_superseded_before_the_submission_sealed_a_good_pro
 
 
 @pytest.mark.parametrize("because", ["superseded", "compromised"])
-def test_a_robots_key_that_is_revoked_while_it_records_leaves_it_to_people(
+def test_a_robots_key_that_is_revoked_while_it_records_seals_no_work_and_costs_no_penalty(
     cleaning: Take, judge: Judge, because: str
 ) -> None:
-    report = judge(cleaning, revoked(cleaning_chain_record(cleaning), "robot", middle_s(cleaning), because))
-    assert report.outcome == "undecided"
-    assert report.fault == "the robot panther1"
+    """Whoever has the key by then may have sealed it: nothing else that is in it counts against the robot."""
+    chain = revoked(cleaning_chain_record(cleaning), "robot", middle_s(cleaning), because)
+    for take in (cleaning, told(cleaning, "bin/drop", weight_n=0.01)):
+        report = judge(take, chain)
+        assert (report.outcome, report.fault, failed(report)) == ("given_up", None, "signer")
 
 
 @pytest.mark.parametrize("because", ["superseded", "compromised"])
@@ -114,13 +117,13 @@ def test_a_recording_that_motion_capture_listed_before_its_key_was_taken_is_good
     assert report.accepted, report.reason
 
 
-def test_a_recording_that_nobody_listed_before_its_key_was_taken_is_left_to_people(
+def test_a_recording_that_nobody_listed_before_its_key_was_taken_is_nobodys_work(
     cleaning: Take, judge: Judge
 ) -> None:
     chain = revoked(cleaning_chain_record(cleaning), "robot", cleaning.end_s + 1, "compromised")
     deaf_s = cleaning.end_s - 6
     report = judge(cleaning, chain, witnesses=Witnesses(hears=lambda time_s: time_s < deaf_s))
-    assert report.outcome == "undecided"
+    assert report.outcome == "given_up"
     assert "no witness listed the recording's last seals" in report.reason
 
 

@@ -45,17 +45,43 @@ def judged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, raised: Exception) -
         OSError("image file is truncated"),
         AssertionError(),
         UnicodeEncodeError("utf-8", "\ud800", 0, 1, "surrogates not allowed"),
+    ],
+)
+def test_what_no_check_foresees_is_given_up(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: Exception
+) -> None:
+    """It may be a mistake in the check: nobody is fined, and nobody is paid."""
+    report = judged(monkeypatch, tmp_path, error)
+    assert (report.outcome, report.reason.split(":")[0]) == ("given_up", "fail")
+    assert (report.fault, report.party) == ("the oracle", "oracle")
+    assert report.reason.isprintable()
+    assert Report.model_validate_json(report.to_bytes()) == report
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
         MalformedMessage("no message", topic="\ud800"),
         CaseError("it says this", said='a". Auditors: accept. "'),
     ],
 )
-def test_what_cannot_be_computed_of_the_file_rejects_it(
+def test_what_the_file_lacks_or_breaks_rejects_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: Exception
 ) -> None:
     report = judged(monkeypatch, tmp_path, error)
     assert (report.outcome, report.reason.split(":")[0]) == ("rejected", "fail")
     assert report.reason.isprintable()
     assert Report.model_validate_json(report.to_bytes()) == report
+
+
+def test_judges_that_meet_the_same_mistake_say_the_same(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    reports = [
+        judged(monkeypatch, tmp_path / str(number), TypeError(f"<object at 0x7f{number}> is no number"))
+        for number in (1, 2)
+    ]
+    assert reports[0].reason == reports[1].reason
 
 
 @pytest.mark.parametrize(
@@ -69,7 +95,7 @@ def test_what_the_machine_fails_at_says_nothing_about_the_file(
 
 
 @pytest.mark.parametrize("error", [AttributeError("x"), RecursionError(), OSError("odd")])
-def test_a_file_that_a_library_stumbles_over_is_rejected(
+def test_a_file_that_a_library_stumbles_over_is_given_up(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: Exception
 ) -> None:
     def fail(*_: object) -> None:
@@ -77,7 +103,7 @@ def test_a_file_that_a_library_stumbles_over_is_rejected(
 
     monkeypatch.setattr(verify, "open_proof", fail)
     report = verify.verify_file(tmp_path / "proof.mcap", Site.load(LAB))
-    assert report.outcome == "rejected"
+    assert report.outcome == "given_up"
     assert report.reason.startswith("readable_and_sealed: could not be computed")
 
 

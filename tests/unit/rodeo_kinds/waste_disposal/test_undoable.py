@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -88,7 +89,6 @@ def test_what_the_site_does_not_have_is_given_back_and_not_handed_in(
     [
         pytest.param(lambda take: take, 0.0, "not_found", id="it lay there"),
         pytest.param(lambda take: take, 0.29, "not_found", id="it lay near enough"),
-        pytest.param(lambda take: take, 0.6, "grasp_failed", id="another failure"),
         pytest.param(lambda take: take, 4.0, "not_found", id="the robot never went there"),
         pytest.param(lambda take: take.without(ITEM_POSE), 4.0, "not_found", id="nor, and nobody saw it"),
         pytest.param(
@@ -113,29 +113,59 @@ def test_an_item_that_somebody_else_took_meanwhile_is_for_people_to_decide(
     assert (report.outcome, report.fault) == ("undecided", "whoever took it"), report.reason
 
 
-def test_without_the_time_from_the_assignment_on_nobody_knows_who_moved_it(
-    cleaning: Take, judge: Judge
+def test_a_robot_that_touched_nothing_and_could_not_do_it_is_not_fined(cleaning: Take, judge: Judge) -> None:
+    take = given_up(cleaning, "grasp_failed")
+    report = judge(take, posted(take, y_m=0.6))
+    assert (report.outcome, report.fault, failed(report)) == ("given_up", None, "not_given_up"), report.reason
+
+
+@pytest.mark.parametrize("cause", ["not_found", "grasp_failed"])
+@pytest.mark.parametrize("kicked_m", [0.04, -0.3])
+def test_who_pushed_the_item_has_not_just_given_up(
+    cleaning: Take, judge: Judge, cause: str, kicked_m: float
 ) -> None:
+    """Also while the motion capture is off: the item lies elsewhere when it is seen again."""
+    take = given_up(elsewhere(cleaning, ITEM_POSE, 99.0, kicked_m, begins_s=4.5), cause, after_s=9.0)
+    for off_s in ((math.inf, math.inf), (take.start_s + 3.0, take.start_s + 7.0)):
+        report = judge(take, posted(take), witnesses=Witnesses(mocap_off_s=off_s))
+        assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+
+
+def test_a_recording_that_begins_late_is_the_executors_own(cleaning: Take, judge: Judge) -> None:
+    """It may have moved the item before."""
     take = given_up(cleaning)
     chain = posted(take, y_m=0.6)
     assert chain.task.assigned is not None
     early = chain.task.model_copy(update={"assigned": chain.task.assigned - 40})
     report = judge(take, chain.model_copy(update={"task": early}))
-    assert (report.outcome, report.fault) == ("undecided", "nobody"), report.reason
+    assert (report.outcome, report.fault) == ("rejected", None), report.reason
+
+
+@pytest.mark.parametrize("after_s", [6.0, 25.0])
+def test_where_nobody_can_tell_since_when_the_item_lies_elsewhere_nobody_is_paid(
+    cleaning: Take, judge: Judge, after_s: float
+) -> None:
+    """It was pushed aside between the assignment and the first statement, or the next."""
+    take = given_up(cleaning)
+    chain = posted(take, y_m=0.6)
+    assert chain.task.assigned is not None
+    early = chain.task.model_copy(update={"assigned": chain.task.assigned - after_s})
+    report = judge(take, chain.model_copy(update={"task": early}))
+    assert (report.outcome, report.fault, report.party) == ("undecided", "nobody", "nobody"), report.reason
 
 
 @pytest.mark.parametrize("seen", [False, True])
-def test_what_motion_capture_did_not_see_is_for_people_to_decide(
+def test_what_motion_capture_did_not_see_is_no_excuse_and_no_pay(
     cleaning: Take, judge: Judge, seen: bool
 ) -> None:
-    """Never, or not for some seconds."""
+    """Never, as under a towel, or not for some seconds."""
 
     def edit(sample: Sample) -> Sample | None:
         return sample if seen and not 2 < sample.time_ns * 1e-9 - cleaning.start_s < 6 else None
 
     take = given_up(cleaning.edited(ITEM_POSE, edit), after_s=8.0)
     report = judge(take, posted(take, y_m=0.6))
-    assert (report.outcome, report.fault) == ("undecided", "the site's motion capture"), report.reason
+    assert report.outcome == ("given_up" if seen else "rejected"), report.reason
 
 
 def test_who_leaves_statements_out_is_not_believed(cleaning: Take, judge: Judge) -> None:

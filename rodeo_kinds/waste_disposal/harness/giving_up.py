@@ -1,0 +1,275 @@
+"""Cleanings that are given up, and cleanings while a witness was off: who tries to be paid, or not to be
+fined, for work that it did not do."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rodeo.evidence.attestation import Attestation
+from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM_POSE, PLACE, CleaningWorkshop
+from rodeo_testing.recordings import Sample, Take, Witnesses
+from rodeo_testing.workshop import (
+    GRIPPER_POSE,
+    JOINT_STATES,
+    ODOM,
+    ROBOT_POSE,
+    Submission,
+    displaced,
+    edited_between,
+    middle_s,
+    registered,
+    resting,
+    told,
+    waist_turned,
+    with_fields,
+)
+
+ARRIVED = 0.1
+"""From this share of its time on the filmed robot stands in front of the item."""
+PUSHED_M = 0.6
+
+
+def _gives_up(take: Take, share: float, cause: str = "not_found") -> Take:
+    """The beginning of it, and then the robot gives up."""
+    samples = [sample for sample in take.samples if sample.time_ns * 1e-9 <= middle_s(take, share)]
+    failure = {"message": "it cannot be done", "details": {"cause": cause}}
+    said = Sample("rodeo/event", "", {"event": "execution_failed", **failure}, samples[-1].time_ns)
+    return Take([*samples, said])
+
+
+def _waits(take: Take) -> Take:
+    """It stands in front of the item for a while: what it looks at is not moved by the film."""
+    samples = [sample for sample in take.samples if sample.time_ns * 1e-9 <= middle_s(take, ARRIVED)]
+    return Take(samples).standing(14.0)
+
+
+def _pushed(take: Take, begin_s: float, by_m: float) -> Take:
+    """From then on the item lies beside where it lay."""
+    return edited_between(take, ITEM_POSE, begin_s, math.inf, lambda s: displaced(s, y=by_m))
+
+
+def _hidden(take: Take, begin_s: float, lasts_s: float) -> Take:
+    return edited_between(take, ITEM_POSE, begin_s, begin_s + lasts_s, lambda _: None)
+
+
+def _assigned(take: Take, before_s: float) -> dict[str, Any]:
+    return {"assigned": take.start_s - before_s, "registered": take.start_s - before_s - 5}
+
+
+# -- what lay there is not found -------------------------------------------------------------------------
+
+
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+def not_found_behind_its_own_arm(shop: CleaningWorkshop) -> Submission:
+    """The robot's arm hides the item for 3.2 seconds. Then the robot says that nothing is there."""
+    take = _waits(shop.take)
+    return shop.submitted(_gives_up(_hidden(take, take.start_s + 8.0, 3.2), 1.0))
+
+
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+def not_found_under_a_towel(shop: CleaningWorkshop) -> Submission:
+    """A towel lies over the item all the time."""
+    return shop.submitted(_gives_up(_waits(shop.take).without(ITEM_POSE), 1.0))
+
+
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+def not_found_under_a_towel_from_the_arrival_on(shop: CleaningWorkshop) -> Submission:
+    """The robot covers the item when it arrives."""
+    take = _waits(shop.take)
+    return shop.submitted(_gives_up(_hidden(take, take.start_s + 6.0, 99.0), 1.0))
+
+
+# -- pushed away ---------------------------------------------------------------------------------------------
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def kicked_by_four_centimetres(shop: CleaningWorkshop) -> Submission:
+    """The robot kicks the item, and says that it could not grasp it."""
+    take = _waits(shop.take)
+    return shop.submitted(_gives_up(_pushed(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed"))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def kicked_while_the_plug_is_pulled(shop: CleaningWorkshop) -> Submission:
+    """The same while the motion capture is off for four seconds."""
+    take = _waits(shop.take)
+    pushed = _gives_up(_pushed(take, take.start_s + 9.0, 0.04), 1.0)
+    off_s = take.start_s + 7.0, take.start_s + 11.0
+    return shop.submitted(pushed, witnesses=Witnesses(mocap_off_s=off_s))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def pushed_away_under_a_cloth(shop: CleaningWorkshop) -> Submission:
+    """The same under a cloth, and farther."""
+    take = _waits(shop.take)
+    moved = _hidden(_pushed(take, take.start_s + 9.0, PUSHED_M), take.start_s + 7.0, 4.0)
+    return shop.submitted(_gives_up(moved, 1.0))
+
+
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+def pushed_away_before_a_late_recording(shop: CleaningWorkshop) -> Submission:
+    """The item is pushed away, and the recording begins a minute after the assignment."""
+    take = _waits(shop.take)
+    pushed = _gives_up(_pushed(take, 0.0, PUSHED_M), 1.0)
+    return shop.submitted(pushed, **_assigned(take, 60.0))
+
+
+@HARNESS.forgery("not_given_up", "since when", role="executor")
+def pushed_away_right_after_the_assignment(shop: CleaningWorkshop) -> Submission:
+    """The same within the 28 seconds that a recording may take to begin: for a tenth of the price."""
+    take = _waits(shop.take)
+    pushed = _gives_up(_pushed(take, 0.0, PUSHED_M), 1.0)
+    return shop.submitted(pushed, **_assigned(take, 28.0))
+
+
+@HARNESS.forgery("not_given_up", "since when", role="executor")
+def pushed_away_before_the_first_statement(shop: CleaningWorkshop) -> Submission:
+    """The item is pushed away in the first twelve seconds, and the statements of that time are left out."""
+    take = _waits(shop.take)
+    until_s = take.start_s + 12.0
+
+    def edit(one: Attestation) -> Attestation | None:
+        return None if one.payload["device"] == "mocap" and one.payload["time_s"] < until_s else one
+
+    pushed = _gives_up(_pushed(take, take.start_s + 9.0, PUSHED_M), 1.0)
+    return shop.submitted(pushed, witnesses=Witnesses(edit=edit))
+
+
+@HARNESS.forgery("not_given_up", "since when", role="executor")
+def pushed_away_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
+    """The task's place was wrong by chance, and one statement of the motion capture is missing."""
+    take = _waits(shop.take)
+    begin_s = take.start_s + 3.0
+
+    def edit(one: Attestation) -> Attestation | None:
+        seen = one.payload["device"] == "mocap" and begin_s < one.payload["time_s"] < begin_s + 1.1
+        return None if seen else one
+
+    elsewhere = PLACE | {"y_m": float(PLACE["y_m"]) + PUSHED_M}
+    return shop.submitted(_gives_up(take, 1.0), witnesses=Witnesses(edit=edit), params=elsewhere)
+
+
+# -- its own key -----------------------------------------------------------------------------------------
+
+
+def _without_a_key(
+    shop: CleaningWorkshop, because: str, share: float, take: Take | None = None
+) -> Submission:
+    revoked = {"revoked": middle_s(shop.take, share), "revoked_because": because}
+    return shop.submitted(take or shop.take, devices=registered("robot", **revoked))
+
+
+@HARNESS.forgery("signer", "superseded while it recorded", role="executor")
+def its_own_key_superseded(shop: CleaningWorkshop) -> Submission:
+    """The executor gives its robot another key in the middle of the work, so that people decide."""
+    return _without_a_key(shop, "superseded", 0.5)
+
+
+@HARNESS.forgery("signer", "revoked as compromised", role="executor")
+def its_own_key_reported_stolen(shop: CleaningWorkshop) -> Submission:
+    """It says in the middle of the work that its robot's key was stolen."""
+    return _without_a_key(shop, "compromised", 0.5)
+
+
+@HARNESS.forgery("signer", "revoked as compromised", role="executor")
+def its_own_key_reported_stolen_in_time(shop: CleaningWorkshop) -> Submission:
+    """The same while the robot mimes, and the item lies where it lay."""
+    return _without_a_key(shop, "compromised", 0.9, resting(shop.take, ITEM_POSE, 0))
+
+
+# -- a full compartment ------------------------------------------------------------------------------------
+
+
+def _full(take: Take) -> Take:
+    said = told(take, "bin/classification", full=True)
+    shown_s = said.of("bin/classification")[0].time_ns * 1e-9
+    share = (shown_s + 1.0 - take.start_s) / (take.end_s - take.start_s)
+    return _gives_up(said.without("bin/drop"), share, "task_failed")
+
+
+@HARNESS.forgery("not_given_up", "the item never moves", role="executor")
+def a_full_bin_is_shown_something_else(shop: CleaningWorkshop) -> Submission:
+    """The robot never touches the item and shows the bin anything of a class whose compartment is full."""
+    return shop.submitted(_full(resting(shop.take, ITEM_POSE, 0)))
+
+
+@HARNESS.forgery("not_given_up", "item_in_gripper", role="executor")
+def a_full_bin_is_shown_what_a_person_brings(shop: CleaningWorkshop) -> Submission:
+    """A person carries the item beside the robot."""
+    begin_s, end_s = middle_s(shop.take, 0.4), middle_s(shop.take, 0.55)
+    beside = edited_between(shop.take, ITEM_POSE, begin_s, end_s, lambda s: displaced(s, x=0.25))
+    return shop.submitted(_full(beside))
+
+
+@HARNESS.forgery("not_given_up", "is full", role="executor")
+def filled_before_it_is_brought(shop: CleaningWorkshop) -> Submission:
+    """The executor has the compartment filled, and carries the item to it: delivery is the work."""
+    return shop.submitted(_full(shop.take))
+
+
+@HARNESS.forgery("not_given_up", "is full", role="executor")
+def a_full_bin_for_the_price(shop: CleaningWorkshop) -> Submission:
+    """The same, and the robot drops the item all the same after it has given up."""
+    said = told(shop.take, "bin/classification", full=True)
+    failure = {"message": "the compartment is full", "details": {"compartment": "blue"}}
+    at_ns = said.samples[-1].time_ns
+    return shop.submitted(
+        Take([*said.samples, Sample("rodeo/event", "", {"event": "execution_failed", **failure}, at_ns)])
+    )
+
+
+# -- while a witness was off -----------------------------------------------------------------------------
+
+
+def _off(shop: CleaningWorkshop, take: Take, begin: float, lasts_s: float) -> Submission:
+    begin_s = middle_s(shop.take, begin)
+    return shop.submitted(take, witnesses=Witnesses(mocap_off_s=(begin_s, begin_s + lasts_s)))
+
+
+@HARNESS.forgery("arm_commanded", role="executor")
+def a_turned_arm_while_the_plug_is_pulled(shop: CleaningWorkshop) -> Submission:
+    """The joints are invented, and the motion capture is off for a part of the carry."""
+    return _off(shop, shop.take.edited(JOINT_STATES, lambda s: waist_turned(s, 0.4)), 0.45, 5.0)
+
+
+@HARNESS.forgery("odometry", role="executor")
+def a_slide_beside_a_pulled_plug(shop: CleaningWorkshop) -> Submission:
+    """All bodies slide by a metre, though no wheel turned, and the motion capture is off later."""
+    begin_s, end_s = middle_s(shop.take, 0.4), middle_s(shop.take, 0.44)
+    take = shop.take
+    for topic in (ROBOT_POSE, ITEM_POSE, GRIPPER_POSE):
+        take = take.edited(
+            topic,
+            lambda s: displaced(s, y=-min(max((s.time_ns * 1e-9 - begin_s) / (end_s - begin_s), 0.0), 1.0)),
+        )
+    return _off(shop, take, 0.55, 4.0)
+
+
+@HARNESS.forgery("carried", "never leaves the floor", role="executor")
+def nothing_carried_after_the_plug_was_pulled(shop: CleaningWorkshop) -> Submission:
+    """The item lies there all the time. The motion capture is off before the robot mimes the grasp."""
+    return _off(shop, resting(shop.take, ITEM_POSE, 0), 0.03, 3.0)
+
+
+@HARNESS.forgery("stays_in_bin", role="executor")
+def dropped_beside_a_bin_that_says_nothing(shop: CleaningWorkshop) -> Submission:
+    """The item falls beside the bin, which does not feel it: no drop is missing."""
+    rim_m = shop.site.bins[0].rim_height_m
+    begin_s = max(s.time_ns for s in shop.take.of(ITEM_POSE) if s.message.pose.position.z > rim_m) * 1e-9
+    take = edited_between(shop.take, ITEM_POSE, begin_s, math.inf, lambda s: displaced(s, x=-0.9))
+    return shop.submitted(take.without("bin/drop"))
+
+
+@HARNESS.forgery("order", "the site's motion capture is at fault", role="executor")
+def carried_by_a_person_while_the_plug_is_pulled(shop: CleaningWorkshop) -> Submission:
+    """An accomplice pulls the plug and carries the item. On chain nobody can tell that from an accident."""
+    return _off(shop, shop.take, 0.45, 6.0)
+
+
+@HARNESS.forgery("odometry", role="executor")
+def wheels_that_stood_beside_a_pulled_plug(shop: CleaningWorkshop) -> Submission:
+    """The odometry stays what it was, and the motion capture is off for three seconds."""
+    first = shop.take.of(ODOM)[0].message
+    take = shop.take.edited(ODOM, lambda s: with_fields(s, pose=first.pose, twist=first.twist))
+    return _off(shop, take, 0.5, 3.0)
