@@ -48,9 +48,9 @@ contract SettlementSymbolic is Test {
         (holders[0], holders[1], amounts[0], amounts[1]) = (CREATOR, ROBOT, FUNDS, FUNDS);
         coin = new IECoin(holders, amounts);
         organization = Organization(address(last + 2));
-        services = ServiceManager(address(last + 3));
-        // Providers are between them.
-        tasks = TaskManager(address(last + 5));
+        // What an organization and its services make comes between: the registry of devices, and the providers.
+        services = ServiceManager(address(last + 4));
+        tasks = TaskManager(address(last + 6));
         new Organization(coin, services, tasks, policy, ADMIN, 0, Terms(0, 0, 0));
         new ServiceManager(organization, tasks);
         assert(address(new TaskManager(organization, services)) == address(tasks));
