@@ -186,7 +186,6 @@ _PASSING = frozenset(
         "chain_unavailable",
         "deployment_mismatch",
         "fee_too_high",
-        "index_damaged",
         "index_unusable",
         "internal",
         "journal_damaged",

@@ -13,7 +13,6 @@ import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IProviders, Outcome} from "./interfaces/IProviders.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
-import {ISignedRequests} from "./interfaces/ISignedRequests.sol";
 import {Free, Hire, IServiceManager, Release} from "./interfaces/IServiceManager.sol";
 import {
     Attempt,
@@ -89,7 +88,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     IProviders private immutable _providers;
     uint256 private immutable _unit;
     /// @inheritdoc ITaskManager
-    ISignedRequests public immutable signedRequests;
+    address public immutable signedRequests;
     /// @inheritdoc ITaskManager
     ITaskQueues public immutable queues;
 
@@ -124,7 +123,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         token = organization_.token();
         // slither-disable-next-line unused-return
         (_unit,) = Units.unitOf(token);
-        signedRequests = new SignedRequests();
+        signedRequests = address(new SignedRequests());
         queues = new TaskQueues();
     }
 
@@ -723,7 +722,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The caller, or the signer whose request SignedRequests sends.
     function _sender() private view returns (address) {
-        return Relayed.sender(address(signedRequests));
+        return Relayed.sender(signedRequests);
     }
 
     /// @dev Until then the executor of an assigned task may abandon it at no cost.

@@ -86,9 +86,7 @@ contract OrganizationRegistryTest is Deployed, Test {
         assertEq(address(organization.tasks()), _at(founder, number, TASKS));
         assertEq(address(organization.services()), _at(founder, number, SERVICES));
         assertEq(
-            address(
-                SignedRequests(address(TaskManager(_at(founder, number, TASKS)).signedRequests())).tasks()
-            ),
+            address(SignedRequests(TaskManager(_at(founder, number, TASKS)).signedRequests()).tasks()),
             _at(founder, number, TASKS)
         );
         assertEq(organization.defaultAdmin(), founder);

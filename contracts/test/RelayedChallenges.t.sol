@@ -32,7 +32,7 @@ contract RelayedChallengesTest is Instances {
 
     function setUp() public override {
         super.setUp();
-        requests = tasks.signedRequests();
+        requests = ISignedRequests(tasks.signedRequests());
         deadline = block.timestamp + 1 hours;
     }
 

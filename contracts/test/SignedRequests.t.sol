@@ -20,7 +20,7 @@ contract SignedRequestsTest is Fixture {
 
     function setUp() public override {
         super.setUp();
-        requests = SignedRequests(address(tasks.signedRequests()));
+        requests = SignedRequests(tasks.signedRequests());
         deadline = block.timestamp + 1 hours;
     }
 
@@ -234,7 +234,7 @@ contract SignedRequestsTest is Fixture {
         found(coin);
         vm.prank(alice);
         coin.approve(address(tasks), type(uint256).max);
-        ISignedRequests others = tasks.signedRequests();
+        ISignedRequests others = ISignedRequests(tasks.signedRequests());
         vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
         others.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature);
     }

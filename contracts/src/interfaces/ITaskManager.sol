@@ -7,7 +7,6 @@ import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
 import {Hire} from "./IServiceManager.sol";
-import {ISignedRequests} from "./ISignedRequests.sol";
 import {ITaskQueues} from "./ITaskQueues.sol";
 
 /// @notice Ruled: a ruling on the proof stands until its time is over, and another one may replace it.
@@ -359,7 +358,7 @@ interface ITaskManager is IServiceListener {
     function IMPOSSIBLE_SHARE() external view returns (uint256);
 
     /// @notice Returns the trusted forwarder: it says for whom it calls, and has verified that participant's signature.
-    function signedRequests() external view returns (ISignedRequests);
+    function signedRequests() external view returns (address);
 
     /// @notice Returns where open tasks wait, and which providers each of them has passed.
     function queues() external view returns (ITaskQueues);

@@ -70,7 +70,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     mapping(address account => uint256) public pendingPayments;
 
     constructor(IOrganization organization_, address next_) Judge(organization_, next_) {
-        (_token, _forwarder) = (organization_.token(), address(tasks.signedRequests()));
+        (_token, _forwarder) = (organization_.token(), tasks.signedRequests());
     }
 
     /// @inheritdoc IDisputeJudge

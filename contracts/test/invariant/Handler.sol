@@ -336,7 +336,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         address creator = _creators[bound(who, 0, _creators.length - 1)];
         reward = bound(reward, 0, _min(expected[creator], 200 ether));
         nonce = bound(nonce, 0, 9);
-        ISignedRequests requests = _tasks.signedRequests();
+        ISignedRequests requests = ISignedRequests(_tasks.signedRequests());
         bool right = !_usedNonces[creator][nonce];
         TaskRequest memory request =
             TaskRequest(CLEANING, reward, 1 hours, 1 hours, 3, 0, 0, address(0), "{}");
@@ -396,7 +396,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         bytes32 proofHash,
         uint256 deadline
     ) private returns (bool) {
-        ISignedRequests requests = _tasks.signedRequests();
+        ISignedRequests requests = ISignedRequests(_tasks.signedRequests());
         bytes memory signature = Signing.proof(
             Possession.keyOf(key), address(requests), executor, taskId, attempt, PROOF, "", UNUSED, deadline
         );
@@ -413,7 +413,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         if (taskId == NO_TASK) return;
         Task memory t = _tasks.task(taskId);
         address key = _creators[bound(who, 0, _creators.length - 1)];
-        ISignedRequests requests = _tasks.signedRequests();
+        ISignedRequests requests = ISignedRequests(_tasks.signedRequests());
         bytes memory signature = Signing.cancellation(
             Possession.keyOf(key), address(requests), t.creator, taskId, UNUSED, block.timestamp
         );
@@ -1344,8 +1344,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
             if (who == _providers[i]) return true;
         }
         return who == _oracle || who == _auditor || who == _admin || who == address(_tasks)
-            || who == address(_services) || who == address(_organization)
-            || who == address(_tasks.signedRequests());
+            || who == address(_services) || who == address(_organization) || who == _tasks.signedRequests();
     }
 
     function _price(uint256 price) private pure returns (uint256) {
