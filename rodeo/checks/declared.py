@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from rodeo.checks.case import Case, OthersFailed, ordered
+from rodeo.checks.case import Case, CaseError, OthersFailed, ordered
 from rodeo.checks.report import Finding, impossible
 from rodeo.checks.tables import events_of
 from rodeo.foreign_text import in_words, quoted
@@ -25,16 +25,20 @@ def not_given_up(case: Case) -> Finding:
 
 
 def _worth(case: Case, failure: Mapping[str, Any]) -> Finding:
+    lacking = ""
     if case.chain_record:
         if case.checks.params:
             try:
                 ordered(case, case.checks.params)
             except OthersFailed as error:
                 return impossible(in_words(error), error.fault, source="the task's parameters")
-        if (found := case.checks.undoable(case, failure)) is not None:
-            return found
+        try:
+            if (found := case.checks.undoable(case, failure)) is not None:
+                return found
+        except CaseError as error:
+            lacking = f"; {in_words(error)}"
     reason = reported_failure(case)
-    detail = f"the executor reports: {reason}"
+    detail = f"the executor reports: {reason}{lacking}"
     return Finding(passed=False, measured=reason, source=_SOURCE, detail=detail)
 
 

@@ -124,7 +124,7 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     todo = person.get_by_role("region", name="To do")
     expect(todo.get_by_text("Clean my wheels · pays 5 IEC · due by")).to_be_visible()
     # Where the simulation is as fast as the wall clock, there is one time to tell.
-    left = re.compile(r"\d s (of site time left, .* on the wall clock at the present speed|left)")
+    left = re.compile(r"of site time left, .* on the wall clock at the present speed|\d (s|min) left")
     expect(todo.get_by_text(left)).to_be_visible()
     expect(person.get_by_text("its time, and with it every window, runs up to 400 times")).to_be_visible()
     person.get_by_role("button", name=f"Accept task {task_id}").click()

@@ -207,7 +207,8 @@ contract Handler is CommonBase, StdUtils, Numbers {
     /// @dev The work for its creator was judged, or never came: at most the reference price counts, and once a day in a row.
     function _expectReputation(Task memory t, uint256 done, uint256 failed) private {
         address provider = _services.providerOf(t.serviceId);
-        if (_isOwn(t.creator, provider) || done + failed == 0) return;
+        // Less than a unit of prices is nothing.
+        if (_isOwn(t.creator, provider) || done + failed < 1 gwei) return;
         Work memory w = _workOf(provider);
         uint256 most = _organization.referencePriceOf(t.kind);
         (done, failed) = (_min(done, most), _min(failed, most));
