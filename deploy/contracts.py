@@ -54,6 +54,9 @@ _MOST_TOGETHER = 60
 """Calls in one transaction: a device's registration, the most expensive of them, takes 120,000 gas."""
 _PAYMENTS = frozenset({"approve", "depositStake"})
 """What the founder sends for itself even where the timelock administers: the tokens are the founder's."""
+_ANSWERS_S = 60.0
+"""The embedded node works for seconds on the transaction that founds an organization, and longer on a busy
+machine."""
 _LONGEST_VERDICT_S = 7 * 24 * 3600
 """The contracts' default for the longest verdict window."""
 
@@ -188,7 +191,7 @@ def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
     local = site.chain.backend != "external"
     if local:
         wallets.ensure_wallets(site)
-    w3 = connect(site.chain.url)
+    w3 = connect(site.chain.url, _ANSWERS_S) if local else connect(site.chain.url)
     if not wait_for_node(site, w3, stop, say):
         return
     require_chain(w3, site.chain)
