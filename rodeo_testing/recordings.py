@@ -159,7 +159,7 @@ SIGNED: dict[str, type[Header]] = {
     "robot/presentation": Presentation,
 }
 """Topic -> model of what a device signs; such a sample's message is the statement without its header."""
-_NOTHING = "0x" + "00" * 32
+_NOTHING, _TWIN = "0x" + "00" * 32, "0x" + "22" * 32
 _KEEP: Callable[[Attestation], Attestation | None] = lambda attestation: attestation  # noqa: E731
 
 
@@ -213,6 +213,8 @@ class Witnesses:
     """Digest of the recording whose heads the witnesses heard, if another than this one."""
     forks: Callable[[float], bool] = lambda time_s: False
     """Whether what they hear at this time are heads of another version of it."""
+    twin: Callable[[float], bool] = lambda time_s: False
+    """Whether they hear at this time a head of another recording of the same device, too."""
     mocap_clock_s: float = 0.0
     """By how much the clock of the motion capture is ahead."""
     mocap_says: Callable[[dict[str, Any]], dict[str, Any]] = lambda fields: fields
@@ -292,10 +294,14 @@ class _Scene:
             index=seal["index"],
             digest=own if not self._witnesses.forks(time_s) else _NOTHING,
         )
+        heads = [head]
+        if self._witnesses.twin(time_s):
+            heads.append(head.model_copy(update={"chain": _TWIN, "digest": _NOTHING}))
         for chain in (self._chains["mocap"], self._chains["bin"], *self.charge):
             off = chain is self._chains["mocap"] and self._off(time_s)
             if self._witnesses.hears(time_s) and not off:
-                chain.heads.hear(head)
+                for one in heads:
+                    chain.heads.hear(one)
 
     def _off(self, time_s: float) -> bool:
         """Whether motion capture does not run then."""

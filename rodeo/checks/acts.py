@@ -3,7 +3,9 @@
 While a ruling of acceptance stands, what its proof claims is claimed: somebody else who claims the same waits
 until that is concluded, or until the ruling is replaced. Once it is concluded, the act is spent. An executor
 claims an act once: while any of its own proofs has a ruling that may be replaced, the act is not free for
-another one.
+another one. An acceptance that a reorganization took off the chain keeps its claim until the attempt gets
+another ruling or ends: its bridge posts it again. The kinds of the tasks do not matter: one drop into a bin
+is one act.
 
 An act is a line of text, `<what it is>/<number>` or `<what it is>/<from>-<to>`: `bin/itrash/drop/7`,
 `mocap/item3/120-180`, `meter/dock1/register/1000.0-1200.0`. Two acts overlap when they are of the same thing
@@ -111,7 +113,6 @@ class Submission:
 
     task_id: int
     attempt: int
-    kind: str
     executor: str
     block: int
     log_index: int
@@ -196,6 +197,8 @@ class ConsumedActs:
         """What own verifications found that a submission claims; None where they found nothing out."""
         self._clear: set[tuple[int, int]] = set()
         """Submissions that may be paid for what they claim, as was said of them."""
+        self._undone: dict[tuple[int, int], Submission] = {}
+        """Submissions whose acceptance was taken off the chain, as they were accepted."""
         self._away: set[tuple[int, int]] = set()
         """Submissions whose proofs cannot be read yet."""
 
@@ -210,21 +213,44 @@ class ConsumedActs:
                 self._submissions.clear()
                 self._judged.clear()
                 self._clear.clear()
+                self._undone.clear()
             self._seq = event.seq
             if event.task_id is None:
                 return
             events = self._events[event.task_id]
             if event.name == "EventUndone":
-                undone = event.args["undone_seq"]
-                events[:] = [one for one in events if one.seq != undone]
-                if event.args["undone_name"] == "ProofSubmitted":
-                    key = event.task_id, int(event.args["attempt"])
-                    self._judged.pop(key, None)
-                    self._clear.discard(key)
+                self._undo(event, events)
             elif event.name in _TELLING and all(one.seq != event.seq for one in events):
                 events.append(event)
             self._submissions[event.task_id] = list(_submissions(events))
+            self._release(event)
             self._told()
+
+    def _undo(self, event: DaoEvent, events: list[DaoEvent]) -> None:
+        """Take out of a task's `events` what `event` says was taken off the chain."""
+        name, undone, task_id = event.args["undone_name"], event.args["undone_seq"], event.task_id or 0
+        before = {one.key: one for one in self._submissions.get(task_id, ())}
+        events[:] = [one for one in events if one.seq != undone]
+        if name not in ("ProofSubmitted", "Ruled"):
+            return
+        key = task_id, int(event.args["attempt"])
+        if name == "ProofSubmitted":
+            self._judged.pop(key, None)
+            self._clear.discard(key)
+        elif key in before and before[key].accepted:
+            self._undone[key] = replace(before[key], over=False)
+
+    def _release(self, event: DaoEvent) -> None:
+        """Forget the claims of undone acceptances that `event` ends: the attempt has another ruling, is over,
+        or is somebody else's now; or the task was taken off the chain, and its number may be another's."""
+        ends = event.name in _ENDS or event.args.get("undone_name") == "TaskRegistered"
+        now = {one.key: one for one in self._submissions[event.task_id or 0]}
+        for key, kept in list(self._undone.items()):
+            if key[0] == event.task_id:
+                one = now.get(key, kept)
+                changed = one is not kept and (not one.waits or one.executor != kept.executor)
+                if ends or changed:
+                    del self._undone[key]
 
     def _told(self) -> None:
         self.news += 1
@@ -248,7 +274,7 @@ class ConsumedActs:
     def unread(self) -> list[Submission]:
         """Those with a report that has to be read: they were accepted, or may be yet."""
         with self._lock:
-            return [one for one in self._all() if (one.accepted or one.stands) and self._unread(one)]
+            return [one for one in self._claimants() if (one.accepted or one.stands) and self._unread(one)]
 
     def read(self, sha256: str, listed: Iterable[str]) -> None:
         """The report of this hash lists these acts; what is none is left out and logged."""
@@ -305,8 +331,8 @@ class ConsumedActs:
             if me is None or not wanted:
                 return None
             wait: Wait | None = None
-            for other in sorted(self._all(), key=lambda one: one.place):
-                if other.kind != me.kind or other.key == me.key:
+            for other in sorted(self._claimants(), key=lambda one: one.place):
+                if other.key == me.key:
                     continue
                 earlier, own = other.place < me.place, other.executor == me.executor
                 if other.accepted or (own and other.stands):
@@ -334,6 +360,11 @@ class ConsumedActs:
     def _all(self) -> Iterator[Submission]:
         for submissions in self._submissions.values():
             yield from submissions
+
+    def _claimants(self) -> Iterator[Submission]:
+        """All submissions, those whose acceptance was taken off the chain as they were."""
+        yield from (one for one in self._all() if one.key not in self._undone)
+        yield from self._undone.values()
 
     def _unread(self, submission: Submission) -> bool:
         return any(sha256 not in self._listed for _, sha256 in submission.reports)
@@ -381,20 +412,19 @@ def acts_listed(data: bytes, sha256: str) -> list[str]:
 
 
 _ENDS = frozenset({"TaskSettled", "TaskRequeued", "TaskFailed", "TaskCancelled"})
-_TELLING = _ENDS | {"TaskRegistered", "ProofSubmitted", "Reported", "PassedOn", "Ruled"}
+_TELLING = _ENDS | {"ProofSubmitted", "Reported", "PassedOn", "Ruled"}
 
 
 def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
     """Those of one task, from its events in chain order."""
-    kind, uri, made = "", None, list[Submission]()
+    uri: str | None = None
+    made: list[Submission] = []
     for event in events:
         args = event.args
-        if event.name == "TaskRegistered":
-            kind = str(args["kind"])
-        elif event.name == "ProofSubmitted":
+        if event.name == "ProofSubmitted":
             attempt = int(args["attempt"])
             executor = str(args["executor"])
-            made.append(Submission(event.task_id or 0, attempt, kind, executor, event.block, event.log_index))
+            made.append(Submission(event.task_id or 0, attempt, executor, event.block, event.log_index))
         elif not made:
             continue
         elif event.name == "Reported":

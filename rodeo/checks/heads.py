@@ -41,6 +41,8 @@ def in_file(case: Case, head: Head) -> bool:
 
 def fork(case: Case, *witnesses: Sequence[Said]) -> Finding | None:
     """A head that a witness lists and the file lacks, as a finding: there is another version of the file.
+    The same device's second recording that grew while this one did is one, too: whoever makes two submits
+    the better one.
 
     Where the recorder notes that it went on after a cut, the last second before may be lost. A witness that
     says little lists a lost head in the first statement that it makes after the cut, however late that is.
@@ -65,6 +67,30 @@ def fork(case: Case, *witnesses: Sequence[Said]) -> Finding | None:
                     None,
                     source=f"heads that {one.statement.device} lists",
                     detail="a seal of this recording that is not in the file",
+                )
+        if (twin := _twin(case, said)) is not None:
+            return twin
+    return None
+
+
+def _twin(case: Case, said: Sequence[Said]) -> Finding | None:
+    """Another recording of this device that grew beside this one, as a finding.
+
+    The last head of the recording before may be listed once after this one began.
+    """
+    own = (case.proof.signer or "").lower()
+    began = False
+    others: dict[str | None, int] = {}
+    for one in said:
+        heads = {head.chain: head.index for head in one.statement.heads if head.address.lower() == own}
+        began = began or case.proof.recording in heads
+        for chain in heads.keys() - {case.proof.recording, None} if began else ():
+            if others.setdefault(chain, heads[chain]) != heads[chain]:
+                return equal(
+                    f"seal {heads[chain]} of {(chain or '')[:18]}",
+                    None,
+                    source=f"heads that {one.statement.device} lists",
+                    detail="another recording of the same device grew at the same time",
                 )
     return None
 

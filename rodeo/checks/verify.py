@@ -40,10 +40,12 @@ def verify_file(
     *,
     reads_bags: bool = True,
     checks_of: Callable[[Checks], Checks] = lambda checks: checks,
+    claims: Callable[[list[str]], None] = lambda acts: None,
 ) -> Report:
     """Check the proof at `path`. Without `chain_record`, what only the chain knows is skipped. A bag,
     which is never paid for, is only read if `reads_bags`. `checks_of` may change the kind's checks,
-    to find out what one of them is good for; an oracle never does.
+    to find out what one of them is good for; an oracle never does. `claims` gets the acts that the
+    proof claims before anything is checked: whatever ends the process later, they are known.
 
     Never raises for what the file holds: what it lacks or breaks is a rejection that names it.
     Raises what its own machine fails at (`rodeo.errors.is_machines`), which says nothing about the proof.
@@ -56,7 +58,7 @@ def verify_file(
     if proof is None:
         unsealed = Check.of("sealed", provenance.vouched_for(False))
         return _report([unsealed], site, chain_record)
-    return verify_proof(proof, site, chain_record, checks_of=checks_of)
+    return verify_proof(proof, site, chain_record, checks_of=checks_of, claims=claims)
 
 
 def verify_proof(
@@ -65,6 +67,7 @@ def verify_proof(
     chain_record: ChainRecord | None = None,
     *,
     checks_of: Callable[[Checks], Checks] = lambda checks: checks,
+    claims: Callable[[list[str]], None] = lambda acts: None,
 ) -> Report:
     """What `verify_file` reports of a proof once it is open; one proof may be judged several times."""
     by = f"under {proof.seals} seals by {proof.signer}" if proof.sealed else "of a bag"
@@ -76,6 +79,8 @@ def verify_proof(
     except Exception as error:  # noqa: BLE001 - the same: a kind looks into the recording
         return _report([*checks, _failed("kind_recognized", error)], site, chain_record)
     case = replace(case, checks=checks_of(case.checks))
+    acts = _claimed(case)
+    claims(acts)
     missed = ""
     for stage in case.checks.stages:
         if missed and (proof.sealed or provenance.sealed not in stage):  # nobody need be asked about a bag
@@ -86,20 +91,18 @@ def verify_proof(
         decided = (one.name for one in found if one.outcome == "rejected" or (one.outcome and one.last))
         missed = missed or next(decided, "")
     report = _report(checks, site, chain_record, case)
-    if report.accepted:
-        return _with_payment(report, case)
-    return report.model_copy(update={"acts": _claimed(case)})
+    return _with_payment(report, case) if report.accepted else report.model_copy(update={"acts": acts})
 
 
 def _with_payment(report: Report, case: Case) -> Report:
-    """With what is paid, and for what; undecided where the kind cannot tell, as all its checks passed."""
+    """With what is paid, and for what; given up where the kind cannot tell."""
     try:
         paid = {"amount_iec": case.checks.amount_iec(case), "acts": case.checks.acts(case)}
     except Exception as error:
         if is_machines(error):
             raise
         log.exception("what an accepted proof is paid for could not be computed")
-        finding = undecided(_not_computed(error), ORACLE, source="the kind's checks")
+        finding = given_up(_not_computed(error), source="the kind's checks", fault=ORACLE)
         return report.with_checks(Check.of("payment_computed", finding))
     return report.model_copy(update=paid)
 
@@ -122,7 +125,7 @@ def case_of(proof: Proof, site: Site, chain_record: ChainRecord | None) -> Case:
 
 
 def _claimed(case: Case) -> list[str]:
-    """The acts of a proof that was not accepted, as far as it tells them."""
+    """The acts of a proof, as far as it tells them."""
     try:
         return case.checks.acts(case)
     except Exception as error:
@@ -140,8 +143,10 @@ def verify_submission(
     *,
     may_wait: bool = False,
     checks_of: Callable[[Checks], Checks] = lambda checks: checks,
+    claims: Callable[[list[str]], None] = lambda acts: None,
 ) -> Report:
-    """Fetch the task's proof into `folder` and check it; `copy` is the proof, where it was had already.
+    """Fetch the task's proof into `folder` and check it as `verify_file` does; `copy` is the proof, where it
+    was had already.
 
     Raises StoreUnavailable and DiskFull, which say nothing about the proof; with `may_wait` also whatever
     else keeps the bytes away, unless the URI is none of a file with the submitted hash.
@@ -157,7 +162,7 @@ def verify_submission(
             raise
         return _report([_failed("fetched", error)], site, chain_record)
     # Bags are read by libraries that know no limits: what exhausts them must not be for people to decide.
-    report = verify_file(path, site, chain_record, reads_bags=False, checks_of=checks_of)
+    report = verify_file(path, site, chain_record, reads_bags=False, checks_of=checks_of, claims=claims)
     fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=quoted(uri))
     return report.with_checks(fetched, first=True)
 

@@ -27,6 +27,7 @@ from functools import cache
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Check, Report, given_up, undecided
@@ -115,17 +116,17 @@ def verify_apart(
     which is removed. Raises EvidenceError when the proof could not be fetched, and DiskFull: both are for the
     caller to wait for.
     """
-    report, ended, began = _once(site, chain_record, scratch, stop, limits or site.oracle, memory_bytes, copy)
+    once = _once(site, chain_record, scratch, stop, limits or site.oracle, memory_bytes, copy)
     # Signals that end the oracle may reach the child first: that is no fault of the proof.
-    if report is not None or stop.wait(_SIGNAL_GRACE_S):
-        return report
+    if once.report is not None or stop.wait(_SIGNAL_GRACE_S):
+        return once.report
     task = chain_record.task
-    log.warning("task %d attempt %d: %s", task.id, task.attempt, ended)
+    log.warning("task %d attempt %d: %s", task.id, task.attempt, once.ended)
     if failed + 1 < ATTEMPTS:
-        raise VerificationFailed(ended, task_id=task.id, attempt=task.attempt)
+        raise VerificationFailed(once.ended, task_id=task.id, attempt=task.attempt)
     source = "the oracle's own process"
-    found = undecided(f"{ended}, {ATTEMPTS} times", FAULT, source)
-    if began:  # other judges find the same, and vote for equal reports: not how it ended
+    found = undecided(f"{once.ended}, {ATTEMPTS} times", FAULT, source)
+    if once.began:  # other judges find the same, and vote for equal reports: not how it ended
         found = given_up(f"the verification ended without a report, {ATTEMPTS} times", source, FAULT)
     check = Check.of("verification_ended", found)
     return Report.of(
@@ -135,7 +136,19 @@ def verify_apart(
         attempt=task.attempt,
         proof_sha256=task.proof_sha256,
         rules_sha256=task.rules_sha256,
+        acts=once.acts,
     )
+
+
+class _Once(NamedTuple):
+    """What came of one child."""
+
+    report: Report | None
+    ended: str = ""
+    """Why there is no report."""
+    began: bool = True
+    acts: tuple[str, ...] = ()
+    """What the proof claims, as far as the child got."""
 
 
 def _once(
@@ -146,8 +159,8 @@ def _once(
     limits: OracleConfig,
     memory_bytes: int,
     copy: Path | None,
-) -> tuple[Report | None, str, bool]:
-    """The report of one child, or why there is none, and whether it ran. Raises EvidenceError, DiskFull."""
+) -> _Once:
+    """Raises EvidenceError, DiskFull."""
     with writing(scratch), _folder_in(scratch) as folder:
         path, away = Path(folder, _REPORT), Path(folder, _AWAY)
         process = _context_of(site).Process(
@@ -159,7 +172,7 @@ def _once(
         try:
             process.start()
         except _NOT_STARTED as error:
-            return None, f"the process to verify in did not start: {error!r}", False
+            return _Once(None, f"the process to verify in did not start: {error!r}", began=False)
         deadline_s = time.monotonic() + limits.time_limit_s
         while process.is_alive() and time.monotonic() < deadline_s and not stop.is_set():
             process.join(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))
@@ -168,17 +181,19 @@ def _once(
             process.kill()
             process.join()
         if path.exists():
-            return Report.model_validate_json(path.read_bytes()), "", True
+            return _Once(Report.model_validate_json(path.read_bytes()))
         if away.exists():
             said = read_json(away.read_bytes())
             raise _AWAY_FOR[said["code"]](said["message"], **said["details"])
         if process.exitcode == _NO_ROOM:
             raise DiskFull("no space left to verify the proof", folder=str(scratch))
+        ended = f"the verification crashed with exit status {process.exitcode}"
         if hung:
-            return None, f"the verification hung for {limits.time_limit_s:g} s", True
-        if process.exitcode == -signal.SIGXCPU:
-            return None, f"the verification used more than {limits.cpu_limit_s:g} s of CPU time", True
-        return None, f"the verification crashed with exit status {process.exitcode}", True
+            ended = f"the verification hung for {limits.time_limit_s:g} s"
+        elif process.exitcode == -signal.SIGXCPU:
+            ended = f"the verification used more than {limits.cpu_limit_s:g} s of CPU time"
+        acts = Path(folder, _ACTS)
+        return _Once(None, ended, acts=tuple(read_json(acts.read_bytes())["acts"]) if acts.exists() else ())
 
 
 @cache
@@ -200,6 +215,8 @@ def _context_of(site: Site) -> ForkServerContext:
 
 _REPORT, _AWAY = "report.json", "away.json"
 """What a child leaves in its folder: one of them."""
+_ACTS = "acts.json"
+"""What it leaves before: people may accept what ended without a report, and then these acts are paid for."""
 _NO_ROOM = 74
 """Exit status of a child that could leave none, because the disk is full: EX_IOERR of sysexits.h."""
 _AWAY_FOR: dict[str, type[RodeoError]] = {
@@ -253,12 +270,9 @@ def _child(
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu_limit_s), math.ceil(cpu_limit_s) + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    # Imported here: the oracle itself has no use for MuJoCo.
-    from rodeo.checks.verify import verify_submission
-
     try:
         try:
-            report = verify_submission(site, chain_record, folder, copy, may_wait=True)
+            report = verify_claiming(site, chain_record, folder, copy)
             name, data = _REPORT, report.to_bytes()
         except (EvidenceError, DiskFull) as error:
             name, data = _AWAY, write_json(plain(error.to_json()))
@@ -267,3 +281,16 @@ def _child(
         if not is_full(error):
             raise
         sys.exit(_NO_ROOM)
+
+
+def verify_claiming(
+    site: Site, chain_record: ChainRecord, folder: Path, copy: Path | None, **options: Any
+) -> Report:
+    """`verify_submission`, which leaves in `folder` what the proof claims before it is checked."""
+    # Imported here: the oracle itself has no use for MuJoCo.
+    from rodeo.checks.verify import verify_submission
+
+    def claims(acts: list[str]) -> None:
+        replace_file(folder / _ACTS, write_json({"acts": acts}))
+
+    return verify_submission(site, chain_record, folder, copy, may_wait=True, claims=claims, **options)

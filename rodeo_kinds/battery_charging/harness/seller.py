@@ -319,3 +319,9 @@ def cuts_noted_all_the_time_of_a_charge(shop: ChargingWorkshop) -> Submission:
     """A cut is noted before every receipt, to excuse each head that the file lacks."""
     take, begin_s = cut(shop.take, *np.linspace(0.1, 0.9, 200)), middle_s(shop.take, 0.1)
     return shop.charged(take, forks=lambda time_s: time_s > begin_s)
+
+
+@HARNESS.forgery("fresh", "grew at the same time", role="seller")
+def two_recordings_of_one_charge(shop: ChargingWorkshop) -> Submission:
+    """Two recorders of the dock ran at the same time, to submit the recording that pays more."""
+    return shop.charged(shop.take, twin=lambda time_s: True)

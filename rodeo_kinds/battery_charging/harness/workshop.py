@@ -38,13 +38,15 @@ class ChargingWorkshop(Workshop):
         device: LocalAccount | None = None,
         sides: Sides | None = None,
         forks: Callable[[float], bool] = lambda time_s: False,
+        twin: Callable[[float], bool] = lambda time_s: False,
         devices: Registered = lambda device: device,
         **task: Any,
     ) -> Submission:
         """`take` as proof of the charge, sealed with the meter's key. `forks` is when the robot hears heads
-        of another version of it; `devices` may change the registry."""
+        of another version of it, `twin` when heads of another recording, too; `devices` may change the
+        registry."""
         chain_record = with_devices(self.chain_record(**task), devices)
-        witnesses = Witnesses(charge=sides or Sides(), forks=forks)
+        witnesses = Witnesses(charge=sides or Sides(), forks=forks, twin=twin)
         return Submission(chain_record, self.sealed(take, None, device, witnesses))
 
 

@@ -527,6 +527,26 @@ def cuts_noted_all_the_time(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(cut(shop.take, *np.arange(0.05, 0.95, 0.02)), witnesses=forked)
 
 
+@HARNESS.forgery("order", "grew at the same time", role="executor")
+def two_recordings_at_once(shop: CleaningWorkshop) -> Submission:
+    """Two recorders of one device ran, to submit the recording that looks better."""
+    return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: True))
+
+
+@HARNESS.forgery("order", "grew at the same time", role="executor")
+def a_second_recording_until_the_item_was_held(shop: CleaningWorkshop) -> Submission:
+    """The other recording is given up once the grasp of this one has worked."""
+    half_s = middle_s(shop.take)
+    return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: time_s < half_s))
+
+
+@HARNESS.forgery("order", "grew at the same time", role="executor")
+def a_second_recording_begun_on_the_way(shop: CleaningWorkshop) -> Submission:
+    """The other recording begins while this one shows the way to the bin."""
+    half_s = middle_s(shop.take)
+    return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: time_s > half_s))
+
+
 @HARNESS.forgery("recorded_in_assignment", role="creator")
 def posted_again_after_it_began(shop: CleaningWorkshop) -> Submission:
     """The task was posted a second time 59 s after the recording began."""

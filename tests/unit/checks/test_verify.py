@@ -109,7 +109,7 @@ def test_a_file_that_a_library_stumbles_over_is_given_up(
 
 @pytest.mark.parametrize("what", ["acts", "amount_iec"])
 @pytest.mark.parametrize("error", [CaseError("nobody knows"), KeyError("weight"), AttributeError()])
-def test_an_accepted_proof_whose_pay_cannot_be_computed_is_for_people(
+def test_an_accepted_proof_whose_pay_cannot_be_computed_is_given_up(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, what: str, error: Exception
 ) -> None:
     def fail(_case: Case) -> Any:
@@ -121,5 +121,5 @@ def test_an_accepted_proof_whose_pay_cannot_be_computed_is_for_people(
     )
     site = Site.load(LAB).model_copy(update={"data_dir": tmp_path / "data"})
     report = verify.verify_file(by_another_program(site, tmp_path, JPEG), site)
-    assert (report.outcome, report.fault, report.acts) == ("undecided", "the oracle", [])
+    assert (report.outcome, report.fault, report.acts) == ("given_up", "the oracle", [])
     assert report.checks[-1].name == "payment_computed"

@@ -818,6 +818,12 @@ def test_without_motion_capture_the_robots_own_sight_stands_in_and_is_marked_as_
     assert "weaker" in next(check.source for check in report.checks if check.name == "ensemble")
 
 
+def test_the_last_head_of_the_recording_before_is_no_second_recording(cleaning: Take, judge: Judge) -> None:
+    witnesses = Witnesses(twin=lambda time_s: time_s < cleaning.start_s + 0.5)
+    report = judge(cleaning, cleaning_chain_record(cleaning), witnesses=witnesses)
+    assert report.accepted, report.reason
+
+
 @pytest.mark.parametrize(
     ("witnesses", "why"),
     [
@@ -826,6 +832,7 @@ def test_without_motion_capture_the_robots_own_sight_stands_in_and_is_marked_as_
         pytest.param(
             {"forks": lambda time_s: True}, "a seal of this recording", id="another version of the file"
         ),
+        pytest.param({"twin": lambda time_s: True}, "grew at the same time", id="a second recording"),
     ],
 )
 def test_without_motion_capture_the_bins_own_chain_tells_the_order(

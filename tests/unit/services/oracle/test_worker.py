@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +18,8 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 import rodeo
-from rodeo.checks.report import Report
+from rodeo.checks.case import Case, ChainRecord, Checks
+from rodeo.checks.report import Finding, Report
 from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import OracleConfig, Site
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
@@ -72,8 +74,16 @@ def test_an_honest_proof_is_fetched_and_accepted(
 ) -> None:
     report = submitted(site, cleaning, sealed, tmp_path)
     assert report.accepted, report.reason
+    assert report.acts
     assert [check.name for check in report.checks][:2] == ["fetched", "readable_and_sealed"]
     assert list((tmp_path / "work").iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def honest(
+    site: Site, cleaning: Take, sealed: SealedProof, tmp_path_factory: pytest.TempPathFactory
+) -> Report:
+    return submitted(site, cleaning, sealed, tmp_path_factory.mktemp("honest"))
 
 
 def test_a_bag_is_rejected_whatever_keeps_the_oracle_from_deciding_it(
@@ -191,6 +201,36 @@ def test_a_verification_without_memory_is_given_up(
 ) -> None:
     ended_by_the_proof(submitted(site, cleaning, sealed, tmp_path, memory_bytes=40 * MIB))
     assert "crashed with exit status" in caplog.text
+
+
+def claim_and_crash(
+    site: Site, chain: ChainRecord, folder: Path, cpu_limit_s: float, memory_bytes: int, copy: Path | None
+) -> None:
+    """What a child does whose proof claims something and then breaks what checks it."""
+
+    def breaks(_case: Case) -> Finding:
+        os._exit(3)
+
+    def broken(checks: Checks) -> Checks:
+        return replace(checks, stages=((breaks,),))
+
+    worker.verify_claiming(site, chain, folder, copy, checks_of=broken)
+
+
+def test_what_a_proof_claims_is_listed_although_its_verification_crashed(
+    site: Site,
+    cleaning: Take,
+    sealed: SealedProof,
+    tmp_path: Path,
+    honest: Report,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """People may accept it yet, and then nobody is paid for the same drop again."""
+    monkeypatch.setattr(worker, "_child", claim_and_crash)
+    report = submitted(site, cleaning, sealed, tmp_path)
+    assert "ended without a report" in ended_by_the_proof(report)
+    assert report.acts == honest.acts
+    assert any("/drop/" in act for act in report.acts)
 
 
 def test_an_oracle_that_stops_gives_no_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
