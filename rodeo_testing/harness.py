@@ -39,6 +39,8 @@ class Forgery(Generic[W]):
     """The check that the verdict names; None where somebody spoils an honest proof, which is paid in full."""
     says: str = ""
     """Part of the verdict's reason."""
+    ruins: bool = False
+    """Whether somebody else keeps an honest executor from its work by it: then nobody is paid or fined."""
 
     @property
     def words(self) -> str:
@@ -48,6 +50,8 @@ class Forgery(Generic[W]):
         """Whether the forger got what it wanted, or a part of the price."""
         if self.check is None:
             return not (report.accepted and report.amount_iec is None)
+        if self.ruins and report.outcome == "rejected":
+            return True
         return report.outcome in ("accepted", "impossible")
 
     def named(self, report: Report) -> bool:
@@ -77,6 +81,13 @@ class Harness(Generic[W]):
     ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
         """A proof that is refused by this check, with these words in the reason."""
         return lambda make: self._register(Forgery(make, role, check, says))
+
+    def ruining(
+        self, check: str, says: str = "", *, role: Role
+    ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
+        """Honest work that somebody keeps from being done, or from being seen. This check says so, with these
+        words, and nobody is fined."""
+        return lambda make: self._register(Forgery(make, role, check, says, ruins=True))
 
     def spoiling(self, *, role: Role) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
         """An honest proof that somebody tries to spoil, which is paid in full all the same."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from rodeo.checks.case import NO_MOCAP, Case, CaseError
 from rodeo.checks.kinematics import inverse, kinematics_of, product, turned
-from rodeo.checks.phases import phases_of
+from rodeo.checks.phases import HELD_S, LIFTED_M, phases_of
 from rodeo.checks.poses import CLOCKS_S, Pose, base_of, pose_of
 from rodeo.checks.report import Finding, at_most, skipped
 from rodeo.checks.tables import gaps_of
@@ -29,6 +29,8 @@ RIGID_SHARE = 0.99
 """Of the carry, for single poses that are off."""
 LONGEST_OFF_S = 1.5
 """And no more than this in all, however long it takes: in six of ten minutes' seconds a person carries it."""
+LIES_M = 0.01
+"""What rises by less still lies on the floor."""
 GUESSED_S = 0.2
 """Between two messages of the joints: what a fast arm did in more than this is not known."""
 _LOOK_S, _LOOK_CLOSELY_S = 0.1, 0.02
@@ -86,7 +88,7 @@ def item_in_gripper(case: Case) -> Finding:
     at_s = _seen(np.arange(phases.lifted_s, release_s, _LOOK_CLOSELY_S), gripper, item)
     if len(at_s) < 2:
         raise CaseError("motion capture did not see the item between lift and release")
-    inside_m, _ = _inside(*_poses(gripper, at_s), *_poses(item, at_s))
+    inside_m = _in_hand_m(gripper, item, at_s)
     middle_m = np.median(inside_m, axis=0)
     return at_most(
         most_of(np.linalg.norm(inside_m - middle_m, axis=1), _LOOK_CLOSELY_S, RIGID_SHARE),
@@ -95,6 +97,27 @@ def item_in_gripper(case: Case) -> Finding:
         source="length of the pads",
         detail="the item moves against the gripper by",
     )
+
+
+def lifted_by_another_s(case: Case) -> float:
+    """When somebody else than the robot lifted the item off the floor and held it up; infinite if it was the
+    robot, if nobody did, or if nobody saw that. In its gripper, or on anything fixed to that, an item rises
+    with the gripper."""
+    item = pose_of(case, case.item.id)
+    rise_m = item.position_m[:, 2] - item.position_m[0, 2]
+    up = np.flatnonzero(rise_m > LIFTED_M)
+    if not (len(up) and case.site.lab.mocap_gripper):
+        return np.inf
+    lies = up[0] - 1 - int((rise_m[: up[0]][::-1] < LIES_M).argmax())
+    begin_s, end_s = float(item.time_s[lies]), float(item.time_s[up[0]])
+    held = (item.time_s >= end_s) & (item.time_s <= end_s + HELD_S)
+    at_s = np.arange(begin_s, end_s + HELD_S, _LOOK_CLOSELY_S)
+    gripper = _gripper(case)
+    seen = len(_seen(at_s, item, gripper)) == len(at_s) and item.time_s[-1] >= end_s + HELD_S
+    if not (seen and begin_s >= gripper.time_s[0] and (rise_m[held] > LIFTED_M).all()):
+        return np.inf
+    inside_m = _in_hand_m(gripper, item, np.array([begin_s, end_s]))
+    return begin_s if np.linalg.norm(inside_m[1] - inside_m[0]) > RIGID_M else np.inf
 
 
 def most_of(off: Array, step_s: float, share: float, longest_s: float = LONGEST_OFF_S) -> float:
@@ -141,6 +164,11 @@ def _release_s(case: Case) -> float:
     held_m = float(np.median(gap_m[carried]))
     closed = np.flatnonzero(carried & (gap_m <= held_m + 0.001))
     return float(time_s[closed[-1]])
+
+
+def _in_hand_m(gripper: Pose, item: Pose, at_s: Array) -> Array:
+    """(n, 3) where the item is in the gripper's frame."""
+    return _inside(*_poses(gripper, at_s), *_poses(item, at_s))[0]
 
 
 def _poses(pose: Pose, at_s: Array) -> tuple[Array, Array]:

@@ -1,4 +1,6 @@
-"""How long a cleaning is recorded after the bin felt the drop: one time for robot and oracle, in that order.
+"""What robot and oracle make of a drop, both of them the same.
+
+How long a cleaning is recorded after the bin felt the drop: one time for robot and oracle, in that order.
 
 Whoever did the work must not find out afterwards that its recording ended too soon. So the robot records for
 longer than the oracle asks for, by what the last statement of motion capture may be older than the end.
@@ -10,3 +12,6 @@ at once."""
 RECORDED_AFTER_DROP_S = JUDGED_AFTER_DROP_S + 5.0
 """So long the robot records. Motion capture states something every 2 s while nothing moves, one statement may
 be lost, and its clock may be off the bin's."""
+WEIGHS_THE_SAME_N = 0.1
+"""Two weights that one scale measures may be the same thing's if they differ by no more than this: each
+settles to 0.05 N. The lightest item weighs 0.2 N."""

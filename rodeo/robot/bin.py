@@ -17,6 +17,7 @@ from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError
 from rodeo.evidence.attestation import Attestation
 from rodeo.keystores import SiteDevice
+from rodeo.lab.drop import WEIGHS_THE_SAME_N
 from rodeo.recording.door import Refusals, stamp_slack_s
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.robot.errors import NoAnswer
@@ -102,12 +103,14 @@ class SmartBin:
             words = [one for one in self._words[kind] if isinstance(one, kind) and moment_s(one) > time_s]
         return max(words, key=moment_s, default=None)
 
-    def removed(self, compartment: str, after_s: float) -> Removal | None:
-        """What the bin says that was taken out of the compartment after `after_s`."""
+    def removed(self, drop: Drop) -> Removal | None:
+        """What the bin says that was taken out of the compartment since the drop and weighs as much as what
+        fell: others may empty the bin meanwhile."""
         self._ask()
         with self._lock:
             words = [one for one in self._words[Removal] if isinstance(one, Removal)]
-        return next((o for o in words if o.compartment == compartment and o.settled_s > after_s), None)
+        since = [o for o in words if o.compartment == drop.compartment and o.settled_s > drop.after_s]
+        return next((o for o in since if abs(o.weight_n - drop.weight_n) <= WEIGHS_THE_SAME_N), None)
 
     def wait_for(self, kind: type[Kind], after_s: float, timeout_wall_s: float) -> Kind:
         """A statement about what was later than `after_s` (site time).

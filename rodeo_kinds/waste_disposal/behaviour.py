@@ -455,7 +455,7 @@ class WasteDisposal(Behaviour):
             self._body.wait(min(until_s - now_s, _LOOK_AROUND_S))
         if drop is None:
             return
-        if (removal := station.bin.removed(drop.compartment, drop.after_s)) is not None:
+        if (removal := station.bin.removed(drop)) is not None:
             raise TakenOut(
                 "something was taken out of the bin after the drop",
                 compartment=removal.compartment,

@@ -14,6 +14,7 @@ from rodeo.checks.phases import REST_M, phases_of
 from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
 from rodeo.checks.replay import replay_of
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
+from rodeo.checks.results import once_per_case
 from rodeo.checks.sources import doubtful, revoked_meanwhile, revoked_while_recorded, whose
 from rodeo.checks.tables import gaps_of
 from rodeo.checks.testimony import bin_said, bin_testimony, by_signer, own_said
@@ -21,7 +22,7 @@ from rodeo.checks.witnesses import UNLISTED_S
 from rodeo.evidence.errors import EvidenceError
 from rodeo.foreign_text import quoted
 from rodeo.kinds import kinds_of
-from rodeo.lab.drop import JUDGED_AFTER_DROP_S
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S, WEIGHS_THE_SAME_N
 from rodeo.lab.layout import BinLayout
 from rodeo.topics import SEAL_CHANNEL
 from rodeo.witness.heads import TOLD
@@ -55,17 +56,54 @@ def _classification(case: Case) -> Classification:
     found = [one.statement for one in bin_said(case) if isinstance(one.statement, Classification)]
     if not found:
         raise _unsaid(case, "no classification signed by the bin is in the recording")
-    drop = drop_of(case)
-    return next((one for one in found if drop and one.number == drop.classification), found[-1])
+    claim = claim_of(case)
+    return next((one for one in found if claim and one.number == claim.classification), found[-1])
 
 
+@once_per_case
 def drop_of(case: Case) -> Drop | None:
-    """The first that the release can explain, else the last: others may use the bin meanwhile."""
+    """The item's: others may use the bin meanwhile. Of those that the release can explain, the first that
+    weighs what the item may weigh, rather in the compartment that the bin asked for; else the first at all,
+    else the last."""
     drops = _drops(case)
     if len(drops) < 2:
         return drops[0] if drops else None  # whenever the item was let go of
     earliest_s = replay_of(case).release_s - EARLY_SLACK_S
-    return next((drop for drop in drops if drop.settled_s >= earliest_s), drops[-1] if drops else None)
+    found = [drop for drop in drops if drop.settled_s >= earliest_s]
+    fitting = [drop for drop in found if _fits(case, drop)] or found
+    return min(fitting, key=lambda drop: drop.compartment != _asked_before(case, drop), default=drops[-1])
+
+
+@once_per_case
+def claim_of(case: Case) -> Drop | None:
+    """The drop that names who showed the item. It is not the item's where something else fell in before it:
+    the bin takes that for what it was shown."""
+    drop = drop_of(case)
+    if drop is None or drop.classification is not None:
+        return drop
+    before = [one for one in _drops(case) if one.seq < drop.seq and one.classification is not None]
+    return before[-1] if before else drop
+
+
+def _fits(case: Case, drop: Drop) -> bool:
+    """Whether what fell may weigh what the site says that the item weighs; False where it does not say."""
+    off = _off_weight(case, drop)
+    return off is not None and off[0] <= off[1]
+
+
+def _off_weight(case: Case, drop: Drop) -> tuple[float, float] | None:
+    """By which share what fell is heavier or lighter than the item, and by which it may be; None where the
+    site does not say what the item weighs."""
+    item, tolerance = case.item, case.site.lab.mass_tolerance
+    if tolerance is None or "mass_kg" not in item.model_fields_set:
+        return None
+    return abs(drop.weight_n / (item.mass_kg * 9.81) - 1), tolerance
+
+
+def _asked_before(case: Case, drop: Drop) -> str | None:
+    """The compartment that the bin had asked for last before something fell."""
+    said = [one.statement for one in bin_said(case) if one.statement.seq < drop.seq]
+    return next((one.compartment for one in reversed(said) if isinstance(one, Classification)), None)
 
 
 def _drop(case: Case) -> Drop:
@@ -152,11 +190,12 @@ def _combined(case: Case, statement: Classification) -> Finding | None:
 
 def dropped(case: Case) -> Finding:
     """The bin felt it fall into the compartment that it asked for, when the replay lets go of it."""
-    drop = _drop(case)
+    drop, claim = _drop(case), claim_of(case)
     number = _classification(case).number
-    if drop.classification != number:
+    assert claim is not None
+    if claim.classification != number:
         return equal(
-            str(drop.classification),
+            str(claim.classification),
             str(number),
             source="statement of the bin",
             detail="classification that the drop refers to",
@@ -187,10 +226,10 @@ def presented(case: Case) -> Finding:
     binding = case.proof.binding
     if binding is None:
         return skipped("a bag has no recording ID that the bin could state")
-    drop = _drop(case)
+    claim = claim_of(case) or _drop(case)
     own = [
         one
-        for one in drop.claimants
+        for one in claim.claimants
         if one.address.lower() == (case.proof.signer or "").lower()
         and (one.recording, one.task_id, one.attempt)
         == (case.proof.recording, binding.task_id, binding.attempt)
@@ -199,7 +238,15 @@ def presented(case: Case) -> Finding:
         isinstance(one.statement, Presentation) and one.statement.recording == case.proof.recording
         for one in own_said(case)
     )
-    first = drop.claimants[:1]
+    if own and claim != drop_of(case) and len(claim.claimants) > 1:
+        # It may be the item of another robot, whose claim this one would take.
+        return undecided(
+            f"something else of {claim.weight_n} N fell in before the item, and several robots had presented "
+            "themselves",
+            "whoever dropped it",
+            source="claimants in the bin's statement",
+        )
+    first = claim.claimants[:1]
     if own and own[0] not in first and not case.mocap:
         # Anybody may have said so while this robot showed its item.
         return undecided(
@@ -345,20 +392,16 @@ def stays_in_bin(case: Case) -> Finding:
     source = f"recorded and signed for {JUDGED_AFTER_DROP_S:g} s after the bin's drop"
     if case.mocap:
         end_s = min(end_s, motion_of(case)[-1].statement.time_s)
-    taken = [
+    removed = [
         one.statement
         for one in bin_said(case)
         if isinstance(one.statement, Removal)
         and one.statement.compartment == compartment
         and one.statement.settled_s > after_s
     ]
-    if taken:
-        return equal(
-            f"{taken[0].weight_n} N",
-            None,
-            source="statement of the bin",
-            detail=f"after the drop something was taken out of {quoted(taken[0].compartment)}",
-        )
+    taken = _taken_out(case, removed, drop)
+    if taken is not None and taken.outcome == "rejected":
+        return taken
     if drop is not None and end_s - settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
         return at_least(
             end_s - settled_s,
@@ -368,8 +411,31 @@ def stays_in_bin(case: Case) -> Finding:
             "from the drop to the end of the recording",
         )
     if not case.mocap:
-        return Finding(passed=True, source=source, detail="nothing was taken out of the bin")
-    return _lies_in(case, compartment, settled_s)
+        return taken or Finding(passed=True, source=source, detail="nothing was taken out of the bin")
+    found = _lies_in(case, compartment, settled_s)
+    return taken if taken is not None and found.passed else found
+
+
+def _taken_out(case: Case, removed: list[Removal], drop: Drop | None) -> Finding | None:
+    """Whether it was the item that left the compartment after it had fallen in, by its weight and by where
+    motion capture saw it after that. None if it was something else."""
+    item_s = pose_of(case, case.item.id).time_s[-1] if case.mocap else -np.inf
+    seen = [one for one in removed if item_s >= one.settled_s + CLOCKS_S]
+    unseen_n = sum(one.weight_n for one in removed if one not in seen)
+    words, source = "after the drop something was taken out of", "statement of the bin"
+    if len(seen) < len(removed) and (drop is None or unseen_n >= drop.weight_n - WEIGHS_THE_SAME_N):
+        where = quoted(removed[0].compartment)
+        return equal(f"{unseen_n:.3g} N", None, source=source, detail=f"{words} {where}")
+    for one in removed:
+        detail = f"{words} {quoted(one.compartment)}: {one.weight_n} N"
+        if one not in seen:
+            return undecided(f"{detail}, less than the item; nobody saw it since", _WHOEVER, source)
+        if drop is None or abs(one.weight_n - drop.weight_n) <= WEIGHS_THE_SAME_N:
+            return undecided(f"{detail}, as much as the item, which is seen there since", _WHOEVER, source)
+    return None
+
+
+_WHOEVER = "whoever took something out of the bin"
 
 
 def _lies_in(case: Case, compartment: str, settled_s: float) -> Finding:
@@ -475,10 +541,8 @@ def _gaps_m(case: Case) -> tuple[float, float]:
 
 def weight(case: Case) -> Finding:
     """The bin felt about the item's weight."""
-    drop, item = _drop(case), case.item
-    tolerance = case.site.lab.mass_tolerance
-    declared_n = item.mass_kg * 9.81
-    if tolerance is None or "mass_kg" not in item.model_fields_set:
+    drop = _drop(case)
+    if (off := _off_weight(case, drop)) is None:
         return Finding(
             passed=None,
             measured=drop.weight_n,
@@ -487,9 +551,9 @@ def weight(case: Case) -> Finding:
             detail="the site declares no mass and tolerance for this item; the bin measured",
         )
     return at_most(
-        abs(drop.weight_n - declared_n) / declared_n,
-        tolerance,
+        *off,
         "",
         source="the site's item.mass_kg and lab.mass_tolerance",
-        detail=f"the bin measured {drop.weight_n} N, the item weighs {declared_n:.3f} N; relative difference",
+        detail=f"the bin measured {drop.weight_n} N, the item weighs {case.item.mass_kg * 9.81:.3f} N; "
+        "relative difference",
     )

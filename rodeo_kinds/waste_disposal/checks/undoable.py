@@ -146,10 +146,13 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         item = pose_of(case, params.item_id)
     except CaseError:
         return None  # nothing shows that it did not take the item away
-    if _touched(case, item, base):
+    taken_s = gripper.lifted_by_another_s(case)
+    if _touched(case, item, base, taken_s):
         return _refuted(case, "the item was moved while the robot was within reach")
     if _lay_s(case, params.item_id, item) > BEGINS_S + case.slack_s:
         return None
+    if np.linalg.norm(item.position_m[-1] - item.position_m[0]) > MOVED_M and np.isfinite(taken_s):
+        return undecided("somebody else lifted the item off the floor", "whoever took it", _SOURCE)
     hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
     if hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S:
         return None  # nor what it did to what was not seen again
@@ -199,9 +202,10 @@ def _lay_s(case: Case, body: str, item: Pose) -> float:
     return since_s - ago_s - assigned_s
 
 
-def _touched(case: Case, item: Pose, base: Pose) -> bool:
-    """Whether the item went more than `MOVED_M` while the robot may have been within reach, seen or not."""
-    at_s = np.arange(item.time_s[0], item.time_s[-1] + _LOOK_S, _LOOK_S)
+def _touched(case: Case, item: Pose, base: Pose, until_s: float) -> bool:
+    """Whether the item went more than `MOVED_M` before then while the robot may have been within reach, seen
+    or not."""
+    at_s = np.arange(item.time_s[0], min(item.time_s[-1], until_s) + _LOOK_S, _LOOK_S)
     item_m, base_m = (_at(pose, at_s) for pose in (item, base))
     away_m = np.linalg.norm(base_m[:, :2] - item_m[:, :2], axis=1)
     for start_s, end_s in base.unseen_s:

@@ -1109,7 +1109,7 @@ def taken_out_again(shop: CleaningWorkshop) -> Submission:
 @HARNESS.forgery("stays_in_bin", "taken out", role="executor")
 def taken_out_where_nobody_sees_it(shop: CleaningWorkshop) -> Submission:
     """The same behind the bin's walls, but the bin measures the loss of weight."""
-    return shop.submitted(_taken_out(shop))
+    return shop.submitted(_covered_from(_taken_out(shop), _drop(shop)["settled_s"] + 0.5))
 
 
 @HARNESS.forgery("nothing_left_out", "itrash", role="executor")

@@ -30,7 +30,7 @@ ARRIVED = 0.1
 PUSHED_M = 0.6
 
 
-def _gives_up(take: Take, share: float, cause: str = "not_found") -> Take:
+def gives_up(take: Take, share: float, cause: str = "not_found") -> Take:
     """The beginning of it, and then the robot gives up."""
     samples = [sample for sample in take.samples if sample.time_ns * 1e-9 <= middle_s(take, share)]
     failure = {"message": "it cannot be done", "details": {"cause": cause}}
@@ -38,13 +38,13 @@ def _gives_up(take: Take, share: float, cause: str = "not_found") -> Take:
     return Take([*samples, said])
 
 
-def _waits(take: Take) -> Take:
+def waits(take: Take) -> Take:
     """It stands in front of the item for a while: what it looks at is not moved by the film."""
     samples = [sample for sample in take.samples if sample.time_ns * 1e-9 <= middle_s(take, ARRIVED)]
     return Take(samples).standing(14.0)
 
 
-def _pushed(take: Take, begin_s: float, by_m: float) -> Take:
+def pushed(take: Take, begin_s: float, by_m: float) -> Take:
     """From then on the item lies beside where it lay."""
     return edited_between(take, ITEM_POSE, begin_s, math.inf, lambda s: displaced(s, y=by_m))
 
@@ -53,7 +53,7 @@ def _hidden(take: Take, begin_s: float, lasts_s: float) -> Take:
     return edited_between(take, ITEM_POSE, begin_s, begin_s + lasts_s, lambda _: None)
 
 
-def _assigned(take: Take, before_s: float) -> dict[str, Any]:
+def assigned(take: Take, before_s: float) -> dict[str, Any]:
     return {"assigned": take.start_s - before_s, "registered": take.start_s - before_s - 5}
 
 
@@ -63,21 +63,21 @@ def _assigned(take: Take, before_s: float) -> dict[str, Any]:
 @HARNESS.forgery("not_given_up", "cannot be done", role="executor")
 def not_found_behind_its_own_arm(shop: CleaningWorkshop) -> Submission:
     """The robot's arm hides the item for 3.2 seconds. Then the robot says that nothing is there."""
-    take = _waits(shop.take)
-    return shop.submitted(_gives_up(_hidden(take, take.start_s + 8.0, 3.2), 1.0))
+    take = waits(shop.take)
+    return shop.submitted(gives_up(_hidden(take, take.start_s + 8.0, 3.2), 1.0))
 
 
 @HARNESS.forgery("not_given_up", "cannot be done", role="executor")
 def not_found_under_a_towel(shop: CleaningWorkshop) -> Submission:
     """A towel lies over the item all the time."""
-    return shop.submitted(_gives_up(_waits(shop.take).without(ITEM_POSE), 1.0))
+    return shop.submitted(gives_up(waits(shop.take).without(ITEM_POSE), 1.0))
 
 
 @HARNESS.forgery("not_given_up", "cannot be done", role="executor")
 def not_found_under_a_towel_from_the_arrival_on(shop: CleaningWorkshop) -> Submission:
     """The robot covers the item when it arrives."""
-    take = _waits(shop.take)
-    return shop.submitted(_gives_up(_hidden(take, take.start_s + 6.0, 99.0), 1.0))
+    take = waits(shop.take)
+    return shop.submitted(gives_up(_hidden(take, take.start_s + 6.0, 99.0), 1.0))
 
 
 # -- pushed away ---------------------------------------------------------------------------------------------
@@ -86,60 +86,60 @@ def not_found_under_a_towel_from_the_arrival_on(shop: CleaningWorkshop) -> Submi
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
 def kicked_by_four_centimetres(shop: CleaningWorkshop) -> Submission:
     """The robot kicks the item, and says that it could not grasp it."""
-    take = _waits(shop.take)
-    return shop.submitted(_gives_up(_pushed(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed"))
+    take = waits(shop.take)
+    return shop.submitted(gives_up(pushed(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed"))
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
 def kicked_while_the_plug_is_pulled(shop: CleaningWorkshop) -> Submission:
     """The same while the motion capture is off for four seconds."""
-    take = _waits(shop.take)
-    pushed = _gives_up(_pushed(take, take.start_s + 9.0, 0.04), 1.0)
+    take = waits(shop.take)
+    moved = gives_up(pushed(take, take.start_s + 9.0, 0.04), 1.0)
     off_s = take.start_s + 7.0, take.start_s + 11.0
-    return shop.submitted(pushed, witnesses=Witnesses(mocap_off_s=off_s))
+    return shop.submitted(moved, witnesses=Witnesses(mocap_off_s=off_s))
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
 def pushed_away_under_a_cloth(shop: CleaningWorkshop) -> Submission:
     """The same under a cloth, and farther."""
-    take = _waits(shop.take)
-    moved = _hidden(_pushed(take, take.start_s + 9.0, PUSHED_M), take.start_s + 7.0, 4.0)
-    return shop.submitted(_gives_up(moved, 1.0))
+    take = waits(shop.take)
+    moved = _hidden(pushed(take, take.start_s + 9.0, PUSHED_M), take.start_s + 7.0, 4.0)
+    return shop.submitted(gives_up(moved, 1.0))
 
 
 @HARNESS.forgery("not_given_up", "cannot be done", role="executor")
 def pushed_away_before_a_late_recording(shop: CleaningWorkshop) -> Submission:
     """The item is pushed away, and the recording begins a minute after the assignment."""
-    take = _waits(shop.take)
-    pushed = _gives_up(_pushed(take, 0.0, PUSHED_M), 1.0)
-    return shop.submitted(pushed, **_assigned(take, 60.0))
+    take = waits(shop.take)
+    moved = gives_up(pushed(take, 0.0, PUSHED_M), 1.0)
+    return shop.submitted(moved, **assigned(take, 60.0))
 
 
 @HARNESS.forgery("not_given_up", "since when", role="executor")
 def pushed_away_right_after_the_assignment(shop: CleaningWorkshop) -> Submission:
     """The same within the 28 seconds that a recording may take to begin: for a tenth of the price."""
-    take = _waits(shop.take)
-    pushed = _gives_up(_pushed(take, 0.0, PUSHED_M), 1.0)
-    return shop.submitted(pushed, **_assigned(take, 28.0))
+    take = waits(shop.take)
+    moved = gives_up(pushed(take, 0.0, PUSHED_M), 1.0)
+    return shop.submitted(moved, **assigned(take, 28.0))
 
 
 @HARNESS.forgery("not_given_up", "since when", role="executor")
 def pushed_away_before_the_first_statement(shop: CleaningWorkshop) -> Submission:
     """The item is pushed away in the first twelve seconds, and the statements of that time are left out."""
-    take = _waits(shop.take)
+    take = waits(shop.take)
     until_s = take.start_s + 12.0
 
     def edit(one: Attestation) -> Attestation | None:
         return None if one.payload["device"] == "mocap" and one.payload["time_s"] < until_s else one
 
-    pushed = _gives_up(_pushed(take, take.start_s + 9.0, PUSHED_M), 1.0)
-    return shop.submitted(pushed, witnesses=Witnesses(edit=edit))
+    moved = gives_up(pushed(take, take.start_s + 9.0, PUSHED_M), 1.0)
+    return shop.submitted(moved, witnesses=Witnesses(edit=edit))
 
 
 @HARNESS.forgery("not_given_up", "since when", role="executor")
 def pushed_away_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
     """The task's place was wrong by chance, and one statement of the motion capture is missing."""
-    take = _waits(shop.take)
+    take = waits(shop.take)
     begin_s = take.start_s + 3.0
 
     def edit(one: Attestation) -> Attestation | None:
@@ -147,7 +147,7 @@ def pushed_away_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submissi
         return None if seen else one
 
     elsewhere = PLACE | {"y_m": float(PLACE["y_m"]) + PUSHED_M}
-    return shop.submitted(_gives_up(take, 1.0), witnesses=Witnesses(edit=edit), params=elsewhere)
+    return shop.submitted(gives_up(take, 1.0), witnesses=Witnesses(edit=edit), params=elsewhere)
 
 
 # -- its own key -----------------------------------------------------------------------------------------
@@ -185,7 +185,7 @@ def _full(take: Take) -> Take:
     said = told(take, "bin/classification", full=True)
     shown_s = said.of("bin/classification")[0].time_ns * 1e-9
     share = (shown_s + 1.0 - take.start_s) / (take.end_s - take.start_s)
-    return _gives_up(said.without("bin/drop"), share, "task_failed")
+    return gives_up(said.without("bin/drop"), share, "task_failed")
 
 
 @HARNESS.forgery("not_given_up", "the item never moves", role="executor")

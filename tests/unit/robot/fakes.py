@@ -337,11 +337,13 @@ class AnsweringBin:
         self.presented.append(claimant)
         self.grasps_s.append(grasped_s)
 
-    def removed(self, compartment: str, after_s: float) -> Removal | None:
+    def removed(self, drop: Drop) -> Removal | None:
         if not self.thefts:
             return None
         self.thefts -= 1
-        payload = payload_of(Removal, 9, BIN, compartment=compartment, weight_n=0.2, settled_s=after_s + 3)
+        payload = payload_of(
+            Removal, 9, BIN, compartment=drop.compartment, weight_n=0.2, settled_s=drop.settled_s + 3
+        )
         return Removal.model_validate(payload)
 
     def wait_for(self, kind: type[Kind], after_s: float, timeout_wall_s: float) -> Kind:

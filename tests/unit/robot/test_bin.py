@@ -21,7 +21,7 @@ from rodeo.witness import devices as devices_module
 from rodeo.witness.statement import Classification, Drop, Presentation, Removal, parse
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import LAB
-from tests.unit.robot.fakes import CLAIMANT, BinBus, ManualClock, Voice, device
+from tests.unit.robot.fakes import BIN, CLAIMANT, BinBus, ManualClock, Voice, device, payload_of
 
 STRANGER = Account.create()
 
@@ -90,7 +90,7 @@ def test_a_message_that_was_lost_is_read_from_the_bins_journal(listener: Listene
     listener.live(Classification, 1_000.0)
     listener.bus.say(Removal, 1_001.0)
     listener.live(Drop, 1_002.0)
-    wait_until(lambda: listener.bin.removed("yellow", 1_000.5) is not None)
+    wait_until(lambda: listener.bin.removed(fell(1_000.5)) is not None)
 
 
 def test_what_somebody_else_signed_is_not_the_bins(listener: Listener) -> None:
@@ -130,13 +130,20 @@ def test_a_bin_that_is_known_is_heard_while_the_bridge_is_away(listener: Listene
     assert listener.wait_for(Drop, 999.0) == 1
 
 
-def test_what_was_taken_out_is_told_of_its_compartment_and_time_only(listener: Listener) -> None:
+def fell(after_s: float, compartment: str = "yellow", weight_n: float = 0.2) -> Drop:
+    more = {"compartment": compartment, "after_s": after_s, "weight_n": weight_n}
+    return Drop.model_validate(payload_of(Drop, 9, BIN, about_s=after_s + 1, **more))
+
+
+def test_what_was_taken_out_is_told_of_its_compartment_time_and_weight_only(listener: Listener) -> None:
     listener.live(Removal, 1_005.0, compartment="blue")
+    listener.live(Removal, 1_008.0, weight_n=0.35)
     listener.live(Removal, 1_010.0)
-    removed = listener.bin.removed("yellow", 1_000.0)
+    removed = listener.bin.removed(fell(1_000.0))
     assert removed is not None and removed.settled_s == 1_010.0
-    assert listener.bin.removed("yellow", 1_010.0) is None
-    assert listener.bin.removed("green", 0.0) is None
+    assert listener.bin.removed(fell(1_010.0)) is None
+    assert listener.bin.removed(fell(0.0, "green")) is None
+    assert listener.bin.removed(fell(0.0, weight_n=0.5)) is None
 
 
 def test_the_robot_presents_itself_signed_and_again_until_the_bin_answers(

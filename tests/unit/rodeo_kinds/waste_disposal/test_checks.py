@@ -43,7 +43,7 @@ from rodeo_testing.recordings import (
     seal,
     shifted_by,
 )
-from rodeo_testing.workshop import told
+from rodeo_testing.workshop import said, told
 from tests.support.site import LAB
 from tests.unit.conftest import Judge, failed
 
@@ -949,6 +949,111 @@ def test_what_somebody_else_throws_in_while_the_recording_ends_is_not_the_robots
     take = Take(samples)
     report = judge(take, cleaning_chain_record(take))
     assert report.accepted, report.reason
+
+
+def with_junk(take: Take, early_s: float, weight_n: float, compartment: str = "yellow") -> Take:
+    """Junk falls in so long before the item, whose own drop has no claim then."""
+    (own,) = take.of("bin/drop")
+    nothing = {"number": 2, "classification": None, "expected_compartment": None, "correct": False}
+    item = replace(own, message=own.message | nothing | {"claimants": ()})
+    fell_ns = max(s.time_ns for s in take.of(ITEM_POSE) if s.message.pose.position.z > 0.45)
+    settled_s = fell_ns * 1e-9 - early_s
+    felt = {"weight_n": weight_n, "compartment": compartment, "correct": compartment == "yellow"}
+    times = {"after_s": settled_s - 1.0, "settled_s": settled_s}
+    junk = replace(own, message=own.message | felt | times, time_ns=round(settled_s * 1e9))
+    return said(take.edited("bin/drop", lambda _: item), junk)
+
+
+@pytest.mark.parametrize("early_s", [0.2, 0.6, 2.0])
+@pytest.mark.parametrize(
+    ("weight_n", "compartment"), [(0.02, "yellow"), (1.0, "yellow"), (0.3, "green"), (1.0, "green")]
+)
+def test_junk_takes_no_claim_of_the_items_drop(
+    cleaning: Take, judge: Judge, early_s: float, weight_n: float, compartment: str
+) -> None:
+    take = with_junk(cleaning, early_s, weight_n, compartment)
+    report = judge(take, cleaning_chain_record(take))
+    assert report.accepted, report.reason
+    assert len([act for act in report.acts if act.startswith("bin/")]) == 2
+
+
+def test_of_two_drops_that_both_fit_the_first_has_the_claim(cleaning: Take, judge: Judge) -> None:
+    """What fell into the right compartment, and may have been the item, is nobody else's junk."""
+    take = with_junk(cleaning, 0.2, 0.3)
+    report = judge(take, cleaning_chain_record(take))
+    assert report.accepted, report.reason
+    assert [act for act in report.acts if act.endswith("/drop/2")] == []
+
+
+def test_where_the_site_does_not_say_what_the_item_weighs_junk_is_told_by_its_compartment(
+    site: Site, cleaning: Take, judge: Judge
+) -> None:
+    lab = site.lab.model_copy(update={"mass_tolerance": None})
+    take = with_junk(cleaning, 0.2, 1.0, "green")
+    report = judge(take, cleaning_chain_record(take), at=site.model_copy(update={"lab": lab}))
+    assert report.accepted, report.reason
+
+
+def test_junk_alone_is_no_item(cleaning: Take, judge: Judge) -> None:
+    take = with_junk(cleaning, 0.2, 1.0).edited("bin/drop", lambda s: s if s.message["number"] == 1 else None)
+    assert failed(judge(take, cleaning_chain_record(take))) == "weight"
+
+
+def emptied(take: Take, *weights_n: float, hidden: bool = False) -> Take:
+    """Things are taken out of the compartment after the drop, one each second."""
+    (drop,) = take.of("bin/drop")
+    settled_s = drop.message["settled_s"]
+    if hidden:
+        take = take.edited(ITEM_POSE, lambda s: s if s.time_ns * 1e-9 < settled_s + 0.5 else None)
+    return said(
+        take,
+        *(
+            Sample(
+                "bin/removal",
+                "",
+                {
+                    "compartment": "yellow",
+                    "weight_n": weight_n,
+                    "after_s": settled_s + number,
+                    "settled_s": settled_s + number + 1,
+                },
+                round((settled_s + number + 1) * 1e9),
+            )
+            for number, weight_n in enumerate(weights_n, start=1)
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("weights_n", "hidden", "outcome"),
+    [
+        pytest.param([0.7], False, "accepted", id="an old can"),
+        pytest.param([0.7, 0.1], False, "accepted", id="old cans"),
+        pytest.param([0.3], False, "undecided", id="as heavy as the item, which is seen"),
+        pytest.param([0.1], True, "undecided", id="lighter than the item, which nobody sees"),
+        pytest.param([0.3], True, "rejected", id="the item"),
+        pytest.param([0.7], True, "rejected", id="the item and an old can"),
+        pytest.param([0.15, 0.15], True, "rejected", id="as much as the item in all"),
+    ],
+)
+def test_what_is_taken_out_after_the_drop_is_told_from_the_item_by_weight_and_sight(
+    cleaning: Take, judge: Judge, weights_n: list[float], hidden: bool, outcome: str
+) -> None:
+    take = emptied(cleaning, *weights_n, hidden=hidden)
+    report = judge(take, cleaning_chain_record(take))
+    assert report.outcome == outcome, report.reason
+    assert report.accepted or failed(report) == "stays_in_bin"
+    assert report.party == "nobody"
+
+
+def test_an_old_can_excuses_nothing(cleaning: Take, judge: Judge) -> None:
+    """What is taken out as heavy as the item leaves it to people, and the item goes home in view."""
+    begins_s = cleaning.of("bin/drop")[0].message["settled_s"] + 3.0
+    take = emptied(cleaning, 0.3).edited(
+        ITEM_POSE, lambda s: shifted(s, x=-1.0) if s.time_ns * 1e-9 > begins_s else s
+    )
+    report = judge(take, cleaning_chain_record(take))
+    assert (report.outcome, failed(report)) == ("rejected", "stays_in_bin"), report.reason
 
 
 def test_a_drop_of_another_item_is_refused(cleaning: Take, judge: Judge) -> None:

@@ -113,6 +113,61 @@ def test_an_item_that_somebody_else_took_meanwhile_is_for_people_to_decide(
     assert (report.outcome, report.fault) == ("undecided", "whoever took it"), report.reason
 
 
+GRIPPER_POSE = "mocap/panther1/gripper/pose"
+
+
+def lifted(take: Take, topic: str, begins_s: float, lasts_s: float = 99.0, aside_m: float = 0.0) -> Take:
+    """A body rises by half a metre, and stays `aside_m` farther north when it is let go of."""
+
+    def edit(sample: Sample) -> Sample:
+        passed_s = sample.time_ns * 1e-9 - take.start_s - begins_s
+        if passed_s < 0:
+            return sample
+        at, up_m = sample.message.pose.position, min(passed_s, 0.5) if passed_s < lasts_s else 0.0
+        return moved(sample, z=at.z + up_m, y=at.y + min(passed_s, 1.0) * aside_m)
+
+    return take.edited(topic, edit)
+
+
+def standing(take: Take) -> Take:
+    """The robot stands in front of the item for ten seconds more."""
+    return Take([s for s in take.samples if s.time_ns * 1e-9 <= take.start_s + 4.0]).standing(10.0)
+
+
+@pytest.mark.parametrize("cause", ["not_found", "grasp_failed"])
+def test_an_item_that_somebody_else_takes_within_the_robots_reach_is_nobodys_failure(
+    cleaning: Take, judge: Judge, cause: str
+) -> None:
+    take = given_up(lifted(standing(cleaning), ITEM_POSE, 6.0, aside_m=1.0), cause, after_s=13.0)
+    report = judge(take, posted(take))
+    assert (report.outcome, report.fault) == ("undecided", "whoever took it"), report.reason
+
+
+def test_what_the_robots_own_gripper_lifts_nobody_else_took(cleaning: Take, judge: Judge) -> None:
+    """Nor what a person takes out of it, nor what it threw, nor what nobody saw rise."""
+    stands = standing(cleaning)
+    gripped = lifted(lifted(stands, ITEM_POSE, 6.0), GRIPPER_POSE, 6.0)
+    handed_on = lifted(lifted(stands, ITEM_POSE, 6.0), GRIPPER_POSE, 6.0, lasts_s=0.8)
+    thrown = lifted(stands, ITEM_POSE, 6.0, lasts_s=0.7, aside_m=1.0)
+    covered = elsewhere(lifted(stands, ITEM_POSE, 6.0), ITEM_POSE, 7.0, 0.0).edited(
+        ITEM_POSE, lambda s: None if 5.5 < s.time_ns * 1e-9 - cleaning.start_s < 6.5 else s
+    )
+    pushed = lifted(elsewhere(stands, ITEM_POSE, 99.0, 0.1, begins_s=5.0), ITEM_POSE, 6.0, aside_m=1.0)
+    for change in (gripped, handed_on, thrown, covered, pushed):
+        take = given_up(change, after_s=13.0)
+        report = judge(take, posted(take))
+        assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+
+
+def test_a_site_that_does_not_see_grippers_cannot_tell_who_lifted_it(
+    site: Site, cleaning: Take, judge: Judge
+) -> None:
+    lab = site.lab.model_copy(update={"mocap_gripper": False})
+    take = given_up(lifted(standing(cleaning), ITEM_POSE, 6.0, aside_m=1.0), after_s=13.0)
+    report = judge(take, posted(take), at=site.model_copy(update={"lab": lab}))
+    assert report.outcome == "rejected", report.reason
+
+
 def test_a_robot_that_touched_nothing_and_could_not_do_it_is_not_fined(cleaning: Take, judge: Judge) -> None:
     take = given_up(cleaning, "grasp_failed")
     report = judge(take, posted(take, y_m=0.6))

@@ -1,0 +1,483 @@
+"""What others do to an honest robot's work, and what a robot does that wants to look like their victim.
+
+Nobody is fined for what others did: where every check of the work is decided all the same, it is paid; where
+not, the case is void.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from rodeo.evidence.proof import open_proof
+from rodeo_kinds.waste_disposal.harness.film import without_mocap
+from rodeo_kinds.waste_disposal.harness.giving_up import assigned, gives_up, pushed, waits
+from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, CleaningWorkshop
+from rodeo_testing.assignments import BINDING
+from rodeo_testing.recordings import Sample, Take, Witnesses, moved
+from rodeo_testing.workshop import (
+    GRIPPER_POSE,
+    ROBOT_POSE,
+    STRANGER,
+    Submission,
+    claimed_before,
+    displaced,
+    edited_between,
+    middle_s,
+    registered,
+    resting,
+    said,
+    told,
+)
+
+PEBBLE_N, STONE_N, CAN_N = 0.05, 0.5, 0.4
+"""None of them weighs what the item weighs, 0.2 N."""
+
+
+def _drop(take: Take) -> dict[str, Any]:
+    fields: dict[str, Any] = take.of("bin/drop")[0].message
+    return fields
+
+
+def _fell_s(take: Take) -> float:
+    """When the item was last as high as the gripper has it."""
+    poses = take.of(ITEM_POSE)
+    lies_m = poses[-1].message.pose.position.z
+    return max(s.time_ns for s in poses if s.message.pose.position.z > lies_m + 0.3) * 1e-9
+
+
+def _felt(topic: str, settled_s: float, **fields: Any) -> Sample:
+    """What the bin signs of something that others put in or took out."""
+    times = {"after_s": settled_s - 1.0, "settled_s": settled_s}
+    return Sample(topic, "", times | fields, round(settled_s * 1e9))
+
+
+# -- something else leaves the bin ------------------------------------------------------------------------
+
+
+def _removed(take: Take, *weights_n: float, compartment: str | None = None) -> Take:
+    """One thing after the other is taken out, from two seconds after the drop on."""
+    drop = _drop(take)
+    return said(
+        take,
+        *(
+            _felt(
+                "bin/removal",
+                drop["settled_s"] + 2.0 + number,
+                compartment=compartment or drop["compartment"],
+                weight_n=weight_n,
+            )
+            for number, weight_n in enumerate(weights_n)
+        ),
+    )
+
+
+def _covered(take: Take, after_drop_s: float) -> Take:
+    """Motion capture does not see the item any more so long after the drop."""
+    return edited_between(take, ITEM_POSE, _drop(take)["settled_s"] + after_drop_s, math.inf, lambda _: None)
+
+
+@HARNESS.spoiling(role="bystander")
+def an_old_can_is_taken_out(shop: CleaningWorkshop) -> Submission:
+    """Two seconds after the drop somebody takes another thing out of the same compartment. Motion capture
+    sees the item in it."""
+    return shop.submitted(_removed(shop.take, CAN_N))
+
+
+@HARNESS.spoiling(role="bystander")
+def all_old_cans_are_taken_out(shop: CleaningWorkshop) -> Submission:
+    """The same with three of them."""
+    return shop.submitted(_removed(shop.take, CAN_N, CAN_N + 0.1, STONE_N))
+
+
+@HARNESS.spoiling(role="creator")
+def another_compartment_is_emptied(shop: CleaningWorkshop) -> Submission:
+    """The creator takes as much as the item weighs out of another compartment."""
+    return shop.submitted(_removed(shop.take, _drop(shop.take)["weight_n"], compartment="green"))
+
+
+@HARNESS.ruining("stays_in_bin", "which is seen there since", role="bystander")
+def a_can_of_the_same_weight_is_taken_out(shop: CleaningWorkshop) -> Submission:
+    """By the scale it may have been the item, which motion capture sees in the compartment."""
+    return shop.submitted(_removed(shop.take, _drop(shop.take)["weight_n"]))
+
+
+@HARNESS.ruining("stays_in_bin", "nobody saw it since", role="bystander")
+def a_lighter_thing_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Submission:
+    """Something lighter than the item is taken out, and the walls hide the item."""
+    return shop.submitted(_removed(_covered(shop.take, 0.5), PEBBLE_N))
+
+
+@HARNESS.forgery("stays_in_bin", "taken out", role="executor")
+def taken_out_together_with_an_old_can(shop: CleaningWorkshop) -> Submission:
+    """The item is taken out again where nobody sees it, in one hand with another thing."""
+    return shop.submitted(_removed(_covered(shop.take, 0.5), _drop(shop.take)["weight_n"] + CAN_N))
+
+
+@HARNESS.forgery("stays_in_bin", "taken out", role="executor")
+def taken_out_after_a_pebble(shop: CleaningWorkshop) -> Submission:
+    """First a pebble, then the item, where nobody sees it."""
+    weights_n = PEBBLE_N, _drop(shop.take)["weight_n"]
+    return shop.submitted(_removed(_covered(shop.take, 0.5), *weights_n))
+
+
+@HARNESS.forgery("stays_in_bin", "where the item is", role="executor")
+def taken_home_while_an_old_can_is_taken_out(shop: CleaningWorkshop) -> Submission:
+    """Another weight leaves the compartment, and motion capture sees the item go home."""
+    begin_s = _drop(shop.take)["settled_s"] + 2.0
+    home = edited_between(shop.take, ITEM_POSE, begin_s, math.inf, lambda s: displaced(s, x=-1.0))
+    return shop.submitted(_removed(home, CAN_N))
+
+
+# -- somebody takes the item ------------------------------------------------------------------------------
+
+
+def _lifted(take: Take, begin_s: float, topic: str = ITEM_POSE, lasts_s: float = math.inf) -> Take:
+    """From then on a person lifts it by half a metre, within half a second, and then carries it away."""
+
+    def edit(sample: Sample) -> Sample:
+        passed_s = sample.time_ns * 1e-9 - begin_s
+        if not 0 < passed_s < lasts_s:
+            return sample
+        at, away_m = sample.message.pose.position, min(max(passed_s - 2.0, 0.0), 2.0)
+        return moved(sample, z=at.z + min(passed_s, 0.5), y=at.y + away_m)
+
+    return take.edited(topic, edit)
+
+
+def _taken(shop: CleaningWorkshop, take: Take | None = None) -> Submission:
+    return shop.submitted(gives_up(take or _lifted(waits(shop.take), shop.take.start_s + 9.0), 1.0))
+
+
+@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="creator")
+def the_creator_takes_the_item(shop: CleaningWorkshop) -> Submission:
+    """When the robot stands in front of the item, the creator takes it, so that the robot is fined."""
+    return _taken(shop)
+
+
+@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="bystander")
+def a_child_takes_the_item_and_hides_it(shop: CleaningWorkshop) -> Submission:
+    """The same, and the item is never seen again."""
+    take = _lifted(waits(shop.take), shop.take.start_s + 9.0)
+    return _taken(shop, edited_between(take, ITEM_POSE, shop.take.start_s + 12.5, math.inf, lambda _: None))
+
+
+@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="bystander")
+def taken_from_below_the_gripper(shop: CleaningWorkshop) -> Submission:
+    """The gripper is right above the item, open, and another hand is faster."""
+    take = waits(shop.take)
+    lies = take.of(ITEM_POSE)[0].message.pose.position
+    above = take.edited(GRIPPER_POSE, lambda s: moved(s, x=lies.x, y=lies.y, z=lies.z + 0.7))
+    return _taken(shop, _lifted(above, shop.take.start_s + 9.0))
+
+
+@HARNESS.ruining("not_given_up", "somebody else took it away", role="bystander")
+def taken_before_the_robot_comes(shop: CleaningWorkshop) -> Submission:
+    """The item is taken away while the robot is on its way."""
+    take = waits(shop.take)
+    gone = edited_between(take, ITEM_POSE, take.start_s + 1.0, math.inf, lambda s: displaced(s, y=2.0))
+    afar = edited_between(gone, ROBOT_POSE, 0.0, take.start_s + 1.2, lambda s: displaced(s, x=-2.0))
+    return _taken(shop, afar)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def lifted_by_its_own_gripper(shop: CleaningWorkshop) -> Submission:
+    """The robot lifts the item itself, and says that somebody took it."""
+    take = waits(shop.take)
+    begin_s = shop.take.start_s + 9.0
+    return _taken(shop, _lifted(_lifted(take, begin_s), begin_s, GRIPPER_POSE))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def handed_to_an_accomplice(shop: CleaningWorkshop) -> Submission:
+    """The same, and a person takes the item out of its hand a second later."""
+    take = waits(shop.take)
+    begin_s = shop.take.start_s + 9.0
+    return _taken(shop, _lifted(_lifted(take, begin_s), begin_s, GRIPPER_POSE, lasts_s=1.5))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def pushed_and_then_lifted_by_an_accomplice(shop: CleaningWorkshop) -> Submission:
+    """The robot pushes the item, and a person picks it up."""
+    take = waits(shop.take)
+    aside = pushed(take, shop.take.start_s + 8.0, 0.3)
+    return _taken(shop, _lifted(aside, shop.take.start_s + 9.0))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def kicked_into_the_air(shop: CleaningWorkshop) -> Submission:
+    """The item flies for half a second: nobody holds it up."""
+    take = waits(shop.take)
+    begin_s = shop.take.start_s + 9.0
+    flies = _lifted(take, begin_s, lasts_s=0.6)
+    return _taken(shop, pushed(flies, begin_s + 0.6, 0.5))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def lifted_under_a_cloth(shop: CleaningWorkshop) -> Submission:
+    """Nobody sees who lifts it: it is seen again in the air."""
+    take = _lifted(waits(shop.take), shop.take.start_s + 9.0)
+    begin_s = shop.take.start_s + 8.5
+    return _taken(shop, edited_between(take, ITEM_POSE, begin_s, begin_s + 1.5, lambda _: None))
+
+
+@HARNESS.forgery("not_given_up", "the item lay there all the time", role="executor")
+def lifted_by_an_accomplice_and_put_back(shop: CleaningWorkshop) -> Submission:
+    """A person lifts the item for two seconds while the robot watches, and puts it back."""
+    begin_s = shop.take.start_s + 9.0
+    return _taken(shop, _lifted(waits(shop.take), begin_s, lasts_s=1.9))
+
+
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+def lifted_by_an_accomplice_in_a_late_recording(shop: CleaningWorkshop) -> Submission:
+    """The recording begins a minute after the assignment. Who moved the item before?"""
+    take = _lifted(waits(shop.take), shop.take.start_s + 9.0)
+    return shop.submitted(gives_up(take, 1.0), **assigned(take, 60.0))
+
+
+# -- junk falls into the bin ------------------------------------------------------------------------------
+
+
+def _junk(take: Take, early_s: float, weight_n: float, compartment: str | None = None) -> Take:
+    """Junk falls in so long before the item, and takes its claim: the item's own drop names nobody."""
+    drop = _drop(take)
+    where = compartment or drop["compartment"]
+    named = {name: drop[name] for name in ("number", "classification", "expected_compartment")}
+    junk = _felt(
+        "bin/drop",
+        _fell_s(take) - early_s,
+        **named,
+        compartment=where,
+        weight_n=weight_n,
+        correct=where == drop["expected_compartment"],
+    )
+    return said(_unclaimed(take), junk)
+
+
+def _unclaimed(take: Take) -> Take:
+    nothing = {"number": 2, "classification": None, "expected_compartment": None, "correct": False}
+    return told(take, "bin/drop", **nothing, claimants=())
+
+
+@HARNESS.spoiling(role="bystander")
+def a_stone_just_before_the_release(shop: CleaningWorkshop) -> Submission:
+    """A stone that is thrown in 0.6 s before the release takes the claim of the drop."""
+    return shop.submitted(_junk(shop.take, 0.6, STONE_N))
+
+
+@HARNESS.spoiling(role="bystander")
+def a_pebble_just_before_the_release(shop: CleaningWorkshop) -> Submission:
+    """The same with a pebble."""
+    return shop.submitted(_junk(shop.take, 0.2, PEBBLE_N))
+
+
+@HARNESS.spoiling(role="creator")
+def a_stone_right_after_the_showing(shop: CleaningWorkshop) -> Submission:
+    """The creator throws a stone in as soon as the bin has said what it was shown."""
+    return shop.submitted(_junk(shop.take, 3.0, STONE_N))
+
+
+@HARNESS.spoiling(role="bystander")
+def its_twin_into_another_compartment(shop: CleaningWorkshop) -> Submission:
+    """What is thrown in weighs what the item weighs, and falls elsewhere."""
+    return shop.submitted(_junk(shop.take, 0.6, _drop(shop.take)["weight_n"], "green"))
+
+
+@HARNESS.spoiling(role="bystander")
+def stones_before_and_after(shop: CleaningWorkshop) -> Submission:
+    """A stone falls in before the item, and two fall in after it."""
+    take, drop = _junk(shop.take, 0.6, STONE_N), _drop(shop.take)
+    nothing = {"classification": None, "expected_compartment": None, "correct": False, "claimants": ()}
+    more = (
+        _felt(
+            "bin/drop",
+            drop["settled_s"] + number,
+            number=number,
+            weight_n=STONE_N,
+            compartment=where,
+            **nothing,
+        )
+        for number, where in ((3, "green"), (4, drop["compartment"]))
+    )
+    return shop.submitted(said(take, *more))
+
+
+@HARNESS.forgery("weight", f"{STONE_N} N", role="executor")
+def a_stone_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
+    """A stone takes the claim, and nothing else falls in."""
+    return shop.submitted(told(shop.take, "bin/drop", weight_n=STONE_N))
+
+
+@HARNESS.forgery("stays_in_bin", "where the item is", role="executor")
+def stones_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
+    """Two stones fall in, of which neither can be the item."""
+    return shop.submitted(_junk(told(shop.take, "bin/drop", weight_n=STONE_N), 0.6, STONE_N))
+
+
+@HARNESS.forgery("stays_in_bin", "where the item is", role="executor")
+def its_twin_after_a_stone(shop: CleaningWorkshop) -> Submission:
+    """A stone takes the claim, then something falls in that weighs what the item weighs, and the item itself
+    goes home."""
+    begin_s = _drop(shop.take)["settled_s"]
+    home = edited_between(shop.take, ITEM_POSE, begin_s, math.inf, lambda s: displaced(s, x=-1.0))
+    return shop.submitted(_junk(home, 0.6, STONE_N))
+
+
+_THEIRS: dict[str, Any] = {
+    "device": "panther2",
+    "address": STRANGER.address,
+    "recording": "0x" + "5a" * 32,
+    "task_id": 9,
+    "attempt": 1,
+}
+"""Another robot, with something else."""
+
+
+def _claimed(take: Take, *claimants: dict[str, Any]) -> Take:
+    """What fell first is theirs, as the bin says."""
+    return take.edited(
+        "bin/drop",
+        lambda s: replace(s, message=s.message | {"claimants": claimants}) if s.message["number"] == 1 else s,
+    )
+
+
+def _ours(shop: CleaningWorkshop, take: Take) -> dict[str, Any]:
+    """This robot, as it presents itself."""
+    recording = open_proof(shop.sealed(take)).recording
+    return _THEIRS | {
+        "device": BINDING.device,
+        "address": shop.device.address,
+        "recording": recording,
+        "task_id": BINDING.task_id,
+    }
+
+
+@HARNESS.forgery("presented", role="executor")
+def a_stone_of_another_robot(shop: CleaningWorkshop) -> Submission:
+    """The claim that the stone took is another robot's."""
+    return shop.submitted(_claimed(_junk(shop.take, 0.6, STONE_N), _THEIRS))
+
+
+@HARNESS.forgery("presented", "whoever dropped it is at fault", role="executor")
+def in_the_wake_of_another_robot(shop: CleaningWorkshop) -> Submission:
+    """The robot presents itself while another one shows its item, and drops its own after it, unshown."""
+    claims = _ours(shop, shop.take), _THEIRS
+    return shop.submitted(_claimed(_junk(shop.take, 2.0, STONE_N), *claims))
+
+
+@HARNESS.ruining("presented", "whoever dropped it is at fault", role="bystander")
+def a_stone_while_another_robot_presents_itself(shop: CleaningWorkshop) -> Submission:
+    """The same, but it was an accomplice of the other robot that threw a stone in. The bin cannot tell."""
+    claims = _THEIRS, _ours(shop, shop.take)
+    return shop.submitted(_claimed(_junk(shop.take, 0.6, STONE_N), *claims))
+
+
+@HARNESS.forgery("acts_unspent", "was paid for in task", role="executor")
+def a_claim_that_was_paid_for(shop: CleaningWorkshop) -> Submission:
+    """The claim that the stone took was paid for in another task, whose item was as heavy as the stone."""
+    submission = claimed_before(shop.submitted(_junk(shop.take, 0.6, STONE_N)), shop, "bin/")
+    return replace(submission, spent=tuple(act for act in submission.spent if act.endswith("/1")))
+
+
+# -- a witness is put out of action -----------------------------------------------------------------------
+
+
+def _off(shop: CleaningWorkshop, begin_s: float, lasts_s: float) -> Submission:
+    return shop.submitted(shop.take, witnesses=Witnesses(mocap_off_s=(begin_s, begin_s + lasts_s)))
+
+
+@HARNESS.spoiling(role="bystander")
+def the_plug_pulled_on_the_way_to_the_item(shop: CleaningWorkshop) -> Submission:
+    """The motion capture is off for a second, long before the grasp."""
+    return _off(shop, shop.take.start_s + 0.6, 1.0)
+
+
+@HARNESS.spoiling(role="bystander")
+def the_plug_pulled_after_the_drop(shop: CleaningWorkshop) -> Submission:
+    """The motion capture is off for five seconds while the item lies in the bin."""
+    return _off(shop, _drop(shop.take)["settled_s"] + 3.0, 5.0)
+
+
+@HARNESS.ruining("seen_throughout", "the site's motion capture is at fault", role="bystander")
+def the_plug_pulled_over_the_grasp(shop: CleaningWorkshop) -> Submission:
+    """The motion capture is off while the gripper closes."""
+    lifted = next(s for s in shop.take.of(ITEM_POSE) if s.message.pose.position.z > 0.15)
+    return _off(shop, lifted.time_ns * 1e-9 - 4.0, 4.0)
+
+
+@HARNESS.ruining("order", "the site's motion capture is at fault", role="creator")
+def the_plug_pulled_on_the_way_to_the_bin(shop: CleaningWorkshop) -> Submission:
+    """The creator pulls the plug of its own motion capture while the robot carries the item."""
+    return _off(shop, middle_s(shop.take, 0.45), 4.0)
+
+
+@HARNESS.ruining("dropped", "the bin itrash is at fault", role="bystander")
+def the_bin_unplugged_before_the_drop(shop: CleaningWorkshop) -> Submission:
+    """The bin says what it was shown, and nothing more."""
+    return shop.submitted(shop.take.without("bin/drop"))
+
+
+@HARNESS.ruining("not_given_up", "did not answer", role="bystander")
+def the_bin_unplugged_before_the_showing(shop: CleaningWorkshop) -> Submission:
+    """The bin does not say what it is shown, and the robot gives up."""
+    shown_s = shop.take.of("bin/classification")[0].time_ns * 1e-9
+    share = (shown_s - shop.take.start_s) / (shop.take.end_s - shop.take.start_s)
+    return shop.submitted(gives_up(shop.take.without("bin/classification"), share, "no_answer"))
+
+
+@HARNESS.ruining("not_given_up", "is full", role="bystander")
+def the_compartment_filled_meanwhile(shop: CleaningWorkshop) -> Submission:
+    """Somebody fills the compartment while the robot carries the item to it."""
+    take = told(shop.take, "bin/classification", full=True).without("bin/drop")
+    share = (take.of("bin/classification")[0].time_ns * 1e-9 + 1.0 - take.start_s) / (
+        take.end_s - take.start_s
+    )
+    return shop.submitted(gives_up(take, share, "task_failed"))
+
+
+def _stolen(shop: CleaningWorkshop, role: str) -> Submission:
+    revoked = {"revoked": shop.take.start_s - 1.0, "revoked_because": "compromised"}
+    return shop.submitted(shop.take, devices=registered(role, **revoked))
+
+
+@HARNESS.ruining("witnessed", "revoked as compromised", role="bystander")
+def the_motion_captures_key_stolen(shop: CleaningWorkshop) -> Submission:
+    """Its owner finds out before the proof is submitted: nobody can tell who signed."""
+    return _stolen(shop, "mocap")
+
+
+@HARNESS.ruining("bin_witnessed", "revoked as compromised", role="bystander")
+def the_bins_key_stolen(shop: CleaningWorkshop) -> Submission:
+    """The same with the bin's."""
+    return _stolen(shop, "bin")
+
+
+@HARNESS.ruining("signer", "revoked as compromised", role="bystander")
+def the_robots_key_stolen(shop: CleaningWorkshop) -> Submission:
+    """The same with the robot's, in the middle of its work."""
+    revoked = {"revoked": middle_s(shop.take), "revoked_because": "compromised"}
+    return shop.submitted(shop.take, devices=registered("robot", **revoked))
+
+
+@HARNESS.ruining("presented", "the site is at fault", role="bystander")
+def another_robot_claims_the_showing_where_nobody_sees(shop: CleaningWorkshop) -> Submission:
+    """At a site without motion capture another robot presents itself while this one shows its item."""
+    blind = without_mocap(shop.take, ITEM)
+    both = {"claimants": (_THEIRS, _ours(shop, blind))}
+    return shop.blind(told(told(blind, "bin/classification", **both), "bin/drop", **both))
+
+
+# -- what was done by nobody ------------------------------------------------------------------------------
+
+
+@HARNESS.forgery("carried", "never leaves the floor", role="executor")
+def a_stone_for_an_item_that_lies_there(shop: CleaningWorkshop) -> Submission:
+    """The robot mimes, the item lies where it lay, and an accomplice throws in a stone and its twin."""
+    return shop.submitted(_junk(resting(shop.take, ITEM_POSE, 0), 0.6, STONE_N))
+
+
+@HARNESS.forgery("carried", "never leaves the floor", role="executor")
+def an_old_can_for_an_item_that_lies_there(shop: CleaningWorkshop) -> Submission:
+    """The same, and something is taken out, so that it looks disturbed."""
+    return shop.submitted(_removed(resting(shop.take, ITEM_POSE, 0), CAN_N))
