@@ -48,6 +48,7 @@ from rodeo.witness.statement import (
     Presentation,
     Receipt,
     Removal,
+    Watch,
 )
 
 STATEMENTS: tuple[type[Header], ...] = (
@@ -55,6 +56,7 @@ STATEMENTS: tuple[type[Header], ...] = (
     Classification,
     Drop,
     Removal,
+    Watch,
     Presentation,
     MeterRecord,
     Receipt,
@@ -207,6 +209,15 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "corrections": {"anna": "glass"},
     },
     Removal: {**_HEADER, **_FELL, "type": "bin.removal", "device": "itrash"},
+    Watch: {
+        **_HEADER,
+        "type": "bin.watch",
+        "device": "itrash",
+        "drop": 7,
+        "compartment": "yellow",
+        "after_s": 1767225600.0,
+        "until_s": 1767225614.0,
+    },
     Presentation: {
         **_HEADER,
         "type": "robot.presentation",

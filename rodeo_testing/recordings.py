@@ -53,6 +53,7 @@ from rodeo.witness.statement import (
     Receipt,
     Removal,
     Scope,
+    Watch,
     digest,
 )
 from rodeo_testing.assignments import BIN, BINDING, METER, MOCAP, ROBOT
@@ -156,6 +157,7 @@ SIGNED: dict[str, type[Header]] = {
     "bin/classification": Classification,
     "bin/drop": Drop,
     "bin/removal": Removal,
+    "bin/watch": Watch,
     "robot/presentation": Presentation,
 }
 """Topic -> model of what a device signs; such a sample's message is the statement without its header."""
@@ -361,7 +363,7 @@ class _Scene:
             claimant = {name: fields[name] for name in ("recording", "task_id", "attempt")}
             newest = Claimant(device=chain.device, address=chain.address, **claimant)
             self._claimants = (newest, *(one for one in self._claimants if one != newest))
-        elif model is not Removal:
+        elif model in (Classification, Drop):
             fields = {"claimants": self._claimants} | fields
             if model is Drop:
                 self._claimants = ()

@@ -12,6 +12,9 @@ at once."""
 RECORDED_AFTER_DROP_S = JUDGED_AFTER_DROP_S + 5.0
 """So long the robot records. Motion capture states something every 2 s while nothing moves, one statement may
 be lost, and its clock may be off the bin's."""
+WATCHED_S = JUDGED_AFTER_DROP_S + 4.0
+"""So long after the drop the bin states whom it has heard: while the robot records, and late enough to miss
+motion capture where that fell silent before it was seen that the item stays."""
 WEIGHS_THE_SAME_N = 0.1
 """Two weights that one scale measures may be the same thing's if they differ by no more than this: each
 settles to 0.05 N. The lightest item weighs 0.2 N."""

@@ -44,6 +44,11 @@ class Record(Protocol):
         """Return when motion capture lists this recording and has shown `item`. Raises NoAnswer."""
         ...
 
+    def await_motion(self, after_s: float, latest_s: float) -> bool:
+        """Whether motion capture told by `latest_s` what it saw up to `after_s`, site time; returns when it
+        has."""
+        ...
+
 
 @dataclass(frozen=True)
 class Work:

@@ -382,6 +382,16 @@ class Recording:
                     timeout_s=_WITNESS_S,
                 )
 
+    def await_motion(self, after_s: float, latest_s: float) -> bool:
+        """Wait until motion capture told what it saw up to `after_s` (site time), no longer than until
+        `latest_s`; whether it did. True at once on a site without motion capture."""
+        while self._watches and self._motion_ns < after_s * 1e9:
+            if (now_s := self._clock.now_s()) >= latest_s:
+                return False
+            self._clock.wait_until(min(now_s + _LOOK_S, latest_s))
+            self._interrupts.check()
+        return True
+
     def catch_up(self) -> None:
         """Wait until what was published and stated up to now is written.
 

@@ -197,6 +197,18 @@ class Removal(Header):
     settled_s: float
 
 
+class Watch(Header):
+    """The bin was there from `after_s` to `until_s`, after a drop, and stated what was taken out meanwhile.
+    Whom it heard in that time, its heads say: who fell silent is not among them."""
+
+    type: Literal["bin.watch"] = "bin.watch"
+    drop: int = Field(ge=1)
+    """Number of the drop."""
+    compartment: Name
+    after_s: float
+    until_s: float
+
+
 class Presentation(Header):
     """A robot tells the bin for which recording it shows the next item."""
 
@@ -276,7 +288,7 @@ def _of(said: MeterRecord | Receipt) -> tuple[int, str, str, int, int, str]:
     return *scope, said.task_id, said.attempt, said.recording
 
 
-Statement = Motion | Classification | Drop | Removal | Presentation | MeterRecord | Receipt
+Statement = Motion | Classification | Drop | Removal | Watch | Presentation | MeterRecord | Receipt
 _STATEMENT: TypeAdapter[Statement] = TypeAdapter(Annotated[Statement, Field(discriminator="type")])
 
 

@@ -17,7 +17,7 @@ from rodeo.lab.config import RobotConfig
 from rodeo.lab.headings import yaws_of
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.motion import track as signed_track
-from rodeo.witness.statement import Classification, Drop, Motion, Removal, parse
+from rodeo.witness.statement import Classification, Drop, Motion, Removal, Watch, parse
 from services.console.formatting import phrase
 from services.console.scene import arm_drawing
 
@@ -154,6 +154,8 @@ def _stated(payload: Json) -> str:
             return f"Bin: it fell into {statement.compartment}"
         case Removal():
             return f"Bin: something was taken out of {statement.compartment}"
+        case Watch():
+            return f"Bin: watched {statement.compartment} after the drop"
     return ""
 
 

@@ -18,6 +18,7 @@ from enum import StrEnum
 from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.lab.config import BinConfig
+from rodeo.lab.drop import WATCHED_S
 from rodeo.vision.classification import UNKNOWN, Classification, combined
 from rodeo.witness.statement import MAX_CLAIMANTS, MAX_LOOKS, Claimant, Look
 from services.itrash.load import LOAD_LIMITS, Cell, LoadCell, LoadLimits, Step
@@ -142,7 +143,16 @@ class RemovalRecord(BaseModel):
     settled_s: float
 
 
-Record = ClassificationRecord | DropRecord | RemovalRecord
+class WatchRecord(BaseModel):
+    """That the bin was there for a while after a drop, to be signed as `rodeo.witness.Watch`."""
+
+    drop: int
+    compartment: str
+    after_s: float
+    until_s: float
+
+
+Record = ClassificationRecord | DropRecord | RemovalRecord | WatchRecord
 
 
 @dataclass(frozen=True)
@@ -187,6 +197,8 @@ class Memory(BaseModel):
     drops: int = 0
     pending: ClassificationRecord | None = None
     """The classification whose drop is awaited."""
+    watched: list[WatchRecord] = []
+    """What is to be stated at the end of each watch, the oldest first."""
     unsigned: list[Record] = []
     """Decided and not yet attested, oldest first."""
     presented: list[Presented] = []
@@ -285,6 +297,11 @@ class Bin:
 
     def presence(self, range_m: float, time_s: float) -> list[Action]:
         """A distance from the presence sensor, stamped; +inf when nothing reflects (REP 117)."""
+        over = [one for one in self.memory.watched if one.until_s <= time_s]
+        self.memory.watched = [one for one in self.memory.watched if one not in over]
+        return [*map(self._sign, over), *self._sense(range_m, time_s)]
+
+    def _sense(self, range_m: float, time_s: float) -> list[Action]:
         if abs(time_s - self._heard_s) > self._limits.deaf_s:
             self._hearing_since_s = time_s
         self._heard_s = time_s
@@ -511,6 +528,13 @@ class Bin:
             self.memory.pending = None
             self.memory.presented = []
             self._enter(State.CONFIRMED if record.correct else State.WRONG_COMPARTMENT, step.time_s)
+        watch = WatchRecord(
+            drop=record.number,
+            compartment=compartment,
+            after_s=step.time_s,
+            until_s=step.time_s + WATCHED_S,
+        )
+        self.memory.watched = [*self.memory.watched, watch]
         return record
 
     def _sign(self, record: Record) -> Attest:

@@ -12,7 +12,7 @@ from rodeo.evidence.attestation import Attestation
 from rodeo.files import replace_file
 from services.itrash.behaviour import Memory
 
-Kind = Literal["classification", "disposal", "removal"]
+Kind = Literal["classification", "disposal", "removal", "watch"]
 
 _KEPT_ENTRIES = 50
 

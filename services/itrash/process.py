@@ -34,7 +34,16 @@ from rodeo.witness import correction
 from rodeo.witness.chain import Inputs
 from rodeo.witness.devices import Device
 from rodeo.witness.roots import DailyRoots
-from rodeo.witness.statement import Claimant, Classification, Drop, Header, Presentation, Removal, Statement
+from rodeo.witness.statement import (
+    Claimant,
+    Classification,
+    Drop,
+    Header,
+    Presentation,
+    Removal,
+    Statement,
+    Watch,
+)
 from rodeo.witness.witness import Witness
 from services.itrash.behaviour import (
     Action,
@@ -45,6 +54,7 @@ from services.itrash.behaviour import (
     Record,
     State,
     TakePhoto,
+    WatchRecord,
 )
 from services.itrash.camera import open_camera
 from services.itrash.corrections import Corrections, NotYetKnown, pictures_of, read_correction
@@ -270,6 +280,8 @@ class Itrash:
             return "classification", Classification, fields
         if isinstance(record, DropRecord):
             return "disposal", Drop, fields
+        if isinstance(record, WatchRecord):
+            return "watch", Watch, fields
         return "removal", Removal, fields
 
     # -- state -----------------------------------------------------------------------------------------

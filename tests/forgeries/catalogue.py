@@ -77,6 +77,6 @@ This page lists {kinds} forgeries, made from honest recordings by `rodeo_kinds/*
 {spoiled} ways to spoil an honest proof. They are sorted by the role that makes them. The last column names
 the check that refuses the forgery, with a part of the verdict's reason. "Paid in full" means that the
 attempt to spoil the proof failed. "Nobody is fined" means that somebody kept an honest robot from its
-work, or from being seen at it, and that it is not fined for that. In a forgery with "for the motion capture, too", the lab's motion capture
-helps the forger. `make bench ONLY=forgeries` counts.
+work, or from being seen at it, and that it is not fined for that. In a forgery with "for the motion
+capture, too", the lab's motion capture helps the forger. `make bench ONLY=forgeries` counts.
 """

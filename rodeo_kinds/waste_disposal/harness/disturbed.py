@@ -10,8 +10,9 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import open_proof
-from rodeo_kinds.waste_disposal.harness.film import without_mocap
+from rodeo_kinds.waste_disposal.harness.film import watched, without_mocap
 from rodeo_kinds.waste_disposal.harness.giving_up import assigned, gives_up, pushed, waits
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, CleaningWorkshop
 from rodeo_testing.assignments import BINDING
@@ -397,6 +398,67 @@ def the_plug_pulled_on_the_way_to_the_item(shop: CleaningWorkshop) -> Submission
 def the_plug_pulled_after_the_drop(shop: CleaningWorkshop) -> Submission:
     """The motion capture is off for five seconds while the item lies in the bin."""
     return _off(shop, _drop(shop.take)["settled_s"] + 3.0, 5.0)
+
+
+def _off_for_good(shop: CleaningWorkshop, begin_s: float) -> Submission:
+    witnesses = Witnesses(mocap_off_s=(begin_s, math.inf))
+    return shop.submitted(watched(shop.take), witnesses=witnesses)
+
+
+@HARNESS.ruining("stays_in_bin", "the site's motion capture is at fault", role="bystander")
+def the_plug_pulled_for_good_after_the_drop(shop: CleaningWorkshop) -> Submission:
+    """The motion capture never speaks again. What the bin states later lists nothing newer of it."""
+    return _off_for_good(shop, _drop(shop.take)["settled_s"] + 2.0)
+
+
+@HARNESS.ruining("stays_in_bin", "the site's motion capture is at fault", role="creator")
+def the_plug_pulled_for_good_while_it_falls(shop: CleaningWorkshop) -> Submission:
+    """The same before the bin has weighed the item."""
+    return _off_for_good(shop, _drop(shop.take)["settled_s"] - 1.0)
+
+
+@HARNESS.ruining("stays_in_bin", "the site's motion capture is at fault", role="bystander")
+def the_plug_pulled_for_good_at_the_last_moment(shop: CleaningWorkshop) -> Submission:
+    """The same one second before the end of what is judged."""
+    return _off_for_good(shop, _drop(shop.take)["settled_s"] + 9.0)
+
+
+@HARNESS.spoiling(role="bystander")
+def the_plug_pulled_until_the_robot_stops_waiting(shop: CleaningWorkshop) -> Submission:
+    """The motion capture is off for a minute after the drop. The robot records until it speaks again."""
+    begin_s = _drop(shop.take)["settled_s"] + 2.0
+    take, off_s = watched(shop.take, 70.0), (begin_s, begin_s + 60.0)
+    witnesses = Witnesses(mocap_off_s=off_s)
+    return shop.submitted(take, witnesses=witnesses, proof_submitted=take.end_s + 3.0)
+
+
+def _left_out(shop: CleaningWorkshop, take: Take, *, watch: bool) -> Submission:
+    """The recording lacks what motion capture said from three seconds after the drop on."""
+    from_s = _drop(shop.take)["settled_s"] + 3.0
+
+    def edit(one: Attestation) -> Attestation | None:
+        late = one.payload["device"] == "mocap" and one.payload["time_s"] > from_s
+        return None if late or (watch and one.payload["type"] == "bin.watch") else one
+
+    return shop.restated(take, edit, proof_submitted=take.end_s + 3.0)
+
+
+@HARNESS.forgery("stays_in_bin", "to the end of the recording", role="executor")
+def statements_left_out_that_the_bin_heard(shop: CleaningWorkshop) -> Submission:
+    """The recording goes on without motion capture's statements, and the bin lists newer ones."""
+    return _left_out(shop, watched(shop.take), watch=False)
+
+
+@HARNESS.forgery("stays_in_bin", "to the end of the recording", role="executor")
+def statements_left_out_with_the_bins_last_word(shop: CleaningWorkshop) -> Submission:
+    """The same without what the bin states at the end of its watch: nobody misses motion capture."""
+    return _left_out(shop, watched(shop.take), watch=True)
+
+
+@HARNESS.forgery("stays_in_bin", "to the end of the recording", role="executor")
+def statements_left_out_for_minutes(shop: CleaningWorkshop) -> Submission:
+    """The same, and the robot records for two minutes, as if it waited for motion capture."""
+    return _left_out(shop, watched(shop.take, 120.0), watch=True)
 
 
 @HARNESS.ruining("seen_throughout", "the site's motion capture is at fault", role="bystander")

@@ -12,11 +12,11 @@ from rodeo import topics
 from rodeo.checks.case import ChainRecord
 from rodeo.config import Site
 from rodeo.lab.config import Pose2
-from rodeo.lab.drop import JUDGED_AFTER_DROP_S
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S, WATCHED_S
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo_testing.assignments import chain_record
-from rodeo_testing.recordings import RENDERINGS, Camera, FilmedOperator, Reality, Take, moved
+from rodeo_testing.recordings import RENDERINGS, Camera, FilmedOperator, Reality, Sample, Take, moved
 
 KIND = "waste_disposal"
 
@@ -105,6 +105,16 @@ def film_cleaning(
     operator.wait(0.5)
     camera.still(after_drop_s)
     return Take(camera.samples)
+
+
+def watched(take: Take, for_s: float = RECORDED_AFTER_DROP_S) -> Take:
+    """The same, recorded for so long after the drop, with what the bin states at the end of its watch."""
+    drop = take.of("bin/drop")[-1].message
+    settled_s, until_s = drop["settled_s"], drop["settled_s"] + WATCHED_S
+    longer = take.standing(settled_s + for_s + 1.0 - take.end_s)
+    watch = {"drop": drop["number"], "compartment": drop["compartment"], "after_s": settled_s}
+    said = Sample("bin/watch", "", watch | {"until_s": until_s}, round(until_s * 1e9))
+    return Take(sorted([*longer.samples, said], key=lambda sample: sample.time_ns))
 
 
 def without_mocap(take: Take, item_id: str, off_m: tuple[float, float] = (0.0, 0.0)) -> Take:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.results import reads, sources_read
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
-from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, watched
 from rodeo_testing.assignments import EXECUTOR
 from rodeo_testing.recordings import Sample, Take, Witnesses
 from rodeo_testing.workshop import displaced, edited_between, told, waist_turned
@@ -61,6 +62,24 @@ def test_a_motion_capture_that_never_comes_back_is_missed_by_the_bin(cleaning: T
     off_s = (moment_s(cleaning, "robot/presentation") - 10, cleaning.end_s + 99)
     report = judge(cleaning, cleaning_chain_record(cleaning), witnesses=Witnesses(mocap_off_s=off_s))
     assert (report.outcome, report.fault) == ("undecided", "the site's motion capture"), report.reason
+
+
+@pytest.mark.parametrize("after_s", [-2.0, 0.0, 3.0, 9.0])
+def test_a_motion_capture_that_never_comes_back_after_the_drop_is_missed_by_the_bins_watch(
+    cleaning: Take, judge: Judge, after_s: float
+) -> None:
+    take = watched(cleaning)
+    from_s = cleaning.of("bin/drop")[0].message["settled_s"] + after_s
+    chain = cleaning_chain_record(take)
+    report = judge(take, chain, witnesses=Witnesses(mocap_off_s=(from_s, math.inf)))
+    assert (report.outcome, report.fault) == ("undecided", "the site's motion capture"), report.reason
+
+    def edit(one: Attestation) -> Attestation | None:
+        late = one.payload["device"] == "mocap" and one.payload["time_s"] > from_s
+        return None if late else one
+
+    report = judge(take, chain, witnesses=Witnesses(edit=edit))
+    assert (report.outcome, report.fault) == ("rejected", None), report.reason
 
 
 def test_who_leaves_its_last_statements_out_is_found_out_by_the_bin(cleaning: Take, judge: Judge) -> None:

@@ -287,7 +287,8 @@ CLAIMANT = Claimant(
 
 
 class Notes:
-    """What is kept of the work. `deaf`: number of times that no witness knows of it."""
+    """What is kept of the work. `deaf`: number of times that no witness knows of it; `blind`: motion capture
+    fell silent."""
 
     def __init__(self, interrupts: Interrupts) -> None:
         self._interrupts = interrupts
@@ -295,6 +296,9 @@ class Notes:
         self.notes: list[dict[str, Any]] = []
         self.awaited: list[str] = []
         self.deaf = 0
+        self.motion_s: list[tuple[float, float]] = []
+        """From when on motion capture was waited for, and how long."""
+        self.blind = False
 
     def note(self, payload: dict[str, Any]) -> None:
         self.notes.append(payload)
@@ -305,6 +309,11 @@ class Notes:
         if self.deaf:
             self.deaf -= 1
             raise NoAnswer("motion capture does not list this recording", item=item)
+
+    def await_motion(self, after_s: float, latest_s: float) -> bool:
+        self._interrupts.check()
+        self.motion_s.append((after_s, latest_s))
+        return not self.blind
 
 
 class AnsweringBin:

@@ -341,6 +341,18 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
     session.end()
 
 
+def test_motion_capture_that_fell_silent_is_waited_for_until_it_tells_of_what_is_judged(
+    lab: Lab, session: Session
+) -> None:
+    session.begin()
+    lab.watch("item1")
+    now_s = lab.clock.now_s()
+    assert not session.recording.await_motion(now_s + 60.0, latest_s=now_s)
+    until(lambda: session.recording._motion_ns > now_s * 1e9, lab.watch)
+    assert session.recording.await_motion(now_s, latest_s=now_s)
+    session.end()
+
+
 def test_nonsense_is_left_out_and_told_of_at_the_end(lab: Lab, session: Session) -> None:
     session.begin()
     nonsense = lab.watch(tell=False).model_copy(update={"signature": "0x" + "11" * 65})

@@ -12,7 +12,7 @@ import pytest
 from rodeo.config import Site
 from rodeo.evidence.recorder import Recorder
 from rodeo.lab.config import Pose2
-from rodeo.lab.drop import JUDGED_AFTER_DROP_S
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
@@ -258,6 +258,24 @@ def test_the_robot_leaves_the_bin_and_records_on_for_longer_than_the_oracle_asks
     assert scene.clock.now_s() - dropped_s[-1] >= JUDGED_AFTER_DROP_S + 4.5
     base, parking = scene.body.base, BinLayout(scene.site.bins[0]).parking
     assert math.dist((base.x_m, base.y_m), (parking.x_m, parking.y_m)) > 0.5
+
+
+@pytest.mark.parametrize(("left_s", "waits_s"), [(None, 300.0), (5_000.0, 300.0), (200.0, 80.0)])
+def test_a_motion_capture_that_fell_silent_after_the_drop_is_waited_for_within_the_execution_window(
+    scene: Scene, left_s: float | None, waits_s: float
+) -> None:
+    scene.record.blind = True
+    (station,) = scene.cleaning._stations
+    # The bin speaks at once, and the clock passes only while the robot waits.
+    dropped_s = scene.clock.now_s()
+    stops_s = dropped_s + RECORDED_AFTER_DROP_S
+    deadline = None if left_s is None else stops_s + left_s
+    task = scene.work.task.model_copy(update={"execution_deadline": deadline})
+    scene.cleaning._finish(dropped_s - 1.0, station, 1.0, replace(scene.work, task=task))
+    ((after_s, latest_s),) = scene.record.motion_s
+    assert after_s == pytest.approx(dropped_s + JUDGED_AFTER_DROP_S, abs=0.1)
+    assert latest_s == pytest.approx(stops_s + waits_s, abs=0.1)
+    assert scene.events == ["unwitnessed"]
 
 
 def test_what_is_taken_out_after_the_drop_is_not_submitted_as_done(scene: Scene) -> None:

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from rodeo.lab.config import BinConfig, ItemClass, Pose2
+from rodeo.lab.drop import WATCHED_S
 from rodeo.vision.classification import UNKNOWN, Classification
 from rodeo.witness.statement import Claimant
 from services.itrash.behaviour import (
@@ -20,6 +21,7 @@ from services.itrash.behaviour import (
     RemovalRecord,
     State,
     TakePhoto,
+    WatchRecord,
 )
 
 CONFIG = BinConfig(pose=Pose2(x_m=0.0, y_m=0.0))
@@ -51,6 +53,7 @@ class Bench:
         self.silent: set[str] = set()
         """Compartments whose load cells say nothing."""
         self.attested: list[Record] = []
+        self.watches: list[WatchRecord] = []
         self.photos = 0
 
     def run(self, seconds: float, range_m: float = math.inf, move_m: float = 0.0) -> None:
@@ -63,13 +66,20 @@ class Bench:
                     continue
                 self._do(self.bin.load(compartment, force_n, self.time_s))
 
+    def keep(self, record: Record) -> None:
+        """Watches apart: they come a while after every drop."""
+        if isinstance(record, WatchRecord):
+            self.watches.append(record)
+        else:
+            self.attested.append(record)
+
     def drop(self, compartment: str, weight_n: float = 0.3) -> None:
         self.loads_n[compartment] += weight_n
 
     def _do(self, actions: list[Action]) -> None:
         for action in actions:
             if isinstance(action, Attest):
-                self.attested.append(action.record)
+                self.keep(action.record)
             else:
                 assert action == TakePhoto(self.time_s)
                 self.photos += 1
@@ -289,6 +299,22 @@ def test_looking_again_and_again_does_not_put_the_time_out_off() -> None:
     assert bench.bin.memory.pending is not None
     bench.run(20.0)
     assert bench.bin.memory.pending is None
+
+
+def test_the_bin_says_once_after_each_drop_that_it_was_there() -> None:
+    """Also after a restart, and if nobody had shown what fell."""
+    bench = shown("plastic")
+    bench.drop("yellow")
+    bench.run(5.0)
+    bench.drop("blue")
+    bench.run(WATCHED_S - 5.0)
+    assert bench.watches == []
+    bench.bin = Bin(CONFIG, Memory.model_validate_json(bench.bin.memory.model_dump_json()))
+    bench.run(60.0)
+    assert [(one.drop, one.compartment) for one in bench.watches] == [(1, "yellow"), (2, "blue")]
+    assert all(one.until_s - one.after_s == pytest.approx(WATCHED_S) for one in bench.watches)
+    fell = [record.settled_s for record in bench.attested if isinstance(record, DropRecord)]
+    assert [one.after_s for one in bench.watches] == fell
 
 
 def test_what_was_decided_is_remembered_until_it_is_signed() -> None:
@@ -849,7 +875,7 @@ class Looks(Bench):
     def _do(self, actions: list[Action]) -> None:
         for action in actions:
             if isinstance(action, Attest):
-                self.attested.append(action.record)
+                self.keep(action.record)
                 continue
             sha256 = self.hashes[self.photos]
             answer = self.answers[min(self.photos, len(self.answers) - 1)]
