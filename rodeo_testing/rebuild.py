@@ -87,7 +87,9 @@ class Rebuilt:
     """Kind -> the hashes that are current, the newest last."""
     rules_of_tasks: dict[int, bytes] = field(default_factory=dict)
     """What only the event tells."""
-    numbers_of_tasks: dict[int, int] = field(default_factory=dict)
+    kinds_of_tasks: dict[int, str] = field(default_factory=dict)
+    audits_of_tasks: dict[int, int] = field(default_factory=dict)
+    """Task -> the audit window that its kind had when it was posted, s."""
     standing: dict[int, Standing] = field(default_factory=dict)
     """Task -> the ruling that stands; while a final one is done, that one."""
     set_aside: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -116,14 +118,16 @@ class Rebuilt:
         match event:
             case events.TaskRegistered():
                 self.rules_of_tasks[event.task_id] = event.rules
-                self.numbers_of_tasks[event.task_id] = self.kinds[event.kind].number
+                self.kinds_of_tasks[event.task_id] = event.kind
+                self.audits_of_tasks[event.task_id] = self.kinds[event.kind].audit_window
                 self.tasks[event.task_id] = Task(
                     creator=event.creator,
                     reward=event.reward,
-                    kind=event.kind,
+                    kind_id=self.kinds[event.kind].number,
                     price=0,
                     service_id=0,
                     deadline=0,
+                    case_end=0,
                     execution_window=event.execution_window,
                     verdict_window=event.verdict_window,
                     attempt=0,
@@ -152,17 +156,19 @@ class Rebuilt:
             case events.TaskAccepted():
                 self._task(event.task_id, accepted=True)
             case events.ProofSubmitted():
+                deadline = time_s + self.tasks[event.task_id].verdict_window
                 self._task(
                     event.task_id,
                     state=TaskState.SUBMITTED,
                     proof_hash=event.proof_hash,
-                    deadline=time_s + self.tasks[event.task_id].verdict_window,
+                    deadline=deadline,
+                    case_end=deadline + self.audits_of_tasks[event.task_id],
                 )
             case events.TaskPassed():
                 self.passed.setdefault(event.task_id, []).insert(0, (event.provider, event.gave_up))
             case events.Ruled():
                 self._free(event.task_id)
-                removed = self.numbers_of_tasks[event.task_id] in self.removed
+                removed = self.tasks[event.task_id].kind_id in self.removed
                 self.standing[event.task_id] = Standing(
                     event.proof_hash, event.ruling, event.amount, event.until, 0, removed
                 )
@@ -170,7 +176,7 @@ class Rebuilt:
             case events.TaskSettled():
                 accepted = self.standing[event.task_id].ruling is Ruling.ACCEPTED
                 self._release(event.task_id, "completed" if accepted else None, event.paid, time_s)
-                self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
+                self._task(event.task_id, state=TaskState.SETTLED, deadline=0, case_end=0, proof_hash=NO_PROOF)
             case events.TaskRequeued():
                 self._release(
                     event.task_id, _COUNTERS.get(event.cause), self.tasks[event.task_id].price, time_s
@@ -182,13 +188,14 @@ class Rebuilt:
                     service_id=task.service_id if task.hired is Hire.SERVICE else 0,
                     price=0,
                     deadline=0,
+                    case_end=0,
                     proof_hash=NO_PROOF,
                 )
             case events.TaskFailed():
                 self._release(
                     event.task_id, _COUNTERS.get(event.cause), self.tasks[event.task_id].price, time_s
                 )
-                self._task(event.task_id, state=TaskState.FAILED, deadline=0, proof_hash=NO_PROOF)
+                self._task(event.task_id, state=TaskState.FAILED, deadline=0, case_end=0, proof_hash=NO_PROOF)
             case events.TaskCancelled():
                 self._task(event.task_id, state=TaskState.CANCELLED)
             case events.ServiceRegistered():
@@ -449,7 +456,7 @@ class Rebuilt:
             work = self.work.get(service.provider, Work())
             task = self.tasks[task_id]
             creator = "" if task.creator == self.organization else task.creator
-            counted = min(value, self.reference_prices[task.kind])
+            counted = min(value, self.reference_prices[self.kinds_of_tasks[task_id]])
             self.work[service.provider] = work.plus(counted, accepted, time_s, creator)
         if not accepted:
             self._set_failures(service.provider, service.failures + 1)

@@ -5,7 +5,15 @@ import {Providers} from "./Providers.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {Agreement, Cover, Ended, IProviders, Outcome, Profile, Terms} from "./interfaces/IProviders.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
-import {Free, Hire, IServiceManager, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
+import {
+    Choice,
+    Free,
+    Hire,
+    IServiceManager,
+    Release,
+    Service,
+    ServiceState
+} from "./interfaces/IServiceManager.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
@@ -18,13 +26,6 @@ import {MAX_MAJOR, MAX_MINOR, Weight, weigh} from "./types/Weight.sol";
 
 contract ServiceManager is IServiceManager {
     using WeightTree for WeightTree.Tree;
-
-    /// @dev By what a policy compares services that wait.
-    enum Choice {
-        Oldest,
-        Cheapest,
-        MostReputable
-    }
 
     /// @dev A Service in two words, of which tasks write the second one.
     struct Record {
@@ -216,7 +217,7 @@ contract ServiceManager is IServiceManager {
         TaskId taskId,
         Hire hired
     ) external onlyTaskManager returns (ServiceId taker, address provider, uint256 price, bool accepted) {
-        taker = serviceId == NO_SERVICE ? _bestIdle(kindId, maxPrice, passed, Choice.Oldest) : serviceId;
+        taker = serviceId == NO_SERVICE ? bestIdle(kindId, maxPrice, passed, Choice.Oldest) : serviceId;
         if (taker == NO_SERVICE) return (NO_SERVICE, address(0), 0, false);
         Record storage s = _services[taker];
         if (hired == Hire.Provider && !(_isFree(s) && _priceOf(s) <= maxPrice)) {
@@ -372,22 +373,19 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function longestIdle(KindId kindId, uint256 maxPrice, Passed passed) external view returns (ServiceId) {
-        return _bestIdle(kindId, maxPrice, passed, Choice.Oldest);
-    }
-
-    /// @inheritdoc IServiceManager
-    function cheapestIdle(KindId kindId, uint256 maxPrice, Passed passed) external view returns (ServiceId) {
-        return _bestIdle(kindId, maxPrice, passed, Choice.Cheapest);
-    }
-
-    /// @inheritdoc IServiceManager
-    function mostReputableIdle(KindId kindId, uint256 maxPrice, Passed passed)
-        external
+    function bestIdle(KindId kindId, uint256 maxPrice, Passed passed, Choice choice)
+        public
         view
-        returns (ServiceId)
+        returns (ServiceId best)
     {
-        return _bestIdle(kindId, maxPrice, passed, Choice.MostReputable);
+        uint64 lastKey = _lastKey(maxPrice);
+        Idle[2] storage idle = _idle[kindId];
+        best = _firstIdle(idle[0], lastKey, passed, choice);
+        if (!idle[0].lines.marked || (passed.isForProven() && _provenActive[kindId] != 0)) return best;
+        ServiceId other = _firstIdle(idle[1], lastKey, passed, choice);
+        if (best == NO_SERVICE) return other;
+        if (other == NO_SERVICE) return best;
+        return _rank(_services[other].turn, choice) < _rank(_services[best].turn, choice) ? other : best;
     }
 
     /// @dev A service of the caller, which is active and in no line yet.
@@ -402,22 +400,6 @@ contract ServiceManager is IServiceManager {
         _setPrice(s, NO_TURN.withNumber(number).withProven(proven), price);
         _setState(s, ServiceState.Active);
         if (hired) s.hired = Hire.Provider;
-    }
-
-    /// @dev The better of the first service of proven providers and the first of the others, as each line of its own.
-    function _bestIdle(KindId kindId, uint256 maxPrice, Passed passed, Choice choice)
-        private
-        view
-        returns (ServiceId best)
-    {
-        uint64 lastKey = _lastKey(maxPrice);
-        Idle[2] storage idle = _idle[kindId];
-        best = _firstIdle(idle[0], lastKey, passed, choice);
-        if (!idle[0].lines.marked || (passed.isForProven() && _provenActive[kindId] != 0)) return best;
-        ServiceId other = _firstIdle(idle[1], lastKey, passed, choice);
-        if (best == NO_SERVICE) return other;
-        if (other == NO_SERVICE) return best;
-        return _rank(_services[other].turn, choice) < _rank(_services[best].turn, choice) ? other : best;
     }
 
     /// @dev The first service that the task has not passed, among the first MAX_LOOKS.

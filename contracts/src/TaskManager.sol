@@ -13,9 +13,8 @@ import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IProviders, Outcome} from "./interfaces/IProviders.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
-import {Free, Hire, IServiceManager, Release} from "./interfaces/IServiceManager.sol";
+import {Hire, IServiceManager, Release} from "./interfaces/IServiceManager.sol";
 import {
-    Attempt,
     Cause,
     Fault,
     ITaskManager,
@@ -31,11 +30,10 @@ import {Relayed} from "./libraries/Relayed.sol";
 import {Record, TaskRecords} from "./libraries/TaskRecords.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
-import {KindId, queueOf} from "./types/KindId.sol";
+import {KindId} from "./types/KindId.sol";
 import {NOBODY, Passed} from "./types/Passed.sol";
-import {NO_SERVICE, ServiceId, unpackService} from "./types/ServiceId.sol";
+import {NO_SERVICE, ServiceId} from "./types/ServiceId.sol";
 import {NO_TASK, TaskId} from "./types/TaskId.sol";
-import {Weight, weigh} from "./types/Weight.sol";
 
 contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     using SafeCast for uint256;
@@ -50,7 +48,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         /// @dev How often a service began to wait. Each gets the next number, so that the lower was there earlier.
         uint40 places;
         /// @dev When the newest task came, the policy was one that has to be asked. Known here, because a verdict would pay
-        /// 2,100 gas to look it up.
+        /// 2,100 gas to look it up. The policy may be another one by now, and is the one that is asked.
         bool asks;
         uint120 held;
     }
@@ -124,7 +122,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         // slither-disable-next-line unused-return
         (_unit,) = Units.unitOf(token);
         signedRequests = address(new SignedRequests());
-        queues = new TaskQueues();
+        queues = new TaskQueues(organization_, services_);
     }
 
     /// @inheritdoc ITaskManager
@@ -147,7 +145,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function acceptTask(TaskId taskId, uint8 attempt) external {
-        Record memory t = _get(taskId);
+        Record memory t = _progress(taskId);
         address executor = _requireExecutor(taskId, t, attempt);
         if (t.accepted) revert AlreadyAccepted(taskId, attempt);
         t.accepted = true;
@@ -169,11 +167,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         external
         nonReentrant
     {
-        Record memory t = _get(taskId);
+        Record memory t = _progress(taskId);
         address executor = _requireExecutor(taskId, t, attempt);
         if (proofHash == 0) revert EmptyProof(taskId);
         Texts.requireText(uri);
-        (t.state, t.deadline) = (TaskState.Submitted, (block.timestamp + t.verdictWindow).toUint32());
+        (t.state, t.time) = (TaskState.Submitted, block.timestamp);
         _tasks.save(taskId, t, _unit);
         _workers[t.serviceId].proof = proofHash;
         emit ProofSubmitted(taskId, attempt, executor, proofHash, uri);
@@ -193,11 +191,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record memory t = _get(taskId);
         bool afterRemoval = _requireJudge(t.kindId);
         _requireRuling(taskId, t, ruling, amount, until);
-        if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
+        _requireAttempt(taskId, t, attempt);
         bytes32 proof = _proof(taskId, t);
         if (proofHash != proof) revert ProofMismatch(taskId, proof, proofHash);
-        uint40 submitted = uint40(t.deadline - t.verdictWindow);
-        judged = Judged(t.creator, t.serviceId, t.kindId, submitted, t.state == TaskState.Ruled);
+        judged = Judged(t.creator, t.serviceId, t.kindId, uint40(t.time), t.state == TaskState.Ruled);
         _say(taskId, t, Standing(proofHash, ruling, amount, until, 0, afterRemoval), fault, report);
     }
 
@@ -205,7 +202,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function conclude(TaskId taskId) external nonReentrant {
         Record memory t = _get(taskId);
         if (t.state == TaskState.Submitted) {
-            if (block.timestamp <= t.deadline) revert DeadlineNotPassed(taskId, t.deadline, block.timestamp);
+            _requireOver(taskId, t.time + t.verdictWindow);
             _void(taskId, t, _benches[t.kindId].removed);
             return;
         }
@@ -223,8 +220,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function expireTask(TaskId taskId) external nonReentrant {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Assigned);
-        uint256 end = t.accepted ? t.deadline : _graceEnd(t);
-        if (block.timestamp <= end) revert DeadlineNotPassed(taskId, end, block.timestamp);
+        _requireOver(taskId, t.accepted ? t.time : _graceEnd(t));
         _failAttempt(taskId, t, t.accepted ? Cause.ExecutionExpired : Cause.NotAccepted);
     }
 
@@ -232,10 +228,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function matchTask(TaskId taskId, ServiceId serviceId) external nonReentrant {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
-        _leaveQueue(taskId, t);
+        Passed passed = _leaveQueue(taskId, t);
         if (serviceId == NO_SERVICE) {
-            _match(taskId, t, organization.policy());
-        } else if (t.hired != Hire.None || !_assign(taskId, t, serviceId, _passed(taskId, t))) {
+            _match(taskId, t, passed);
+        } else if (t.hired != Hire.None || !_assign(taskId, t, serviceId, passed)) {
             revert ServiceDoesNotFit(taskId, serviceId);
         }
     }
@@ -298,42 +294,26 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc ITaskManager
     function task(TaskId taskId) external view returns (Task memory) {
         Record memory t = _get(taskId);
+        bool waits = t.state == TaskState.Open || t.state == TaskState.Cancelled;
         bool ofProvider = t.hired == Hire.Provider;
+        bool judged = t.state == TaskState.Submitted || t.state == TaskState.Ruled;
+        uint256 deadline = judged ? t.time + t.verdictWindow : t.time;
         return Task({
             creator: t.creator,
             reward: uint96(t.reward),
-            kind: organization.kindNumbered(t.kindId),
+            kindId: t.kindId,
             price: uint96(t.price),
-            serviceId: ofProvider && (t.state == TaskState.Open || t.state == TaskState.Cancelled)
-                ? NO_SERVICE
-                : t.serviceId,
+            serviceId: ofProvider && waits ? NO_SERVICE : t.serviceId,
             provider: ofProvider ? _workers[t.serviceId].executor : address(0),
-            deadline: uint40(t.deadline),
             executionWindow: t.executionWindow,
             verdictWindow: t.verdictWindow,
+            deadline: uint40(deadline),
+            caseEnd: judged ? uint40(_caseEnd(t)) : 0,
             attempt: t.attempt,
             maxAttempts: t.maxAttempts,
             state: t.state,
             accepted: t.accepted,
             hired: t.hired,
-            proofHash: _proof(taskId, t)
-        });
-    }
-
-    /// @inheritdoc ITaskManager
-    function attemptOf(TaskId taskId) external view returns (Attempt memory) {
-        Record memory t = _get(taskId);
-        if (t.state != TaskState.Ruled) _requireState(taskId, t, TaskState.Submitted);
-        return Attempt({
-            creator: t.creator,
-            serviceId: t.serviceId,
-            kindId: t.kindId,
-            state: t.state,
-            number: t.attempt,
-            price: uint96(t.price),
-            submitted: uint40(t.deadline - t.verdictWindow),
-            deadline: uint40(t.deadline),
-            caseEnd: uint40(_caseEnd(t)),
             proofHash: _proof(taskId, t)
         });
     }
@@ -358,13 +338,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return _totals.held;
     }
 
-    /// @inheritdoc IServiceListener
-    function oldestOpen(ServiceId serviceId, KindId kindId, uint256 price) external view returns (TaskId) {
-        // slither-disable-next-line unused-return
-        (uint32 number,, bool isOffered) = services.profile(serviceId);
-        return queues.oldestOf(kindId, Units.levelFor(price, _unit), number, isOffered);
-    }
-
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
         // slither-disable-next-line uninitialized-local
         Record memory t;
@@ -380,8 +353,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         taskId = TaskId.wrap(++_totals.tasks);
         _totals.asks = address(policy) != address(0);
         (t.creator, t.reward) = (creator, request.reward.toUint88());
-        t.executionWindow = request.executionWindow;
-        t.verdictWindow = uint256(request.verdictWindow).toUint24();
+        (t.executionWindow, t.verdictWindow) = (request.executionWindow, request.verdictWindow);
         (t.maxAttempts, t.state) = (request.maxAttempts, TaskState.Open);
         emit TaskRegistered(
             taskId,
@@ -394,82 +366,52 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             rules,
             request.params
         );
-        if (request.serviceId != 0) {
-            if (request.provider != address(0)) revert TwoNamed(request.serviceId, request.provider);
-            (t.serviceId, t.hired) = (unpackService(request.serviceId), Hire.Service);
-            emit ServiceRequested(taskId, t.serviceId);
-        } else if (request.provider != address(0)) {
-            t.hired = Hire.Provider;
-            t.serviceId = services.serviceOf(request.provider, request.kind, request.reward);
-            emit ProviderRequested(taskId, request.provider);
-        }
-        if (t.hired != Hire.None) {
-            _providers.requireNamable(t.serviceId, creator, queues.countNamed(creator));
+        if (request.serviceId != 0 || request.provider != address(0)) {
+            t.hired = request.serviceId != 0 ? Hire.Service : Hire.Provider;
+            t.serviceId =
+                queues.hire(creator, request.serviceId, request.provider, request.kind, request.reward);
+            if (t.hired == Hire.Service) emit ServiceRequested(taskId, t.serviceId);
+            else emit ProviderRequested(taskId, request.provider);
         }
         _tasks.keepConditions(taskId, t);
-        _match(taskId, t, policy);
+        _match(taskId, t, NOBODY);
         _take(creator, request.reward);
     }
 
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
-    function _match(TaskId taskId, Record memory t, IMatchingPolicy policy) private {
-        Passed passed = _passed(taskId, t);
-        bool asks = t.hired == Hire.None && address(policy) != address(0);
+    function _match(TaskId taskId, Record memory t, Passed passed) private {
+        bool asks = t.hired == Hire.None && _totals.asks;
         ServiceId serviceId = t.serviceId;
-        if (asks) serviceId = queues.serviceFor(policy, services, t.kindId, t.reward, passed);
+        if (asks) serviceId = queues.serviceFor(t.kindId, t.reward, passed);
         if (!asks || serviceId != NO_SERVICE) {
             if (_assign(taskId, t, serviceId, passed)) return;
             if (asks) emit PolicyFailed(taskId);
         }
         _tasks.save(taskId, t, _unit);
-        queues.put(_queue(taskId, t), taskId, _weight(t));
+        queues.put(taskId, t.kindId, _named(t), t.reward, passed);
         ++_totals.waiting;
     }
 
     /// @dev Give an available service that is in no line its next task, or let it wait.
     function _place(ServiceId serviceId) private {
-        TaskId taskId = _totals.waiting == 0 ? NO_TASK : _next(serviceId);
+        TaskId taskId = NO_TASK;
+        Passed passed = NOBODY;
+        bool failed = false;
+        if (_totals.waiting != 0) (taskId, passed, failed) = queues.take(serviceId, _totals.asks);
         if (taskId == NO_TASK) {
             services.enqueue(serviceId, ++_totals.places);
-        } else {
-            Record memory t = _load(taskId);
-            _leaveQueue(taskId, t);
-            bool assigned = _assign(taskId, t, serviceId, _passed(taskId, t));
-            assert(assigned);
+            return;
         }
-    }
-
-    /// @dev The next task of the service: of those that name nobody the one that the policy chooses, or the oldest; but an
-    /// older one that names the service, or its provider, goes first, so that no policy lets it wait for ever.
-    function _next(ServiceId serviceId) private returns (TaskId taskId) {
-        Free memory free = services.wants(serviceId);
-        taskId = queues.oldestOf(free.kindId, Units.levelFor(free.price, _unit), free.number, free.proven);
-        if (taskId != NO_TASK && _totals.asks) taskId = _choose(serviceId, free, taskId);
-        uint256 named = free.named;
-        while (named != 0) {
-            TaskId first = queues.oldest(_queueOf(named, free.kindId), uint64(free.price / _unit), 0);
-            if (first != NO_TASK && (taskId == NO_TASK || first < taskId)) taskId = first;
-            named = named == ServiceId.unwrap(serviceId) ? 0 : ServiceId.unwrap(serviceId);
-        }
-    }
-
-    /// @dev The policy's choice from the kind's queues; `oldest` if that is no task of them, pays less than the price, or
-    /// may not be offered to the service.
-    function _choose(ServiceId serviceId, Free memory free, TaskId oldest) private returns (TaskId taskId) {
-        taskId = queues.taskFor(organization.policy(), services, free.kindId, serviceId, free.price);
-        Record memory t = _load(taskId);
-        bool open = t.state == TaskState.Open && t.hired == Hire.None;
-        if (open && t.kindId == free.kindId && t.reward >= free.price) {
-            Passed passed = _passed(taskId, t);
-            if (!passed.has(free.number) && (free.proven || !passed.isForProven())) return taskId;
-        }
-        emit PolicyFailed(oldest);
-        return oldest;
-    }
-
-    function _leaveQueue(TaskId taskId, Record memory t) private {
-        queues.remove(_queue(taskId, t), taskId);
         --_totals.waiting;
+        if (failed) emit PolicyFailed(taskId);
+        bool assigned = _assign(taskId, _get(taskId), serviceId, passed);
+        assert(assigned);
+    }
+
+    /// @return passed the providers that the task has passed
+    function _leaveQueue(TaskId taskId, Record memory t) private returns (Passed passed) {
+        --_totals.waiting;
+        return queues.remove(taskId, t.kindId, _named(t));
     }
 
     /// @dev The service's attempt is over, and it has its next task or waits for one.
@@ -523,7 +465,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (executor == address(0)) return false;
         uint256 deadline = block.timestamp + t.executionWindow;
         uint8 attempt = t.attempt + 1;
-        (t.serviceId, t.price, t.deadline) = (serviceId, price, deadline.toUint32());
+        (t.serviceId, t.price, t.time) = (serviceId, price, deadline.toUint32());
         (t.attempt, t.state, t.accepted) = (attempt, TaskState.Assigned, accepted);
         _tasks.save(taskId, t, _unit);
         // Time and sender, too: there are chains whose `prevrandao` is constant and whose block hashes say little.
@@ -595,7 +537,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     function _end(TaskId taskId, Record memory t, TaskState state) private {
-        (t.state, t.deadline) = (state, 0);
+        (t.state, t.time) = (state, 0);
         _tasks.save(taskId, t, _unit);
     }
 
@@ -621,33 +563,17 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
     function _endAttempt(TaskId taskId, Record memory t, Cause cause) private returns (bool last) {
         bool named = t.hired != Hire.None;
-        // A provider that was named and said no would get the task again at once.
-        last = cause == Cause.Void || (named && cause == Cause.Abandoned);
-        if (!last && !named) last = _pass(taskId, t, cause);
-        if (named && cause == Cause.Void) queues.countVoid(t.creator);
-        uint256 counted = t.attempt - _passed(taskId, t).count();
-        if (last || counted >= t.maxAttempts) {
-            last = true;
+        Passed passed;
+        (last, passed) = queues.endAttempt(taskId, t.serviceId, cause, t.creator, named);
+        if (last || t.attempt - passed.count() >= t.maxAttempts) {
             _end(taskId, t, TaskState.Failed);
             emit TaskFailed(taskId, t.reward, t.attempt, cause);
-        } else {
-            (t.state, t.deadline, t.price) = (TaskState.Open, 0, 0);
-            if (!named) t.serviceId = NO_SERVICE;
-            emit TaskRequeued(taskId, t.attempt, cause);
-            _match(taskId, t, organization.policy());
+            return true;
         }
-    }
-
-    /// @dev An attempt does not count that was given back in the grace period, that nobody accepted in it, or that a proven
-    /// provider gave up. Its provider goes on the task's list. Returns whether the task ends with that.
-    function _pass(TaskId taskId, Record memory t, Cause cause) private returns (bool) {
-        bool gaveUp = cause == Cause.GivenUp;
-        if (!gaveUp && cause != Cause.Abandoned && cause != Cause.NotAccepted) return false;
-        // slither-disable-next-line unused-return
-        (uint32 number, bool proven,) = services.profile(t.serviceId);
-        if (gaveUp && !proven) return false;
-        bool again = gaveUp && _passed(taskId, t).someoneGaveUp();
-        return queues.pass(taskId, number, gaveUp).isFull() || again;
+        (t.state, t.time, t.price) = (TaskState.Open, 0, 0);
+        if (!named) t.serviceId = NO_SERVICE;
+        emit TaskRequeued(taskId, t.attempt, cause);
+        _match(taskId, t, passed);
     }
 
     /// @dev All of `amount` arrives, or nothing happened.
@@ -659,7 +585,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         token.safeTransferFrom(from, address(this), amount);
         uint256 received = token.balanceOf(address(this)) - before;
         if (received != amount) revert WrongAmountReceived(amount, received);
-        _totals.held += amount.toUint120();
+        _totals.held += uint120(amount);
     }
 
     function _pay(address to, uint256 amount) private {
@@ -683,29 +609,32 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return sent + uint120(amount);
     }
 
-    function _load(TaskId taskId) private view returns (Record memory t) {
-        _tasks.load(taskId, _unit, t);
+    function _get(TaskId taskId) private view returns (Record memory t) {
+        t = _progress(taskId);
+        _tasks.loadConditions(t);
     }
 
-    function _get(TaskId taskId) private view returns (Record memory t) {
+    /// @dev The task without its conditions, which members of Record say of themselves.
+    function _progress(TaskId taskId) private view returns (Record memory t) {
         _tasks.load(taskId, _unit, t);
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }
 
     /// @dev Until then a ruling can be replaced.
     function _caseEnd(Record memory t) private pure returns (uint256) {
-        return t.deadline + t.auditWindow;
+        return t.time + t.verdictWindow + t.auditWindow;
     }
 
     function _requireState(TaskId taskId, Record memory t, TaskState expected) private view {
         if (t.state != expected) revert WrongState(taskId, t.state, expected);
     }
 
-    /// @dev The named attempt runs, is in `expected` and inside its window.
-    function _requireAttempt(TaskId taskId, Record memory t, uint8 attempt, TaskState expected) private view {
-        _requireState(taskId, t, expected);
+    function _requireAttempt(TaskId taskId, Record memory t, uint8 attempt) private pure {
         if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
-        if (block.timestamp > t.deadline) revert DeadlinePassed(taskId, t.deadline, block.timestamp);
+    }
+
+    function _requireOver(TaskId taskId, uint256 end) private view {
+        if (block.timestamp <= end) revert DeadlineNotPassed(taskId, end, block.timestamp);
     }
 
     /// @dev The caller is the executor of the named attempt, which is under way.
@@ -714,7 +643,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         view
         returns (address executor)
     {
-        _requireAttempt(taskId, t, attempt, TaskState.Assigned);
+        _requireState(taskId, t, TaskState.Assigned);
+        _requireAttempt(taskId, t, attempt);
+        if (block.timestamp > t.time) revert DeadlinePassed(taskId, t.time, block.timestamp);
         executor = _workers[t.serviceId].executor;
         address caller = _sender();
         if (caller != executor) revert NotExecutor(taskId, caller, executor);
@@ -727,7 +658,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev Until then the executor of an assigned task may abandon it at no cost.
     function _graceEnd(Record memory t) private view returns (uint256) {
-        return t.deadline - t.executionWindow + t.grace;
+        return t.time - t.executionWindow + t.grace;
     }
 
     /// @dev The caller judges tasks of this number.
@@ -766,29 +697,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return t.state == TaskState.Ruled ? _standing[taskId].proofHash : bytes32(0);
     }
 
-    /// @dev The providers that a task has passed. Before its first attempt there are none.
-    function _passed(TaskId taskId, Record memory t) private view returns (Passed) {
-        return t.attempt == 0 ? NOBODY : queues.passed(taskId);
-    }
-
-    /// @dev The queue of an open task.
-    function _queue(TaskId taskId, Record memory t) private view returns (uint256) {
-        if (t.hired == Hire.None) return queueOf(t.kindId, _passed(taskId, t).isForProven());
-        bool any = t.hired == Hire.Provider;
-        return
-            _queueOf(any ? uint160(_workers[t.serviceId].executor) : ServiceId.unwrap(t.serviceId), t.kindId);
-    }
-
-    /// @dev Where the tasks wait that name this service, or this provider. No provider's address is as small as a
-    /// service's number: whoever has services has signed for them.
-    function _queueOf(uint256 named, KindId kindId) private pure returns (uint256) {
-        return named << 8 | KindId.unwrap(kindId);
-    }
-
-    /// @dev By what an open task is found. Who names whom it wants may pay its price exactly, which is between two levels.
-    function _weight(Record memory t) private view returns (Weight) {
-        bool exact = t.hired != Hire.None;
-        return weigh(exact ? Units.wholeOf(t.reward, _unit) : Units.levelOf(t.reward, _unit), 0);
+    /// @dev Whom the task names, in the numbers of ITaskQueues.put.
+    function _named(Record memory t) private view returns (uint160) {
+        if (t.hired == Hire.Provider) return uint160(_workers[t.serviceId].executor);
+        return t.hired == Hire.Service ? t.serviceId.pack() : 0;
     }
 
     function _outcome(Cause cause) private pure returns (Outcome) {

@@ -8,10 +8,11 @@ import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IProviders} from "../src/interfaces/IProviders.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Fault, Hire, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
+import {Cause, ITaskQueues} from "../src/interfaces/ITaskQueues.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {NOBODY} from "../src/types/Passed.sol";
 import {KindId} from "../src/types/KindId.sol";
-import {ServiceId} from "../src/types/ServiceId.sol";
+import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
@@ -547,5 +548,42 @@ contract AttackTest is Fixture {
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
         vm.prank(stranger);
         services.reserve(serviceNo(1), KindId.wrap(1), 100 ether, NOBODY, taskNo(7), Hire.None);
+    }
+
+    /// @dev Puts another task before it, takes it away, ends it, hides who had it, or uses up its creator's good name.
+    function test_attack_someoneElseMovesTasksThatWait() public {
+        TaskId taskId = post(alice, 100 ether);
+        ITaskQueues queues = tasks.queues();
+        bytes[5] memory calls = [
+            abi.encodeCall(ITaskQueues.put, (taskNo(7), cleaning(), 0, 200 ether, NOBODY)),
+            abi.encodeCall(ITaskQueues.remove, (taskId, cleaning(), 0)),
+            abi.encodeCall(ITaskQueues.take, (serviceNo(1), false)),
+            abi.encodeCall(ITaskQueues.endAttempt, (taskId, serviceNo(1), Cause.Abandoned, alice, false)),
+            abi.encodeCall(ITaskQueues.hire, (alice, 1, address(0), CLEANING, 100 ether))
+        ];
+        offer(robot1, 120 ether);
+        for (uint256 i = 0; i < calls.length; ++i) {
+            vm.prank(stranger);
+            (bool success, bytes memory answer) = address(queues).call(calls[i]);
+            assertFalse(success);
+            assertEq(answer, abi.encodeWithSelector(ITaskQueues.NotTaskManager.selector, stranger));
+        }
+        assertEq(queues.oldestOpen(NO_SERVICE, cleaning(), 0), taskId);
+        assertAssigned(taskId, offer(robot2, 80 ether));
+    }
+
+    /// @dev Before there is a proof, and after its case.
+    function test_attack_anAuditorRulesWithoutACase() public {
+        offer(robot1, 80 ether);
+        TaskId taskId = post(alice, 100 ether);
+        Finding memory f;
+        (f.taskId, f.attempt, f.ruling) = (taskId, 1, Ruling.Rejected);
+        vm.expectRevert(_wrongState(taskId, TaskState.Assigned, TaskState.Submitted));
+        vm.prank(auditor);
+        auditorJudge.ruleFor(oracleJudge, f, "");
+        attempt(taskId, true);
+        vm.expectRevert(_wrongState(taskId, TaskState.Settled, TaskState.Submitted));
+        vm.prank(auditor);
+        auditorJudge.ruleFor(oracleJudge, f, "");
     }
 }

@@ -74,7 +74,7 @@ contract DecimalsTest is Fixture {
         assertEq(tasks.task(post(alice, TOKEN)).price, 3 * TOKEN / 100);
         TaskId waits = post(alice, 2 * TOKEN / 100 - 1);
         assertState(waits, TaskState.Open);
-        assertEq(tasks.oldestOpen(serviceNo(1), cleaning(), 19_900), waits, "three digits of it");
+        assertEq(tasks.queues().oldestOpen(serviceNo(1), cleaning(), 19_900), waits, "three digits of it");
     }
 
     /// @dev A hundred tokens make a name, not a hundred billion of their smallest units.

@@ -5,7 +5,7 @@ import {ERC20} from "@openzeppelin/contracts/token/ERC20/ERC20.sol";
 import {IDisputeJudge, Instance, InstanceRuling} from "../src/interfaces/IDisputeJudge.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
-import {Attempt, Fault, ITaskManager, Ruling, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Fault, ITaskManager, Ruling, Task, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {DisputeJudge} from "../src/judges/DisputeJudge.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -113,7 +113,7 @@ contract DisputeJudgeTest is Instances {
 
     function test_aFirstRulingLeavesTimeForAllThatMayFollow() public {
         TaskId taskId = waiting();
-        Attempt memory a = tasks.attemptOf(taskId);
+        Task memory a = tasks.task(taskId);
         uint256 longest = disputes.longestCase(CLEANING);
         assertEq(longest, 2 * CHALLENGE + 2 * DECISION);
         vm.warp(a.caseEnd - longest + 1);

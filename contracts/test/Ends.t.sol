@@ -81,7 +81,7 @@ contract EndsTest is Fixture {
     {
         _begin(2, proven);
         submit(_task);
-        uint256 end = tasks.attemptOf(_task).caseEnd;
+        uint256 end = tasks.task(_task).caseEnd;
         if (way == 1) ruleUntil(oracleJudge, _task, ruling, amount, end);
         if (way == 2) ruleUntil(oracleJudge, _task, Ruling.Void, 0, end);
         if (way == 1) {

@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ITaskQueues} from "../src/interfaces/ITaskQueues.sol";
 import {
     Cause,
     Hire,
@@ -316,7 +317,7 @@ contract HireTest is Fixture {
         TaskRequest memory r = request(100 ether);
         (r.serviceId, r.provider) = (offer(robot1, 1 ether).pack(), robot1);
         vm.prank(alice);
-        vm.expectRevert(abi.encodeWithSelector(ITaskManager.TwoNamed.selector, 1, robot1));
+        vm.expectRevert(abi.encodeWithSelector(ITaskQueues.TwoNamed.selector, 1, robot1));
         tasks.registerTask(r);
     }
 }

@@ -2,7 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
-import {Attempt, Fault, ITaskManager, Ruling, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Fault, ITaskManager, Ruling, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
@@ -108,7 +108,7 @@ abstract contract JudgeAttacks is Instances {
 
     function test_attack_09_theExecutorIsPaidForSilence() public {
         uint256 before = coin.balanceOf(robot1);
-        vm.warp(tasks.attemptOf(_task).deadline + 1);
+        vm.warp(tasks.task(_task).deadline + 1);
         tasks.conclude(_task);
         finish(_task);
         assertEq(coin.balanceOf(robot1), before);
@@ -182,7 +182,7 @@ abstract contract JudgeAttacks is Instances {
 
     function test_attack_18_theyRuleAfterTheCase() public {
         Finding memory f = voteOf(_task, Ruling.Accepted);
-        vm.warp(tasks.attemptOf(_task).caseEnd + 1);
+        vm.warp(tasks.task(_task).caseEnd + 1);
         vm.expectRevert();
         this.says(f);
         tasks.conclude(_task);
@@ -212,7 +212,7 @@ abstract contract JudgeAttacks is Instances {
         vm.stopPrank();
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, address(target()), number));
         this.says(f);
-        vm.warp(tasks.attemptOf(_task).caseEnd + 1);
+        vm.warp(tasks.task(_task).caseEnd + 1);
         tasks.conclude(_task);
         assertState(_task, TaskState.Failed);
     }
@@ -234,7 +234,7 @@ abstract contract JudgeAttacks is Instances {
     }
 
     function _refusedByTasks(address who) private {
-        KindId number = tasks.attemptOf(_task).kindId;
+        KindId number = tasks.task(_task).kindId;
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, who, number));
         vm.prank(who);
         tasks.rule(_task, 1, PROOF, Ruling.Accepted, Fault.Nobody, 80 ether, 0, REPORT);

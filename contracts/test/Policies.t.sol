@@ -3,7 +3,7 @@ pragma solidity ^0.8.28;
 
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Choice, IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {ITaskQueues} from "../src/interfaces/ITaskQueues.sol";
 import {Units} from "../src/libraries/Units.sol";
@@ -199,7 +199,9 @@ contract PolicyTest is Fixture {
             stub.tell(Way.Answers, TaskId.unwrap(chosen));
             vm.expectCall(
                 address(stub),
-                abi.encodeCall(IMatchingPolicy.taskFor, (tasks, services, cleaning(), serviceId, 10 ether))
+                abi.encodeCall(
+                    IMatchingPolicy.taskFor, (tasks.queues(), services, cleaning(), serviceId, 10 ether)
+                )
             );
             _free(Freed(how), serviceId);
             assertAssigned(chosen, serviceId);
@@ -417,12 +419,10 @@ contract PolicyTest is Fixture {
     function test_whatThePolicySaysCanBeAsked() public {
         StubPolicy stub = new StubPolicy(Way.Answers, 7);
         _use(stub);
-        ServiceId serviceId = offer(robot1, 10 ether);
         ITaskQueues queues = tasks.queues();
-        assertEq(queues.taskFor(stub, services, cleaning(), serviceId, 10 ether), 7);
-        assertEq(queues.serviceFor(stub, services, cleaning(), 0, NOBODY), 7);
+        assertEq(queues.serviceFor(cleaning(), 0, NOBODY), 7);
         stub.tell(Way.Reverts, 7);
-        assertEq(queues.taskFor(stub, services, cleaning(), serviceId, 10 ether), type(uint256).max);
+        assertEq(queues.serviceFor(cleaning(), 0, NOBODY), type(uint256).max);
     }
 
     // -- levels -------------------------------------------------------------------------------------------
@@ -497,10 +497,20 @@ contract PolicyTest is Fixture {
                 }
             }
             uint256 reward = ((seed >> 64) % 6) * 1 ether;
-            assertEq(services.longestIdle(cleaning(), reward, NOBODY), _search(reward, _longer), "longest");
-            assertEq(services.cheapestIdle(cleaning(), reward, NOBODY), _search(reward, _cheaper), "cheapest");
             assertEq(
-                services.mostReputableIdle(cleaning(), reward, NOBODY), _search(reward, _better), "reputable"
+                services.bestIdle(cleaning(), reward, NOBODY, Choice.Oldest),
+                _search(reward, _longer),
+                "longest"
+            );
+            assertEq(
+                services.bestIdle(cleaning(), reward, NOBODY, Choice.Cheapest),
+                _search(reward, _cheaper),
+                "cheapest"
+            );
+            assertEq(
+                services.bestIdle(cleaning(), reward, NOBODY, Choice.MostReputable),
+                _search(reward, _better),
+                "reputable"
             );
         }
     }

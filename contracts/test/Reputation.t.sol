@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Choice, IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Ruling} from "../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {Finding} from "../src/interfaces/IJudge.sol";
@@ -176,12 +176,12 @@ contract ReputationTest is Fixture {
         ServiceId newcomer = offer(robot2, 80 ether);
         attempt(taskId, true);
         assertEq(_of(waiting), _of(working), "its provider's");
-        assertEq(services.mostReputableIdle(cleaning(), 80 ether, NOBODY), working);
+        assertEq(services.bestIdle(cleaning(), 80 ether, NOBODY, Choice.MostReputable), working);
         update(waiting, 80 ether, ServiceState.Paused);
         update(working, 80 ether, ServiceState.Paused);
-        assertEq(services.mostReputableIdle(cleaning(), 80 ether, NOBODY), newcomer);
+        assertEq(services.bestIdle(cleaning(), 80 ether, NOBODY, Choice.MostReputable), newcomer);
         update(waiting, 80 ether, ServiceState.Active);
-        assertEq(services.mostReputableIdle(cleaning(), 80 ether, NOBODY), waiting);
+        assertEq(services.bestIdle(cleaning(), 80 ether, NOBODY, Choice.MostReputable), waiting);
     }
 
     // -- names for money ----------------------------------------------------------------------------------

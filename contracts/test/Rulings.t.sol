@@ -3,12 +3,12 @@ pragma solidity ^0.8.28;
 
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {
-    Attempt,
     Cause,
     Fault,
     ITaskManager,
     Ruling,
     Standing,
+    Task,
     TaskRequest,
     TaskState
 } from "../src/interfaces/ITaskManager.sol";
@@ -103,7 +103,7 @@ contract RulingsTest is Fixture {
     // -- what stands ---------------------------------------------------------------------------------------
 
     function test_whileARulingStandsTheServiceIsFreeButForItsPenalty() public {
-        uint256 caseEnd = tasks.attemptOf(_task).caseEnd;
+        uint256 caseEnd = tasks.task(_task).caseEnd;
         vm.expectEmit();
         emit ITaskManager.Ruled(_task, 1, PROOF, Ruling.Rejected, Fault.Nobody, 0, caseEnd, REPORT);
         _stand(Ruling.Rejected, 0, caseEnd);
@@ -121,7 +121,7 @@ contract RulingsTest is Fixture {
     }
 
     function test_aStandingRulingIsReplacedAndOnlyTheLastCounts() public {
-        uint256 caseEnd = tasks.attemptOf(_task).caseEnd;
+        uint256 caseEnd = tasks.task(_task).caseEnd;
         Ruling[4] memory said = [Ruling.Rejected, Ruling.Accepted, Ruling.Void, Ruling.GivenUp];
         for (uint256 i = 0; i < 4; ++i) {
             _stand(said[i], said[i] == Ruling.Accepted ? PRICE : 0, caseEnd);
@@ -174,7 +174,7 @@ contract RulingsTest is Fixture {
     }
 
     function test_theJudgeRulesPastTheDeadlineAndNotPastTheCase() public {
-        Attempt memory a = tasks.attemptOf(_task);
+        Task memory a = tasks.task(_task);
         assertEq(a.caseEnd, a.deadline + AUDIT_WINDOW);
         vm.warp(a.caseEnd);
         uint256 snapshot = vm.snapshotState();
@@ -193,7 +193,7 @@ contract RulingsTest is Fixture {
     }
 
     function test_silenceIsVoidUntilTheCaseEnds() public {
-        Attempt memory a = tasks.attemptOf(_task);
+        Task memory a = tasks.task(_task);
         vm.warp(a.deadline);
         vm.expectRevert(
             abi.encodeWithSelector(
@@ -223,14 +223,14 @@ contract RulingsTest is Fixture {
     }
 
     function test_silenceIsVoidAtOnceAfterTheCase() public {
-        vm.warp(tasks.attemptOf(_task).caseEnd + 1);
+        vm.warp(tasks.task(_task).caseEnd + 1);
         tasks.conclude(_task);
         assertState(_task, TaskState.Failed);
         assertEq(tasks.standing(_task).until, 0);
     }
 
     function test_aRulingStandsNoLongerThanItsCaseAndPaysWhatItMay() public {
-        uint256 caseEnd = tasks.attemptOf(_task).caseEnd;
+        uint256 caseEnd = tasks.task(_task).caseEnd;
         uint256[2] memory untils = [block.timestamp, caseEnd + 1];
         for (uint256 i = 0; i < 2; ++i) {
             _expect(
@@ -264,14 +264,14 @@ contract RulingsTest is Fixture {
     // -- bonds ---------------------------------------------------------------------------------------------
 
     function test_whoseBondRunsShortHasNoTasksUntilACaseEnds() public {
-        uint256 caseEnd = tasks.attemptOf(_task).caseEnd;
+        uint256 caseEnd = tasks.task(_task).caseEnd;
         TaskId[4] memory open;
         for (uint256 i = 0; i < 4; ++i) {
             open[i] = _task;
             _stand(Ruling.Void, 0, caseEnd);
             if (i == 3) break;
             _again();
-            caseEnd = tasks.attemptOf(_task).caseEnd;
+            caseEnd = tasks.task(_task).caseEnd;
         }
         Service memory s = services.service(_service);
         assertEq(s.bond, 0);
@@ -291,7 +291,7 @@ contract RulingsTest is Fixture {
         for (uint256 i = 0; i < 4; ++i) {
             open[i] = _task;
             if (i == 3) break;
-            _stand(Ruling.Void, 0, tasks.attemptOf(_task).caseEnd);
+            _stand(Ruling.Void, 0, tasks.task(_task).caseEnd);
             _again();
         }
         judge(_task, false);
@@ -310,7 +310,7 @@ contract RulingsTest is Fixture {
         TaskId taskId = post(bob, 10 ether);
         assertAssigned(taskId, second);
         submit(taskId);
-        ruleUntil(oracleJudge, taskId, Ruling.Rejected, 0, tasks.attemptOf(taskId).caseEnd);
+        ruleUntil(oracleJudge, taskId, Ruling.Rejected, 0, tasks.task(taskId).caseEnd);
         assertEq(uint8(services.service(second).state), uint8(ServiceState.Short));
         judgeAs(oracle, taskId, Ruling.Void, 0);
         assertEq(services.service(second).bond, BOND);
@@ -339,7 +339,7 @@ contract RulingsTest is Fixture {
         ServiceId second = offer(robot1, 10 ether);
         TaskId taskId = post(bob, 10 ether);
         submit(taskId);
-        ruleUntil(oracleJudge, taskId, Ruling.Void, 0, tasks.attemptOf(taskId).caseEnd);
+        ruleUntil(oracleJudge, taskId, Ruling.Void, 0, tasks.task(taskId).caseEnd);
         post(bob, 10 ether);
         vm.startPrank(admin);
         organization.allowKind(CLEANING, roleJudge(organization.ORACLE_ROLE(), address(0)), RULES);
@@ -352,7 +352,7 @@ contract RulingsTest is Fixture {
     }
 
     function test_whoRetiresHasTheRestAtOnceAndThePenaltyWhenTheCaseEnds() public {
-        _stand(Ruling.Void, 0, tasks.attemptOf(_task).caseEnd);
+        _stand(Ruling.Void, 0, tasks.task(_task).caseEnd);
         uint256 before = coin.balanceOf(robot1);
         update(_service, PRICE, ServiceState.Retired);
         assertEq(coin.balanceOf(robot1) - before, BOND - PENALTY);
@@ -361,7 +361,7 @@ contract RulingsTest is Fixture {
     }
 
     function test_whoRetiresLosesThePenaltyAllTheSame() public {
-        _stand(Ruling.Void, 0, tasks.attemptOf(_task).caseEnd);
+        _stand(Ruling.Void, 0, tasks.task(_task).caseEnd);
         update(_service, PRICE, ServiceState.Retired);
         uint256 before = coin.balanceOf(robot1);
         judgeAs(oracle, _task, Ruling.Rejected, 0);
@@ -372,7 +372,7 @@ contract RulingsTest is Fixture {
     // -- passing on, and removal ---------------------------------------------------------------------------
 
     function test_whatTheOracleCannotDecideIsVoidUntilTheAuditorsDo() public {
-        Attempt memory a = tasks.attemptOf(_task);
+        Task memory a = tasks.task(_task);
         vm.expectEmit();
         emit IJudge.PassedOn(_task, 1, address(auditorJudge));
         judgeAs(oracle, _task, Ruling.None, 0);
@@ -386,7 +386,7 @@ contract RulingsTest is Fixture {
 
     function test_silentAuditorsPayNobody() public {
         judgeAs(oracle, _task, Ruling.None, 0);
-        vm.warp(tasks.attemptOf(_task).caseEnd + 1);
+        vm.warp(tasks.task(_task).caseEnd + 1);
         tasks.conclude(_task);
         assertEq(coin.balanceOf(alice), 2000 ether);
         assertEq(coin.balanceOf(robot1), 2000 ether - BOND);
@@ -395,7 +395,7 @@ contract RulingsTest is Fixture {
 
     function test_whatARemovedJudgeSaidIsVoidAndTheAuditorsMayReplaceIt() public {
         _stand(Ruling.Accepted, PRICE, block.timestamp + 1 minutes);
-        Attempt memory a = tasks.attemptOf(_task);
+        Task memory a = tasks.task(_task);
         _remove();
         vm.warp(block.timestamp + 2 minutes);
         vm.expectEmit();
@@ -432,7 +432,7 @@ contract RulingsTest is Fixture {
     function test_aRemovedJudgesRulingIsVoidAtOnceAfterTheCase() public {
         _stand(Ruling.Accepted, PRICE, block.timestamp + 1 minutes);
         _remove();
-        vm.warp(tasks.attemptOf(_task).caseEnd + 1);
+        vm.warp(tasks.task(_task).caseEnd + 1);
         tasks.conclude(_task);
         assertState(_task, TaskState.Failed);
         assertEq(coin.balanceOf(alice), 2000 ether);

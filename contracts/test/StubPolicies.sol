@@ -2,8 +2,8 @@
 pragma solidity ^0.8.28;
 
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {IServiceListener} from "../src/interfaces/IServiceListener.sol";
-import {IServiceManager} from "../src/interfaces/IServiceManager.sol";
+import {Choice, IServiceManager} from "../src/interfaces/IServiceManager.sol";
+import {ITaskQueues} from "../src/interfaces/ITaskQueues.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {Passed} from "../src/types/Passed.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
@@ -36,7 +36,7 @@ contract StubPolicy is IMatchingPolicy {
         return ServiceId.wrap(_answer());
     }
 
-    function taskFor(IServiceListener, IServiceManager, KindId, ServiceId, uint256)
+    function taskFor(ITaskQueues, IServiceManager, KindId, ServiceId, uint256)
         external
         view
         returns (TaskId)
@@ -65,7 +65,7 @@ contract TaskStubPolicy is StubPolicy {
         override
         returns (ServiceId)
     {
-        return services.longestIdle(kindId, reward, passed);
+        return services.bestIdle(kindId, reward, passed, Choice.Oldest);
     }
 }
 
@@ -77,10 +77,10 @@ contract SlowPolicy is IMatchingPolicy {
         returns (ServiceId)
     {
         _spend();
-        return services.longestIdle(kindId, reward, passed);
+        return services.bestIdle(kindId, reward, passed, Choice.Oldest);
     }
 
-    function taskFor(IServiceListener, IServiceManager, KindId, ServiceId, uint256)
+    function taskFor(ITaskQueues, IServiceManager, KindId, ServiceId, uint256)
         external
         view
         returns (TaskId)
@@ -102,21 +102,20 @@ contract UnrulyPolicy is IMatchingPolicy {
         view
         returns (ServiceId)
     {
-        return services.longestIdle(kindId, reward, passed);
+        return services.bestIdle(kindId, reward, passed, Choice.Oldest);
     }
 
-    function taskFor(
-        IServiceListener tasks,
-        IServiceManager,
-        KindId kindId,
-        ServiceId serviceId,
-        uint256 price
-    ) external view returns (TaskId) {
-        uint256 count = tasks.taskCount();
+    function taskFor(ITaskQueues queues, IServiceManager, KindId kindId, ServiceId serviceId, uint256 price)
+        external
+        view
+        returns (TaskId)
+    {
+        // The oldest of all, as a number of the past.
+        uint256 count = TaskId.unwrap(queues.oldestOpen(serviceId, kindId, 0)) + 8;
         uint256 seed = uint256(keccak256(abi.encode(block.timestamp, serviceId, price, count)));
         require(seed % 16 != 0, "no");
         if ((seed >> 8) % 2 == 0) {
-            return tasks.oldestOpen(serviceId, kindId, price + (seed >> 96) % 100 ether);
+            return queues.oldestOpen(serviceId, kindId, price + (seed >> 96) % 100 ether);
         }
         return TaskId.wrap((seed >> 16) % (count + 2));
     }

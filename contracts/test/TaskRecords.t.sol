@@ -29,7 +29,7 @@ contract TaskRecordsTest is Fixture {
         vm.assume(creator != address(0));
         Record memory t;
         (t.creator, t.reward, t.price) = (creator, reward, uint256(units) * UNIT);
-        (t.serviceId, t.deadline, t.executionWindow) = (serviceNo(numbers[0]), numbers[1], numbers[2] >> 8);
+        (t.serviceId, t.time, t.executionWindow) = (serviceNo(numbers[0]), numbers[1], numbers[2] >> 8);
         (t.verdictWindow, t.kindId, t.maxAttempts) =
         (uint24(numbers[1]), KindId.wrap(bytes_[0]), bytes_[1] & 15);
         (t.attempt, t.state, t.accepted) = (bytes_[2] & 15, TaskState(1 + bytes_[3] % 7), accepted);
@@ -39,6 +39,7 @@ contract TaskRecordsTest is Fixture {
         _store.save(taskNo(7), t, UNIT);
         Record memory read;
         _store.load(taskNo(7), UNIT, read);
+        _store.loadConditions(read);
         assertEq(keccak256(abi.encode(read)), keccak256(abi.encode(t)));
         Record memory none;
         _store.load(taskNo(8), UNIT, none);

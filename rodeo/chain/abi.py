@@ -87,20 +87,6 @@ class Agreement(Struct):
 
 
 @dataclass(frozen=True)
-class Attempt(Struct):
-    creator: str
-    service_id: int
-    kind_id: int
-    state: TaskState
-    number: int
-    price: int
-    submitted: int
-    deadline: int
-    case_end: int
-    proof_hash: bytes
-
-
-@dataclass(frozen=True)
 class Budget(Struct):
     amount: int
     period: int
@@ -237,13 +223,14 @@ class Standing(Struct):
 class Task(Struct):
     creator: str
     reward: int
-    kind: str
+    kind_id: int
     price: int
     service_id: int
     provider: str
-    deadline: int
     execution_window: int
     verdict_window: int
+    deadline: int
+    case_end: int
     attempt: int
     max_attempts: int
     state: TaskState

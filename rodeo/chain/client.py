@@ -14,7 +14,6 @@ from web3.types import BlockIdentifier, TxReceipt
 
 from rodeo.chain import artifacts, events, transactions
 from rodeo.chain.abi import (
-    Attempt,
     Budget,
     Device,
     Instance,
@@ -115,10 +114,6 @@ class ChainClient:
 
     def task_count(self) -> int:
         return self._view("TaskManager", "taskCount")
-
-    def attempt_of(self, task_id: int) -> Attempt:
-        """Raises ContractReverted: WrongState unless the task is Submitted or Ruled."""
-        return self._view("TaskManager", "attemptOf", task_id)
 
     def standing(self, task_id: int) -> Standing:
         """The ruling that stands on the task; Ruling.NONE where none does."""

@@ -32,7 +32,7 @@ BETWEEN_CONTRACTS = {
         }
     ),
     "DeviceRegistry": frozenset({"registerDevice", "revokeDevice"}),
-    "TaskQueues": frozenset({"countNamed", "countVoid", "pass", "put", "remove"}),
+    "TaskQueues": frozenset({"endAttempt", "hire", "put", "remove", "take"}),
     "TaskManager": frozenset(
         {"enter", "onServiceFree", "recordJudge", "removeJudge", "rescue", "returnBond", "rule"}
     ),

@@ -5,8 +5,8 @@ import {KindId} from "../types/KindId.sol";
 import {Passed} from "../types/Passed.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
-import {IServiceListener} from "./IServiceListener.sol";
 import {IServiceManager} from "./IServiceManager.sol";
+import {ITaskQueues} from "./ITaskQueues.sol";
 
 /// @title Chooses the idle service that gets a task, and the waiting task that a service gets.
 /// @notice A policy only chooses: a service is paid its own price. It holds no queue and no token, so an organization can
@@ -26,7 +26,7 @@ interface IMatchingPolicy {
 
     /// @notice The task that a service gets which becomes free while tasks wait that it can do. Asked before one that names
     /// the service or its provider goes first, because it is older than what this returns.
-    /// @param tasks the contract that holds the queue of waiting tasks
+    /// @param queues where tasks wait
     /// @param services the contract that knows the service
     /// @param kindId the number of what it does
     /// @param serviceId the service
@@ -34,7 +34,7 @@ interface IMatchingPolicy {
     /// @return taskId an open task of this kind that names nobody, has not passed the service's provider, and whose reward is at
     /// least `price`
     function taskFor(
-        IServiceListener tasks,
+        ITaskQueues queues,
         IServiceManager services,
         KindId kindId,
         ServiceId serviceId,

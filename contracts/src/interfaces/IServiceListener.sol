@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {KindId} from "../types/KindId.sol";
 import {ServiceId} from "../types/ServiceId.sol";
-import {TaskId} from "../types/TaskId.sol";
 
 /// @title What the service manager asks of whoever gives its services their work: to hear of services that are free, and
 /// to hold their bonds.
 /// @notice The service manager owns this interface, and the task manager fulfils it. So the task manager knows services,
-/// and services do not know tasks. Policies ask it which tasks wait.
+/// and services do not know tasks.
 interface IServiceListener {
     /// @notice Give an available service the next open task that it can do, or let it wait. Only the service
     /// manager.
@@ -26,16 +24,6 @@ interface IServiceListener {
     /// @param payout who gets it: the provider's payout address
     /// @param amount in the token's smallest unit
     function returnBond(address payout, uint256 amount) external;
-
-    /// @notice Returns the oldest open task that pays enough, names nobody, and may be offered to this service.
-    /// @param serviceId the service
-    /// @param kindId the number of what is to be done, see IOrganization.numberOf
-    /// @param price the least that it pays, in the token's smallest unit
-    /// @return taskId 0 if there is none
-    function oldestOpen(ServiceId serviceId, KindId kindId, uint256 price)
-        external
-        view
-        returns (TaskId taskId);
 
     /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);

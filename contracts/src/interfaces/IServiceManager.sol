@@ -14,6 +14,14 @@ enum Hire {
     Provider
 }
 
+/// @notice By what services that wait are compared. Among equals of the cheapest the reputation decides, and among those of the
+/// most reputable the price; then in both who has waited longest.
+enum Choice {
+    Oldest,
+    Cheapest,
+    MostReputable
+}
+
 /// @notice The provider sets Active, Paused and Retired. Only Active services get new tasks, and Retired is final. The
 /// organization, or the terms after repeated failures, set Suspended; the provider can only retire the service then.
 /// Short: what is left of the bond does not cover another penalty, until a case ends for which a part of it is set aside. The
@@ -216,34 +224,13 @@ interface IServiceManager {
     /// @notice Returns how many services were ever registered, which is the last id.
     function serviceCount() external view returns (uint256);
 
-    /// @notice Returns the waiting service that has waited longest.
+    /// @notice Returns the best of the services that wait: each line's first MAX_LOOKS are looked at.
     /// @param kindId the number of what is done, see IOrganization.numberOf
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @param passed the providers that had the task and did not do it
+    /// @param choice what is best
     /// @return serviceId 0 if no such service waits
-    function longestIdle(KindId kindId, uint256 maxPrice, Passed passed)
-        external
-        view
-        returns (ServiceId serviceId);
-
-    /// @notice Returns the cheapest waiting service. Among equals it prefers the best reputation, then the longest
-    /// wait.
-    /// @param kindId the number of what is done, see IOrganization.numberOf
-    /// @param maxPrice the most it may cost, in the token's smallest unit
-    /// @param passed the providers that had the task and did not do it
-    /// @return serviceId 0 if no such service waits
-    function cheapestIdle(KindId kindId, uint256 maxPrice, Passed passed)
-        external
-        view
-        returns (ServiceId serviceId);
-
-    /// @notice Returns the waiting service with the best reputation. Among equals it prefers the lowest price, then
-    /// the longest wait.
-    /// @param kindId the number of what is done, see IOrganization.numberOf
-    /// @param maxPrice the most it may cost, in the token's smallest unit
-    /// @param passed the providers that had the task and did not do it
-    /// @return serviceId 0 if no such service waits
-    function mostReputableIdle(KindId kindId, uint256 maxPrice, Passed passed)
+    function bestIdle(KindId kindId, uint256 maxPrice, Passed passed, Choice choice)
         external
         view
         returns (ServiceId serviceId);

@@ -7,7 +7,7 @@ import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IServiceListener} from "./IServiceListener.sol";
 import {Hire} from "./IServiceManager.sol";
-import {ITaskQueues} from "./ITaskQueues.sol";
+import {Cause, ITaskQueues} from "./ITaskQueues.sol";
 
 /// @notice Ruled: a ruling on the proof stands until its time is over, and another one may replace it.
 enum TaskState {
@@ -46,19 +46,6 @@ enum Fault {
     Oracle
 }
 
-/// @notice Why an attempt failed. NotAccepted: the executor did not accept it in the grace period. Abandoned: the
-/// executor gave it back in the grace period. AbandonedLate: the executor had accepted it, and gave it back after the
-/// grace period. The others are rulings.
-enum Cause {
-    Rejected,
-    GivenUp,
-    Void,
-    ExecutionExpired,
-    NotAccepted,
-    Abandoned,
-    AbandonedLate
-}
-
 /// @param kind what is to be done, ASCII
 /// @param reward the most it may cost, in the token's smallest unit; all of it goes to escrow
 /// @param executionWindow seconds from assignment to proof
@@ -82,10 +69,13 @@ struct TaskRequest {
     string params;
 }
 
+/// @param kindId the number of its kind and judge, see IOrganization.numberOf
 /// @param price what the executor of the running (or last) attempt is paid at most
 /// @param serviceId the service of the running (or last) attempt; while open the one that the task names, or 0
 /// @param provider the provider that the task names; 0 if it names none
-/// @param deadline end of the running window, block time in seconds; 0 when none runs
+/// @param deadline end of the running window, block time in seconds; 0 when none runs. The proof came `verdictWindow` before that
+/// of a task that is Submitted or Ruled
+/// @param caseEnd until then a ruling can be made or replaced; 0 unless Submitted or Ruled
 /// @param attempt 1 for the first assignment
 /// @param accepted the executor of the running (or last) attempt agreed to it; see acceptTask
 /// @param hired whether the creator named the service, or the provider
@@ -94,38 +84,19 @@ struct TaskRequest {
 struct Task {
     address creator;
     uint96 reward;
-    bytes32 kind;
+    KindId kindId;
     uint96 price;
     ServiceId serviceId;
     address provider;
-    uint40 deadline;
     uint32 executionWindow;
     uint32 verdictWindow;
+    uint40 deadline;
+    uint40 caseEnd;
     uint8 attempt;
     uint8 maxAttempts;
     TaskState state;
     bool accepted;
     Hire hired;
-    bytes32 proofHash;
-}
-
-/// @notice An attempt as a judge has to know it: its proof waits for a ruling, or has one that stands.
-/// @param kindId the number of the task's kind and judge, see IOrganization.numberOf
-/// @param number of the attempt, 1 for the first
-/// @param price the most that it may be paid
-/// @param submitted when the proof came, block time in seconds
-/// @param deadline end of the verdict window
-/// @param caseEnd until then a ruling can be replaced
-struct Attempt {
-    address creator;
-    ServiceId serviceId;
-    KindId kindId;
-    TaskState state;
-    uint8 number;
-    uint96 price;
-    uint40 submitted;
-    uint40 deadline;
-    uint40 caseEnd;
     bytes32 proofHash;
 }
 
@@ -249,8 +220,6 @@ interface ITaskManager is IServiceListener {
     /// proven where only proven providers are offered it; or the task names another one.
     error ServiceDoesNotFit(TaskId taskId, ServiceId serviceId);
     error InvalidAttempts(uint8 attempts, uint8 max);
-    /// @notice A task names a service or a provider, not both.
-    error TwoNamed(uint32 serviceId, address provider);
     error NothingOwed(address account);
     /// @notice The token took a fee, or moved nothing: escrow must hold what it owes.
     error WrongAmountReceived(uint256 expected, uint256 received);
@@ -330,11 +299,6 @@ interface ITaskManager is IServiceListener {
     /// @param taskId an open task
     /// @param serviceId the service; 0 to ask the policy again, which is useful after PolicyFailed
     function matchTask(TaskId taskId, ServiceId serviceId) external;
-
-    /// @notice Returns what a judge has to know of the attempt. Reverts with WrongState unless a proof waits for its
-    /// ruling, or has one that stands.
-    /// @param taskId the task
-    function attemptOf(TaskId taskId) external view returns (Attempt memory);
 
     /// @notice Returns the ruling that stands; all zero unless the task is Ruled.
     /// @param taskId the task

@@ -5,12 +5,22 @@ import {KindId} from "../types/KindId.sol";
 import {Passed} from "../types/Passed.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
-import {Weight} from "../types/Weight.sol";
-import {IMatchingPolicy} from "./IMatchingPolicy.sol";
-import {IServiceManager} from "./IServiceManager.sol";
 
-/// @title Open tasks in the order in which they were posted, the providers that each of them has passed, and what became of
-/// tasks that named somebody.
+/// @notice Why an attempt failed. NotAccepted: the executor did not accept it in the grace period. Abandoned: the
+/// executor gave it back in the grace period. AbandonedLate: the executor had accepted it, and gave it back after the
+/// grace period. The others are rulings.
+enum Cause {
+    Rejected,
+    GivenUp,
+    Void,
+    ExecutionExpired,
+    NotAccepted,
+    Abandoned,
+    AbandonedLate
+}
+
+/// @title Which open task meets which service: tasks in the order in which they were posted, the providers that each of them
+/// has passed, what the policy says, and what became of tasks that named somebody.
 /// @notice A kind has a queue of the tasks that name nobody, and another one of those that only proven providers are offered.
 /// Each service and each provider has a queue of the tasks that name it. The task manager makes this contract and is the
 /// only one that changes anything here.
@@ -20,87 +30,83 @@ interface ITaskQueues {
     event TaskPassed(TaskId indexed taskId, uint32 indexed provider, bool gaveUp);
 
     error NotTaskManager(address caller);
+    /// @notice A task names a service or a provider, not both.
+    error TwoNamed(uint32 serviceId, address provider);
     /// @notice The policy may need so much, and the caller left less: it would have failed for that alone.
     error TooLittleGas(uint256 needed);
 
-    /// @notice Let a task wait in a queue. Only the task manager.
-    /// @param queue its number: the kind's, see types/KindId.sol, or of a service or provider
+    /// @notice Let a task wait in its queue. Only the task manager.
     /// @param taskId the task
-    /// @param weight by which it is found
-    function put(uint256 queue, TaskId taskId, Weight weight) external;
+    /// @param kindId the number of its kind
+    /// @param named the service that it names, or the address of the provider that it names as a number; 0 for nobody
+    /// @param reward what it pays at most, in the token's smallest unit
+    /// @param list the providers that it has passed
+    function put(TaskId taskId, KindId kindId, uint160 named, uint256 reward, Passed list) external;
 
     /// @notice Take a task out of its queue. Only the task manager.
-    /// @param queue its number
     /// @param taskId the task
-    function remove(uint256 queue, TaskId taskId) external;
+    /// @param kindId as for put
+    /// @param named as for put
+    /// @return list the providers that it has passed
+    function remove(TaskId taskId, KindId kindId, uint160 named) external returns (Passed list);
 
-    /// @notice Put a provider on a task's list. Only the task manager.
+    /// @notice Take the next task of a service that is free out of its queue: of those that name nobody the one that the policy
+    /// chooses, or the oldest; but an older one that names the service, or its provider, goes first. Only the task manager.
+    /// @param serviceId the service
+    /// @param asks whether the policy is asked
+    /// @return taskId 0 if there is none
+    /// @return list the providers that it has passed
+    /// @return failed whether the policy failed, or chose what it may not
+    function take(ServiceId serviceId, bool asks) external returns (TaskId taskId, Passed list, bool failed);
+
+    /// @notice An attempt has failed. It does not count if it was given back in the grace period, if nobody accepted it in that,
+    /// or if a proven provider gave it up: its provider goes on the task's list. Only the task manager.
     /// @param taskId the task
-    /// @param provider its number, see IServiceManager.numberOf
-    /// @param gaveUp it submitted a proof that it could not do the work
-    /// @return list as it is then
-    function pass(TaskId taskId, uint32 provider, bool gaveUp) external returns (Passed list);
+    /// @param serviceId whose attempt it was
+    /// @param cause why it failed
+    /// @param creator who posted the task
+    /// @param named whether it names somebody
+    /// @return ends whether the task ends with that, however many attempts are left
+    /// @return list the providers that it has passed
+    function endAttempt(TaskId taskId, ServiceId serviceId, Cause cause, address creator, bool named)
+        external
+        returns (bool ends, Passed list);
 
-    /// @notice A creator posts a task that names a service or a provider. Only the task manager.
+    /// @notice A creator posts a task that names a service or a provider, which is counted. Reverts unless it may: see
+    /// IProviders.requireNamable and IServiceManager.serviceOf. Only the task manager.
     /// @param creator who
-    /// @return voids how many of 100 such tasks of the creator have ended void; 0 for fewer than MIN_NAMED
-    function countNamed(address creator) external returns (uint256 voids);
-
-    /// @notice A task that named somebody has ended void. Only the task manager.
-    /// @param creator who posted it
-    function countVoid(address creator) external;
+    /// @param serviceId the service that it names; 0 if it names a provider
+    /// @param provider the provider that it names; 0 if it names a service
+    /// @param kind what is to be done, ASCII
+    /// @param reward the most that it may cost, in the token's smallest unit
+    /// @return named the service, or one of the provider
+    function hire(address creator, uint32 serviceId, address provider, bytes32 kind, uint256 reward)
+        external
+        returns (ServiceId named);
 
     /// @notice Returns the providers that a task has passed.
     /// @param taskId the task
     function passed(TaskId taskId) external view returns (Passed);
 
-    /// @notice Returns the oldest task of a queue that pays enough and has not passed this provider, among the first
-    /// MAX_LOOKS that pay enough.
-    /// @param queue its number
-    /// @param level the least weight that pays enough
-    /// @param provider its number; 0 for any
+    /// @notice Returns the oldest open task that pays enough, names nobody, and may be offered to this service, among the first
+    /// MAX_LOOKS of a queue that pay enough.
+    /// @param serviceId the service; 0 for the oldest of all
+    /// @param kindId the number of what is to be done, see IOrganization.numberOf
+    /// @param price the least that it pays, in the token's smallest unit
     /// @return taskId 0 if there is none
-    function oldest(uint256 queue, uint64 level, uint32 provider) external view returns (TaskId taskId);
-
-    /// @notice Returns the oldest task of a kind that names nobody, pays enough, and may be offered to this provider.
-    /// @param kindId the kind
-    /// @param level the level of the least reward that pays enough, see Units
-    /// @param provider its number; 0 for any
-    /// @param proven whether tasks for proven providers are among them
-    /// @return taskId 0 if there is none
-    function oldestOf(KindId kindId, uint64 level, uint32 provider, bool proven)
+    function oldestOpen(ServiceId serviceId, KindId kindId, uint256 price)
         external
         view
         returns (TaskId taskId);
 
-    /// @notice Returns the service that a policy chooses for a task; one that there is not if the policy fails. Reverts with
+    /// @notice Returns the service that the policy chooses for a task; one that there is not if the policy fails. Reverts with
     /// TooLittleGas.
-    /// @param policy which
-    /// @param services among which it chooses
     /// @param kindId the task's kind
     /// @param reward the most that the service may cost, in the token's smallest unit
     /// @param list the providers that the task has passed
     /// @return serviceId 0 if none waits
-    function serviceFor(
-        IMatchingPolicy policy,
-        IServiceManager services,
-        KindId kindId,
-        uint256 reward,
-        Passed list
-    ) external view returns (ServiceId serviceId);
-
-    /// @notice Returns the task that a policy chooses for a service; one that there is not if the policy fails. Reverts with
-    /// TooLittleGas.
-    /// @param policy which
-    /// @param services where the service is
-    /// @param kindId what the service does
-    /// @param serviceId the service
-    /// @param price what it costs, in the token's smallest unit
-    function taskFor(
-        IMatchingPolicy policy,
-        IServiceManager services,
-        KindId kindId,
-        ServiceId serviceId,
-        uint256 price
-    ) external view returns (TaskId taskId);
+    function serviceFor(KindId kindId, uint256 reward, Passed list)
+        external
+        view
+        returns (ServiceId serviceId);
 }

@@ -6,7 +6,7 @@ import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {ICommitteeJudge, Quorum, Seat} from "../interfaces/ICommitteeJudge.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
-import {Attempt, Judged} from "../interfaces/ITaskManager.sol";
+import {Judged, Task} from "../interfaces/ITaskManager.sol";
 import {KindId} from "../types/KindId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {Judge} from "./Judge.sol";
@@ -104,9 +104,10 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
 
     /// @inheritdoc ICommitteeJudge
     function votersOf(Finding calldata f, bytes calldata signatures) external view returns (uint64) {
-        Attempt memory a = tasks.attemptOf(f.taskId);
+        Task memory a = _case(f.taskId);
         // Nobody asks here whether a ruling stands.
-        Judged memory judged = Judged(a.creator, a.serviceId, a.kindId, a.submitted, false);
+        Judged memory judged =
+            Judged(a.creator, a.serviceId, a.kindId, uint40(a.deadline - a.verdictWindow), false);
         return _count(f, _question(organization.kindNumbered(a.kindId), judged), signatures);
     }
 

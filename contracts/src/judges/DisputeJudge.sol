@@ -8,7 +8,7 @@ import {ICommitteeJudge, Quorum, Seat} from "../interfaces/ICommitteeJudge.sol";
 import {IDisputeJudge, Instance, InstanceRuling} from "../interfaces/IDisputeJudge.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
-import {Attempt, Ruling} from "../interfaces/ITaskManager.sol";
+import {Ruling, Task} from "../interfaces/ITaskManager.sol";
 import {Relayed} from "../libraries/Relayed.sol";
 import {Payments} from "../libraries/Payments.sol";
 import {Texts} from "../libraries/Texts.sol";
@@ -92,7 +92,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
 
     /// @inheritdoc IDisputeJudge
     function postVotes(Finding calldata f, string calldata reportUri, bytes calldata signatures) external {
-        Attempt memory a = tasks.attemptOf(f.taskId);
+        Task memory a = _case(f.taskId);
         Case storage c = _cases[f.taskId][f.attempt];
         Instance[] storage all = c.count == 0 ? _begin(f, a, c) : _go(f, c);
         uint248 by = _voters(f, a.kindId, c, all, signatures);
@@ -102,11 +102,11 @@ contract DisputeJudge is IDisputeJudge, Judge {
 
     /// @inheritdoc IDisputeJudge
     function challenge(TaskId taskId, uint8 attempt, uint8 instance, string calldata reason) external {
-        Attempt memory a = tasks.attemptOf(taskId);
-        Case storage c = _cases[taskId][a.number];
-        if (c.count == 0 || c.settled) revert NoCase(taskId, a.number);
-        if (attempt != a.number || instance + 1 != c.count) {
-            revert AnotherRuling(taskId, a.number, c.count - 1);
+        Task memory a = _case(taskId);
+        Case storage c = _cases[taskId][a.attempt];
+        if (c.count == 0 || c.settled) revert NoCase(taskId, a.attempt);
+        if (attempt != a.attempt || instance + 1 != c.count) {
+            revert AnotherRuling(taskId, a.attempt, c.count - 1);
         }
         InstanceRuling storage last = c.rulings[instance];
         if (block.timestamp > last.windowEnd) revert WindowOver(taskId, last.windowEnd, block.timestamp);
@@ -249,7 +249,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     }
 
     /// @dev The first ruling on an attempt, early enough for all that may follow: so no later window ends after the case.
-    function _begin(Finding calldata f, Attempt memory a, Case storage c)
+    function _begin(Finding calldata f, Task memory a, Case storage c)
         private
         returns (Instance[] storage all)
     {
@@ -325,10 +325,10 @@ contract DisputeJudge is IDisputeJudge, Judge {
     }
 
     /// @dev The same ruling stands longer, so that the next instance has time.
-    function _ruleAgain(TaskId taskId, Attempt memory a, InstanceRuling memory r) private {
+    function _ruleAgain(TaskId taskId, Task memory a, InstanceRuling memory r) private {
         uint96 amount = r.ruling == Ruling.Accepted ? r.paid : 0;
         // slither-disable-next-line unused-return
-        tasks.rule(taskId, a.number, a.proofHash, r.ruling, r.fault, amount, r.until, r.reportHash);
+        tasks.rule(taskId, a.attempt, a.proofHash, r.ruling, r.fault, amount, r.until, r.reportHash);
     }
 
     /// @dev Each voter has staked enough: what its instance asks for, and a tenth of what it has accepted and is open.

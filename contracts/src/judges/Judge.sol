@@ -6,7 +6,7 @@ import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
 import {IProviders} from "../interfaces/IProviders.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
-import {ITaskManager, Judged, Ruling} from "../interfaces/ITaskManager.sol";
+import {ITaskManager, Judged, Ruling, Task, TaskState} from "../interfaces/ITaskManager.sol";
 import {Texts} from "../libraries/Texts.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
@@ -78,7 +78,7 @@ abstract contract Judge is IJudge {
         if (ruling == Ruling.None) {
             if (next == address(0)) revert MustRule(f.taskId);
             emit PassedOn(f.taskId, f.attempt, next);
-            (ruling, until) = (Ruling.Void, tasks.attemptOf(f.taskId).caseEnd);
+            (ruling, until) = (Ruling.Void, _case(f.taskId).caseEnd);
         }
         a = tasks.rule(
             f.taskId, f.attempt, f.proofHash, ruling, f.fault, f.amount, uint40(until), f.reportHash
@@ -93,6 +93,12 @@ abstract contract Judge is IJudge {
     /// @param by as _isAmong reads it
     function _remember(Finding calldata f, uint248 by) internal {
         if (f.ruling == Ruling.None) _passed[f.taskId] = Passed(f.attempt, by);
+    }
+
+    /// @dev The task, whose proof waits for a ruling or has one that stands.
+    function _case(TaskId taskId) internal view returns (Task memory t) {
+        t = tasks.task(taskId);
+        if (t.caseEnd == 0) revert ITaskManager.WrongState(taskId, t.state, TaskState.Submitted);
     }
 
     /// @dev Whether `account` is among those that `by` stands for, or has the same owner as one of them.

@@ -3,7 +3,7 @@ pragma solidity ^0.8.28;
 
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
-import {Attempt, Judged} from "../interfaces/ITaskManager.sol";
+import {Judged, Task} from "../interfaces/ITaskManager.sol";
 import {Judge} from "./Judge.sol";
 
 /// @title One account decides, of those that have a role in the organization.
@@ -39,7 +39,7 @@ contract RoleJudge is Judge {
     /// @param reportUri where its report lies
     function ruleFor(IJudge judge, Finding calldata finding, string calldata reportUri) external {
         _requireRole();
-        Attempt memory a = tasks.attemptOf(finding.taskId);
+        Task memory a = _case(finding.taskId);
         _requireNoParty(finding.taskId, a.serviceId, a.creator, _caller());
         if (judge.hasPassedOn(finding.taskId, msg.sender)) revert JudgeIsAuditor(finding.taskId, msg.sender);
         judge.ruleForNext(finding, reportUri);

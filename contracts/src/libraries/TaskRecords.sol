@@ -12,7 +12,8 @@ import {TaskId} from "../types/TaskId.sol";
 /// @param price a multiple of the unit of prices, at most Units.max
 /// @param serviceId of the running (or last) attempt; while a task is open, the service that it names, or one of the
 /// provider that it names, or 0
-/// @param deadline has 32 bits in storage: until 2106
+/// @param time has 32 bits in storage: until 2106. The end of the execution window while the task is Assigned; when the proof
+/// came while it is Submitted or Ruled; else 0
 /// @param accepted the executor agreed to the running attempt, so that its failure costs the executor something
 /// @param attempt the running (or last) one, 1 for the first
 /// @param conditions the first task that had the creator's conditions, which are the members below
@@ -25,7 +26,7 @@ struct Record {
     uint256 reward;
     uint256 price;
     ServiceId serviceId;
-    uint256 deadline;
+    uint256 time;
     TaskState state;
     bool accepted;
     uint8 attempt;
@@ -62,11 +63,15 @@ library TaskRecords {
         t.reward = word >> 168;
         t.price = uint256(uint64(word >> 104)) * unit;
         t.serviceId = unpackService(uint32(word >> 72));
-        t.deadline = uint32(word >> 40);
+        t.time = uint32(word >> 40);
         t.conditions = uint32(word >> 8);
         t.attempt = uint8(word >> 4) & 15;
         t.accepted = word & 8 != 0;
         t.state = TaskState(word & 7);
+    }
+
+    /// @notice Read its conditions into `t`, too. Not with the rest, because some steps in the life of a task need none.
+    function loadConditions(Store storage store, Record memory t) internal view {
         uint256 wanted = store.conditions[t.conditions];
         t.creator = address(uint160(wanted >> 96));
         t.executionWindow = uint24(wanted >> 72);
@@ -81,7 +86,7 @@ library TaskRecords {
     /// @notice Write what changes in the life of a task.
     function save(Store storage store, TaskId taskId, Record memory t, uint256 unit) internal {
         uint256 progress = uint256(t.attempt) << 4 | (t.accepted ? 8 : 0) | uint256(t.state);
-        uint256 place = uint256(t.serviceId.pack()) << 72 | t.deadline << 40 | uint256(t.conditions) << 8;
+        uint256 place = uint256(t.serviceId.pack()) << 72 | t.time << 40 | uint256(t.conditions) << 8;
         store.tasks[taskId] = t.reward << 168 | (t.price / unit) << 104 | place | progress;
     }
 

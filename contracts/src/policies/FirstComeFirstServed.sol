@@ -1,33 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
-import {IServiceListener} from "../interfaces/IServiceListener.sol";
-import {IServiceManager} from "../interfaces/IServiceManager.sol";
-import {KindId} from "../types/KindId.sol";
-import {Passed} from "../types/Passed.sol";
-import {ServiceId} from "../types/ServiceId.sol";
-import {TaskId} from "../types/TaskId.sol";
+import {Choice} from "../interfaces/IServiceManager.sol";
+import {Policy} from "./Policy.sol";
 
 /// @title The service that has waited longest.
-contract FirstComeFirstServed is IMatchingPolicy {
-    /// @inheritdoc IMatchingPolicy
-    function serviceFor(IServiceManager services, KindId kindId, uint256 reward, Passed passed)
-        external
-        view
-        returns (ServiceId)
-    {
-        return services.longestIdle(kindId, reward, passed);
-    }
-
-    /// @inheritdoc IMatchingPolicy
-    function taskFor(
-        IServiceListener tasks,
-        IServiceManager,
-        KindId kindId,
-        ServiceId serviceId,
-        uint256 price
-    ) external view returns (TaskId) {
-        return tasks.oldestOpen(serviceId, kindId, price);
+contract FirstComeFirstServed is Policy {
+    function _choice() internal pure override returns (Choice) {
+        return Choice.Oldest;
     }
 }

@@ -17,11 +17,10 @@ function differ(KindId a, KindId b) pure returns (bool) {
     return KindId.unwrap(a) != KindId.unwrap(b);
 }
 
-/// @dev No address is as long.
-uint256 constant FOR_PROVEN = 1 << 200;
-
-/// @notice The number of the queue of a kind's tasks that name nobody.
+/// @notice The number of a queue of open tasks. No provider's address is as small as a service's number, because whoever has
+/// services has signed for them, and none reaches the last bit.
+/// @param named the service, or the provider as a number, that the tasks name; 0 for those that name nobody
 /// @param proven of those that only proven providers are offered
-function queueOf(KindId kindId, bool proven) pure returns (uint256) {
-    return KindId.unwrap(kindId) | (proven ? FOR_PROVEN : 0);
+function queueOf(KindId kindId, uint160 named, bool proven) pure returns (uint256) {
+    return uint256(named) << 8 | KindId.unwrap(kindId) | (proven ? 1 << 255 : 0);
 }

@@ -6,7 +6,7 @@ import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Hire, Standing, Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../../src/policies/LowestPrice.sol";
-import {ServiceId} from "../../src/types/ServiceId.sol";
+import {NO_SERVICE, ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
 import {Fixture} from "../Fixture.sol";
 import {UnrulyPolicy} from "../StubPolicies.sol";
@@ -125,7 +125,7 @@ contract EscrowInvariants is Fixture {
             bool available = offered[i].state == ServiceState.Active && offered[i].taskId == NO_TASK;
             assertEq(offered[i].place != 0, available, "a service waits exactly when it is available");
             if (available) {
-                TaskId fitting = tasks.oldestOpen(serviceNo(i + 1), cleaning(), offered[i].price);
+                TaskId fitting = tasks.queues().oldestOpen(serviceNo(i + 1), cleaning(), offered[i].price);
                 bool overlooked = _handler.mayOverlook(fitting, offered[i].provider);
                 assertTrue(fitting == NO_TASK || overlooked, "a task and its service wait");
             }
@@ -152,7 +152,7 @@ contract EscrowInvariants is Fixture {
             if (posted[i].state == TaskState.Open && posted[i].hired == Hire.None) oldest = taskNo(i + 1);
         }
         assertEq(
-            tasks.queues().oldestOf(cleaning(), 0, 0, true),
+            tasks.queues().oldestOpen(NO_SERVICE, cleaning(), 0),
             oldest,
             "the oldest open task is not the next one"
         );

@@ -86,7 +86,7 @@ contract GriefingHandler is Numbers, Test {
     function rule(uint256 which, uint8 said, uint256 until) external {
         (TaskId taskId, Task memory t) = _at(which, TaskState.Submitted);
         if (t.state != TaskState.Submitted && t.state != TaskState.Ruled) return;
-        uint256 caseEnd = _tasks.attemptOf(taskId).caseEnd;
+        uint256 caseEnd = _tasks.task(taskId).caseEnd;
         if (block.timestamp >= caseEnd) return;
         Ruling ruling = said % 2 == 0 ? Ruling.Accepted : Ruling(bound(said, 2, 5));
         until = until % 2 == 0 ? 0 : bound(until, block.timestamp + 1, caseEnd);

@@ -210,7 +210,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         // Less than a unit of prices is nothing.
         if (_isOwn(t.creator, provider) || done + failed < 1 gwei) return;
         Work memory w = _workOf(provider);
-        uint256 most = _organization.referencePriceOf(t.kind);
+        uint256 most = _organization.referencePriceOf(_organization.kindNumbered(t.kindId));
         (done, failed) = (_min(done, most), _min(failed, most));
         if (t.creator != address(_organization)) {
             bool again = w.creator == t.creator && w.since == block.timestamp / 1 days;

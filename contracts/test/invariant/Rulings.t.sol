@@ -50,7 +50,7 @@ contract RulingsHandler is Numbers, Test {
     function rule(uint256 which, uint8 said, uint256 amount, uint256 until) external {
         (TaskId taskId, Task memory t) = _at(which);
         if (t.state != TaskState.Submitted && t.state != TaskState.Ruled) return;
-        uint256 caseEnd = _tasks.attemptOf(taskId).caseEnd;
+        uint256 caseEnd = _tasks.task(taskId).caseEnd;
         if (block.timestamp > caseEnd) return;
         Ruling ruling = Ruling(bound(said, 1, 5));
         amount = ruling == Ruling.Accepted ? bound(amount, 1, t.price) : 0;

@@ -136,8 +136,8 @@ def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its
     assert client.task(task_id).creator == client.organization
     number = client.kind(KIND).number
     last = client.service_count()
-    assert view(client, "TaskManager", "oldestOpen", last, number, REWARD) == task_id
-    assert view(client, "TaskManager", "oldestOpen", last, number, REWARD + 10**9) == 0
+    assert view(client, "TaskQueues", "oldestOpen", last, number, REWARD) == task_id
+    assert view(client, "TaskQueues", "oldestOpen", last, number, REWARD + 10**9) == 0
     logged = organization.events(organization.operator, client.organization_calls.cancel_task(task_id))
     assert logged == [TaskCancelled(task_id, REWARD)]
     assert client.balance(client.organization) == before
@@ -146,13 +146,13 @@ def test_the_organization_is_the_creator_of_what_its_operator_posts_and_gets_its
 def test_a_service_is_found_by_price_and_paused(organization: Organization, service_id: int) -> None:
     client = organization.client
     number = client.kind(KIND).number
-    assert view(client, "ServiceManager", "longestIdle", number, PRICE, 0) == service_id
-    assert view(client, "ServiceManager", "longestIdle", number, PRICE - 10**9, 0) == 0
+    assert view(client, "ServiceManager", "bestIdle", number, PRICE, 0, 0) == service_id
+    assert view(client, "ServiceManager", "bestIdle", number, PRICE - 10**9, 0, 0) == 0
     logged = organization.events(
         organization.robot, client.calls.update_service(service_id, PRICE, ServiceState.PAUSED)
     )
     assert logged == [ServiceUpdated(service_id, PRICE, ServiceState.PAUSED)]
-    assert view(client, "ServiceManager", "longestIdle", number, PRICE, 0) == 0
+    assert view(client, "ServiceManager", "bestIdle", number, PRICE, 0, 0) == 0
     assert client.service(service_id).state is ServiceState.PAUSED
 
 

@@ -240,7 +240,7 @@ class Life:
         client, judges = self.organization.client, self.judges
         for task_id in self._tasks(TaskState.SUBMITTED):
             ruling = self.random.choice([*Ruling, Ruling.NONE])
-            number = client.attempt_of(task_id).kind_id
+            number = client.task(task_id).kind_id
             by_auditors = client.judge_numbered(number) == judges[1] or client.is_judge_removed(number)
             if by_auditors:
                 found = self._found(task_id, ruling or Ruling.REJECTED)
@@ -255,10 +255,10 @@ class Life:
         client = self.organization.client
         for task_id in self._tasks(TaskState.RULED):
             found = self._found(task_id, self.random.choice([Ruling.REJECTED, Ruling.ACCEPTED]))
-            judge, uri = client.judge_numbered(client.attempt_of(task_id).kind_id), "file:///audit.json"
-            if client.is_judge_removed(client.attempt_of(task_id).kind_id):
+            judge, uri = client.judge_numbered(client.task(task_id).kind_id), "file:///audit.json"
+            if client.is_judge_removed(client.task(task_id).kind_id):
                 call = client.auditor_calls.rule(found, uri)
-            elif client.attempt_of(task_id).deadline < self.clock.now_s:
+            elif client.task(task_id).deadline < self.clock.now_s:
                 continue  # nobody has passed it on
             else:
                 call = client.auditor_calls.rule_for(judge, found, uri)
@@ -318,7 +318,7 @@ class Life:
             self.organization.send(self.organization.operator, calls.remove_judge(number))
             self.organization.send(self.organization.operator, calls.allow_kind(KIND, oracles, PROOF))
             for task_id in self._tasks(TaskState.RULED):
-                if client.attempt_of(task_id).kind_id == number:
+                if client.task(task_id).kind_id == number:
                     self.organization.send(self.organization.operator, client.calls.conclude(task_id))
         for service_id in self._shuffled(client.service_count()):
             service = client.service(service_id)
