@@ -176,7 +176,9 @@ class Rebuilt:
             case events.TaskSettled():
                 accepted = self.standing[event.task_id].ruling is Ruling.ACCEPTED
                 self._release(event.task_id, "completed" if accepted else None, event.paid, time_s)
-                self._task(event.task_id, state=TaskState.SETTLED, deadline=0, case_end=0, proof_hash=NO_PROOF)
+                self._task(
+                    event.task_id, state=TaskState.SETTLED, deadline=0, case_end=0, proof_hash=NO_PROOF
+                )
             case events.TaskRequeued():
                 self._release(
                     event.task_id, _COUNTERS.get(event.cause), self.tasks[event.task_id].price, time_s

@@ -82,7 +82,9 @@ def test_three_of_five_pay_honest_work_while_one_lies_and_one_is_off(dao: Dao, t
     dao.running.start("oracle.carl")  # it completes the votes
     verdict = executor.verdict(task_id, attempt)
     assert (verdict["verdict"], verdict["reason"]) == ("accepted", "accepted")
-    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "the payment")
+    dao.wait_for(
+        lambda: "VotesCounted" in dao.names_of(task_id), "the count, which is logged after the payment"
+    )
     (counted,) = [one for one in dao.events if one.name == "VotesCounted" and one.task_id == task_id]
     assert counted.args["seats"] == 0b00111
     assert counted.args["rules"] == task.rules_sha256
