@@ -58,7 +58,7 @@ def run() -> dict[str, float | None]:
     who logged in) and `console_map_updates_per_s` (of the browser that drew fewest);
     with a thousand tasks, medians from the click to what it asked for: `console_tasks1000_overview_ms`,
     `_list_ms` and `_treasury_ms` (from asking to a page that shows its rows), `_filter_ms`, `_search_ms`
-    (with the 300 ms in which people go on typing) and `_next_page_ms`, and `_event_to_page_p95_ms` on the
+    (with the 300 ms in which people continue typing) and `_next_page_ms`, and `_event_to_page_p95_ms` on the
     list. A figure is None, and a line says why, where a page did not answer in time or was loaded again."""
     figures: dict[str, float | None] = {}
     with chromium() as browser:
@@ -222,7 +222,7 @@ def _with_many_tasks(page: Page) -> dict[str, float | None]:
 
 
 def _median_ms(action: Callable[[], None], before: Callable[[], None]) -> float:
-    """Of `LOADS` times; `before` each of them is not counted."""
+    """Median over `LOADS` times, ms. The run of `before` is not counted."""
     took_ms = []
     for _ in range(LOADS):
         before()

@@ -32,7 +32,7 @@ COMPOSED = 1_000
 WORKERS = 2
 
 _shops: list[Shops] = []
-"""Of a worker: those it filmed."""
+"""The workshops that a worker process filmed."""
 
 
 def run() -> dict[str, float]:

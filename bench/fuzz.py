@@ -3,7 +3,7 @@
 `fuzz_runs` (FUZZ_RUNS, 5000) with seeds from the commit's hash. `fuzz_wrong`: those that ended without a
 named outcome, raised unforeseen, or were accepted although what was signed was changed; each is printed with
 its seed and the fewest changes that do it. What was found is kept in `out/fuzz.json`: a run that was stopped
-goes on there, and another commit begins anew.
+continues there, and another commit begins anew.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ RUNS = 5_000
 _KEPT_EVERY = 25
 
 _shops: list[Shops] = []
-"""Of a worker: those it filmed."""
+"""The workshops that a worker process filmed."""
 
 
 def run() -> dict[str, float | None]:

@@ -59,7 +59,7 @@ Level = Literal["none", "moderate", "heavy"]
 LEVELS: dict[Level, Noise] = {"none": HEAVY.times(0.0), "moderate": HEAVY.times(1 / 3), "heavy": HEAVY}
 TARGET_SOC = 0.95
 _SIGHT_NOISE_M = 0.004
-"""Of where the robot sees an item from above."""
+"""Error of where the robot sees an item from above."""
 _TRIES = 5
 """Draws of a cleaning until the operator succeeds."""
 _TOLD_EVERY = 20
@@ -76,7 +76,7 @@ class Reached(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Of the limit; 1 is at it. What must be at least the limit counts the other way round."""
+        """Share of the limit; 1 is at it. What must be at least the limit counts the other way round."""
         less, more = sorted((abs(self.measured), abs(self.limit)))
         return less / more if more else 0.0
 
@@ -144,7 +144,7 @@ def shares(outcomes: list[Outcome]) -> dict[str, float]:
 
 
 def _nearest(outcomes: list[Outcome]) -> Table:
-    """Of each check what came nearest to its limit, without noise and with it."""
+    """For each check, what came nearest to its limit, without noise and with it."""
     table = Table("check", *LEVELS, "limit", title="nearest to the limit", box=None, title_justify="left")
     nearest: dict[tuple[str, str], dict[Level, Reached]] = {}
     for outcome in outcomes:

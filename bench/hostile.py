@@ -75,7 +75,7 @@ from rodeo_testing.recordings import (
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
 SWAY_S = 10
-"""Of the carry's end, which is done there and back again."""
+"""Length of the end of the carry that is done there and back again."""
 SWAYS = int(0.85 * COUNTS.carried_s / SWAY_S / 2)
 CHARGE_S = 4 * 3600
 STRANGER = Account.create()
@@ -168,14 +168,14 @@ def tiny_messages(site: Site, film: Take, folder: Path) -> Hostile:
 
 
 def pictures(site: Site, film: Take, folder: Path) -> Hostile:
-    """Of zeros, which compress well."""
+    """Pictures of zeros, which compress well."""
     picture = new(topics.BIN_IMAGE.type, format="jpeg", data=np.zeros(PICTURE_BYTES, np.uint8))
     sample = Sample("y", topics.BIN_IMAGE.type, picture, film.samples[0].time_ns)
     return _sealed(site, film, folder, [sample] * (COUNTS.uncompressed_bytes // PICTURE_BYTES - 10))
 
 
 def events(site: Site, film: Take, folder: Path) -> Hostile:
-    """Of empty lists, which take the most memory for their bytes."""
+    """Events that hold empty lists, which take the most memory for their bytes."""
     return _sealed(site, film, folder, [_note(film, {"event": [[]] * 300_000}, EVENT_CHANNEL)] * 2)
 
 

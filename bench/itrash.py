@@ -97,7 +97,7 @@ def run() -> dict[str, float]:
 def _photo_figures(
     classifier: Classifier, photos: list[Sample], answers: metrics.Answers
 ) -> dict[str, float]:
-    """Of a network that did not learn from these photos."""
+    """Figures of a network that did not learn from these photos."""
     grouped, _ = evaluation.grouped_accuracy(answers, photos, load_photos(TRASHNET / "train"))
     corrupted = evaluation.corrupted_accuracy(classifier, photos, every=CORRUPTED_EVERY)
     return {

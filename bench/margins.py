@@ -85,7 +85,7 @@ class Film:
 
     @property
     def middle_s(self) -> float:
-        """Of the carry."""
+        """The middle of the carry."""
         return (self.lifted_s + self.release_s) / 2
 
     def carried(self, sample: Sample, length_s: float) -> bool:
@@ -276,7 +276,7 @@ def base_unseen(film: Film, size: float) -> Staged:
 
 @disturbance("share", "seen_throughout", 0.98)
 def statements_lost(film: Film, size: float) -> Staged:
-    """Of motion capture's statements so many are lost for good, at random."""
+    """So many of motion capture's statements are lost for good, at random."""
     chance = np.random.default_rng(1)
 
     def edit(one: Attestation) -> Attestation | None:
@@ -329,7 +329,7 @@ def odometry_scale(film: Film, size: float) -> Staged:
 
 @disturbance("share", "cleaning_missed", 0.9)
 def messages_lost(film: Film, size: float) -> Staged:
-    """Of each topic of the robot so many messages are lost, at random."""
+    """So many messages of each of the robot's topics are lost, at random."""
     chance = np.random.default_rng(1)
     kept = [s for s in film.take.samples if not (_of_robot(s) and chance.random() < size)]
     return Staged(Take(kept))
@@ -403,7 +403,7 @@ def heads_unheard(film: Film, size: float) -> Staged:
 
 @disturbance("share", "order", 1)
 def heads_lost(film: Film, size: float) -> Staged:
-    """Of the recorder's heads so many reach nobody, at random."""
+    """So many of the recorder's heads reach nobody, at random."""
     chance = np.random.default_rng(1)
     return Staged(film.take, Witnesses(hears=lambda _time_s: bool(chance.random() >= size)))
 
@@ -460,7 +460,7 @@ def left_out_after(film: Film, size: float) -> Staged:
 
 @disturbance("share", "in_sequence", 0.9, charge=True)
 def records_lost(take: Take, size: float) -> Staged:
-    """Of the meter's records so many are lost, at random."""
+    """So many of the meter's records are lost, at random."""
     chance = np.random.default_rng(1)
 
     def keep(one: Attestation) -> Attestation | None:

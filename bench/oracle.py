@@ -51,7 +51,7 @@ ROUND = (4.7, 1.7), (5.2, 3.4)
 """Places to pass on the way to the bin."""
 ROUNDS = 8
 SWAY_RAD = 0.1
-"""Of each joint of the arm while it drives."""
+"""By how much each joint of the arm sways while it drives."""
 CHARGED_FROM = 0.525
 """State of charge from which a charge takes 65 minutes."""
 REPEATS = 5

@@ -48,7 +48,7 @@ class Cleanings:
 
     figures: dict[str, float]
     events: list[tuple[str, float]]
-    """Of the first: names and site times (s)."""
+    """Events of the first run: names and site times (s)."""
     balances: dict[str, str]
     """By name, in IEC, when the first was paid."""
 

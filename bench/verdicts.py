@@ -34,7 +34,7 @@ class Verdict(NamedTuple):
     outcome: str
     fault: str | None
     amount_iec: str | None
-    """Of an accepted proof; None is the task's full price."""
+    """Amount of an accepted proof; None is the task's full price."""
     check: str | None
     """That decided against it."""
 

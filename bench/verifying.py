@@ -18,7 +18,7 @@ class Cost(NamedTuple):
     cpu_s: float
     peak_mb: float
     reason: str
-    """Of the verdict."""
+    """Reason of the verdict."""
 
 
 def cost_of(site: Site, chain_record: ChainRecord, path: Path) -> Cost:

@@ -29,14 +29,14 @@ from rodeo.tls import OPERATOR
 from rodeo.topics import BODY, TOPICS, Form, Plane, Topic
 
 _PEOPLE = (OPERATOR, "console")
-"""Who speaks for people, and may ask for everything."""
+"""Processes that speak for people, and may ask for everything."""
 
 _CALLERS: dict[str, str] = {
     topics.NAVIGATE_TO_POSE.key: "robot_agent",
     topics.FOLLOW_JOINT_TRAJECTORY.key: "robot_agent",
     topics.GRIPPER_CMD.key: "robot_agent",
     topics.MOTOR_POWER.key: "robot_agent",
-    # Whoever stops another owner's robot, or lets it go on, decides over its work.
+    # Whoever stops another owner's robot, or lets it continue, decides over its work.
     topics.EMERGENCY_STOP.key: "robot_agent",
     topics.BIN_CAPTURE.key: "itrash",
     topics.DOCK_ENABLE.key: "charger",
@@ -216,7 +216,7 @@ def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
 
 
 def _written_by_bridge(site: Site, topic: Topic, process: str) -> Iterator[str]:
-    """Of several each answers for its own wallets, and the site's own one tells of the chain."""
+    """Each of several bridges answers for its own wallets, and the site's own one publishes the chain."""
     if topic is topics.COMMAND:
         for participant in _own(site, process, "wallet"):
             yield topic.pattern(org=site.org, participant=participant)
@@ -231,7 +231,7 @@ def _asked_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
 
 
 def _keys(site: Site, topic: Topic, speaker: str, **names: str) -> Iterator[str]:
-    """Of its own bin or dock; of all for a process that is none's."""
+    """The key of its own bin or dock; of all of them for a process that belongs to none."""
     bins = _own(site, speaker, "bin") or [one.name for one in site.bins]
     docks = _own(site, speaker, "dock") or [dock.name for dock in site.docks]
     judges = _own(site, speaker, "oracle") or ["*"]

@@ -1,6 +1,6 @@
 """Put the organization's contracts on the site's chain: `python -m deploy.contracts --site FILE`.
 
-Idempotent, and it goes on where it was interrupted: contracts that are there are kept (unless the chain was
+Idempotent, and it continues where it was interrupted: contracts that are there are kept (unless the chain was
 reset, or a local chain's were built from other sources), and so is every rule that already holds. Of the
 fixed supply of `economy.supply_iec`, the organization and each robot get `economy.initial_iec`; the rest goes
 to the organization's administrator, who brings it in with Organization.deposit when the treasury needs it.
@@ -62,7 +62,7 @@ _LONGEST_VERDICT_S = 7 * 24 * 3600
 
 
 class OtherGovernance(RodeoError):
-    """Who decides is another on chain than in the site file, and neither is changed by this step."""
+    """Another governance decides on chain than the site file names, and this step changes neither."""
 
 
 class MemberTwice(RodeoError):
@@ -103,7 +103,7 @@ class _Sender:
         self._by_timelock = client.deployment.has_timelock
         self.is_founding = self._by_timelock and client.decision_delay_s() == 0
         self._waiting: list[Call] = []
-        """Of the administrator to the organization."""
+        """Calls of the administrator to the organization."""
         self.sent: Counter[str] = Counter()
         """Address -> transactions."""
 
@@ -168,7 +168,7 @@ class _Sender:
 
 
 def _at_once(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
-    """What the administrator's key sends so that the organization is told `calls`: several are all to its own
+    """What the administrator's key sends so that the organization gets `calls`: several are all to its own
     contract. Where a timelock is the administrator, that works until the founding ends."""
     if client.deployment.has_timelock:
         return client.governance_calls.found(calls, os.urandom(32))
@@ -178,7 +178,7 @@ def _at_once(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
 
 
 def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
-    """Deploy what is missing; running it again after an error goes on from there.
+    """Deploy what is missing; running it again after an error continues from there.
 
     Raises ChainError, KindError, WalletError, OtherRelease or WithoutGasMoney; WrongChain before anything is
     sent there.
@@ -379,8 +379,8 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
             if site.chain.backend == "external" and deployment.genesis_hash == genesis_hash:
                 raise OtherRelease(
                     "the organization's contracts are of another release, and this one works with its own "
-                    "only: go on with the software of that release, or move the record away and run `rodeo "
-                    "site prepare`, which founds a new organization",
+                    "only: continue with the software of that release, or move the record away and run "
+                    "`rodeo site prepare`, which founds a new organization",
                     organization=deployment.contracts["Organization"],
                     record=str(Deployment.path(folder, chain_id)),
                 ) from mismatch
@@ -542,7 +542,7 @@ def _roles_to_grant(
 
 
 def _former_oracle(site: Site, client: ChainClient) -> str | None:
-    """Who judges alone on chain, and by the site file no longer does."""
+    """The account that judges alone on chain, and by the site file no longer does."""
     if not site.oracles or not keystores.keystore_path(site, ORACLE).exists():
         return None
     oracle = _told(site, ORACLE)
@@ -612,7 +612,7 @@ def _has_judges(site: Site, client: ChainClient, kind: Kind) -> bool:
 
 
 def _judge_there(client: ChainClient, rules: KindRules) -> str | None:
-    """Who judges on chain; None for a kind that never had a judge."""
+    """The judge on chain; None for a kind that never had one."""
     return client.judge_numbered(rules.number) if rules.number else None
 
 

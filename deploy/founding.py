@@ -1,6 +1,6 @@
 """Creates an organization's contracts through the registry of this release, at addresses known beforehand.
 
-Any order of events leaves something to go on from: what is there with the same code and arguments is kept,
+Any order of events leaves something to continue from: what is there with the same code and arguments is kept,
 and a transaction may be sent again. With the same founder, name and release the addresses are the same on
 every chain that has the deterministic deployment proxy.
 """
@@ -36,7 +36,7 @@ from rodeo.files import replace_file
 log = logging.getLogger(__name__)
 
 MAX_CODE_BYTES = 58_000
-"""Of the creation code in one transaction: its gas stays below 2^24, more than which no transaction may have
+"""Most creation code in one transaction: its gas stays below 2^24, more than which no transaction may have
 (EIP-7825), with a fifth to spare, and its size below the 128 KiB that geth takes."""
 
 Say = Callable[[str], object]

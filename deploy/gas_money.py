@@ -45,7 +45,7 @@ class Purse:
 
 
 def purses(site: Site, w3: Web3, deployed: bool) -> Iterator[Purse]:
-    """Of each wallet that sends transactions, at what gas costs now. Raises ChainUnavailable."""
+    """A purse for each wallet that sends transactions, at what gas costs now. Raises ChainUnavailable."""
     with translated():
         base_fee = w3.eth.get_block("latest")["baseFeePerGas"]
         fee = (

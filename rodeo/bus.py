@@ -209,7 +209,7 @@ class Bus:
         `inline` calls it in the session's receiving thread: it must be short, and wait for nothing.
 
         A payload that is not a JSON object is logged and left out; it came from a faulty publisher, and
-        the subscription goes on.
+        the subscription continues.
         """
 
         return self.subscribe_bytes(

@@ -23,7 +23,7 @@ SOC_SLACK = 0.02
 SOC_USED = 0.1
 """What a robot may use from its order until it stands on the dock: the way, and half an hour's wait."""
 COMPLETE_SHARE = 0.95
-"""Of the ordered energy."""
+"""Share of the ordered energy that makes a charge complete."""
 REACHED_SHARE = 0.75
 """The same for a robot that signs that it reached its target: an order is an upper estimate. With less it was
 nearly there before."""

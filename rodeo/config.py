@@ -302,11 +302,11 @@ MIN_VOTERS = 3
 
 
 class GovernanceConfig(_Table):
-    """Who decides about the organization, and how fast."""
+    """The party that decides about the organization, and how fast."""
 
     kind: Literal["administrator", "vote"] = "administrator"
-    """Whose decisions they are: those of the key of `organization`, which proposes them, or of the members by
-    vote. It counts when the contracts are deployed."""
+    """The decisions that count: those of the key of `organization`, which proposes them, or of the members
+    by vote. It counts when the contracts are deployed."""
     delay_s: int = Field(default=2 * 24 * 3600, ge=0, le=30 * 24 * 3600)
     """Time between a proposal of the administrator, or a decision of the members, and its execution, s:
     everybody can see it coming. 0, which only an administrator may have: its key acts at once. It counts when
@@ -357,7 +357,8 @@ class InstanceConfig(_Table):
 
 
 class AppealConfig(InstanceConfig):
-    """Who decides when the decision about a challenge is challenged, too. Nothing overturns that."""
+    """The committee that decides when the decision about a challenge is challenged, too. Nothing overturns
+    that."""
 
     decision_s: int = Field(default=12 * 3600, ge=60, le=7 * 24 * 3600)
     """How long the judges may take, s. By default all fits into the default of `economy.verdict_window_s`."""
@@ -373,7 +374,7 @@ class DisputesConfig(InstanceConfig):
 
     @property
     def instances(self) -> list[InstanceConfig]:
-        """Who decides about challenges, one committee after the other."""
+        """The committees that decide about challenges, one after the other."""
         return [self] if self.appeal is None else [self, self.appeal]
 
     @property
@@ -483,7 +484,8 @@ class StoreConfig(_Table):
     allowed: list[StoreUrl] = []
     """Further URL prefixes that a proof may be fetched from."""
     options: dict[str, Any] = {}
-    """Of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not belong here."""
+    """Options of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not
+    belong here."""
 
     @field_validator("options")
     @classmethod
@@ -925,7 +927,7 @@ def _process(job: str, parts: Sequence[Part], name: str) -> str:
 
 
 def body_identity(robot: str) -> str:
-    """Who the body of `robot` is on the bus, simulated or real: the name in its certificate."""
+    """The body of `robot` on the bus, simulated or real: the name in its certificate."""
     return f"{BODY}.{robot}"
 
 

@@ -15,7 +15,8 @@ from fractions import Fraction
 from rodeo.errors import RequestError
 
 MIN_DECIMALS, MAX_DECIMALS = 2, 18
-"""Of a payment token, as `Units.unitOf` on chain: prices are named in cents, and have 88 bits."""
+"""Decimals that a payment token may have, as `Units.unitOf` on chain: prices are named in cents, and have
+88 bits."""
 
 _DIGITS = 77
 """A uint256 holds any number of so many."""

@@ -11,7 +11,7 @@ from rodeo.config import Site
 
 _MB = 1_000_000
 _SMALL_SHARE = 0.05
-"""Of a file system: more than that is never asked for, or a small one would never do."""
+"""Share of a file system: more than that is never asked for, or a small one would never do."""
 _MIN_FILES = 100
 """Files that can still be made, where the file system counts them."""
 

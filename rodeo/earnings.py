@@ -39,7 +39,7 @@ class Line(BaseModel):
     """What that costs by the site's tariffs."""
     transactions: int = 0
     gas: int = 0
-    """Of the transactions that its key signed."""
+    """Gas of the transactions that its key signed."""
     fee_eth: Decimal = Decimal(0)
     """What they cost on the site's own chain."""
     without_gas: int = 0

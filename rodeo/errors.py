@@ -202,7 +202,7 @@ _PASSING = frozenset(
 
 
 class DiskFull(RodeoError):
-    """There is no room for what must be written. Nothing was lost but that; once there is room it goes on."""
+    """There is no room for what must be written. Only that was lost; work continues once there is."""
 
 
 class FolderTaken(RodeoError):

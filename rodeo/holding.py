@@ -1,4 +1,5 @@
-"""Who follows the simulator's clock says whether it may go on: conservative time management.
+"""Conservative time management: the processes that follow the simulator's clock say whether it may
+continue.
 
 A process that holds the clock is *busy* while it works on something that arrived, or has *nothing to do
 before T*. The simulator passes neither. What it sent is taken when each holder has answered the mark that it
@@ -86,7 +87,7 @@ class Holder:
         self._token = session.liveliness().declare_token(key)
         self._publisher = session.declare_publisher(
             key,
-            # Lost, it would hold the clock for ever; sent late, for long.
+            # Lost, it would hold the clock indefinitely; sent late, for long.
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
         )

@@ -38,7 +38,7 @@ from rodeo.strict_json import finite
 _KEEP_ALIVE_S = 5
 _MAX_HEAD_BYTES = 16 << 10
 _MAX_ADDRESSES = 10_000
-"""Whose requests are counted; beyond that counting begins anew."""
+"""Most addresses whose requests are counted; beyond that counting begins anew."""
 _STOP_S = 2
 
 
@@ -52,7 +52,7 @@ class Limits:
     request_s: float = 30.0
     """Wall time for a request and its answer; then the connection is cut."""
     requests_per_s: float = 200.0
-    """Of one address, on average; infinite for callers that are the site's own."""
+    """Requests per second of one address, on average; infinite for callers that are the site's own."""
     burst: int = 1000
     """Requests of one address at once."""
 
@@ -226,8 +226,8 @@ class LimitRate:
 
 class _ImpatientProtocol(H11Protocol):
     """Cuts a connection that did not send its request and read the answer in time, and refuses requests on
-    more connections than there may be. Uvicorn would wait for ever, and as many of them as there may be would
-    keep everybody else out. A websocket may stay."""
+    more connections than there may be. Uvicorn would wait indefinitely, and as many would keep everybody else
+    out. A websocket may stay."""
 
     def __init__(self, *arguments: Any, limits: Limits, **named: Any) -> None:
         super().__init__(*arguments, **named)

@@ -129,7 +129,7 @@ def last_ending(data_dir: Path) -> Ending | None:
     try:
         return Ending.model_validate_json((data_dir / _ENDING).read_bytes())
     except (OSError, ValidationError):
-        # Nobody needs it to go on: one that was cut off by a full disk is none.
+        # Nobody needs it to continue: one that was cut off by a full disk is none.
         return None
 
 

@@ -78,7 +78,8 @@ def device_names(site: Site) -> dict[str, SiteDevice]:
 
 
 def keystore_path(site: Site, name: str) -> Path:
-    """Of participant or device `name`; a robot's is the one that the site file gives it as wallet."""
+    """The keystore of participant or device `name`; a robot's is the one that the site file gives it as
+    wallet."""
     stem = next((robot.wallet for robot in site.robots if robot.name == name), name)
     return site.data_dir / "keys" / f"{stem}.json"
 

@@ -39,7 +39,7 @@ PEOPLES_MIN_WINDOW_S = 3600
 """The shortest where people do the work, who accept it in the first half."""
 
 MAX_GRACE_S, GRACE_STEP_S = 2550, 10
-"""Of the contracts: a task keeps its grace period in 8 bits."""
+"""Limits of the contracts: a task keeps its grace period in 8 bits."""
 
 DEFAULT_PRICE_IEC = Decimal(100)
 """Reference price of a kind that names no price: what a newcomer's record counts for."""
@@ -104,7 +104,7 @@ class Kind:
     title: str
     description: str
     judge: Judge
-    """Who judges a proof. An oracle judges only what has checks."""
+    """The judge of a proof. An oracle judges only what has checks."""
     params: type[BaseModel] | None = None
     """Model of a task's parameters; None if `parameters` defines them."""
     parameters: Mapping[str, Any] = field(default_factory=dict)

@@ -41,8 +41,8 @@ ExecutionWindow = Annotated[int, Field(ge=60, le=30 * 86_400)]
 """Seconds from assignment to proof, within what the contract takes."""
 
 Namers = Literal["proven", "nobody", "anybody"]
-"""Whose tasks may name a service: those of proven creators, nobody's, or anybody's. Whoever owns the
-service's provider may always."""
+"""Creators whose tasks may name a service: proven ones, nobody, or anybody. The owner of the service's
+provider may always."""
 
 Policy = Literal["first_come", "lowest_price", "highest_reputation"]
 """How the organization chooses a service for a task."""
@@ -188,7 +188,7 @@ Finding = Literal["accepted", "rejected", "given_up", "impossible", "void", "und
 """Undecided is no ruling: the judge passes the case on to the organization's auditors."""
 
 Fault = Literal["nobody", "creator", "creators_witness", "other_witness", "oracle"]
-"""Whose doing a void task is. A creator's witness is a device that the creator owns."""
+"""The party at fault for a void task. A creator's witness is a device that the creator owns."""
 
 
 class Rule(Command):
@@ -199,7 +199,7 @@ class Rule(Command):
     proof_sha256: Hex32
     ruling: Finding
     fault: Fault = "nobody"
-    """Of a void ruling, and of an undecided one."""
+    """The party at fault for a void ruling, and for an undecided one."""
     amount_iec: Iec | None = None
     """The part of the agreed price that the executor is paid. The rest of the reward goes back to the
     creator."""
@@ -226,7 +226,7 @@ class Vote(Message):
     rules_sha256: Hex32
     ruling: Finding
     fault: Fault = "nobody"
-    """Of a void ruling, and of an undecided one."""
+    """The party at fault for a void ruling, and for an undecided one."""
     amount_iec: Iec = Decimal(0)
     """The part of the agreed price that the executor is paid; 0 unless accepted."""
     reason: str = Field(max_length=500)
@@ -253,7 +253,7 @@ class SealedVote(Message):
     task_id: Id
     attempt: Attempt
     signature: Signature
-    """Of the whole `Vote`."""
+    """Signature of the whole `Vote`."""
 
 
 class PostVotes(Command):
@@ -300,7 +300,7 @@ class SignVote(Message):
 
 
 JUDGES = ("the oracles", "the judges of challenges", "the judges of the appeal")
-"""Who judges, one after the other: `Dispute.instance`."""
+"""The judges, one after the other: `Dispute.instance`."""
 
 
 class Standing(Message):
@@ -318,11 +318,11 @@ class Dispute(Message):
     """A ruling that can be, or was, challenged."""
 
     instance: int
-    """Whose ruling it is: 0 for the oracles', 1 for that of the judges of challenges."""
+    """The instance whose ruling it is: 0 for the oracles, 1 for the judges of challenges."""
     until: float
     """End of the window in which it can be challenged, or of the time to decide about a challenge."""
     challenger: str | None = None
-    """Who challenged it."""
+    """The account that challenged it."""
     stake_iec: Amount | None = None
     because: str | None = None
     """The challenger's reason."""
@@ -352,9 +352,9 @@ class SetPayout(Command):
     names one once. Then only the address that is paid can name the next."""
 
     payout: Party
-    """Who is paid from now on. The provider itself gets the right to choose back."""
+    """The account that is paid from now on. The provider itself gets the right to choose back."""
     provider: Party | None = None
-    """Whose payments; by default the sender's own."""
+    """The provider that is paid; by default the sender."""
 
 
 Payment = Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]
@@ -435,7 +435,7 @@ class Withdraw(Command):
 
 
 Judge = Literal["oracle", "auditor"] | Address
-"""Who judges the proofs of a kind: the organization's oracles, however many have to agree; its auditors; or
+"""The judge of a kind's proofs: the organization's oracles, however many have to agree; its auditors; or
 another contract."""
 
 
@@ -629,7 +629,7 @@ class OpenBudgetVote(Command):
     proposed, and only where members vote. It begins when the proposal is executed."""
 
     recipients: Annotated[list[Party], Field(min_length=1, max_length=16)]
-    """Who gets a share, each once."""
+    """The recipients of a share, each once."""
     amount_iec: Payment
     duration_s: Annotated[int, Field(ge=60, lt=2**32)] = 3 * 24 * 3600
     """How long members may vote, s of block time."""
@@ -992,8 +992,9 @@ class Passed(Message):
 
 PROVEN_FROM = 4
 MAX_PASSED = 8
-"""Of `Task.passed`: from the fourth entry on the task is offered to proven providers only, while there is one
-with an active service of the kind. It ends with the eighth, and with the second that gave up."""
+"""Most providers in `Task.passed`: from the fourth entry on the task is offered to proven providers only,
+while there is one with an active service of the kind. It ends with the eighth, and with the second that
+gave up."""
 
 
 class Task(Message):
@@ -1045,7 +1046,7 @@ class Task(Message):
     verdict: Ruling | Literal["expired", "abandoned"] | None
     """How the attempt ended, finally; None while a ruling stands (`standing`) or nobody has ruled."""
     fault: Fault | None = None
-    """Whose doing it was, if it ended void."""
+    """The party at fault, if it ended void."""
     reason: str | None
     """The judge's, of the ruling that stands or ended the attempt."""
     report_sha256: str | None
@@ -1053,7 +1054,7 @@ class Task(Message):
     standing: Standing | None = None
     """The ruling of a task that is `ruled`."""
     judge: str = "none"
-    """Who rules on its proofs: whoever judged the kind when it was posted. `oracle`, `auditor`, or the
+    """The judge of its proofs: the one that the kind had when it was posted. `oracle`, `auditor`, or the
     address of another contract."""
     judge_removed: bool = False
     """That judge rules no more, and the auditors do."""

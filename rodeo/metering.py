@@ -24,7 +24,7 @@ does not open the contactor."""
 MAX_READINGS = 1000
 """In one record."""
 REGISTER_DIGITS = 4
-"""Of a register in Wh."""
+"""Decimal digits of a register in Wh."""
 
 S_PER_H = 3600.0
 _READING = struct.Struct("<IIi")

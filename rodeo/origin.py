@@ -1,4 +1,4 @@
-"""Whose bus it is: a command compares its site with what the processes there say of theirs."""
+"""Owner of a bus: a command compares its site with what the processes there say of theirs."""
 
 from __future__ import annotations
 

@@ -305,7 +305,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     Relay: {"signed": _SIGNED},
     Broadcast: {"raw": "0x02f8b2", "request_id": "cancel-7", "content_sha256": "7a" * 32},
 }
-"""Of the models whose fields need more than `_VALUES`."""
+"""Examples of the models whose fields need more than `_VALUES`."""
 
 _VALUES: dict[str, Any] = {
     "kind": "window_cleaning",

@@ -83,7 +83,7 @@ class CostPlus(Moving):
 
     method: Literal["cost_plus"]
     margin: float = Field(default=0.3, ge=0)
-    """Of the costs."""
+    """Margin on the costs."""
     wear_iec_per_km: float = Field(default=0.0, ge=0)
     """Besides the care that the robot pays people for (`agent.maintenance`)."""
 

@@ -112,7 +112,7 @@ class Process:
         self._warnings: list[str] = []
         self._claim: Claim | None = None
         self._rivals: dict[Holder, dict[Thing, float]] = {}
-        """Who wanted to serve the same, what, and when last (monotonic wall time)."""
+        """Holders that wanted to serve the same, what, and when last (monotonic wall time)."""
         self._failure: RodeoError | None = None
         self._concerns: dict[str, str] = {}
         """Subject -> what an operator should know of it now."""
@@ -127,7 +127,7 @@ class Process:
             self.bus = Bus(self._open_session())
         else:
             shown = identity(self.site, self.name)
-            # A local socket ends with its process: who is silent there stands still, and may go on.
+            # A local socket ends with its process: who is silent there stands still, and may continue.
             stands = self._holder() is not None and self.site.bus.router.startswith("unixsock")
             lease_s = _STANDING_LEASE_S if stands else None
             self.bus = Bus.open(self.site.bus.router, self.stop, identity=shown, lease_s=lease_s)
@@ -178,7 +178,7 @@ class Process:
     def serve_alone(self, things: Iterable[Thing]) -> None:
         """Hold `things` (`rodeo.serving`) until the end; what the process does for them comes after.
 
-        Whoever still holds one of them is waited for. Raises ServedElsewhere when that goes on, and
+        Whoever still holds one of them is waited for. Raises ServedElsewhere when that continues, and
         Interrupted when stopped before. An elder that turns up later, after a partition, ends the process.
         """
 
@@ -494,7 +494,7 @@ def supervise(name: str, body: Callable[[threading.Event], None], stop_s: float 
     # The body runs in a thread of its own and the main thread does nothing but listen for signals. Python
     # handles a signal in the main thread once that wakes up: just before a wait without time-out it would
     # never be seen, and in CPython 3.11 one that interrupts SimpleQueue.get(timeout) can turn the rest of
-    # the time-out negative, which waits for ever. The wake-up descriptor is written by the C handler itself.
+    # the time-out negative, which waits indefinitely. The C handler itself writes the wake-up descriptor.
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer)

@@ -60,7 +60,7 @@ def processes_of(site: Site) -> list[ProcessEntry]:
 
 
 def _each(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
-    """Of one thing the process needs not be told which."""
+    """The names that each job needs; a process need not be told which where there is one."""
     if len(names) == 1:
         return [BY_NAME[job]]
     return _named(job, option, names)

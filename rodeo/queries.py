@@ -198,12 +198,12 @@ class Offer(Known):
     """It is active, does nothing and waits in no line, because its provider rests or works or waits with
     another service. The provider's bridge puts it into line again."""
     namers: Namers = "proven"
-    """Whose tasks may name it."""
+    """The creators whose tasks may name it."""
     max_void_percent: int = 0
     """It refuses creators of which a larger part of the tasks that named somebody ended void; 0 for any
     part."""
     reputation: int
-    """Of its provider, in 64ths: the share of work well done in the work that others paid for."""
+    """Reputation of its provider, in 64ths: the share of work well done in the work that others paid for."""
 
 
 class Services(Answer):
@@ -212,7 +212,7 @@ class Services(Answer):
 
 
 class Paid(Answer):
-    """Who is paid what the contracts owe an account for work, bonds and stakes."""
+    """The account that is paid what the contracts owe another for work, bonds and stakes."""
 
     payout: str | None = None
     """The address that the account has named; None for its own."""
@@ -233,7 +233,7 @@ class Person(Known, Paid):
     executed: dict[str, int]
     member: bool
     voids: dict[Fault, int] = {}
-    """Whose doing -> number of attempts at the tasks that it created that ended void."""
+    """The party at fault -> number of attempts at the tasks that it created that ended void."""
     many_voids: bool = False
     """Whether too many of the last rulings on its tasks are void by its own doing."""
 
@@ -345,7 +345,7 @@ class KindRules(Answer):
     judge: str
     """`oracle`, `auditor`, the address of another contract, or `none` before the kind was allowed."""
     number: int = 0
-    """Of the kind with this judge. With another judge it gets another."""
+    """Number of the kind with this judge. With another judge it gets another."""
     removed: bool = False
     """The judge rules no more. The kind needs another."""
     min_window_s: int
@@ -370,7 +370,7 @@ class KindRules(Answer):
     rotation_s: int = 0
     """Time after which one more judge may vote; 0 for never."""
     seats: list[int] = []
-    """Of the judges who judge the kind."""
+    """Seats of the judges of the kind."""
     judge_stake_iec: Amount = Decimal(0)
     """What the stake of each of them must be for its vote to count."""
 
@@ -400,13 +400,13 @@ class ChallengeKind(Answer):
     votes: int
     """How many equal votes decide."""
     seats: list[int]
-    """Of the judges who vote."""
+    """Seats of the judges that vote."""
     judge_stake_iec: Amount
     """What the stake of each of them must be for its vote to count."""
 
 
 class Committee(Answer):
-    """Who decides about challenges of verdicts."""
+    """The judges that decide about challenges of verdicts."""
 
     name: str
     """The contract's."""
@@ -465,7 +465,8 @@ class Organization(Answer):
     kinds: list[KindRules]
     terms: Terms
     auditors: str = "none"
-    """Who rules in place of a judge that was removed: `auditor`, or the address of another contract."""
+    """The contract that rules in place of a judge that was removed: `auditor`, or the address of another
+    contract."""
     members_only: bool
     suspended_providers: list[Holder] = []
     """They offer no services until the administrator reinstates them."""
@@ -478,11 +479,11 @@ class Organization(Answer):
     """Block time between a proposal of the administrator, or a decision of the members, and its execution. 0
     where the administrator's key acts at once."""
     judges: list[Judge] = []
-    """Of the committee of oracles, by their seats."""
+    """Judges of the committee of oracles, by their seats."""
     committees: list[Committee] = []
     """Those that decide about challenges, one after the other."""
     voids: dict[Fault, int] = {}
-    """Whose doing -> number of attempts of all tasks that ended void."""
+    """The party at fault -> number of attempts of all tasks that ended void."""
     many_voids: bool = False
     """Whether too many of the last rulings are void, whoever's doing it was."""
     roles: dict[str, list[Holder]]
@@ -558,7 +559,7 @@ class BudgetShare(Answer):
     address: str
     name: str | None
     votes: int
-    """Of all members together, until now."""
+    """Votes of all members together, until now."""
     share_iec: Amount
     """What it is paid with these votes."""
     paid_iec: Amount | None
@@ -583,11 +584,11 @@ class BudgetVote(Answer):
     """Open while members vote, paid when everybody has their share."""
     amount_iec: Amount
     opened_s: float
-    """Who became a member at this block time or later has no votes in it."""
+    """Block time of its opening: who became a member then or later has no votes in it."""
     end_s: float
     """Block time before which members vote, and from which shares are paid."""
     credits: int
-    """Of each member."""
+    """Credits of each member."""
     recipients: list[BudgetShare]
     ballots: list[BudgetBallot]
 

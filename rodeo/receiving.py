@@ -29,7 +29,7 @@ def _keep_thread_state() -> None:
     Otherwise it maps memory for the thread's frames before each call, and unmaps it after it: with two cores
     11 of the 14 us that a call takes. An `Ensure` without its `Release` is how the C API says it
     (docs.python.org/3/c-api/init.html#c.PyGILState_Ensure). What is local to a thread is kept as long, so a
-    thread is told once.
+    thread hears once.
     """
     if not hasattr(_thread, "kept"):
         ctypes.pythonapi.PyGILState_Ensure()

@@ -28,7 +28,7 @@ _LOOK_WALL_S = 60.0
 _RETRY_WALL_S = 5.0
 
 STATES = "submitted,ruled"
-"""Of tasks that can be concluded."""
+"""States of tasks that can be concluded."""
 LOST_RACES = frozenset({"wrong_state", "ruling_stands"})
 """Codes of the contracts' refusals to conclude a ruling that somebody has concluded, replaced or challenged
 meanwhile."""

@@ -43,7 +43,7 @@ def compact(der: bytes) -> bytes:
 
 
 def public_key(key: bytes) -> bytes:
-    """Of a private key. Raises ValueError for what is none."""
+    """The public key of a private one. Raises ValueError for what is none."""
     return keys.pubkey_from_prvkey(key, compressed=False)[1:]
 
 

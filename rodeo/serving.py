@@ -1,4 +1,4 @@
-"""Who serves what: one process at a time works with a key or speaks for a device.
+"""One process at a time works with a key or speaks for a device.
 
 Each holds a liveliness token, `rodeo/<org>/serves/<what>/<name>/<state>/<holder>`: it goes with its session.
 Two processes that start at the same moment both claim first and look then. The router takes one declaration
@@ -41,7 +41,7 @@ _LOOK_S = 0.2
 """Wall time between two looks while a claim waits."""
 
 _WATCH_S = 5.0
-"""The same once it serves: what happens is told anyway, unless the router was away."""
+"""The same once it serves: the router reports what happens, unless it was away."""
 
 _ANSWER_S = 5.0
 
@@ -138,7 +138,7 @@ class Claim:
     ) -> None:
         """Return when nobody else serves any of the things. `say(reason)` is called while somebody does.
 
-        Raises ServedElsewhere when that goes on for `lease_s` of wall time, and Interrupted.
+        Raises ServedElsewhere when that continues for `lease_s` of wall time, and Interrupted.
         """
         deadline_s: float | None = None
         # Declared before the first look, for whoever serves to hear of it.

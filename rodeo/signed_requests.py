@@ -194,7 +194,7 @@ SAID: dict[str, type[Said]] = {
 
 
 def domain(name: str, chain_id: int, contract: str, version: str = "1") -> Typed:
-    """Of one contract on one chain."""
+    """The EIP-712 domain of one contract on one chain."""
     return {"name": name, "version": version, "chainId": chain_id, "verifyingContract": contract}
 
 

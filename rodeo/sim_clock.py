@@ -25,7 +25,7 @@ _SILENT_S = 3.0
 """Wall time without a message after which a speaker that is in no ROS graph counts as gone."""
 
 _WARNED_S = 30.0
-"""Wall time for which a second speaker is told of in the process's state, and before the log repeats it."""
+"""Wall time for which the process's state names a second speaker, and before the log repeats it."""
 
 
 class SimClock:

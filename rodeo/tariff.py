@@ -37,7 +37,7 @@ def _hours(first_s: float, last_s: float) -> int:
 
 
 def hourly_mean_iec(rates: Iterable[RateConfig]) -> Decimal:
-    """Of the rates of a day's 24 hours."""
+    """Mean of the rates of a day's 24 hours."""
     rates = list(rates)
     return sum((applying(rates, hour * _HOUR_S).iec for hour in range(24)), Decimal(0)) / 24
 

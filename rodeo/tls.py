@@ -15,7 +15,7 @@ from rodeo.config import Site
 from rodeo.errors import ConfigError
 
 OPERATOR = "operator"
-"""Who is neither a process of the table nor a robot's body: the command line, the launcher."""
+"""Identity that is neither a process of the table nor a robot's body: the command line, the launcher."""
 
 
 @dataclass(frozen=True)

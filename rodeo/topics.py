@@ -14,7 +14,8 @@ from enum import StrEnum
 from functools import cache
 
 BODY = "body"
-"""Who speaks for a robot's sensors and motors: on the bus `body.<robot>` (`rodeo.config.body_identity`)."""
+"""Identity that speaks for a robot's sensors and motors: on the bus `body.<robot>`
+(`rodeo.config.body_identity`)."""
 
 
 class Plane(StrEnum):

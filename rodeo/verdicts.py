@@ -1,4 +1,4 @@
-"""Who judged a proof, in words: the oracle, which measures, or an auditor, who is a person."""
+"""The judge of a proof, in words: the oracle, which measures, or an auditor, who is a person."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FAULTS: dict[Fault, str] = {
     "other_witness": "the doing of a device that somebody else owns",
     "oracle": "the judge's doing",
 }
-"""Whose doing a void attempt is."""
+"""The party at fault for a void attempt, in words."""
 OF_A_CREATOR: tuple[Fault, ...] = ("creator", "creators_witness")
 """Voids that cost a creator its reputation: nobody can tell a creator that unplugs its own witness, and has
 the work free, from an accomplice of the executor at the same plug. Of the site every void counts."""
@@ -43,8 +43,8 @@ def is_peoples_verdict(task: Task, judge: str | None = None) -> bool:
 
 
 def judge_of(transactions: Iterable[Transaction], tx_hash: str | None = None) -> str | None:
-    """Whose key posted the newest ruling, or the one in `tx_hash`: name or address, or COMMITTEE; None if
-    unknown. Passing a case on is no ruling.
+    """The owner of the key that posted the newest ruling, or the one in `tx_hash`: name or address, or
+    COMMITTEE; None if unknown. Passing a case on is no ruling.
 
     `transactions` are a task's as the index tells them, the newest first.
     """
@@ -62,8 +62,8 @@ def judge_words(judge: str | None, by_people: bool) -> str:
 
 
 def counted_voids(rulings: int, voids: Mapping[str, int], *, of_a_creator: bool) -> dict[Fault, int]:
-    """Whose doing -> how many of the last `rulings` are void and count against a creator, or against the
-    site; nothing unless they are too many."""
+    """The party at fault -> how many of the last `rulings` are void and count against a creator, or
+    against the site; nothing unless they are too many."""
     counted = {fault: voids[fault] for fault in (OF_A_CREATOR if of_a_creator else FAULTS) if fault in voids}
     return counted if sum(counted.values()) > MOST_VOID * rulings else {}
 

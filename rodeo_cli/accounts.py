@@ -91,7 +91,8 @@ def link(name: NameArgument, site: SiteOption = DEFAULT_SITE) -> None:
 
 
 DEMO = "demo"
-"""Who looks at a demo: everything but the accounts of others and the organization's rules."""
+"""Role of somebody who looks at a demo: everything but the accounts of others and the organization's
+rules."""
 
 
 def login_link(site: Site, url: str) -> str:

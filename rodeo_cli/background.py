@@ -1,4 +1,4 @@
-"""A command that returns while what it has started goes on."""
+"""A command that returns while what it has started continues."""
 
 from __future__ import annotations
 

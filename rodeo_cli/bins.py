@@ -143,7 +143,7 @@ def _picture(site: Site, bus: Bus, name: str, image_sha256: str) -> bytes:
 
 
 def _ending(picture: bytes) -> str:
-    """Of the name of its file; a bin classifies these formats only."""
+    """Ending of the name of its file; a bin classifies these formats only."""
     return "png" if picture.startswith(b"\x89PNG") else "webp" if picture.startswith(b"RIFF") else "jpg"
 
 

@@ -39,7 +39,7 @@ _REFUSED = frozenset({"judge_is_party", "key_too_new", "not_a_judge", "not_in_pa
 _TOO_LOW = "stake_too_low"
 """The same, but the error names its seat."""
 _COMMITTEES = ("DisputeCommittee", "AppealCommittee")
-"""Who decides about a challenge, of the oracles' ruling and of the decision about it."""
+"""The committees that decide about a challenge, of the oracles' ruling and of the decision about it."""
 _VOTES = TypeAdapter(list[SignedVote])
 
 
@@ -188,7 +188,7 @@ def _by_signer(site: Site, bus: Bus, committee: str, given: list[SignedVote]) ->
 
 
 def _unstaked(site: Site, bus: Bus, judge: str, same: dict[str, SignedVote], refused: RemoteError) -> str:
-    """Whose stake is too low: without its vote the contract refuses another one, or none."""
+    """Judges whose stake is too low: without their votes the contract refuses another one, or none."""
     for key in same:
         rest = [vote for other, vote in same.items() if other != key]
         error = _post(site, bus, judge, rest, dry_run=True)

@@ -167,14 +167,14 @@ def list_(
 
 
 def _holder(one: queries.Holder, state: queries.Organization) -> str:
-    """Who holds a role: a participant, a contract of the organization, or an address."""
+    """The holder of a role: a participant, a contract of the organization, or an address."""
     contracts = state.contracts.model_dump(by_alias=True)
     name = one.name or next((name for name, address in contracts.items() if address == one.address), None)
     return name or one.address
 
 
 def _decides_in_words(state: queries.Organization) -> str:
-    """Who decides about the organization, and how long everybody can see it coming."""
+    """The party that decides about the organization, and how long everybody can see it coming."""
     if state.decided_by == "vote":
         return f"the members, by vote, {span(state.delay_s)} after a vote"
     return f"the administrator, {f'{span(state.delay_s)} after a proposal' if state.delay_s else 'at once'}"
@@ -499,7 +499,7 @@ def pause(
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Take no new tasks for a while, as a guardian. Everything that runs goes on."""
+    """Take no new tasks for a while, as a guardian. Everything that runs continues."""
     done = f"No new tasks are taken for {span(duration_s)}."
     send(site, participant, "pause_tasks", done, duration_s=duration_s)
 
@@ -588,7 +588,7 @@ def suspend_provider(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Give no service of a provider more tasks, and let it offer no others."""
-    done = f"{account} and its services are suspended. Running tasks go on."
+    done = f"{account} and its services are suspended. Running tasks continue."
     send(site, participant, "suspend_provider", done, account=account)
 
 

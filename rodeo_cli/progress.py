@@ -1,6 +1,6 @@
 """How long a command waits for a site: as long as something moves.
 
-A step is something that is told for the first time: a process's state, what it does and how far it is, a
+A step is something that is reported for the first time: a process's state, what it does and how far it is, a
 step of a deployment, a new event, a later time of the site's clock. A heartbeat is no step, and neither is a
 process that starts again and again.
 """
@@ -48,7 +48,7 @@ class Patience:
         self._begun_s = self._looked_s = now_s()
         self._seen: set[tuple[str, Hashable]] = set()
         self._last: dict[str, tuple[Hashable, float]] = {}
-        """Who said what last, and when that began."""
+        """What each process said last, and when that began."""
 
     def look(self, told: Mapping[str, Hashable]) -> bool:
         """Whether one of `told` (who -> what) is a step. Raises NoProgress and TooSlow."""

@@ -84,7 +84,7 @@ def report(
 
 
 def _require(what: str, given: list[str] | None, known: set[str]) -> None:
-    """Of a name that nobody has the report would say that it earned nothing. Raises InvalidRequest."""
+    """Raises InvalidRequest for a name that nobody has: the report would say that it earned nothing."""
     if unknown := [one for one in given or () if one not in known]:
         raise InvalidRequest(f"nobody knows this {what}", **{what: unknown, "known": sorted(known)})
 

@@ -59,7 +59,7 @@ COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red"
 _REFRESH_S = 0.25
 Key = TypeVar("Key")
 _STEP_CHARACTERS = 50
-"""Of a reason in a line of its own, with the time and the process before it."""
+"""Width of a reason in a line of its own, with the time and the process before it."""
 _WIDE = 100
 """Characters from which on there is room for a bar."""
 
@@ -366,7 +366,7 @@ def what_hangs(site: Site, rows: list[Row], patience: Patience) -> str:
 
 
 def status_table(rows: list[Row]) -> Group:
-    """A table of the width of the terminal; what a process does or lacks is told in full."""
+    """A table of the width of the terminal; what a process does or lacks stands there in full."""
     return Group(*lines(COLUMNS, [_table_row(row) for row in rows], console.width, FOLDS))
 
 
@@ -425,7 +425,7 @@ def stop_on_signals() -> threading.Event:
 
 
 def attend(launcher: Launcher) -> None:
-    """Keep the children running and show how they are, for ever."""
+    """Keep the children running and show how they are, indefinitely."""
     _print_warnings(launcher.site, [])
     with StatusWatcher(launcher.site) as watcher, _display() as show:
         while True:

@@ -45,7 +45,7 @@ _TOUCH_M = 0.01
 _ITEM_M = 0.05
 """How far an item reaches from its centre."""
 _DOCK_HALF_M = 0.085, 0.25
-"""Of the dock's box, which stands behind its pose (rodeo.lab.world)."""
+"""Half of the dock's box, which stands behind its pose (rodeo.lab.world)."""
 _SIDES = 16
 """Directions from which the robot may come to an item."""
 

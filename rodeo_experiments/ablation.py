@@ -51,7 +51,7 @@ class Part:
     refused: list[str] = field(default_factory=list)
     """Noisy honest runs that it refuses."""
     returning: list[str] = field(default_factory=list)
-    """Of those, the ones that are accepted without it."""
+    """Those of them that are accepted without it."""
     seconds: float = 0.0
     """Median wall time of it in an honest run."""
 
@@ -205,7 +205,7 @@ WITNESSES = {
     "gripper": re.compile(r"\bgrip(?!per_body)|_grip|\bfinger"),
     "meter receipts": re.compile(r"\bcharge_of\b|\breceipt"),
 }
-"""Who testifies -> what a check calls or names in its code to read it."""
+"""A witness -> what a check calls or names in its code to read it."""
 
 
 def rests_on(check: CheckFunction, words: re.Pattern[str]) -> bool:

@@ -70,7 +70,7 @@ _NEXT = {"assigned": "TaskAssigned", "submitted": "ProofSubmitted"}
 
 
 class Progress(BaseModel):
-    """What a run that goes on must know, and nothing on chain tells."""
+    """What a run that continues must know, and nothing on chain tells."""
 
     prepared: bool = False
     next_arrival: int = 0
@@ -84,7 +84,7 @@ class Progress(BaseModel):
     wall_s: float = 0.0
     """How long the run has taken until now."""
     last_seq: int = 0
-    """Of the events that are in `events`."""
+    """Number of the last event in `events`."""
     events: list[Heard] = []
     sent: list[Sent] = []
     battery: list[Reading] = []
@@ -140,7 +140,7 @@ class Conduct:
 
     Args:
         arrivals: site times (s), sorted.
-        folder: where the progress of the run is kept, for one that goes on after it was interrupted.
+        folder: where the progress of the run is kept, for one that continues after it was interrupted.
     """
 
     def __init__(self, site_path: Path, arrivals: list[float], folder: Path, say: Say) -> None:
@@ -270,7 +270,7 @@ class Conduct:
         self._save()
 
     def _follow_up(self) -> None:
-        """What became of earlier tasks while nobody looked, in a run that goes on."""
+        """What became of earlier tasks while nobody looked, in a run that continues."""
         self._followed_seq = self._ask(queries.CHAIN).last_seq
         for task in self._all_tasks():
             self._kinds[task.id] = task.kind

@@ -34,7 +34,7 @@ class Sent(BaseModel):
 
 
 class Reading(BaseModel):
-    """Of a robot's gauge."""
+    """One reading of a robot's gauge."""
 
     robot: str
     time_s: float

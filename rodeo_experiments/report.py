@@ -27,7 +27,7 @@ _LIMITS = (
     "The robot, its arm, the bin, the dock and the lab are simulated in MuJoCo. Contacts, motors and "
     "sensors are "
     "models with noise. A real lab has people in it, and other light, floors and radio.",
-    "Somebody leaves an item on free floor at a random place and time. The organization is told at once "
+    "Somebody leaves an item on free floor at a random place and time. The organization hears of it at once "
     "where it is.",
     "The simulated clock waits for bridge, oracle and chain. On the site's clock a verdict therefore takes "
     "no time, "
@@ -227,7 +227,7 @@ def _summary(figures: Figures) -> str:
 
 
 def _each(figures: Figures) -> str:
-    """Of a run with several robots."""
+    """A table for each robot of a run that has several."""
     robots = figures.run.robots
     if len(robots) == 1:
         return ""

@@ -123,7 +123,7 @@ class Figures:
         return max([self.run.started_s, *(one.time_s for one in self._setup)])
 
     def balance(self, name: str, time_s: float = math.inf) -> Decimal:
-        """Of a participant at the end of that time."""
+        """Balance of a participant at the end of that time."""
         address, total = self.address(name), Decimal(0)
         for one in self.run.transfers:
             if one.time_s <= time_s:

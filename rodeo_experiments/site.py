@@ -86,7 +86,7 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
 
 
 class Begun(BaseModel):
-    """What a run was begun with, so that it goes on as the same one."""
+    """What a run was begun with, so that it continues as the same one."""
 
     options: dict[str, str | int | None]
     """By the name on the command line; None where the site file's value holds."""
@@ -105,18 +105,18 @@ class Begun(BaseModel):
             begun = cls.model_validate_json((folder / _BEGUN).read_bytes())
         except (OSError, ValidationError) as error:
             raise ExperimentFailed(
-                "this folder holds no run that can go on", path=str(folder), reason=str(error)
+                "this folder holds no run that can continue", path=str(folder), reason=str(error)
             ) from error
         for name, value in options.items():
             if value is not None and value != (before := begun.options.get(name)):
                 raise ExperimentFailed(
-                    f"--resume goes on with what a run was begun with: leave out --{name}",
+                    f"--resume continues with what a run was begun with: leave out --{name}",
                     given=value,
                     begun_with="the site file's value" if before is None else before,
                 )
         if changed := {name for name, _ in _overrides().items() ^ begun.overrides.items()}:
             raise ExperimentFailed(
-                "--resume goes on with the environment variables that a run was begun with",
+                "--resume continues with the environment variables that a run was begun with",
                 changed=", ".join(sorted(changed)),
             )
         return begun

@@ -24,23 +24,23 @@ class Noise:
     pose_m: float = 0.002
     pose_rad: float = 0.005
     encoder_rad: float = 0.010
-    """Of the constant offset of each joint of the arm."""
+    """Standard deviation of the constant offset of each joint of the arm."""
     joint_rad: float = 0.0005
     finger_m: float = 0.0001
     odom_m: float = 0.002
     stamp_s: float = 0.004
     lost_share: float = 0.05
-    """Of the messages of each topic, one by one."""
+    """Share of the messages of each topic that is lost, one by one."""
     lost_in_runs_share: float = 0.02
     run_messages: float = 20.0
     """Mean length of a run."""
     clock_s: float = 0.2
     """Most that the clock of the motion capture is off."""
     witness_lost_share: float = 0.05
-    """Of the statements of other devices, and of the recording's heads on their way to them. Of what motion
-    capture said the recorder asks the journal, when it sees the gap and once more at the end: either answer
-    may be lost, too. What the bin said comes at the end. Of a charge what is lost stays lost, but for its
-    opening."""
+    """Share of other devices' statements, and of the recording's heads on their way to them, that is lost.
+    What motion capture said the recorder asks of the journal, when it sees the gap and once more at the
+    end: either answer may be lost, too. What the bin said comes at the end. Of a charge what is lost stays
+    lost, but for its opening."""
     physics_share: float = 0.3
     """Most that friction and mass are off."""
     size_m: float = 0.005

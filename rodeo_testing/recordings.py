@@ -166,7 +166,8 @@ _KEEP: Callable[[Attestation], Attestation | None] = lambda attestation: attesta
 
 
 METER_RECORD, ROBOT_RECEIPT = "meter/record", "robot/receipt"
-"""Of what meter and robot sign of a charge: such a sample's message is the statement without its header."""
+"""Topics of what meter and robot sign of a charge: such a sample's message is the statement without its
+header."""
 CHARGE_SIGNED: dict[str, type[Header]] = {METER_RECORD: MeterRecord, ROBOT_RECEIPT: Receipt}
 REGISTER_WH = 12_345.0
 """Where a meter stands that delivered before."""
@@ -174,7 +175,7 @@ REGISTER_WH = 12_345.0
 
 @dataclass(frozen=True)
 class Sides:
-    """Who signs what happened while a charge is recorded.
+    """The signers of what happened while a charge is recorded.
 
     `fields` may change what one of them signs: it gets the model and the fields, and returns them or None.
     `keep` is what the recorder makes of each statement.
@@ -195,7 +196,7 @@ class Sides:
 
 @dataclass(frozen=True)
 class Witnesses:
-    """Who signs what was felt while a take is recorded."""
+    """The signers of what was felt while a take is recorded."""
 
     mocap: LocalAccount = MOCAP
     bin: LocalAccount = BIN
@@ -230,7 +231,7 @@ class Witnesses:
     ago_s: float = 0.0
     """By how much the witnesses' times are earlier than those of the recording: it is of then."""
     charge: Sides = field(default_factory=Sides)
-    """Of a charge: meter and robot."""
+    """Meter and robot of a charge."""
 
 
 class _Memory:
@@ -280,7 +281,7 @@ class _Scene:
         self._claimants: tuple[Claimant, ...] = ()
         self.recording = _NOTHING
         self.charge: tuple[WitnessChain, ...] = ()
-        """Of those who hear the heads of a charge's recording."""
+        """Chains of those that hear the heads of a charge's recording."""
 
     def hear_seal(self, data: bytes, address: str) -> None:
         """The recorder tells its newest head."""
@@ -402,7 +403,7 @@ class _ChargeScene:
         }
         self._record: Attestation | None = None
         self.listeners = (self._chains[Receipt],) if sides.hears else ()
-        """Who hears the heads of the recording."""
+        """Chains that hear the heads of the recording."""
 
     def sign(self, sample: Sample, recording: str) -> Attestation | None:
         """What is recorded of it, if anything."""

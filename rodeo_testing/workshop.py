@@ -66,12 +66,12 @@ class McapMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class Submission:
-    """What the chain is told of a proof. Without a URI, the file at `path` is put into the store first."""
+    """What the chain knows of a proof. Without a URI, the file at `path` is put into the store first."""
 
     chain_record: ChainRecord
     path: Path | None = None
     site: Site | None = None
-    """Of which it is said to be, if another than the workshop's."""
+    """The site of which it is said to be, if another than the workshop's."""
     uri: str | None = None
     sha256: str | None = None
     spent: tuple[str, ...] = ()
@@ -83,10 +83,10 @@ class Workshop(ABC):
     task."""
 
     kind: str
-    """Of its task; the site is one that uses it."""
+    """Kind of its task; the site is one that uses it."""
     binding: Binding = BINDING
     device: LocalAccount = ROBOT
-    """Whose key seals an honest proof."""
+    """The key that seals an honest proof."""
 
     def __init__(self, site: Site, folder: Path) -> None:
         # Not simulated: a simulated clock, faster than real time, needs wider limits.
@@ -199,7 +199,7 @@ class Workshop(ABC):
     # -- files -----------------------------------------------------------------------------------------
 
     def new_path(self) -> Path:
-        """Of a file or folder that is not there yet, without an ending."""
+        """The path of a file or folder that is not there yet, without an ending."""
         return self.folder / str(next(self._numbers))
 
     def honest_file(self) -> Path:
@@ -404,7 +404,7 @@ def told(take: Take, topic: str, **changes: Any) -> Take:
 
 
 def cut(take: Take, *shares: float) -> Take:
-    """With a note, at these shares of its time, that the recorder goes on after a cut."""
+    """With a note, at these shares of its time, that the recorder continues after a cut."""
     noted = [
         Sample("rodeo/event", "", {"event": RESUMED}, round(middle_s(take, share) * 1e9)) for share in shares
     ]

@@ -31,7 +31,7 @@ class Asked:
     data: Path
     out: Path
     site: Site | None
-    """Whose corrections it learns from; None: it trains from ImageNet's weights."""
+    """The site whose corrections it learns from; None: it trains from ImageNet's weights."""
     folds: Path
     others: Path
     shorten: int

@@ -20,7 +20,7 @@ import numpy as np
 from rodeo.errors import RodeoError
 
 RISK = 0.01
-"""Of ordinary waste this share may be called unknown."""
+"""Share of ordinary waste that may be called unknown."""
 SURE = 0.95
 """With this probability no more of it is."""
 

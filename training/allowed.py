@@ -1,4 +1,4 @@
-"""Whose word about a bin counts, as the organization's index tells it.
+"""The people whose word about a bin counts, as the organization's index tells it.
 
 Whoever can write into a bin's folder can put corrections there that any key signed. So the running site is
 asked who its auditors are, and which keys are registered as its bins'.
@@ -29,7 +29,7 @@ class SiteSilent(RodeoError):
 
 @dataclass(frozen=True)
 class Allowed:
-    """Who may say what an item was, and which keys speak for bins."""
+    """Auditors that may say what an item was, and keys that speak for bins."""
 
     scope: Scope
     """The organization, on its chain."""

@@ -56,7 +56,8 @@ class Measured:
     real: dict[str, Answers]
     """To real photos of what is no waste, by where they come from."""
     crossed: dict[str, float] | None
-    """Of cross-validated networks (`crossed.figures`); None where those of this recipe are not there."""
+    """Figures of cross-validated networks (`crossed.figures`); None where those of this recipe are not
+    there."""
 
 
 def held_out_samples(recipe: dict[str, Any], photos: Sequence[Sample]) -> tuple[list[Sample], list[Sample]]:

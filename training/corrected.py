@@ -77,7 +77,8 @@ from training.train import (
 log = logging.getLogger("itrash.corrected")
 
 CORRECTED_SHARE = 0.1
-"""Of the pictures to learn from; a correction is repeated as often as that takes, within `MOST_REPEATED`."""
+"""Share of the pictures to learn from; a correction is repeated as often as that takes, within
+`MOST_REPEATED`."""
 MOST_REPEATED = 20
 """Times, the item's pictures taking turns. One person may be wrong: without a bound, a single correction
 would be a tenth of what is learnt. It takes eleven corrected items to be a tenth."""

@@ -4,7 +4,7 @@ shown.
     python -m training.cross_validate --data ../shared/data/trashnet
 
 Real photos of other things must have been fetched (`others.py`). One core for five times as long as `train`.
-A run that was killed goes on where it was when it is started again; `--fold K` does one of them. Each
+A run that was killed continues where it was when it is started again; `--fold K` does one of them. Each
 network learns from the photos of the other folds. Its temperature and threshold are chosen once all are
 there, by what the other four answer to their own folds: no photo chooses what measures it, and no network is
 asked about what it learnt from. Needs `training/requirements.txt` (torch, onnx).

@@ -54,12 +54,13 @@ class Training(BaseModel):
     architecture: str
     recipe: dict[str, Any]
     others_sha256: str | None = None
-    """Of the photos that pictures of nothing were drawn from (`others.World`); None where all were drawn."""
+    """Hash of the photos that pictures of nothing were drawn from (`others.World`); None where all were
+    drawn."""
     learnt: tuple[str, ...] = ("train",)
-    """Of `PARTS` those that it learnt from. Of both: what measures it are the cross-validated networks."""
+    """The ones of `PARTS` that it learnt from. If both: what measures it are the cross-validated networks."""
 
     weather: dict[str, Any] | None = None
-    """Of the steps that followed (`train.Weather`); None where there were none."""
+    """Settings of the steps that followed (`train.Weather`); None where there were none."""
 
     def same_recipe(self, other: Training) -> bool:
         """Whether both were made alike, whichever photos they learnt from."""
@@ -117,7 +118,7 @@ class Crossed:
     """The fold of each photo, (n,)."""
     folds: tuple[int, ...]
     names: tuple[str, ...]
-    """Of the photos, below the data's folder."""
+    """Names of the photos, below the data's folder."""
 
 
 def all_photos(data: Path) -> list[Sample]:

@@ -62,7 +62,7 @@ def near(
 def near_folds(
     new: Sequence[Sample], seen: np.ndarray, photos: Sequence[Sample], other: np.ndarray, fold: np.ndarray
 ) -> np.ndarray:
-    """Of which folds each new picture shows what one of their photos shows, (new, folds) bool. `fold`
+    """The folds of which each new picture shows what one of their photos shows, (new, folds) bool. `fold`
     (photos,) is where each photo is left out. What is a near-duplicate of a near-duplicate counts, too."""
     of = near(new, seen, photos, other)
     found = np.stack([of[:, fold == one].any(axis=1) for one in range(FOLDS)], axis=1)

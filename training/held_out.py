@@ -72,7 +72,7 @@ class HeldOut:
         return replace(self, **kept), told
 
     def shares(self, classifier: Classifier) -> dict[str, float]:
-        """Of each kind the share of right answers, by what is counted."""
+        """For each kind the share of right answers, by what is counted."""
         return {
             "held-out renderings named rightly": metrics.answers_to_samples(
                 classifier, self.rendered

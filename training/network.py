@@ -61,7 +61,7 @@ class Network(nn.Module):
         self.frozen.requires_grad_(False)
         self._drop_connect = drop_connect
         self.second: Second | None = None
-        """Whose answer is added to its own; None while it learns."""
+        """The network whose answer is added to its own; None while it learns."""
         self.fixed_statistics = False
         """Whether batch norms keep their statistics while it learns: those of exported weights are gone."""
 

@@ -238,7 +238,7 @@ class World:
     cutouts: tuple[np.ndarray, ...]
     """uint8 (h, w, 4): things of which the photo's background was taken away."""
     sha256: str
-    """Of all files: who has other versions of the packages trains on something else."""
+    """Hash of all files: who has other versions of the packages trains on something else."""
 
     @classmethod
     def load(cls, fetched: Path, packages: Sequence[Package] = LEARNT) -> World:

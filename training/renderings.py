@@ -39,7 +39,8 @@ EMPTY_SHARE = 0.75
 BY_HAND_SHARE = 0.25
 """Frames with the robot out of view."""
 AS_SHOWN_SHARE = 0.5
-"""Of the frames with the gripper: it points straight down with its fingers left and right, as robots show."""
+"""Share of the frames with the gripper: it points straight down with its fingers left and right, as robots
+show."""
 
 OTHER_VIEWS_RAD = (0.6, -0.6)
 """How far an item is turned for another angle, as robots turn it."""
@@ -65,7 +66,7 @@ _FURNITURE = tuple(
     )
 )
 _IN_VIEW_SHARE = 0.3
-"""Of the furniture; the rest stands behind the camera."""
+"""Share of the furniture in view; the rest stands behind the camera."""
 
 
 @dataclass

@@ -159,7 +159,7 @@ class Weather:
 
 
 WEATHER = Weather()
-"""Of the shipped networks."""
+"""Weather of the shipped networks."""
 
 
 class Batch(NamedTuple):
@@ -355,7 +355,7 @@ class Stateful(Protocol):
 
 
 class Checkpoint:
-    """A file from which a stage of training that was killed goes on, to the same weights bit for bit."""
+    """A file from which a stage of training that was killed continues, to the same weights bit for bit."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -729,7 +729,7 @@ if __name__ == "__main__":
         "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
     )
     parser.add_argument(
-        "--checkpoints", type=Path, metavar="FOLDER", help="go on from here after it was killed"
+        "--checkpoints", type=Path, metavar="FOLDER", help="continue from here after it was killed"
     )
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="less work, to try it out")
     arguments = parser.parse_args()

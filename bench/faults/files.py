@@ -40,7 +40,7 @@ def remove(path: Path) -> None:
 
 
 def _restore(lab: Lab, process: str, path: Path) -> None:
-    """Put the copy back. Who waits for it goes on by itself; who gave up is started again, as it had said."""
+    """Put the copy back. A process that waits for it continues; one that gave up is started again."""
     waits = lock_holder(lab.data / process) is not None
     remove(path)
     path.with_name("kept").rename(path)

@@ -61,14 +61,14 @@ _LOOK_S = 2.0
 DISK_BYTES = 24 << 20
 REWARD_IEC = Decimal(10)
 WORKERS = ("worker1", "worker2")
-"""Who works beside the robot, so that a task that hangs keeps no other."""
+"""People who work beside the robot, so that a task that hangs keeps no other."""
 PARTICIPANTS = """participants = [
     { name = "worker1", kinds = ["waste_disposal"] },
     { name = "worker2", kinds = ["waste_disposal"] },
 ]
 """
 PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
-"""Of item1 in the lab's site file."""
+"""Where item1 lies by the lab's site file."""
 
 _AGAIN = frozenset(
     {
@@ -248,7 +248,7 @@ class Lab:
             os.kill(self.pid(name), number)
 
     def restart_if_down(self, name: str) -> None:
-        """What the operator does for a process that gave up; one that waits goes on by itself."""
+        """What the operator does for a process that gave up; one that waits continues by itself."""
         if lock_holder(self.data / name) is None:
             self.down(name)
             self.up(name)
@@ -323,7 +323,7 @@ class Lab:
         return sorted(self.folder.glob("*/logs/*.log"))
 
     def _writers(self) -> list[int]:
-        """Of the processes that write to the small disk."""
+        """The processes that write to the small disk."""
         names = [name for name in self.case.processes if name == self.case.small_disk]
         if not names:
             names = ["oracle"] if self.case.small_disk == "store" else list(self.case.processes)
@@ -735,7 +735,7 @@ class Lab:
         self.mark()
 
     def post_beside(self, label: str) -> Future[int]:
-        """Post a task, asking until it is answered, while the script goes on."""
+        """Post a task, asking until it is answered, while the script continues."""
         done: Future[int] = Future()
 
         def ask() -> None:

@@ -21,7 +21,7 @@ class Link:
     """A TCP port that forwards to another one.
 
     Cut, it takes connections and bytes and lets nothing through, as a network does that drops packets.
-    Healed, what waited goes on.
+    Healed, what waited continues.
     """
 
     def __init__(self, to_port: int) -> None:

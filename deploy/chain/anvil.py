@@ -30,7 +30,7 @@ _PREBUILT = "node_modules/@foundry-rs/anvil-*/bin/anvil"
 _START_S = 20.0
 _STOP_S = 20.0
 _CLOCK_PERIOD_S = 0.05
-"""How often (wall) anvil is told the time: block time lags by this times the clock's speed at most."""
+"""How often (wall) anvil gets the time: block time lags by this times the clock's speed at most."""
 
 _STATE_INTERVAL_S = 60
 """anvil writes its whole state each time, and answers nobody meanwhile. It also does when it ends, even when
@@ -118,7 +118,7 @@ class Anvil:
         while True:
             self._check_alive()
             try:
-                # anvil starts at the time of its genesis again; blocks must go on from the newest one.
+                # anvil starts at the time of its genesis again; blocks must continue from the newest one.
                 self._set_time(int(self._rpc("eth_getBlockByNumber", "latest", False)["timestamp"], 16))
                 return
             except (OSError, HTTPException) as error:

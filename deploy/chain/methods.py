@@ -342,7 +342,8 @@ class Methods:
         return head + 1 if tag == "pending" else parse_quantity(tag, "block")
 
     def _header(self, tag: Any) -> BlockHeaderAPI:
-        """Of a tag, a number or an EIP-1898 object. Raises RpcError when there is no such block."""
+        """The header for a tag, a number or an EIP-1898 object. Raises RpcError when there is no such
+        block."""
         if tag == "pending":
             return self.local_chain.next_header()
         if isinstance(tag, dict) and "blockHash" in tag:

@@ -125,7 +125,7 @@ def _keep_heartbeat(
 
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="presence") as background:
         presence = background.submit(beat)
-        # A chain whose clock has failed must not go on stamping blocks.
+        # A chain whose clock has failed must not continue stamping blocks.
         presence.add_done_callback(lambda _: stop.set())
         try:
             wait()

@@ -165,7 +165,7 @@ def _place(one: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
 
 
 def _content(found: Any) -> dict[str, Any]:
-    """Who logged what. An anonymous event has no topics."""
+    """The logger of an event, and what it logged. An anonymous event has no topics."""
     one = _object("the log", found)
     _match(_ADDRESS, "address", one.get("address"))
     topics = one.get("topics")

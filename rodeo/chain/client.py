@@ -44,7 +44,7 @@ from rodeo.config import ChainConfig
 from rodeo.currency import Currency
 
 _PAGE_BLOCKS = 2_000
-"""Of events that a node is asked for at once."""
+"""Blocks whose events a node is asked for at once."""
 
 
 def connect(url: str, timeout_s: float = 10.0) -> Web3:
@@ -230,7 +230,8 @@ class ChainClient:
         return CommitteeJudgeCalls(self.deployment, committee)
 
     def instances(self, kind: str) -> list[Instance]:
-        """Who judges `kind` one after the other; none where its rulings cannot be challenged."""
+        """The committees that judge `kind` one after the other; none where its rulings cannot be
+        challenged."""
         return self._view("DisputeJudge", "instancesOf", kind_to_bytes32(kind))
 
     def stake(self, seat: int, committee: str = artifacts.COMMITTEES[0]) -> int:
@@ -267,7 +268,7 @@ class ChainClient:
         return self._view("IECoin", "name")
 
     def permit_nonce(self, owner: str) -> int:
-        """Of the next permit that `owner` signs. Raises ContractReverted where the token takes none."""
+        """Nonce of the next permit that `owner` signs. Raises ContractReverted where the token takes none."""
         return self._view("IECoin", "nonces", to_checksum_address(owner))
 
     def permit_domain(self) -> bytes:

@@ -35,7 +35,7 @@ class Deployment(BaseModel):
     the timelock alone if the administrator's key proposes, and `artifacts.DISPUTES` if verdicts can be
     challenged."""
     decimals: int = IEC.decimals
-    """Of the payment token, which stands among the contracts as IECoin, as it says itself."""
+    """Decimals of the payment token, which stands among the contracts as IECoin, as it says itself."""
     is_token_foreign: bool = False
     """The site file names the payment token: it is no IECoin, and was there before."""
     sent: dict[str, int] = {}

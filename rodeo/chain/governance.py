@@ -25,7 +25,8 @@ OPERATION_STATES = ("canceled", "waiting", "ready", "executed")
 """By OpenZeppelin's TimelockController.OperationState; what it does not know any more was cancelled."""
 
 BUDGET_CREDITS = 100
-"""Of each member in each budget vote: n votes for one recipient cost n² of them (BudgetVotes.CREDITS)."""
+"""Credits of each member in each budget vote: n votes for one recipient cost n² of them
+(BudgetVotes.CREDITS)."""
 
 WHY = to_checksum_address("0x0000000000000000000000000000000000000004")
 """The call of a proposal to here has its text as data. A timelock has no place for a text, and this contract,

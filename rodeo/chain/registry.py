@@ -50,7 +50,7 @@ class Part:
     name: str
     """One of PARTS."""
     arguments: bytes
-    """Of its constructor, ABI-encoded."""
+    """The arguments of its constructor, ABI-encoded."""
 
     @property
     def code(self) -> bytes:
@@ -74,7 +74,7 @@ class Founding:
     founded_in: int
     """The block of its first contract, as contracts count (see `Registry.founding_block`)."""
     address: ChecksumAddress
-    """Of its contract Organization, which may not be there yet."""
+    """Address of its contract Organization, which may not be there yet."""
 
 
 def part(name: str, *arguments: Any) -> Part:
@@ -92,7 +92,8 @@ def _type(parameter: dict[str, Any]) -> str:
 
 
 def creation_code() -> bytes:
-    """Of the registry of this release, with its arguments: the hashes of the code that it creates."""
+    """Creation code of the registry of this release, with its arguments: the hashes of the code that it
+    creates."""
     hashes = [keccak(artifacts.load(name).bytecode) for name in PARTS]
     made = encode(["bytes32[]", "bytes32[]"], [[_bytes32(name) for name in PARTS], hashes])
     return artifacts.load(artifacts.REGISTRY).bytecode + made
@@ -169,7 +170,7 @@ class Registry:
         raise NotDeployed("this organization was not founded here", founder=founder, name=name, number=number)
 
     def init_code_hash(self, created: ChecksumAddress) -> bytes | None:
-        """Of a contract that was created here; None where there is none."""
+        """Hash of the creation code of a contract that was created here; None where there is none."""
         with translated():
             found = bytes(self._contract.functions.initCodeHashOf(created).call())
         return found if any(found) else None

@@ -29,8 +29,8 @@ class Work:
     """What would have been paid for work that was rejected or came too late."""
     day: int = 0
     creator: int = 0
-    """Whose attempt counted last on that day, by a number that few have in common; 0: nobody's, or only the
-    organization's."""
+    """A number, which few have in common, for the creator whose attempt counted last on that day; 0:
+    nobody, or only the organization."""
 
     def at(self, time_s: float) -> Work:
         """What is left of it."""

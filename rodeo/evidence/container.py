@@ -61,17 +61,17 @@ class Limits:
     chunk_bytes: int = 16 * 1024**2
     """The recorder closes a chunk of more than one MiB, and a picture has eight at most."""
     json_bytes: int = 1024**2
-    """Of one JSON message. Its objects take up to 24 times as much."""
+    """Most bytes of one JSON message. Its objects take up to 24 times as much."""
     messages: int = 5_000_000
     chunks: int = 500_000
     seals: int = 500_000
     seal_bytes: int = 8 * 1024
-    """Of one seal; the recorder's have 1100."""
+    """Most bytes of one seal; the recorder's have 1100."""
     channels: int = 256
     declaration_bytes: int = 64 * 1024
-    """Of a schema, of a channel, and of the header; the longest definition has 2200."""
+    """Most bytes of a schema, of a channel, and of the header; the longest definition has 2200."""
     topic_bytes: int = 256
-    """Of a topic's name, as in ROS 2."""
+    """Most bytes of a topic's name, as in ROS 2."""
     earliest_ns: int = 946_684_800 * 10**9
     """2000-01-01, before any site of ours."""
     latest_ns: int = 4_102_444_800 * 10**9

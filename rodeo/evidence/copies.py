@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 _HASH = re.compile("0x[0-9a-f]{64}")
 
 PART_BYTES = 512 << 10
-"""Of a copy in one answer."""
+"""Bytes of a copy in one answer."""
 PUT_WALL_S = 60.0
 """How long a device may take to put its copy into a slow store."""
 _PART_WALL_S = 10.0

@@ -10,7 +10,7 @@ EvidenceError
 │   └── BrokenSeal
 ├── BadAttestation          the signature is not its signer's
 ├── BadStatement            what was signed is no statement of a device
-├── BrokenJournal           a witness cannot go on with its chain
+├── BrokenJournal           a witness cannot continue with its chain
 ├── LayoutChanged           messages of one topic do not share one layout, or the topic has none
 ├── RecorderError
 │   ├── RecorderFailed      the recording cannot be written

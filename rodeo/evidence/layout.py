@@ -40,7 +40,7 @@ class Numbers(NamedTuple):
     code: str
     """As numpy writes it."""
     length: int | None
-    """Of a sequence."""
+    """Length of a sequence."""
     offset: int
 
 

@@ -53,7 +53,7 @@ class Proof:
 
     path: Path
     sha256: str
-    """Of the file; 0x, 32 bytes."""
+    """Hash of the file; 0x, 32 bytes."""
     size_bytes: int
     binding: Binding | None
     """None for a bag, which nobody sealed."""

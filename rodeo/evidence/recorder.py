@@ -51,7 +51,7 @@ OnSeal = Callable[[bytes], None]
 """Gets a seal message's bytes."""
 
 _LENGTH_FIELD, _TAIL = slice(1, 9), slice(11, None)
-"""Of an MCAP message record: its length, and what follows the channel's number."""
+"""Parts of an MCAP message record: its length, and what follows the channel's number."""
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,14 @@ from rodeo.evidence.layout import ENCAPSULATION, Numbers, Walk
 Array = np.ndarray[Any, Any]
 
 STRANGE_SHARE = 0.1
-"""Of the messages of one topic that may have another layout than the others."""
+"""Share of one topic's messages that may have another layout than the others."""
 _SAMPLES = 31
 """Messages that are looked at to find the layout that most have. With `STRANGE_SHARE` of strange ones, most
 of these are strange once in thirty million times."""
 _GOLDEN = 0.6180339887498949
 """Places at its multiples are spread evenly, and fall into step with nothing that comes periodically."""
 _AT_ONCE_BYTES = 4 << 20
-"""Of messages that are compared at once."""
+"""Bytes of messages that are compared at once."""
 
 
 class Payloads(Sequence[bytes]):
@@ -61,7 +61,7 @@ class Payloads(Sequence[bytes]):
 
     @property
     def size_bytes(self) -> int:
-        """Of all messages together."""
+        """Size of all messages together."""
         return len(self.buffer)
 
     @property

@@ -9,7 +9,7 @@ from operator import sub
 CLOSED = "recording_closed"
 """Last event of a recording: {"event", "topics": {topic: {"seen", "published"}}}, see `Tally`."""
 RESUMED = "recording_resumed"
-"""Event of a recorder that goes on after a cut."""
+"""Event of a recorder that continues after a cut."""
 
 
 class Tally:

@@ -1,6 +1,7 @@
 """Uploading one file to an fsspec store so that it is there whole or not at all.
 
-An upload that was cut off goes on if the store can: S3 keeps the parts; folders and HTTP servers start again.
+An upload that was cut off continues if the store can: S3 keeps the parts; folders and HTTP servers start
+again.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from rodeo.files import replacing
 
 BLOCK_BYTES = 1 << 20
 PART_BYTES = 8 << 20
-"""Of a multipart upload; S3 takes no less than 5 MiB but for the last."""
+"""Size of a part of a multipart upload; S3 takes no less than 5 MiB but for the last."""
 
 
 def upload(filesystem: Any, path: Path, target: str) -> None:

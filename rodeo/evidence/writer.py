@@ -24,7 +24,7 @@ COMPRESSION = "zstd"
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
 _FIELDS_BYTES = _MESSAGE.size - 9
-"""Of a message beside its data; a record's opcode and length do not count."""
+"""Bytes of a message beside its data; a record's opcode and length do not count."""
 _CHUNK_BYTES = 1024 * 1024
 """A chunk that is larger is closed, as `mcap.writer` does."""
 

@@ -62,7 +62,7 @@ class Body:
         joints = [model.joint(f"{robot}/{name}") for name in joint_names(arm)]
         count = len(arm.joints)
         self.arm_columns, self.finger_columns = slice(0, count), slice(count, count + 2)
-        """Of `positions`, `velocities` and `efforts`."""
+        """Columns of `positions`, `velocities` and `efforts`."""
         self.positions_at = qpos = np.array([joint.qposadr[0] for joint in joints], np.intc)
         """(n,) of `positions` in `mjData.qpos`."""
         self.velocities_at = dof = np.array([joint.dofadr[0] for joint in joints], np.intc)

@@ -49,7 +49,7 @@ SHAPE_NAMES: dict[ItemClass, tuple[str, ...]] = {
     ItemClass.GLASS: ("jar", "bottle"),
     ItemClass.TRASH: ("carton", "wrapper"),
 }
-"""Of `rodeo.lab.items.SHAPES`, which takes the geometry to read."""
+"""Names of the shapes in `rodeo.lab.items.SHAPES`, whose geometry takes long to read."""
 
 
 _DEVICE_NAME = r"^[a-z][a-z0-9_]*$"
@@ -127,11 +127,11 @@ class BinConfig(Section):
     """
 
     name: str = Field("itrash", pattern=_DEVICE_NAME)
-    """Of the bin in the organization, in its topics, and of its keystore with `-device` behind it."""
+    """Name of the bin in the organization, in its topics, and of its keystore with `-device` behind it."""
     pose: Pose2
     http_host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     http_port: int = Field(0, ge=0, le=65535)
-    """Of the bin's page; 0 takes a free port, which its process's status tells."""
+    """Port of the bin's page; 0 takes a free port, which the status of its process shows."""
     camera: CameraConfig = CameraConfig()
     rim_height_m: Positive = 0.42
     compartment_size_m: tuple[Positive, Positive] = (0.22, 0.20)
@@ -209,8 +209,8 @@ class DockConfig(Section):
     """
 
     name: str = Field("dock1", pattern=_DEVICE_NAME)
-    """Of the dock and its meter in the organization, in its topics, and of its keystore with `-device`
-    behind it."""
+    """Name of the dock and its meter in the organization, in its topics, and of its keystore with
+    `-device` behind it."""
     pose: Pose2
     contact_tolerance_m: Positive = 0.06
     contact_tolerance_rad: Positive = 0.15

@@ -17,7 +17,8 @@ from rodeo.errors import ConfigError
 from rodeo.lab.config import FurnitureConfig, LabConfig, Pose2, Positive, Section
 
 MOST_WALLS = 500
-"""Of one map: more boxes make the simulation slow. A coarser map, or one of straight walls, has fewer."""
+"""Most walls of one map: more boxes make the simulation slow. A coarser map, or one of straight walls, has
+fewer."""
 
 Side = Literal["west", "east", "south", "north"]
 _Line = tuple[Literal["x", "y"], float]
@@ -153,7 +154,7 @@ class _Map(BaseModel):
     resolution: Positive
     """m per pixel."""
     origin: tuple[float, float, float]
-    """Of the image's lower left corner: m, m, rad."""
+    """Position of the image's lower left corner: m, m, rad."""
     occupied_thresh: float = 0.65
     negate: bool = False
     mode: Literal["trinary"] = "trinary"

@@ -47,7 +47,7 @@ GRIPPER_OPEN_M = 0.057
 GRIPPER_CLOSED_M = 0.021
 
 CAMERA_SITE = "wrist_camera_optical_frame"
-"""Of the wrist's depth and colour camera (REP 103: z ahead, x right, y down)."""
+"""Frame of the wrist's depth and colour camera (REP 103: z ahead, x right, y down)."""
 LIDAR_SITE = "lidar_link"
 
 ROBOT_XML = Path(__file__).with_name("panther_viperx.xml")

@@ -18,7 +18,7 @@ from rodeo.kinds import Kinds
 from rodeo.messages import Task
 
 STANDS = 1e-3
-"""Of real time: a clock that goes slower than this stands."""
+"""Share of real time: a clock that is slower than this stands."""
 _REAL = 0.05
 """Share by which a clock that keeps real time may look faster or slower than that when it is measured."""
 
@@ -79,7 +79,7 @@ class Pace:
 
     @property
     def now_s(self) -> float:
-        """Site time now, as far as it goes on like this."""
+        """Site time now, as far as it continues like this."""
         return self.at_s + max(0.0, time.time() - self.measured_s) * self.speed
 
     @property

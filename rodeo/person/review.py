@@ -29,9 +29,9 @@ from rodeo.person.statement import BadPhoto, NotSubmitted, Statement, check_phot
 from rodeo.queries import A, Query
 
 READ_FOR_S = 20.0
-"""Wall time for reading submissions that were not read before; the next review goes on from there."""
+"""Wall time for reading submissions that were not read before; the next review continues from there."""
 _VERSION = "prints-1"
-"""Of what is kept; another way to make prints takes another name."""
+"""Version of what is kept; another way to make prints takes another name."""
 
 
 class _Frozen(BaseModel):
@@ -49,7 +49,7 @@ class Use(_Frozen):
     photo: int | None = None
     """Which of its photos, from 1; None for the note."""
     differing_bits: int = 0
-    """Of a photo's perceptual hash: how much a near copy differs."""
+    """Bits in which a photo's perceptual hash differs: by so much does a near copy."""
 
 
 class PhotoMetadata(_Frozen):
@@ -140,7 +140,7 @@ class Reviewer:
         self._read_for_s = read_for_s
 
     def review(self, task: Task) -> Review:
-        """Of the statement that was last submitted for `task`.
+        """The review of the statement that was last submitted for `task`.
 
         Raises NotSubmitted, NoStatement, EvidenceError where its own proof cannot be read, and what the index
         raises.

@@ -2,7 +2,7 @@
 
 A person accepts an assignment, which opens a recording bound to it, does the work, and submits: the evidence
 is added, the recording sealed with the person's own key, stored, and its hash put on chain. The seal proves
-who said it, for which assignment, and when; whether it is true is for an auditor to judge, who is told by
+who said it, for which assignment, and when. Whether it is true is for an auditor to judge, who learns from
 `rodeo.person.review` what is known of note and photos.
 """
 
@@ -43,7 +43,7 @@ MAX_PHOTO_BYTES = 8 << 20
 MAX_NOTE_CHARACTERS = 4000
 MAX_REASON_CHARACTERS = 500
 MAX_STATEMENT_BYTES = 2 * MAX_PHOTOS * MAX_PHOTO_BYTES
-"""Of a recording that holds a statement: no statement needs more."""
+"""Most bytes of a recording that holds a statement: no statement needs more."""
 STATEMENT_LIMITS = Limits(
     file_bytes=MAX_STATEMENT_BYTES, uncompressed_bytes=MAX_STATEMENT_BYTES, messages=100_000
 )
@@ -118,7 +118,7 @@ class Executor:
     def submit(self, task_id: int, note: str, photos: Sequence[bytes] = ()) -> str:
         """Add the evidence, seal, store and submit; returns the proof's SHA-256 (0x).
 
-        Asked again after it was interrupted, it goes on with what was sealed. Raises NotYourTask,
+        Asked again after it was interrupted, it continues with what was sealed. Raises NotYourTask,
         NotAccepted, BadNote, BadPhoto, StoreUnavailable, and what `Participant` raises.
         """
         task = self._assigned(task_id)

@@ -79,7 +79,7 @@ STAMP_SLACK_WALL_S = 15.0
 SILENT_WALL_S = 3.0
 """A publisher that said nothing sensible for so long is followed no more: its process was restarted."""
 _RATE_HZ = 10.0
-"""Of a topic without a nominal rate."""
+"""Rate of a topic without a nominal one."""
 _FASTER = 2.0
 """A publisher may be this much faster than its nominal rate."""
 _SAVED_S = 2.0
@@ -133,7 +133,7 @@ class MessageDoor:
         self._gid: bytes | None = None
         self._sequence = 0
         self.stamp_ns = 0
-        """Of the last message that may be written."""
+        """Stamp of the last message that may be written."""
         self._heard_s = 0.0
 
     def refusal(self, info: MessageInfo, now_ns: int) -> Refusal | None:

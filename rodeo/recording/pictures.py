@@ -28,22 +28,22 @@ log = logging.getLogger(__name__)
 _RETRY_WALL_S = 1.0
 _ANSWER_WALL_S = 5.0
 _MOST = 4 * MAX_LOOKS
-"""Of one recording, before a drop says which count: a robot delivers its item four times, and shows it each
-time for as many pictures as a classification combines."""
+"""Most pictures of one recording, before a drop says which count: a robot delivers its item four times,
+and shows it each time for as many pictures as a classification combines."""
 _MOST_DROPS = 12
-"""Of one recording, whose pictures are fetched beyond that. A robot presents itself so often in four
-deliveries, and a drop names nobody who did so before the last one."""
+"""Most drops of one recording whose pictures are fetched beyond that. A robot presents itself so often in
+four deliveries, and a drop names nobody who did so before the last one."""
 _LEFT = 32
 """Classifications that a drop may still refer to: a bin keeps no more pictures."""
 _MAX_BYTES = 8 << 20
-"""Of one picture, as the bin reads them."""
+"""Most bytes of one picture, as the bin reads them."""
 
 Write = Callable[[str, bytes, int], None]
 """Gets the bin's name, a CompressedImage as CDR and the time of the picture in ns."""
 
 
 class PictureFetcher:
-    """Fetches in a thread of its own what it is told of, and hands it to `write`."""
+    """Fetches in a thread of its own what statements name, and hands it to `write`."""
 
     def __init__(self, bus: Bus, org: str, write: Write) -> None:
         self._bus = bus

@@ -220,7 +220,7 @@ class StatementDoor:
         return found
 
     def wanted(self) -> list[tuple[str, str, int]]:
-        """Of whom something is missing: address, name, and the number after which to ask."""
+        """Devices of which something is missing: address, name, and the number after which to ask."""
         if self._unasked and self.answered():
             self._take_up_unasked()
         return [
@@ -366,7 +366,7 @@ _ANSWER_WALL_S = 2.0
 _MOST_WAITING = 500
 """Messages on one key that wait for a look: more than come while a busy machine stalls."""
 _ANSWERS = 4
-"""Of one question: the device's own is among them, whoever else answers on an open bus."""
+"""Most answers to one question: the device's own is among them, whoever else answers on an open bus."""
 
 
 class StatementListener:
@@ -400,7 +400,7 @@ class StatementListener:
         self._wake = threading.Event()
         self._closed = threading.Event()
         self._arriving = threading.Lock()
-        """So that nothing arrives after the end: it would hold the clock for ever."""
+        """So that nothing arrives after the end: it would hold the clock indefinitely."""
         self._arrived: queue.Queue[tuple[str, bytes, ExitStack] | None] = queue.Queue()
         self._waiting: Counter[str] = Counter()
         """By device, whose key it came on: what has arrived and was not looked at."""

@@ -43,7 +43,7 @@ _KEPT = 50
 class SmartBin:
     """Hears what one bin of the site states, and presents the robot to it.
 
-    What a statement is about is told by its own time, not by when it was heard. Close it before the bus.
+    A statement's own time counts, not when it was heard. Close it before the bus.
     """
 
     def __init__(

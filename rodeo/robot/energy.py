@@ -18,7 +18,7 @@ _FIRST_DRIVING_W = 120.0
 _FIRST_SPEED_M_S = 0.3
 _FIRST_HANDLING_S = 120.0
 _WEIGHT = 0.2
-"""Of a new measurement against all before it."""
+"""Weight of a new measurement against all before it."""
 _LONGEST_GAP_S = 10.0
 """Battery messages further apart were not heard in between: nothing is counted."""
 _SPEED_MEMORY_S = 300.0

@@ -36,11 +36,12 @@ from rodeo.robot.wrist_camera import WristCamera
 log = logging.getLogger(__name__)
 
 _PLACES = 12
-"""Of the places where it may stand for something, the robot tries so many."""
+"""Number of places that the robot tries, where it may stand for something."""
 _BLOCKED_S = 8.0
 """Site time between two tries."""
 _ASIDE_SHARE = 0.5
-"""Of the tries after which a blocked robot makes way. Robots that block each other must not do the same."""
+"""Share of the tries after which a blocked robot makes way. Robots that block each other must not do the
+same."""
 _ASIDE_PLACES = 3
 _DOCKINGS = 4
 _LOOK_AROUND_S = 10.0
@@ -90,7 +91,7 @@ class MobileManipulator:
         self._chance = chance
         self._stop = stop
         self._above_placed: Point3 | None = None
-        """Of the base frame: to where the fingers go up from what was placed last."""
+        """Point in the base frame: to where the fingers go up from what was placed last."""
 
     # -- the base --------------------------------------------------------------------------------------
 

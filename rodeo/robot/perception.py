@@ -39,7 +39,8 @@ _TRIM = 0.01
 """Share of a cluster's points on each side that its extent leaves out."""
 _YAW_STEPS = 45
 _DISTANCE_WEIGHT = 0.05
-"""Of two things that look the same the nearer is meant: 10 cm count as much as 5 mm of misfit."""
+"""Weight of the distance: of two things that look the same the nearer is meant, and 10 cm count as much as
+5 mm of misfit."""
 
 
 @dataclass(frozen=True)

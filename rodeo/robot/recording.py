@@ -117,7 +117,7 @@ def _json(path: Path, channel: str) -> Iterator[tuple[float, dict[str, Any]]]:
 
 @dataclass(frozen=True)
 class RecordedRobot:
-    """Whose work is recorded, with which key, and where it is heard."""
+    """The robot whose work is recorded, with which key, and where it is heard."""
 
     site: Site
     name: str

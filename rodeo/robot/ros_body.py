@@ -143,13 +143,13 @@ class Latest:
     def _arrived_s(self, newest: _Arrival) -> float:
         """Site time at which it came."""
         if self._simulated:
-            # A simulated clock is told less often than what is stamped with it.
+            # A simulated clock is published less often than what is stamped with it.
             return min(max(newest.site_s, self._stamp_s(newest)), newest.site_s + _CLOCK_BEHIND_S)
         return newest.site_s
 
     @staticmethod
     def _stamp_s(newest: _Arrival) -> float:
-        """Its own time; that of its arrival where it is malformed, which is told of when it is decoded."""
+        """Its own time; that of its arrival where it is malformed, which decoding reports."""
         with suppress(MalformedMessage):
             return float(plain.stamp_ns(newest.cdr) * 1e-9)
         return newest.site_s
@@ -311,7 +311,7 @@ class RosBody:
         return self._switch(True)
 
     def _switch(self, on: bool) -> bool:
-        """Whether the body did it. Work goes on either way: what needs power fails by itself."""
+        """Whether the body did it. Work continues either way: what needs power fails by itself."""
         self._powered = None
         try:
             reply = self._power_client.call(types.new(f"{topics.MOTOR_POWER.type}_Request", data=on))
@@ -361,7 +361,7 @@ class RosBody:
                 self._moved_s = self._clock.now_s()
 
     def _finish(self, goal: ClientGoal) -> Any:
-        """Wait for the goal's end; when an interrupt raises, the body is told to stop first."""
+        """Wait for the goal's end; when an interrupt raises, it stops the body first."""
         try:
             goal.wait(self.interrupts.check)
         except Exception:  # whatever it is, it is raised again

@@ -90,7 +90,7 @@ class WristCamera:
         raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_S)
 
     def _pose(self) -> tuple[Array, Array]:
-        """Of the optical frame in the map."""
+        """Pose of the optical frame in the map."""
         position_m, rotation = self._arm.camera(self._body.joints().arm_rad)
         base = self._body.base_pose()
         c, s = math.cos(base.yaw_rad), math.sin(base.yaw_rad)

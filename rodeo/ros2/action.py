@@ -305,7 +305,7 @@ class ClientGoal:
     def result(self, timeout_s: float | None = None) -> Any:
         """Result message of a goal that succeeded; waits at most `timeout_s` wall seconds.
 
-        Raises GoalAborted, GoalCanceled, ActionServerLost, GoalTimeout (the goal goes on).
+        Raises GoalAborted, GoalCanceled, ActionServerLost, GoalTimeout (the goal continues).
         """
         if not self._clock.wait_for(self._outcome.done, wall_s=timeout_s):
             raise GoalTimeout(
@@ -435,7 +435,7 @@ def _goal_info(goal: ServerGoal) -> Any:
 
 
 def _cancels(goal: ServerGoal, goal_id: bytes, stamp_ns: int) -> bool:
-    """Who a cancel request means: one goal, and/or every goal up to a time, or all (action_msgs)."""
+    """The goals that a cancel request means: one, and/or every one up to a time, or all (action_msgs)."""
     if not any(goal_id) and not stamp_ns:
         return True
     return goal.goal_id == goal_id or bool(stamp_ns and goal.stamp_ns <= stamp_ns)

@@ -36,7 +36,8 @@ def _definitions() -> dict[str, list[Any]]:
 
 @cache
 def definition(typename: str) -> Definition:
-    """Of a message, a service or a structure like `std_srvs/srv/SetBool_Request`. Raises UnknownType."""
+    """The definition of a message, a service or a structure like `std_srvs/srv/SetBool_Request`. Raises
+    UnknownType."""
     try:
         return Definition(*_definitions()[typename])
     except KeyError as error:

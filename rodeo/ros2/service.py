@@ -69,7 +69,7 @@ class PendingRequest:
 
     @property
     def gid(self) -> bytes:
-        """Of the client."""
+        """Identity of the client."""
         return self._attachment.gid
 
     def respond(self, response: Any) -> None:

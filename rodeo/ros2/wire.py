@@ -87,7 +87,7 @@ class NodeEntity:
         return self._token(self.node_id, "NN")
 
     def endpoint_token(self, entity_id: int, kind: EntityKind, name: str, typename: str, qos: QoS) -> str:
-        """Of one of its publishers, subscribers, services or clients."""
+        """The token of one of its publishers, subscribers, services or clients."""
         return (
             f"{self._token(entity_id, kind)}/{_mangle('/' + name.strip('/'))}/"
             f"{definitions.dds_type(typename)}/{definitions.type_hash(typename)}/{qos.encode()}"

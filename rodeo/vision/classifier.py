@@ -63,7 +63,7 @@ def to_input(image_bgr: np.ndarray, preprocessing: Preprocessing) -> np.ndarray:
 
 _IMAGE, _LOGITS = "image", "logits"
 _FATAL = 4
-"""Of onnxruntime's severities."""
+"""One of onnxruntime's severities."""
 
 
 class Classifier:

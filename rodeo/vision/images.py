@@ -40,7 +40,7 @@ _PNG_PASSES = (
     (1, 0, 2, 2),
     (0, 1, 1, 2),
 )
-"""Of an interlaced PNG (the same, 8.1): first column, first row, and steps to the next ones."""
+"""Passes of an interlaced PNG (the same, 8.1): first column, first row, and steps to the next ones."""
 _INFLATED_AT_ONCE, _DEFLATED_AT_ONCE = 1 << 18, 1 << 16
 """Bytes: small enough for a processor's cache."""
 
@@ -224,7 +224,7 @@ class _Pixels:
     """Unpacks a PNG's pixels and forgets them, to see how many bytes they are."""
 
     def __init__(self, data: bytes) -> None:
-        """Of a PNG whose header is all there. Raises BrokenImage for a kind of pixels that there is not."""
+        """A PNG whose header is all there. Raises BrokenImage for a kind of pixels that there is not."""
         width, height, bits, colour, _, _, interlaced = struct.unpack_from(">IIBBBBB", data, 16)
         if colour not in _PNG_CHANNELS or bits not in (1, 2, 4, 8, 16) or interlaced > 1:
             raise BrokenImage("no PNG has such pixels", bits=bits, colour=colour, interlaced=interlaced)

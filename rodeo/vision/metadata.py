@@ -31,7 +31,8 @@ class Metadata:
 
 
 def read_metadata(data: bytes) -> Metadata | None:
-    """Of an encoded picture that `decode_image` took; None where it carries none that can be read."""
+    """The metadata of an encoded picture that `decode_image` took; None where it carries none that can be
+    read."""
     import cv2
 
     buffer = np.frombuffer(data, np.uint8)

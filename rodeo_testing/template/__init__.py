@@ -19,7 +19,7 @@ _FILES = {
     "harness": "{name}/harness.py",
     "test_kind": "tests/test_{name}.py",
 }
-"""Of `files/` without the ending -> where it goes."""
+"""A name in `files/` without the ending -> where it goes."""
 
 
 class CannotWrite(RodeoError):

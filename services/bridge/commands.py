@@ -154,11 +154,11 @@ from services.bridge.relaying import Requests, Said, nonce_of
 from services.bridge.transactions import Transactions
 
 NO_RULES = "0x" + "00" * 32
-"""Of a task that names none: the newest that are current, if there are any."""
+"""Rules of a task that names none: the newest that are current, if there are any."""
 
 
 MAX_TEXT_BYTES = 16 * 1024
-"""Of parameters and description together: everybody keeps and lists them for ever."""
+"""Most bytes of parameters and description together: everybody keeps and lists them indefinitely."""
 
 
 Reply = dict[str, Any]
@@ -182,12 +182,12 @@ class Wallet:
 
     @property
     def address(self) -> str:
-        """Who creates, executes and pays on chain."""
+        """The account that creates, executes and pays on chain."""
         return self.names.addresses[self.participant]
 
     @property
     def key_address(self) -> str:
-        """Who signs."""
+        """The account that signs."""
         return self.names.keys[self.participant]
 
     @property
@@ -514,7 +514,7 @@ class Wallet:
         service = self.index.service(command.service_id)
         if service is not None and service["state"] == "retired":
             raise InvalidRequest(
-                "the task would wait for ever: this service was withdrawn for good",
+                "the task would wait indefinitely: this service was withdrawn for good",
                 service_id=command.service_id,
             )
         return command.service_id
@@ -1095,7 +1095,7 @@ class Wallet:
         text = protected_text(command.description, self.key_address)
         made = self.client.governance_calls.proposal_id(calls, text)
         if (number := self.index.proposal_number(proposal_key(made))) is not None:
-            # The governor knows a proposal by what it says, for ever.
+            # The governor knows a proposal by what it says, indefinitely.
             raise AlreadyProposed(
                 "this account proposed the same before with the same words: change the words",
                 proposal=number,
@@ -1166,7 +1166,7 @@ class Wallet:
             )
 
     def _require_state(self, row: Row, *wanted: str) -> None:
-        """Of a proposal where nobody votes. Raises UnexpectedProposalState."""
+        """Raises UnexpectedProposalState, of a proposal where nobody votes."""
         state = self.client.operation_state(_bytes32(row["id"]))
         if state not in wanted:
             raise UnexpectedProposalState(

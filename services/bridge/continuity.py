@@ -26,8 +26,8 @@ _GIVEN_UP = "given-up"
 
 
 def give_up_journal(site: Site, bridge: str = BRIDGE) -> None:
-    """Let a bridge of the site (`bridge`, the process) go on with a journal that lacks what was sent before,
-    when it opens it next."""
+    """Let a bridge of the site (`bridge`, the process) continue with a journal that lacks what was sent
+    before, when it opens it next."""
     folder = site.data_dir / bridge
     folder.mkdir(parents=True, exist_ok=True)
     _order(folder).touch()

@@ -22,7 +22,8 @@ log = logging.getLogger(__name__)
 
 _CHECKPOINT_S = 2.0
 _CHECKPOINT_PAGES = 10_000
-"""Of 4 KiB, after which the log begins anew: it does so by itself only when nothing is written meanwhile."""
+"""Pages of 4 KiB after which the log begins anew: it does so by itself only when nothing is written
+meanwhile."""
 
 
 def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engine:

@@ -191,7 +191,8 @@ class NotARecipient(RequestError):
 
 
 class NoCredits(RequestError):
-    """Who was no member before the budget vote was opened, or is none any more, has no credits in it."""
+    """An account that was no member before the budget vote was opened, or is none any more, has no credits
+    in it."""
 
 
 class TooFewCredits(RequestError):

@@ -499,7 +499,7 @@ class Index:
         )
 
     def number_of(self, kind: str) -> int:
-        """Of the kind with its present judge; 0 where it never had one."""
+        """Number of the kind with its present judge; 0 where it never had one."""
         return int(self._scalar(select(schema.kinds.c.number).where(schema.kinds.c.kind == kind)) or 0)
 
     def numbers(self) -> dict[int, Row]:
@@ -561,15 +561,15 @@ class Index:
         return held
 
     def judges(self) -> list[Row]:
-        """Of the committee of oracles, by their seats, each with its name in the device registry, if it has
-        one."""
+        """The judges of the committee of oracles, by their seats, each with its name in the device
+        registry, if it has one."""
         judges, devices = schema.judges.c, schema.devices.c
         named = schema.judges.outerjoin(schema.devices, judges.first_key == devices.address)
         query = select(schema.judges, devices.name).select_from(named)
         return self._rows(query.where(judges.committee == ORACLES).order_by(judges.seat))
 
     def challenge_judges(self, committee: str) -> list[Row]:
-        """Of a committee that decides about challenges, by their seats."""
+        """The judges of a committee that decides about challenges, by their seats."""
         judges = schema.judges.c
         query = select(schema.judges).where(judges.committee == committee).order_by(judges.seat)
         return self._rows(query)
@@ -606,7 +606,7 @@ class Index:
         return self._first(select(schema.proposals).where(schema.proposals.c.number == number))
 
     def proposal_number(self, key: str) -> int | None:
-        """Of the proposal with this id in hex."""
+        """Number of the proposal with this id in hex."""
         return self._scalar(select(schema.proposals.c.number).where(schema.proposals.c.id == key))
 
     def budget_votes(self, page: Page, number: int | None = None) -> tuple[list[Row], int]:

@@ -42,7 +42,8 @@ from services.bridge.errors import JournalDamaged, JournalUnwritable
 from services.bridge.schema import Wei
 
 _VERSION = 1
-"""Of the tables below: a change of them counts it up. New columns are null in the rows that are there."""
+"""Version of the tables below: a change of them counts it up. New columns are null in the rows that are
+there."""
 
 metadata = MetaData()
 

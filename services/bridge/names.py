@@ -1,4 +1,4 @@
-"""Who is behind an address: the site's participants and their wallets."""
+"""The name behind an address: the site's participants and their wallets."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Names:
         return None if address is None else self._names.get(address)
 
     def key_name(self, address: str) -> str | None:
-        """Whose key or contract this is; None for a stranger's."""
+        """The owner of this key or contract; None for a stranger's."""
         return self._names_of_keys.get(address) or self._names.get(address)
 
     def role(self, name: str) -> str:
@@ -54,7 +54,7 @@ class Names:
         return "robot" if name in [robot.name for robot in self._site.robots] else "participant"
 
     def payout(self, name: str) -> str | None:
-        """Who is paid for a robot's work, if the site file says it."""
+        """The account that is paid for a robot's work, if the site file names it."""
         return next((robot.payout for robot in self._site.robots if robot.name == name), None)
 
     def cannot_do(self, name: str, kind: str) -> str:

@@ -1,4 +1,4 @@
-"""What the wallets are asked to send: queued, then in flight, until whoever waits is told the outcome."""
+"""What the wallets are asked to send: queued, then in flight, until whoever waits hears the outcome."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from services.bridge.fees import Limits
 from services.bridge.journal import Entry, nonce_of
 
 OUTCOME_S = 25.0
-"""Wall time without progress after which the caller is told that the outcome is not known yet. Progress is
+"""Wall time without progress after which the caller hears that the outcome is not known yet. Progress is
 that the transaction is sent, and before that, that another of its wallet is."""
 
 PATIENCE_S = 5.0
-"""Wall time for which an order waits for a node that answers badly before its caller is told so."""
+"""Wall time for which an order waits for a node that answers badly before its caller hears so."""
 
 MAX_IN_FLIGHT = 64
 """Transactions of one wallet that wait to be mined; geth keeps as many of one account in its queue."""
@@ -73,7 +73,7 @@ class Job:
 
     order: Order
     waiters: list[tuple[Future[Reply], float]] = field(default_factory=list)
-    """Who waits, and since when."""
+    """Callers that wait, and since when."""
     entry: Entry | None = None
     attempts: int = 1
     """Times that it was made because the node refused its fee."""
@@ -226,8 +226,8 @@ class Orders:
                     wallet.queue.appendleft(job)
 
     def postpone(self, jobs: Sequence[Job], error: ChainError) -> None:
-        """The node's answers do not let these be signed. Its caller is told after a while, or at once where
-        the node does not answer at all; what was promised before waits."""
+        """The node's answers do not let these be signed. Its caller hears of it after a while, or at once
+        where the node does not answer at all; what was promised before waits."""
         patience_s = PATIENCE_S if isinstance(error, InvalidAnswer | RateLimited) else 0.0
         now_s = time.monotonic()
         for job in jobs:
@@ -275,7 +275,7 @@ class Orders:
             self.wallet_of(job).in_flight.pop(job.signed.id, None)
 
     def forget(self, job: Job, error: RodeoError) -> None:
-        """It can never be mined, and whoever waits is told."""
+        """It can never be mined, and whoever waits hears so."""
         self._journal.forget(job.signed)
         self.release(job)
         self.end(job, error)

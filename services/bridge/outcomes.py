@@ -40,7 +40,7 @@ _ATTEMPTS = 3
 _NONCES = 20
 """Times that a transaction is made whose nonce goes to another of its wallet. Two bridges that send with one
 wallet take nonces from each other, and each time one of them gets on. Without a limit a node that denies its
-receipts would have it made, and mined, for ever."""
+receipts would have it made, and mined, indefinitely."""
 
 GIVE_UP_S = 20.0
 """Wall time after which a transaction is refused by a node that says only that it failed itself."""
@@ -321,7 +321,7 @@ class Outcomes:
             self._orders.end(job, result)
 
     def _result(self, job: Job, receipt: dict[str, Any]) -> Reply | RodeoError:
-        """What its caller is told. Raises ChainError where that cannot be read now."""
+        """The answer to its caller. Raises ChainError where that cannot be read now."""
         entry = job.signed
         if int(receipt["status"], 16) == 1:
             reply = self._reply(receipt)

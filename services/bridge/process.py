@@ -311,7 +311,7 @@ class Bridge:
         return opened
 
     def _on_indexed(self, transactions: Transactions, tx_hashes: set[str]) -> None:
-        # Before what waits for them goes on: a simulated clock may jump then.
+        # Before what waits for them continues: a simulated clock may jump then.
         self._windows_changed.set()
         self._clock.notify()
         transactions.outcomes.indexed(tx_hashes)
@@ -341,7 +341,7 @@ class Bridge:
                     current_s = time.monotonic()
                 if again:
                     if attachment.chain.index.position == before:
-                        self._stop.wait(POLL_MIN_S)  # there was nothing to go on with
+                        self._stop.wait(POLL_MIN_S)  # there was nothing to continue with
                     continue
                 if behind:
                     headers = heads.wait()
@@ -579,7 +579,7 @@ class _End(NamedTuple):
     command: str
     task_id: int
     attempt: int | None = None
-    """Of the case whose stakes are settled: the task may be at another one by then."""
+    """Attempt of the case whose stakes are settled: the task may be at another one by then."""
 
     @property
     def data(self) -> dict[str, int]:

@@ -782,7 +782,7 @@ class Projection:
         return self.rows.find(schema.kinds, kind) or unknown
 
     def _number(self, number: int) -> Mapping[str, Any]:
-        """Who judges, and whether it still does."""
+        """The judge, and whether it still judges."""
         return self.rows.find(schema.numbers, number) or {"judge": ZERO_ADDRESS, "removed": False}
 
     def _free_service(self, task: Mapping[str, Any]) -> None:

@@ -405,7 +405,7 @@ class Queries:
         }
 
     def _judge_of(self, number: Mapping[str, Any] | None) -> Json:
-        """Who rules on a kind, and whether it still does."""
+        """The judge of a kind, and whether it still judges."""
         known = number or {"judge": ZERO_ADDRESS, "removed": False}
         return {"judge": self._names.judge(known["judge"]), "removed": known["removed"]}
 

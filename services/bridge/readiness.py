@@ -26,11 +26,11 @@ RETRY_S = 0.5
 """The same while it does not."""
 
 MOST_WALLETS = 20
-"""Whose nonces one round asks for; the others have their turn in the next ones."""
+"""Wallets whose nonces one round asks for; the others have their turn in the next ones."""
 
 MAX_BLOCK_AHEAD_S = 5.0
-"""Of a chain elsewhere: a node's clock may be off a little, and who records in another time than that of the
-blocks is not paid (the oracle's `recorded_in_assignment`)."""
+"""How far a block of a chain elsewhere may be ahead: a node's clock may be off a little, and who records
+in another time than that of the blocks is not paid (the oracle's `recorded_in_assignment`)."""
 
 _MAY_REFUSE = ("eth_maxPriorityFeePerGas", "eth_estimateGas")
 """Not every node advises a tip, or estimates for an account that owns nothing."""

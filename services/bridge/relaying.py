@@ -35,7 +35,7 @@ _NONCE_BYTES = 6
 _SIGNATURE_BYTES = 65
 
 _VERSIONS = ("1", "2")
-"""Of tokens that take permits: OpenZeppelin's, and Circle's USDC."""
+"""Versions of tokens that take permits: OpenZeppelin's, and Circle's USDC."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -171,7 +171,7 @@ class Requests:
 
 
 def nonce_of(request_id: str | None) -> int:
-    """Of a new request; of the same one again the same, so that it counts once."""
+    """The nonce of a new request; the same one again gets the same, so that it counts once."""
     if request_id is None:
         return secrets.randbits(8 * _NONCE_BYTES)
     return int.from_bytes(keccak(text=request_id)[:_NONCE_BYTES])

@@ -49,7 +49,7 @@ class Transactions:
         self._thread = threading.Thread(target=self._run, name="transactions", daemon=True)
 
     def start(self) -> None:
-        """Take up what was sent before, and go on."""
+        """Take up what was sent before, and continue."""
         self.outcomes.take_up(self._journal.unfinished())
         self._thread.start()
 

@@ -48,7 +48,7 @@ class Order:
     limits: SessionLimits
     binding: Binding
     path: Path
-    """Of the recording."""
+    """Path of the recording."""
     register: Path
     """Where the meter's register is stored at either end of a session."""
     battery_topic: str
@@ -75,7 +75,7 @@ class Delivery:
         save: Callable[[Job], None],
         on_seal: OnSeal | None = None,
     ) -> None:
-        """Start the recording, or go on with it. Raises RecordingSealed when it is finished."""
+        """Start the recording, or continue with it. Raises RecordingSealed when it is finished."""
         self.job = order.job
         self.session = Session(order.job.session, order.limits)
         self.power_w = self._power_rises_w_s = 0.0
@@ -304,7 +304,7 @@ class Delivery:
             return self._recorder.close()
 
     def suspend(self) -> None:
-        """Let go of the recording so that the next process can go on with it."""
+        """Let go of the recording so that the next process can continue with it."""
         with self._lock:
             self._recorder.suspend()
 
@@ -327,7 +327,7 @@ class Delivery:
         self._clock.notify()
 
     def _look_ahead(self) -> None:
-        """Say which reading the dock acts on next, as far as the power goes on changing as it does. In a step
+        """Say which reading the dock acts on next, as far as the power changes on as it does. In a step
         it comes to more than that by less than what is left of _STEADY."""
         due_s, last_s = self.session.due_s, self._last_time_s
         if self.job.session.phase is Phase.CHARGING and self.power_w > 0:

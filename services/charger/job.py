@@ -114,9 +114,9 @@ class Recorded:
     """Where a recording stands, as far as it tells."""
 
     records: list[Attestation] = field(default_factory=list)
-    """Of the meter, in order."""
+    """Records of the meter, in order."""
     receipts: list[Attestation] = field(default_factory=list)
-    """Of the robot."""
+    """Receipts of the robot."""
     seals: set[str] = field(default_factory=set)
     """Their digests."""
     unsaid: list[Reading] = field(default_factory=list)
@@ -152,7 +152,7 @@ def recover(path: Path, output_topic: str) -> Recorded:
 
 
 _MORE_SHARE = 1.1
-"""Of what a robot's own estimate orders."""
+"""Factor on what a robot's own estimate orders."""
 
 
 def wrong_order(task: Task, params: ChargingParams, site: Site, dock: DockConfig) -> str | None:

@@ -58,7 +58,7 @@ log = logging.getLogger(__name__)
 ARRIVAL_S = 1800.0
 """Site time that a robot has to reach the dock."""
 PROOF_SHARE = 0.05
-"""Of the execution window, kept for sealing and submitting."""
+"""Share of the execution window that is kept for sealing and submitting."""
 CLOSING_WALL_S = 15.0
 """Wall time for which the robot is asked to sign the end. What it signed before counts without."""
 
@@ -278,7 +278,7 @@ class Charger:
     def _perform(self, job: Job) -> None:
         path = self._recording(job)
         sha256 = self._deliver(job, path)
-        if sha256 is None:  # asked to stop; the next process goes on
+        if sha256 is None:  # asked to stop; the next process continues
             return
         if not job.session.sold and self._process.clock.now_s() <= job.task.grace_ends_s:
             # A proof of nothing is rejected: why nothing was signed is one's word against the other's.

@@ -79,7 +79,7 @@ class SessionLimits:
     """At the voltage limit the current must stay below the cut-off for so long."""
     no_current_s: float = 120.0
     reclose_s: float = 10.0
-    """Below the voltage limit, without current for so long, the contactor is told to close again."""
+    """Below the voltage limit, without current for so long, the contactor gets the command to close again."""
     voltage_share: float = 0.98
     """From this share of the voltage limit on, a small current means full rather than a bad contact."""
 

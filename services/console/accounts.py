@@ -1,4 +1,4 @@
-"""Who may use the console: people with their roles, their sessions, and the tokens of their programs.
+"""Users of the console: people with their roles, their sessions, and the tokens of their programs.
 
 Passphrases are kept as argon2id hashes; of sessions and tokens, which are 256 random bits, a SHA-256 is
 enough. The database holds nothing that could be used to log in.
@@ -91,7 +91,7 @@ class User:
     name: str
     roles: frozenset[Role]
     participant: str | None
-    """Whose wallet an executor works with."""
+    """The wallet that an executor works with."""
     disabled: bool = False
 
     def has(self, *roles: Role) -> bool:
@@ -355,7 +355,7 @@ class Accounts:
             raise UnknownAccount("there is no such token", token_id=token_id)
 
     def token_user(self, token: str) -> User:
-        """Whose token this is. Raises NotLoggedIn."""
+        """The user of this token. Raises NotLoggedIn."""
         key, now_s = _key(token), time.time()
         for row in self._rows(
             select(_tokens, _users.c.name, _users.c.roles, _users.c.participant, _users.c.disabled)

@@ -89,7 +89,7 @@ class RobotRequest(Message):
 
 class OfferService(RegisterService):
     participant: Name = ORGANIZATION
-    """Who offers it: an operator speaks for the organization, an executor for themselves."""
+    """The provider: an operator speaks for the organization, an executor for themselves."""
 
 
 class ChangeService(UpdateService):
@@ -113,7 +113,7 @@ class NewUser(Message):
     passphrase: Passphrase
     roles: frozenset[Role] = frozenset()
     participant: Name | None = None
-    """Whose wallet an executor works with."""
+    """The wallet that an executor works with."""
 
 
 class ChangedUser(Message):
@@ -153,7 +153,7 @@ class Judge(Message):
     task_id: Id
     ruling: Ruling
     fault: Fault = "nobody"
-    """Whose doing a void task is."""
+    """The party at fault for a void task."""
     reason: Annotated[str, StringConstraints(min_length=1, max_length=500)]
     amount_iec: Payment | None = None
     """What accepted work is paid; the agreed price by default."""
@@ -368,7 +368,7 @@ _TREASURER = frozenset({Role.TREASURER})
 _EXECUTOR = frozenset({Role.EXECUTOR})
 _AUDITOR = frozenset({Role.AUDITOR})
 _PROVIDER = frozenset({Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR})
-"""Who speaks for a wallet: the organization's or their own."""
+"""Roles that speak for a wallet: the organization's or their own."""
 _ANYBODY: frozenset[Role] = frozenset()
 
 

@@ -35,7 +35,7 @@ class Attempt:
     standing: str | None = None
     """The ruling that stood last and could be replaced."""
     fault: Fault = "nobody"
-    """Whose doing a void attempt is."""
+    """The party at fault for a void attempt."""
     reason: str | None = None
     report_sha256: str | None = None
     report_uri: str | None = None
@@ -118,5 +118,5 @@ def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
 
 
 def ended_s(events: Iterable[DaoEvent]) -> float | None:
-    """When the task was settled, failed or cancelled; None while it goes on."""
+    """When the task was settled, failed or cancelled; None while it continues."""
     return next((event.time_s for event in happened(events) if event.name in _ENDS), None)

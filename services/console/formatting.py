@@ -252,7 +252,7 @@ NAMERS: dict[str, str] = {
 
 
 def namers_in_words(service: Offer) -> str:
-    """Whose tasks may name a service; empty for the default."""
+    """The creators whose tasks may name a service, in words; empty for the default."""
     told = "" if service.namers == "proven" else NAMERS[service.namers]
     if service.max_void_percent and service.namers != "nobody":
         told = f"{told or NAMERS['proven']}, unless over {service.max_void_percent} % of their tasks end void"

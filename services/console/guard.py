@@ -189,7 +189,7 @@ class Guard:
             return
 
         async def checked() -> Message:
-            """Who clicks must still be logged in; who only watches does not stay logged in by that."""
+            """A person who clicks must still be logged in; watching alone keeps nobody logged in."""
             message = await receive()
             if message["type"] == "websocket.receive":
                 acts = (message.get("text") or "").startswith(_USER_EVENT)
@@ -225,7 +225,7 @@ def _client_of(path: str) -> str | None:
 
 
 def _limit_bytes(path: str) -> int:
-    """Of a request's body: everybody may send one to the login."""
+    """Most bytes of a request's body: everybody may send one to the login."""
     if path in ("/login", "/login/link", "/logout"):
         return MAX_LOGIN_BODY_BYTES
     return MAX_API_BODY_BYTES if path.startswith("/api/") and path != _WITH_PHOTOS else MAX_BODY_BYTES
@@ -234,7 +234,7 @@ def _limit_bytes(path: str) -> int:
 async def _have_page_load_again(receive: Receive, send: Send) -> None:
     """Tell a page of ours that its session or this process's memory of it is over.
 
-    It loads again and finds the login, or itself anew. A plain refusal would have it knock for ever.
+    It loads again and finds the login, or itself anew. A plain refusal would have it knock indefinitely.
     """
     opened = {"sid": "", "upgrades": [], "pingInterval": 25000, "pingTimeout": 20000, "maxPayload": 0}
     await receive()

@@ -173,7 +173,7 @@ class Live:
     def listen(self, what: str, listener: Listener) -> Callable[[], None]:
         """Call `listener` when `what` (map, processes, organization) changed; returns how to end that.
 
-        `events` is told as soon as something happened on chain, for pages that ask for themselves what they
+        `events` is called as soon as something happened on chain, for pages that ask for themselves what they
         show; `organization` when the summary holds it, too.
         """
         self._listeners[what].append(listener)

@@ -19,9 +19,9 @@ from services.console.errors import LoginRefused, TooManyAttempts
 from services.console.guard import Guard
 
 PAIR_FAILURES = 5
-"""Of one address with one name."""
+"""Failures of one address with one name."""
 ADDRESS_FAILURES = 20
-"""Of one address, whatever the names."""
+"""Failures of one address, whatever the names."""
 WINDOW_S = 300.0
 _HASHES_AT_ONCE = 2
 """argon2 takes 64 MiB and a core each."""

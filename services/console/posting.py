@@ -48,8 +48,8 @@ def fitting(task: Task, services: Sequence[Offer]) -> dict[str, str]:
 
 
 def hireable(services: Sequence[Offer], of_kind: str | None) -> dict[str, str]:
-    """Who can be named for a task of this kind, as the form's value and its text: each service that still
-    takes tasks and may be named, and each provider that has several."""
+    """The services and providers that can be named for a task of this kind, as the form's value and its
+    text: each service that still takes tasks and may be named, and each provider that has several."""
     there = [
         one
         for one in services

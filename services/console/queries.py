@@ -112,7 +112,7 @@ class Queries:
         return self.ask(queries.TASK, id=task_id)
 
     def evidence(self, task_id: int, attempt: int | None = None) -> Evidence:
-        """Of the task's last attempt or of the one that is named. Raises UnknownFile."""
+        """The proof of the task's last attempt or of the one that is named. Raises UnknownFile."""
         if attempt is None:
             return self.task(task_id)
         for one in attempts(self.history(task_id)):
@@ -139,7 +139,7 @@ class Queries:
         return _keep(self._reports, sha256, report, _REPORTS_KEPT)
 
     def seal(self, evidence: Evidence) -> Seal:
-        """Who sealed the proof, every seal of it checked. Raises UnknownFile, EvidenceError."""
+        """The signer of the proof, every seal of it checked. Raises UnknownFile, EvidenceError."""
         kept = self._seals.get(evidence.proof_sha256 or "")
         if kept is not None:
             return kept

@@ -131,7 +131,7 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
 
     @api.get("/tasks/{task_id}/attempts")
     def attempts(task_id: TaskId, _user: caller) -> list[Attempt]:
-        """Who tried it when, with which proof, and what was said of it."""
+        """Each attempt: its executor, its proof, and what was said of it."""
         return attempts_of(queries.history(queries.task(task_id).id))
 
     @api.get("/tasks/{task_id}/report")

@@ -47,10 +47,10 @@ _PAUSE_S = (1.0, 30.0)
 _SEEKERS = 4
 """Proofs that are looked for at the same time: one store that hangs must not keep the others waiting."""
 _MARGIN_SHARE = 0.25
-"""Of a verdict window: at most so much of it is kept for the verdict on what turned up late."""
+"""Share of a verdict window: at most so much of it is kept for the verdict on what turned up late."""
 
 FAULT = "the oracle"
-"""Of an undecided verdict: this oracle failed, neither the parties nor the store."""
+"""The party at fault for an undecided verdict: this oracle failed, neither the parties nor the store."""
 
 Owner = Literal["executor", "store", "oracle"]
 
@@ -338,7 +338,7 @@ def is_due(task: Task, site: Site, clock: Clock, patience: float = 1.0) -> bool:
 
 
 def owner_of(error: EvidenceError, uri: str, site: Site, stores: Callable[[], list[str]]) -> Owner:
-    """Whose failure it looks like that a proof cannot be fetched."""
+    """The party that seems to be at fault that a proof cannot be fetched."""
     if isinstance(error, StoreUnavailable):
         return "store"
     base = uri.rpartition("/")[0]

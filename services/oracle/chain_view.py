@@ -39,7 +39,7 @@ def read_chain_record(participant: Participant, task_id: int) -> ChainRecord:
 
 
 def verdict_block(participant: Participant, task_id: int, attempt: int) -> int | None:
-    """Of the last verdict on an attempt; None before. Raises BusError, RemoteError."""
+    """Block of the last verdict on an attempt; None before. Raises BusError, RemoteError."""
     found = None
     for event in _events(participant, name="Ruled", task_id=task_id):
         # Without a report nobody has ruled.
@@ -104,7 +104,7 @@ def _events(participant: Participant, **filters: str | int) -> Iterator[DaoEvent
 
 
 def _roots(participant: Participant, from_day: int) -> Iterator[Root]:
-    """Of that day and later; the index gives the newest first."""
+    """Roots of that day and later; the index gives the newest first."""
     offset = 0
     while True:
         roots = participant.ask(queries.ROOTS, limit=_PAGE, offset=offset).roots

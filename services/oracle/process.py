@@ -100,7 +100,8 @@ class Oracle:
         self._in_work: set[Key] = set()
         """Submissions that are in line or being decided."""
         self._once_more: dict[Key, bool] = {}
-        """Of these, those of which something was found during their turn; whether it is their last word."""
+        """Submissions in work of which something was found during their turn; whether it is their last
+        word."""
         self._failed = Counter[Key]()
         """How many verifications of a submission ended without a report."""
         self._decided = 0
@@ -134,7 +135,7 @@ class Oracle:
         )
         self._lock = threading.Lock()
         self._telling = threading.Lock()
-        """Held until what is told of was told: else an older account could come last, and would stay."""
+        """Held while the status is published: else an older one could come last, and would stay."""
         self._votes: Votes | None = None
         """None where this oracle's verdict is enough."""
         if process.site.oracles:

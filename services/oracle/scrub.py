@@ -31,11 +31,11 @@ _DAY_S = 24 * 3600.0
 _LOOK_S = (0.05, 60.0)
 """Shortest and longest wall time between two looks whether something is due."""
 _MISSING_SHARE = 0.01
-"""Of a pass: what is gone is looked and asked for that often."""
+"""Share of a pass: what is gone is looked and asked for that often."""
 _MISSING_S = 3600.0
 """And at least this often."""
 _SAID = 5
-"""Of the files that are gone, so many are named in the status."""
+"""Number of missing files that the status names."""
 
 
 class _Progress(BaseModel):

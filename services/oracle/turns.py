@@ -1,4 +1,5 @@
-"""Whose proof is verified next. Providers take turns: who hands in many, or costly ones, waits alone.
+"""The order in which proofs are verified. Providers take turns: one that hands in many, or costly ones,
+waits alone.
 
     a free place             goes to the provider with the fewest proofs in work; of these, to the one whose
                              last turn was the longest ago
@@ -6,7 +7,7 @@
     proofs of one provider   in the order in which they came
     a second attempt         behind all first ones that were in line before it and may have the place,
                              whosever they are; those that come later do not pass it, so that it does not
-                             wait for ever
+                             wait indefinitely
 
 What decides are counts and order, never how long something took: that differs from machine to machine.
 """
@@ -40,7 +41,7 @@ class Turns:
     """Submissions in line, and those that have their turn. Thread-safe.
 
     Args:
-        clock: is told of what changes; a simulated one waits for who has the turn.
+        clock: hears of what changes; a simulated one waits for who has the turn.
         places: how many have their turn at the same time.
     """
 
@@ -102,7 +103,7 @@ class Turns:
             return not stop.is_set() and self._next() is not None
 
     def _take(self) -> tuple[Key, int]:
-        """Whose turn it is, and the number of the turn."""
+        """The key of the next turn, and the number of the turn."""
         with self._lock:
             entry = self._next()
             assert entry is not None  # nobody else takes
@@ -120,7 +121,7 @@ class Turns:
         self._clock.notify()
 
     def _next(self) -> _Entry | None:
-        """Whose turn it is; None while there is nobody, or no place."""
+        """The key of the next turn; None while there is nobody, or no place."""
         free = self._places - len(self._in_work)
         working = Counter(self._in_work.values())
         heads = (line[0] for line in self._lines.values())

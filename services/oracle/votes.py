@@ -73,7 +73,7 @@ Key = tuple[int, int]
 
 @dataclass(frozen=True)
 class _Committee:
-    """Who votes, and for which contract."""
+    """The voters, and the contract that they vote for."""
 
     chain_id: int
     address: str
@@ -213,7 +213,7 @@ class Votes:
             self._known, self._acted_on, self._asked_s = None, None, -REPEAT_S
 
     def held(self) -> list[dict[str, Any]]:
-        """Who has voted as this oracle did on what waits, and who otherwise."""
+        """The oracles that voted as this one did on what waits, and those that voted otherwise."""
         with self._lock:
             return [
                 {
@@ -290,7 +290,7 @@ class Votes:
         return votes.signer(vote, signature, committee.chain_id, committee.address, currency)
 
     def _current(self) -> _Committee | None:
-        """Who votes now. The bridge is asked once in REPEAT_S, however many votes strangers publish."""
+        """The present voters. The bridge is asked once in REPEAT_S, however many votes strangers publish."""
         if time.monotonic() >= self._asked_s + REPEAT_S:
             try:
                 self._ask()

@@ -96,7 +96,7 @@ _IN_ORDER_S = 600.0
 """Site time for which a robot lets those before it offer their work first, on a site with a seed."""
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 _LAST_LOOK_S = 1.0
-"""Site time for which the recording of a failed attempt goes on, so that it shows why."""
+"""Site time for which the recording of a failed attempt continues, so that it shows why."""
 _EVENTS_KEPT = 500
 _HOME_M = 0.3
 """Nearer than this to its own place a robot is at home."""
@@ -125,7 +125,7 @@ class AssignmentWatch:
         self._checked_seq = -1
 
     def check(self) -> None:
-        """Raises Revoked. Asks only after something happened on chain; work goes on while nobody answers."""
+        """Raises Revoked. Asks only after an event on chain; work continues while nobody answers."""
         seq = self._events.seq
         if seq == self._checked_seq:
             return
@@ -167,7 +167,7 @@ class Agent:
         self._body = RosBody(self._node, site, robot, self._clock, self._interrupts)
         self._floor = Floor(site)
         self._chance = generator(site, process.name, "explore")
-        # Where the robot stands and what it holds, it is told over the bus.
+        # The bus says where the robot stands and what it holds.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(
             bus, site.org, robot.name, self._device, process.data_dir, inputs, self._clock.now_ns
@@ -210,7 +210,7 @@ class Agent:
         self._exploring = HourlyBudget(60 * site.agent.explore_min_per_h)
         self._schedule = robot.schedule
         self._payout = robot.payout
-        """Who is to be paid, by the site file; None once the chain was asked."""
+        """The account that is to be paid, by the site file; None once the chain was asked."""
         self._has_begun_in_order = False
         """Whether it has let those robots begin that are before it in the site file."""
         self._astray = 0
@@ -231,7 +231,7 @@ class Agent:
         self._events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self._events_lock = threading.Lock()
         self._assigned_seq = 0
-        """Of the last event by which a task was assigned, to whomever."""
+        """Number of the last event by which a task was assigned, to whomever."""
         self._decisions = Decisions(process.data_dir / "decisions.jsonl")
         self._orders = Orders(
             bus,
@@ -536,7 +536,7 @@ class Agent:
         return not self._schedule.is_open(self._clock.now_s())
 
     def _wake_to_stop(self) -> None:
-        """Who waits for news hears that the process is asked to end."""
+        """Threads that wait for news hear that the process is asked to end."""
         self._stop.wait()
         self._wake.set()
 
@@ -547,7 +547,7 @@ class Agent:
             raise Halted("stopped by an operator")
 
     def _stand_still(self, error: Halted) -> None:
-        """Until the operator lets the robot go on; also says so to a body that was restarted meanwhile."""
+        """Until the operator lets the robot continue; also says so to a body that was restarted meanwhile."""
         log.warning("%s", error)
         while self._orders.standing.stopped and not self._stop.is_set():
             self._body.emergency_stop(True)
@@ -564,7 +564,7 @@ class Agent:
 
     def _wait_refused(self, activity: str, wall_s: float, error: Exception) -> None:
         """Until something happens on chain, or for long: nothing else changes what was refused. A simulated
-        clock goes on meanwhile, or jumps, and when it is tried again does not depend on the machine."""
+        clock continues meanwhile, or jumps, and when it is tried again does not depend on the machine."""
         if self._site.clock.keeps_wall_time:
             self._wait_out(activity, wall_s, error)
             return
@@ -843,7 +843,7 @@ class Agent:
         """Do the work while it is recorded.
 
         A recording with a hole in the work proves little, so what was interrupted begins again: with nothing
-        in the gripper, in a new recording. Where something was done for good the old recording goes on.
+        in the gripper, in a new recording. Where something was done for good the old recording continues.
         """
         path = folder / "recording.mcap"
         if problem := self._process.look_at_disk():

@@ -103,7 +103,7 @@ def _damaged(path: Path, assignment: Assignment, error: OSError | ValidationErro
 
 
 class _Whose(BaseModel):
-    """Whose journal it is, by what any version of it said."""
+    """The owner of a journal, by what any version of it said."""
 
     assignment: Assignment | None = None
 

@@ -37,7 +37,7 @@ class Period(BaseModel):
     begin_s: float
     end_s: float
     open: bool = True
-    """Whether it goes on."""
+    """Whether it continues."""
 
 
 class Asked(BaseModel):

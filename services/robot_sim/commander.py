@@ -19,7 +19,7 @@ _ACTIONS = (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIP
 
 
 class Sender(NamedTuple):
-    """Who is in the ROS graph with something to command a body by."""
+    """A node in the ROS graph that has something to command a body by."""
 
     session: str
     node: str
@@ -29,7 +29,8 @@ class Sender(NamedTuple):
 
 
 class Commander:
-    """Whose goals and velocities the robot in `namespace` follows; `warn(text)` hears of who is refused.
+    """The node whose goals and velocities the robot in `namespace` follows; `warn(text)` hears of those
+    that are refused.
 
     A sender is known by the liveliness token of its endpoint, which ends with its session. One whose gid is
     not made as `rodeo.ros2` makes it is nobody's in particular, and is followed while there is no commander.

@@ -17,10 +17,10 @@ _OUTSIDE_M = (0.0, 0.0, -10.0)
 
 
 _DELAY_NS = 60_000_000
-"""What is told with its time is shown so much later, between what was told for before and for after: whoever
+"""A state that comes with its time is shown so much later, between those of before and after: whoever
 tells it is late now and then, and what has not been told yet would have to be guessed."""
 _SILENT_NS = 1_000_000_000
-"""Of what nothing was told for so long nothing more is expected; an item is then let go."""
+"""Silence after which no more states of an entity are expected; an item is then let go."""
 
 
 class UnknownEntity(RodeoError):
@@ -63,7 +63,7 @@ class Entities:
         self._items = tuple(items)
         self._placed = (*OBSTACLES, *robots)
         self._told: dict[str, deque[EntityState]] = {}
-        """Of what moves as it is told: the state shown last and those to come."""
+        """The state shown last of each entity that moves by message, and those to come."""
         for name in self._placed:
             spec.worldbody.add_body(name=name, mocap=True, pos=list(_OUTSIDE_M))
         for name in OBSTACLES:
@@ -104,7 +104,7 @@ class Entities:
         self.settle(model, data)
 
     def advance(self, model: mujoco.MjModel, data: mujoco.MjData, time_ns: int) -> bool:
-        """Show what is told to move where it was a moment ago. Whether there is something."""
+        """Show the entities that move by message where they were a moment ago. Whether there are any."""
         moving = bool(self._told)
         shown_ns = time_ns - _DELAY_NS
         for name, told in list(self._told.items()):

@@ -37,7 +37,7 @@ _BEGIN_S = 1.0
 
 
 class Session(NamedTuple):
-    """Who holds the clock: what a process said ends with the session in which it said it."""
+    """A holder of the clock: what a process said ends with the session in which it said it."""
 
     process: str
     id: str
@@ -49,7 +49,7 @@ class Session(NamedTuple):
 
     @classmethod
     def of(cls, key: object) -> Session:
-        """Whose key `rodeo/{org}/clock/hold/{process}/{session}` is."""
+        """The session of the key `rodeo/{org}/clock/hold/{process}/{session}`."""
         _, process, session = str(key).rsplit("/", 2)
         return cls(process, session)
 
@@ -66,7 +66,7 @@ class Holders:
 
     Args:
         wake: called when somebody said something, from Zenoh's threads.
-        warn: hears who holds the clock for longer than LONG_S, and with an empty text that it goes on.
+        warn: hears who holds the clock for longer than LONG_S, and with an empty text that it continues.
         asking: a session that asks who is there, and subscribes to nothing. One that subscribes to tokens,
             too, gets an empty answer to one question in a hundred (zenoh 1.10).
         missing: who of the simulation's own is not up yet, for an experiment that begins with everybody.
@@ -103,18 +103,18 @@ class Holders:
         self._asked = 0
         """Number of the last mark that was not only sent again."""
         self._awaited: set[Session] = set()
-        """Who has not answered that mark."""
+        """Sessions that have not answered that mark."""
         self._asks = False
         """Whether something was sent since the last mark."""
         self._free_until_ns = 0
         """Until then nobody has to be looked at, unless something happens."""
         self._held_since_s: float | None = None
         self._late_since_s: dict[Session, float] = {}
-        """Who holds the clock now, and since when (monotonic)."""
+        """Holders of the clock now, and since when (monotonic)."""
         self.waited_s = 0.0
         """Wall time for which the clock stood still for somebody."""
         self._there: set[Session] = set()
-        """Whose token there is. A token's end may overtake what its session said last."""
+        """Sessions whose token is there. A token's end may overtake what its session said last."""
         self._asking = asking
         liveliness = bus.session.liveliness()
         self._everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
@@ -135,7 +135,7 @@ class Holders:
         )
         self._expected |= {one for one in per_thing if one.partition(".")[0] in self._kinds}
         self._missing = self._expected if "arrivals" in self._kinds else frozenset()
-        """Who is not there yet: an experiment begins with everybody whom its clock waits for."""
+        """Processes that are not there yet: an experiment begins with everybody whom its clock waits for."""
 
     # -- what is heard ---------------------------------------------------------------------------------
 
@@ -221,7 +221,7 @@ class Holders:
             self._free_until_ns = 0
 
     def may_pass(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
-        """Whether the time may go on from `now_ns`. What must be sent for it goes through `then`, in order
+        """Whether the time may continue from `now_ns`. What must be sent for it goes through `then`, in order
         with everything else. After False, `wake` is called when it is worth while to ask again."""
         if now_ns < self._free_until_ns:
             return True
@@ -277,7 +277,7 @@ class Holders:
         return True
 
     def _due(self, now_ns: int) -> set[Session]:
-        """Who has something to do now."""
+        """Holders that have something to do now."""
         holds = ((who, one.hold.until_ns) for who, one in self._seen.items())
         return {who for who, until_ns in holds if until_ns is not None and until_ns <= now_ns}
 
@@ -355,7 +355,7 @@ class Holders:
             self._told = text
 
     def _late(self) -> dict[Session, str]:
-        """Who holds the clock now, and how."""
+        """Holders of the clock now, and how."""
         with self._lock:
             late = dict.fromkeys(self._awaited, f"has not answered mark {self._asked}")
             busy = {who: one.hold for who, one in self._seen.items() if one.hold.busy}

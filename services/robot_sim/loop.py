@@ -31,7 +31,7 @@ _EARLY_S = 0.001
 """Waits shorter than this cost more than they are worth."""
 _STOP_CHECK_S = 0.1
 JUMP_NS = 600 * 1_000_000_000
-"""Longest jump over what is empty: the battery is told of that often."""
+"""Longest jump over what is empty: the battery is published that often."""
 
 
 def _nothing() -> None:
@@ -56,8 +56,8 @@ class Publisher(Protocol):
 
 
 class Turn:
-    """An action's say in the time: it does not go on before what was asked for has begun, nor from its end
-    until that is told. What has to wait `after` another turn has no say before that is over."""
+    """An action's say in the time: it does not continue before what was asked for has begun, nor from its end
+    until that is published. What has to wait `after` another turn has no say before that is over."""
 
     def __init__(self, after: Turn | None = None) -> None:
         self.over = False
@@ -178,7 +178,7 @@ class Loop:
         try:
             yield turn
         finally:
-            # One that stayed would stop the time for ever.
+            # One that stayed would stop the time indefinitely.
             turn.over = True
             with self._turns_lock:
                 self._turns.discard(turn)
@@ -342,7 +342,7 @@ class Loop:
         return due_s - time.monotonic()
 
     def _skip(self, behind_s: float) -> None:
-        """The machine stalled: go on at the wall's time."""
+        """The machine stalled: continue at the wall's time."""
         if behind_s > _TOLD_STALL_S:
             log.warning("stalled: skipping %.1f s to stay with wall time", behind_s)
         self.simulation.stall(round(behind_s * 1e9))

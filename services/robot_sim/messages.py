@@ -202,7 +202,7 @@ def _transform(position_m: Numbers, quat_wxyz: Numbers) -> Any:
 
 
 def transforms_template(frames: Sequence[tuple[str, str]]) -> Transforms:
-    """Of (parent, child) frames."""
+    """A template for (parent, child) frames."""
     still = Transform("", "", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     return Transforms(transforms(0, [replace(still, parent=parent, child=child) for parent, child in frames]))
 

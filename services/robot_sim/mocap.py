@@ -26,7 +26,7 @@ from rodeo.witness.witness import Witness
 log = logging.getLogger(__name__)
 
 NAME = "mocap"
-"""Of the device; its keystore is `mocap-device`."""
+"""Name of the device; its keystore is `mocap-device`."""
 _ASK_AGAIN_NS = 1_000_000_000
 """Site time between two looks for the keystore."""
 
@@ -84,7 +84,7 @@ class MotionCapture:
                 Motion, now_us * 1e-6, lambda seq: motion.take(now_us, seq)._asdict()
             )
         except DiskFull as error:
-            # The world goes on. What nobody vouches for is seen to be missing.
+            # The world continues. What nobody vouches for is seen to be missing.
             if not self._full:
                 log.error("motion capture publishes no statements: %s", error)
             self._full = True
@@ -120,7 +120,7 @@ class MotionCapture:
         return frozenset([NAME] if witness is None or witness.chain is None else [])
 
     def stall(self, from_ns: int, to_ns: int) -> None:
-        """The lab stood still in this time: it is told in the next statement."""
+        """The lab stood still in this time: the next statement says so."""
         if self._log is not None:
             self._log.stall(from_ns // 1000, to_ns // 1000)
 

@@ -46,7 +46,7 @@ GIVES_WORK = frozenset(
 _QUERY_S = 2.0
 _PAGE = 500
 MARGIN = 0.97
-"""Of the speed that would do: a period of the clock too many must not shorten anybody's window."""
+"""Share of the speed that would do: a period of the clock too many must not shorten anybody's window."""
 _CHANGED = 0.02
 """Share by which the speed must differ to be another one: each change costs the clock a part of a period."""
 
@@ -76,7 +76,7 @@ class PeoplesTime:
         self.on_answer: Callable[[], object] = lambda: None
         """Called when the clock need not stand any more."""
         self.limit = math.inf
-        """Of the clock's speed, seconds of site time per second of wall time."""
+        """Limit of the clock's speed, seconds of site time per second of wall time."""
         self.task_id: int | None = None
         """The task whose person has the least time for it, where that limits the speed."""
         self._wake = threading.Event()
@@ -167,7 +167,8 @@ class PeoplesTime:
         if self._silent and not self._warned:
             self._warned = True
             log.warning(
-                "the bridge has not said for %.0f s whether a person has a task: the clock goes on", STANDS_S
+                "the bridge has not said for %.0f s whether a person has a task: the clock continues",
+                STANDS_S,
             )
 
     def _ask(self) -> list[Task]:

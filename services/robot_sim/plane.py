@@ -31,7 +31,7 @@ from services.robot_sim.simulation import SimRobot
 log = logging.getLogger(__name__)
 
 SLOW_TICKS = 5
-"""Everything that somebody acts on is told in such periods, or when it was asked for."""
+"""Everything that somebody acts on is published in such periods, or when it was asked for."""
 _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""

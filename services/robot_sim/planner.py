@@ -34,7 +34,8 @@ LONGEST_STRAIGHT_M = 2.0
 ITEM_RADIUS_M = 0.05
 """How far a piece of trash may reach from its centre, for driving around it."""
 _FIRST_COST = 1.5
-"""Of the ways that are looked for first, per cell of the straight line: only their window is searched."""
+"""Cost of the ways that are looked for first, per cell of the straight line: only their window is
+searched."""
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(1, -1, 2)
 """(1, 25, 2) cells around one that an item in it may reach."""
 _ROUNDED_M = -CELL_M

@@ -47,7 +47,7 @@ class WorldPublisher:
         self._people = people
         self._periods = Periods(self._simulation)
         self._columns: list[Column] = []
-        """Of the periods that are being sent."""
+        """Columns of the periods that are being sent."""
         self._reported = (time.monotonic(), self._simulation.time_ns)
 
     def publish(self, skipped: bool) -> None:
@@ -127,7 +127,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
         # Site time starts at wall time and never goes back, not even for a new world.
         local_chain = site.chain.backend != "external"  # another one keeps the wall's time
         start_ns = saved_time_ns(path, noted_too=local_chain) or site.clock.begin_s() * 1_000_000_000
-        # Before the saved world is looked at: who is told that it is another lab's moves it away.
+        # Before the saved world is looked at: whoever reads that it is another lab's moves it away.
         note_time(path, start_ns)
         if fresh:
             path.unlink(missing_ok=True)

@@ -22,7 +22,7 @@ class PublishQueue:
 
     Args:
         save: puts the simulation's state where a restart finds it. What is sent was saved before, so that a
-            simulator that is killed goes on no earlier than others have seen it.
+            simulator that is killed continues no earlier than others have seen it.
     """
 
     def __init__(self, save: Callable[[], object]) -> None:

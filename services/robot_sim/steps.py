@@ -91,7 +91,7 @@ class Steps:
 
     @property
     def width_s(self) -> float:
-        """Of all steps of the next control period."""
+        """Width of all steps of the next control period."""
         if self._gripping():
             return TIMESTEP_S
         still, held = self._still, []
@@ -167,8 +167,8 @@ class _Robot:
         self.base_dofs = [int(base.dofadr[0]) + k for k in range(6)]
         self.fingers = [int(joints[one].qposadr[0]) for one in arm.fingers]
         self.finger_dofs = [int(joints[one].dofadr[0]) for one in arm.fingers]
-        """Of `qvel`."""
+        """Indices into `qvel`."""
         self.free_dofs = [
             *self.base_dofs, *(int(joints[one].dofadr[0]) for one in (*WHEEL_JOINTS, *arm.joints))
         ]  # fmt: skip
-        """Of `qvel`: what may be as fast as it likes far from anything loose."""
+        """Indices into `qvel` of what may be as fast as it likes far from anything loose."""

@@ -16,7 +16,7 @@ _KNOWN_WITHIN_M = 0.12
 _BESIDE_M = 0.05
 """Wanted between the robot's side and what it passes."""
 _LOOK_AHEAD_M = 1.6
-"""Of the way, checked for obstacles: more than it takes to stop."""
+"""Length of the way that is checked for obstacles: more than it takes to stop."""
 
 
 def unknown_returns(lab: Map, pose: Pose2, angles_rad: np.ndarray, ranges_m: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ LIFTED, RELEASED = 0.16, 0.80
 NOISES = 4
 """Moderately noisy sites at which compositions are made, too; each is filmed once."""
 CHARGES_SHARE = 0.35
-"""Of the compositions that forge a charge."""
+"""Share of the compositions that forge a charge."""
 
 
 @dataclass
@@ -83,7 +83,7 @@ class Draft:
     device: LocalAccount
     witnesses: Witnesses = field(default_factory=Witnesses)
     task: dict[str, Any] = field(default_factory=dict)
-    """Of the task on chain, what is not as it was."""
+    """Fields of the task on chain that are not as they were."""
     params: dict[str, Any] = field(default_factory=dict)
     registered: list[Registered] = field(default_factory=list)
 
@@ -93,7 +93,7 @@ class Draft:
     def edit_between(
         self, topic: str, begin: float, end: float, edit: Callable[[Sample], Sample | None]
     ) -> None:
-        """Of the samples in these shares of the recording's time."""
+        """The samples in these shares of the recording's time, as `edit` returns them."""
         begin_s, end_s = middle_s(self.take, begin), middle_s(self.take, end)
         self.take = edited_between(self.take, topic, begin_s, end_s, edit)
 
@@ -107,7 +107,7 @@ class Draft:
         self.witnesses = replace(self.witnesses, edit=edit)
 
     def sides(self, **changes: Any) -> None:
-        """Who signs what of a charge."""
+        """The signers of a charge."""
         self.witnesses = replace(self.witnesses, charge=replace(self.witnesses.charge, **changes))
 
     def fields(self, model: type[Header], edit: Callable[[dict[str, Any]], dict[str, Any] | None]) -> None:
@@ -153,7 +153,7 @@ class Composition:
     kind: str
     steps: tuple[Step, ...]
     noise_seed: int | None
-    """Of the honest noise under it, if there is any."""
+    """Seed of the honest noise under it, if there is any."""
 
     @property
     def words(self) -> str:

@@ -89,7 +89,7 @@ class Run:
     take: Take
     chain_record: ChainRecord
     edits: list[Callable[[Attestation], Attestation | None]]
-    """Of what the recorder makes of statements, in turn."""
+    """What the recorder makes of statements, in turn."""
     files: list[FileEdit]
     """The same of the sealed file's messages."""
 
@@ -99,7 +99,7 @@ class Change:
     words: str
     apply: Callable[[Run], None]
     without: Change | None = None
-    """Of a statement that its device did not sign: the same run without that statement."""
+    """The same run without a statement that its device did not sign."""
     sealed: bool = False
     """Whether it changes what the executor's device sealed."""
 

@@ -1,4 +1,5 @@
-"""Whose key signs: several wallets in one bridge, one that lives elsewhere, and a bridge per robot."""
+"""The signer of each request: several wallets in one bridge, one that lives elsewhere, and a bridge per
+robot."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ agent.charge_below = 0.1
 """
 CHAIN_ID = 31_337
 WINDOW_S, LATE_S = 7200, 2
-"""Of site time: a window in which nobody does anything, and by how much it may end late."""
+"""Site time: a window in which nobody does anything, and by how much it may end late."""
 STOPPED_BEATS = 20
 """Heartbeats of the simulator after it was named: a silent session lasts half as long elsewhere."""
 

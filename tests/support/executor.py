@@ -13,7 +13,7 @@ from rodeo_testing.recordings import Take, Witnesses, later, seal
 from tests.support.dao import Dao
 
 PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
-"""Of item1 in the lab's site file."""
+"""Where item1 lies by the lab's site file."""
 
 
 class Film:

@@ -142,7 +142,8 @@ class RunningSite:
             subscriber.undeclare()
 
     def _whole_story(self, waiting: set[str]) -> str:
-        """Who is not ready, and the ends of their logs and the simulator's, which may wait for one itself."""
+        """The processes that are not ready, and the ends of their logs and the simulator's, which may wait
+        for one itself."""
         names = sorted(waiting | {"robot_sim"})
         for name in names:
             if isinstance(child := self.children.get(name), Fork):

@@ -37,7 +37,7 @@ _CHAIN = Path("chain", "eth-tester", "chain.sqlite")
 _BEGIN_S = 1_700_000_000
 """When a snapshot's chain begins: always then, so that no test depends on when its snapshot was made."""
 _VERSIONS_KEPT = 2
-"""Of the code. Snapshots of older ones are deleted."""
+"""Versions of the code whose snapshots stay. Those of older ones are deleted."""
 _SCRYPT_N = 2
 """Work factor of the tests' keystores: they protect nothing, and each process of a site opens some."""
 

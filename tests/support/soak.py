@@ -156,7 +156,7 @@ class _Site:
 
     backend: str
     participants: Sequence[str]
-    """Who do cleanings, besides the lab's own robot."""
+    """People who do cleanings, besides the lab's own robot."""
     at_once: int = _AT_ONCE
     moments: deque[int] = field(default_factory=deque)
     """After how many answers a kill is due. Nobody asks for more until it was done."""

@@ -27,7 +27,7 @@ KIND_FREE = ("rodeo", "services", "deploy", "rodeo_cli", "rodeo_experiments")
 """Rooms in which no file names a kind of work."""
 ABOVE = ("rodeo_kinds", "services", "deploy", "rodeo_cli")
 BESIDE = {"people", "cli", "store"}
-"""Of the picture of processes, what is none."""
+"""Nodes in the picture of processes that are none."""
 
 LAYERS: list[str] = next(
     contract["layers"]

@@ -14,7 +14,7 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
 
 APACHE_2_SHA256 = "c71d239df91726fc519c6eb72d318ec65820627232b2f796219e87dcf35d0ab4"
-"""Of the text as the Apache Software Foundation publishes it, without its empty first line."""
+"""Hash of the text as the Apache Software Foundation publishes it, without its empty first line."""
 
 
 def test_the_wheel_holds_what_sites_run_and_neither_benchmarks_nor_tests_nor_training() -> None:

@@ -26,7 +26,7 @@ CONTRACTS = (
 )
 
 COMMITTEES = ("OracleCommittee", "DisputeCommittee", "AppealCommittee")
-"""Who judges, one after the other, if rulings can be challenged: as many as the organization has."""
+"""The judges, one after the other, if rulings can be challenged: as many as the organization has."""
 
 DISPUTES = (*COMMITTEES[1:], "DisputeJudge")
 """Contracts that an organization has, too, if rulings can be challenged; without an appeal two of them."""
@@ -66,7 +66,7 @@ class Artifact:
     """A built contract."""
 
     name: str
-    """Of the contract in the sources: RoleJudge for the OracleJudge, for instance."""
+    """Name of the contract in the sources: RoleJudge for the OracleJudge, for instance."""
     abi: list[dict[str, Any]]
     bytecode: bytes
     """Init code, without constructor arguments."""

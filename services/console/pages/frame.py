@@ -54,7 +54,7 @@ class Place:
     path: str
     icon: str
     roles: frozenset[Role] = frozenset()
-    """Who sees it in the menu; empty: everybody."""
+    """Roles that see it in the menu; empty: everybody."""
 
 
 PLACES = (
@@ -70,7 +70,7 @@ PLACES = (
 
 
 def session() -> Session:
-    """Whose page this is."""
+    """The user of this page."""
     found: Session = context.client.request.state.session
     return found
 

@@ -1,4 +1,4 @@
-"""Orders to robots: wait, go on, charge, give up, stop."""
+"""Orders to robots: wait, continue, charge, give up, stop."""
 
 from __future__ import annotations
 

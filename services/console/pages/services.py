@@ -1,4 +1,4 @@
-"""Who offers what, how well they did it, whose keys may sign, and the organization's rules."""
+"""Services: offers, how well their providers did, the keys that may sign, and the organization's rules."""
 
 from __future__ import annotations
 
@@ -510,7 +510,7 @@ class ServicesPage:
 
     @on_page
     async def _allow_kind(self, name: str) -> None:
-        """Who judges it is said each time: nothing is meant by saying nothing."""
+        """The judge is named each time: nothing is meant by saying nothing."""
         judges = {_UNSAID: "Choose who judges it", "auditor": "an auditor"}
         if not name or not self._console.kinds.by_people(name):
             judges["oracle"] = "the oracle, where it has checks for it"
@@ -688,7 +688,7 @@ def _stake(judge: queries.Judge, needed: Decimal) -> str:
 
 
 def _judges(one: queries.KindRules) -> str:
-    """Who judges work of this kind, and who rules on what it cannot decide."""
+    """The judge of this kind of work, and the one that rules on what it cannot decide."""
     if not one.allowed:
         return "not allowed"
     if one.removed:

@@ -77,7 +77,7 @@ def test_more_events_than_a_proof_may_hold_are_refused(cleaning: Take, judge: Ju
 
 
 def test_more_bytes_than_a_message_may_have_on_average_are_refused(cleaning: Take, judge: Judge) -> None:
-    """Of a topic that no check looks at, too."""
+    """A topic that no check looks at counts, too."""
     wide = new("sensor_msgs/msg/JointState", name=["j" * COUNTS.message_bytes])
     odd = [
         Sample("x/joint_states", "sensor_msgs/msg/JointState", wide, cleaning.samples[0].time_ns, number)
@@ -97,7 +97,7 @@ LONGEST_WORK_S = {"waste_disposal": 30 * 60, "battery_charging": 4 * 3600}
 """A charge takes up to its window, the longest of all. A cleaning takes minutes: its window leaves time to
 charge before."""
 LARGEST_BYTES = {topics.POSE.key: 140, topics.ITEM_POSE.key: 140, topics.BIN_LOAD.key: 140}
-"""Of topics that are not in the films, with long names of frames."""
+"""Largest messages of topics that are not in the films, with long names of frames."""
 
 
 @pytest.mark.parametrize(("kind", "longest_s"), LONGEST_WORK_S.items())

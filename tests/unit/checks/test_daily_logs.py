@@ -52,7 +52,7 @@ def root(
     without: int | None = None,
     block: int = 1,
 ) -> Root:
-    """Of what a device signed, with another digest in place of number `without`, from 0."""
+    """The root of what a device signed, with another digest in place of number `without`, from 0."""
     own = [one for one in said if one.signer == account.address]
     digests = [digest(one) for one in own]
     if without is not None:

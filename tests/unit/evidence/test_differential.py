@@ -427,7 +427,7 @@ class Source:
     data: bytes
     apart: Apart
     other: Apart
-    """Of another recording of the same task."""
+    """Another recording of the same task."""
 
     def flipped(self, data: bytes) -> bytes:
         """With one to three bytes changed."""

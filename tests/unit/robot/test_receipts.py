@@ -32,7 +32,7 @@ ADDRESS = "0x" + "11" * 20
 RECORDING, OTHER = "0x" + "22" * 32, "0x" + "33" * 32
 BATTERY = BatteryConfig()
 POWER_W = 441.0
-"""Of the dock."""
+"""Power of the dock."""
 HEADER = {
     "chain_id": 1,
     "task_manager": ADDRESS,

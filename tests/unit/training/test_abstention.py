@@ -9,7 +9,7 @@ from training.abstention import TooFewItems, threshold
 
 
 def test_with_few_exceptions_at_most_the_named_share_of_new_items_lies_below_it() -> None:
-    """Of many networks, each with its own items, about one of twenty calls more unknown."""
+    """Many networks are measured, each with its own items: about one in twenty calls more unknown."""
     rng = np.random.default_rng(0)
     items = [rng.beta(8, 1, 400) for _ in range(2000)]
     shares = [threshold(some, 0.05) ** 8 for some in items]  # what lies below: the distribution's own

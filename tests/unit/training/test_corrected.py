@@ -239,7 +239,8 @@ def test_a_statement_counts_if_its_key_was_the_bins_when_it_signed(
 
 
 def test_a_statement_that_was_forged_beside_a_picture_teaches_nothing(own: Site) -> None:
-    """Who can write into the bin's folder signs for the bin, and has an auditor's word from elsewhere."""
+    """Somebody who can write into the bin's folder signs for the bin, and has an auditor's word from
+    elsewhere."""
     forger = Account.create()
     correct(own, ANNA, CAN, "glass", teller=forger)
     found, left_out = gather(own, allowed())

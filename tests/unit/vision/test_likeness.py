@@ -42,7 +42,7 @@ def scene(seed: int) -> np.ndarray:
 
 @cache
 def prints(seed: int) -> tuple[Print, list[Print]]:
-    """Of a scene, as it is and in its eight positions."""
+    """Prints of a scene, as it is and in its eight positions."""
     return photo_print(scene(seed)), turned_prints(scene(seed))
 
 

@@ -19,7 +19,7 @@ from tests.unit.services.charger.test_delivery import Bench
 
 
 def public_key(key: bytes) -> str:
-    """Of a private key, as hex of the usual DER, which is how a meter's buyer gets it."""
+    """The public key of a private one, as hex of the usual DER, which is how a meter's buyer gets it."""
     point = b"\x04" + secp256k1.public_key(bytes(key))
     curve = ec.EllipticCurvePublicKey.from_encoded_point(ec.SECP256K1(), point)
     return curve.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo).hex()

@@ -347,7 +347,7 @@ def test_an_item_that_is_already_in_the_bin_is_the_one_reason(cleaning: Take, ju
 
 @pytest.fixture(scope="module")
 def given_up(cleaning: Take) -> Take:
-    """Whose robot says at the end that it failed."""
+    """A recording whose robot says at the end that it failed."""
     said = {"event": "execution_failed", "message": "no place"}
     return Take([*cleaning.samples, Sample("rodeo/event", "", said, cleaning.samples[-1].time_ns)])
 

@@ -1,4 +1,4 @@
-"""Who posts a task for an item that lies in the bin by now is told so."""
+"""The creator of a task for an item that lies in the bin by now is told so."""
 
 from typing import Any
 

@@ -19,7 +19,7 @@ from tests.unit.conftest import Judge, failed
 
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
 LIES = (4.6, 1.2)
-"""Of item1, which the film's robot finds."""
+"""Where item1 lies, which the film's robot finds."""
 
 
 def given_up(take: Take, cause: str = "not_found", after_s: float = 4.0) -> Take:

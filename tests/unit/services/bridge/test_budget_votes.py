@@ -43,7 +43,7 @@ SOURCE = Path(__file__).parents[4] / "contracts/src/governance/BudgetVotes.sol"
 
 
 class Members(Office):
-    """Who decides, and splits money."""
+    """Members that decide, and split money."""
 
     def decide(self, command: str, request: dict[str, Any]) -> None:
         # The governor takes equal calls again only with another text.

@@ -20,7 +20,7 @@ from tests.support.deployed import DeployedChain
 
 @pytest.fixture
 def index(chain: DeployedChain, tmp_path: Path) -> Iterator[Index]:
-    """Of a real chain, up to its head."""
+    """The index of a real chain, up to its head."""
     deployment = chain.deployment
     index = Index(
         sqlite_url(tmp_path / "index.sqlite"),

@@ -386,7 +386,7 @@ def bonds(chain: Chain) -> tuple[int, int]:
 
 
 CASE_END = 2_700
-"""Of task 1: its verdict window ends at 1,700, and the audit window is 1,000 s."""
+"""End of task 1's case: its verdict window ends at 1,700, and the audit window is 1,000 s."""
 
 
 def submitted(chain: Chain) -> None:

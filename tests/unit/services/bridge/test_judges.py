@@ -164,7 +164,7 @@ def test_a_kind_without_a_judge_has_none_to_remove() -> None:
     "task", [{}, {"dispute": {"instance": 0}}, {"dispute": {"instance": 1}, "state": "ruled"}]
 )
 def test_a_ruling_that_nobody_can_replace_is_not_challenged(task: dict[str, Any]) -> None:
-    """Of no instance, concluded, or of the last one."""
+    """A ruling of no instance, a concluded one, or one of the last instance."""
     with pytest.raises(NoDispute):
         called("challenge", {"task_id": 1, "reason": "no"}, instances=2, **task)
 

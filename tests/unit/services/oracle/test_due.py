@@ -28,7 +28,7 @@ WINDOW_S = 3600.0
 
 @pytest.fixture
 def site(tmp_path: Path) -> Site:
-    """Whose clock waits for the oracle only."""
+    """A site whose clock waits for the oracle only."""
     site = Site.load(LAB)
     clock = site.clock.model_copy(update={"holders": ["oracle"]})
     return site.model_copy(update={"clock": clock, "data_dir": tmp_path})

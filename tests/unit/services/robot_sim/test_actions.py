@@ -239,7 +239,7 @@ def test_a_stop_engaged_in_the_middle_of_a_drive_aborts_it(bench: Bench) -> None
 
 
 class TestAnotherArm:
-    """Of five joints and of seven."""
+    """Arms of five joints and of seven."""
 
     @pytest.fixture(params=[5, 7])
     def joints(self, request: pytest.FixtureRequest) -> tuple[str, ...]:

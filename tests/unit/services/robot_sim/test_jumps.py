@@ -57,7 +57,7 @@ class Empty:
 
 @pytest.fixture
 def site() -> Site:
-    """Whose clock waits for everybody, and begins with them."""
+    """A site whose clock waits for everybody, and begins with them."""
     holders = ["robot_agent", "itrash", "charger", "bridge", "oracle", "arrivals"]
     clock = ClockConfig.model_validate({"speed": 0, "idle_speed": 0, "holders": holders})
     return Site.load(LAB).model_copy(update={"clock": clock})

@@ -59,7 +59,7 @@ class Nothing:
 
 
 class Resting:
-    """Who holds the clock and has something to do at these times (ns), and not before."""
+    """A holder of the clock that has something to do at these times (ns), and not before."""
 
     resting = True
     waited_s = 0.0

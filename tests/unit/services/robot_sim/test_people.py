@@ -278,7 +278,7 @@ def answering(tasks: list[Task]) -> Callable[[str], dict[str, Any]]:
 
 @pytest.fixture
 def bus() -> SilentBus:
-    """Of an organization without tasks, which answers."""
+    """The bus of an organization without tasks, which answers."""
     bus = SilentBus()
     bus.answer = answering([])
     return bus
@@ -343,7 +343,7 @@ def test_a_silent_bridge_does_not_stop_the_clock_and_is_named(
     assert not held.stands
     assert held.speed(400) == speed  # somebody may be at work
     assert ("the bridge has not yet reported" in held.activity("simulating")) == bool(participants)
-    wait_until(lambda: "has not said for 0 s whether a person has a task: the clock goes on" in caplog.text)
+    wait_until(lambda: "has not said for 0 s whether a person has a task: the clock continues" in caplog.text)
     bus.answer = answer
     wait_until(lambda: held.speed(400) == 400)
     held.close()
