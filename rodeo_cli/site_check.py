@@ -29,13 +29,14 @@ from rodeo.config import (
 from rodeo.errors import ConfigError
 from rodeo.kinds import DEFAULT_PRICE_IEC, KindError, declared, installed, load
 from rodeo.lab.config import Pose2
-from rodeo.lab.geometry import ahead, facing
+from rodeo.lab.geometry import Rectangle, facing, seen_from
 from rodeo.lab.layout import (
-    BUMPER_M,
-    HALF_WIDTH_M,
     PICK_DISTANCE_M,
     BinLayout,
+    dock_floor,
     dock_parking,
+    footprint,
+    furniture_floor,
 )
 from rodeo.site_problems import Place, dotted, explained
 from rodeo.toml_lines import lines_of
@@ -44,8 +45,6 @@ _TOUCH_M = 0.01
 """Things that stand against each other may overlap by the rounding of their places."""
 _ITEM_M = 0.05
 """How far an item reaches from its centre."""
-_DOCK_HALF_M = 0.085, 0.25
-"""Half of the dock's box, which stands behind its pose (rodeo.lab.world)."""
 _SIDES = 16
 """Directions from which the robot may come to an item."""
 
@@ -148,53 +147,36 @@ def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
 class _Box:
     place: Place
     name: str
-    pose: Pose2
-    half_x_m: float
-    half_y_m: float
-
-    @property
-    def corners(self) -> list[tuple[float, float]]:
-        c, s = math.cos(self.pose.yaw_rad), math.sin(self.pose.yaw_rad)
-        return [
-            (self.pose.x_m + c * x - s * y, self.pose.y_m + s * x + c * y)
-            for x, y in (
-                (self.half_x_m, self.half_y_m),
-                (self.half_x_m, -self.half_y_m),
-                (-self.half_x_m, -self.half_y_m),
-                (-self.half_x_m, self.half_y_m),
-            )
-        ]
+    floor: Rectangle
 
     def depth_m(self, other: _Box) -> float:
         """How deep they are in each other, along the axis on which it is least (separating axes)."""
         return min(
             min(max(a), max(b)) - max(min(a), min(b))
-            for axis in (self.pose.yaw_rad, other.pose.yaw_rad)
+            for axis in (self.floor.pose.yaw_rad, other.floor.pose.yaw_rad)
             for turn in (axis, axis + math.pi / 2)
-            for a, b in [[_along(box.corners, turn) for box in (self, other)]]
+            for a, b in [[_along(box.floor.corners, turn) for box in (self, other)]]
         )
 
 
 def _along(corners: list[tuple[float, float]], turn_rad: float) -> list[float]:
-    return [x * math.cos(turn_rad) + y * math.sin(turn_rad) for x, y in corners]
+    axis = Pose2(x_m=0, y_m=0, yaw_rad=turn_rad)
+    return [seen_from(axis, *corner)[0] for corner in corners]
 
 
 def _boxes(site: Site) -> Iterator[_Box]:
     for number, one in enumerate(site.lab.furniture):
         place: Place = ("lab", "furniture", number)
-        yield _Box(place, one.name, one.pose, one.size_m[0] / 2, one.size_m[1] / 2)
+        yield _Box(place, one.name, furniture_floor(one))
     for number, bin_ in enumerate(site.bins):
-        layout = BinLayout(bin_)
-        yield _Box(("bins", number), bin_.name, bin_.pose, layout.depth_m / 2, layout.width_m / 2)
+        yield _Box(("bins", number), bin_.name, BinLayout(bin_).floor)
     for number, dock in enumerate(site.docks):
-        x_m, y_m = ahead(dock.pose, -_DOCK_HALF_M[0])
-        behind = Pose2(x_m=x_m, y_m=y_m, yaw_rad=dock.pose.yaw_rad)
-        yield _Box(("docks", number), dock.name, behind, *_DOCK_HALF_M)
+        yield _Box(("docks", number), dock.name, dock_floor(dock))
     for number, robot in enumerate(site.robots):
         if robot.body == "sim":
-            yield _Box(("robots", number), robot.name, robot.pose, BUMPER_M, HALF_WIDTH_M)
+            yield _Box(("robots", number), robot.name, footprint(robot.pose))
     for number, item in enumerate(site.items):
-        yield _Box(("items", number), item.id, item.pose, _ITEM_M, _ITEM_M)
+        yield _Box(("items", number), item.id, Rectangle(item.pose, _ITEM_M, _ITEM_M))
 
 
 def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
@@ -206,7 +188,7 @@ def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
             yield (*other.place, "pose"), f"{other.name} overlaps {one.name}"
     length_m, width_m = site.lab.size_m
     for box in (one for one in boxes if one.name not in walls):
-        x_m, y_m = zip(*box.corners, strict=True)
+        x_m, y_m = zip(*box.floor.corners, strict=True)
         if max(-min(x_m), -min(y_m), max(x_m) - length_m, max(y_m) - width_m) > _TOUCH_M:
             yield (*box.place, "pose"), f"{box.name} reaches into a wall"
 

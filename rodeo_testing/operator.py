@@ -12,10 +12,11 @@ import numpy as np
 
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import ItemConfig, Pose2, RobotConfig
-from rodeo.lab.geometry import wrap
+from rodeo.lab.geometry import seen_from, wrap
 from rodeo.lab.items import shape_of, top_grasps
 from rodeo.lab.layout import SHOULDER_M, BinLayout
 from rodeo.lab.world import CONTROL_PERIOD_S, CONTROL_STEPS, GRIPPER_OPEN_M, robot_model
+from rodeo.robot.navigation import in_base_frame
 from rodeo.robot.profile import RestToRest
 
 
@@ -95,12 +96,6 @@ class Operator:
         """Move the gripper, pointing down, to a point of the base frame."""
         self.move(self.solve(pointing_down(point_m, closing_yaw_rad), self.setpoint), speed)
 
-    def in_base(self, point_m: tuple[float, float, float]) -> tuple[float, float, float]:
-        pose = self.body.pose
-        dx, dy = point_m[0] - pose.x_m, point_m[1] - pose.y_m
-        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        return (c * dx + s * dy, c * dy - s * dx, point_m[2])
-
     def grasp(self, force_n: float) -> None:
         self.grip = (0.0, force_n)
         self.wait(1.0)
@@ -126,7 +121,7 @@ class Operator:
         for _ in range(3000):
             pose = self.body.pose
             dx, dy = goal.x_m - pose.x_m, goal.y_m - pose.y_m
-            along = math.cos(pose.yaw_rad) * dx + math.sin(pose.yaw_rad) * dy
+            along, _ = seen_from(pose, goal.x_m, goal.y_m)
             if along < 0.01:
                 break
             steer = wrap(math.atan2(dy, dx) - pose.yaw_rad) if along > 0.15 else 0.0
@@ -142,7 +137,7 @@ class Operator:
         """Take the item, which lies PICK_DISTANCE_M ahead, and lift it."""
         held = self.data.body(item.id)
         grasp = top_grasps(item, held.xpos, held.xquat)[0]
-        x, y, z = self.in_base(grasp.point_m)
+        x, y, z = in_base_frame(self.body.pose, grasp.point_m)
         closing = math.pi / 2 if grasp.yaw_rad is None else (grasp.yaw_rad - self.body.pose.yaw_rad) % math.pi
         self.open()
         self.reach((x, y, z + 0.12), closing)
@@ -153,13 +148,13 @@ class Operator:
 
     def show(self, item: ItemConfig, layout: BinLayout) -> None:
         """Hold the item in front of the bin's camera; the robot is parked at the bin."""
-        x, y, z = self.in_base(layout.show_point)
+        x, y, z = in_base_frame(self.body.pose, layout.show_point)
         self.reach((x, y, z + self._hang_m(item)), math.pi / 2)
         self.wait(0.5)
 
     def drop(self, item: ItemConfig, layout: BinLayout, compartment: str) -> None:
         shape = shape_of(item)
-        x, y, rim_m = self.in_base(layout.compartment(compartment))
+        x, y, rim_m = in_base_frame(self.body.pose, layout.compartment(compartment))
         below_m = self._hang_m(item) + shape.half_m[0 if shape.lies else 2]
         self.reach((x, y, rim_m + below_m + 0.08), math.pi / 2)
         self.reach((x, y, rim_m + below_m + 0.02), math.pi / 2)

@@ -10,6 +10,7 @@ from rodeo.checks.smoothing import HALF_WINDOW_S, smoothed
 from rodeo.checks.sources import blind
 from rodeo.checks.tables import increasing, table_of
 from rodeo.evidence.series import Array
+from rodeo.lab.geometry import seen_from
 from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M
 from rodeo.topics import ODOM, Topic
 
@@ -113,11 +114,9 @@ def stays_in_room(case: Case) -> Finding:
     length_m, width_m = case.site.lab.size_m
     depth = {"the walls": float(max(-x.min(), -y.min(), x.max() - length_m, y.max() - width_m))}
     for furniture in case.site.lab.furniture:
-        fc, fs = np.cos(furniture.pose.yaw_rad), np.sin(furniture.pose.yaw_rad)
-        dx, dy = x - furniture.pose.x_m, y - furniture.pose.y_m
-        inside_x = furniture.size_m[0] / 2 - np.abs(fc * dx + fs * dy)
-        inside_y = furniture.size_m[1] / 2 - np.abs(fc * dy - fs * dx)
-        depth[furniture.name] = float(np.minimum(inside_x, inside_y).max())
+        along, across = np.abs(seen_from(furniture.pose, x, y))
+        inside = np.minimum(furniture.size_m[0] / 2 - along, furniture.size_m[1] / 2 - across)
+        depth[furniture.name] = float(inside.max())
     deepest = max(depth, key=lambda name: depth[name])
     return standing(
         at_most(

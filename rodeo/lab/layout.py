@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from rodeo.lab.config import BinConfig, DockConfig, Pose2
-from rodeo.lab.geometry import ahead, facing, wrap
+from rodeo.lab.config import BinConfig, DockConfig, FurnitureConfig, Pose2
+from rodeo.lab.geometry import Rectangle, ahead, facing, seen_from, wrap
 
 BUMPER_M = 0.4025
 """From the robot's centre to its front: the front wheels reach as far as the bumper."""
@@ -24,7 +24,26 @@ PICK_DISTANCE_M = 0.67
 BUCKET_GAP_M = 0.002
 """Between the walls of neighbouring compartments: each stands on a scale of its own."""
 
+_DOCK_HALF_M = 0.085, 0.25
+"""Half of the dock's box, which stands behind its pose (rodeo.lab.world)."""
+
 Vec3 = tuple[float, float, float]
+
+
+def footprint(robot: Pose2) -> Rectangle:
+    """The floor that a robot at this pose covers."""
+    return Rectangle(robot, BUMPER_M, HALF_WIDTH_M)
+
+
+def furniture_floor(one: FurnitureConfig) -> Rectangle:
+    """The floor that a piece of furniture covers."""
+    return Rectangle(one.pose, one.size_m[0] / 2, one.size_m[1] / 2)
+
+
+def dock_floor(dock: DockConfig) -> Rectangle:
+    """The floor that a dock covers."""
+    x_m, y_m = ahead(dock.pose, -_DOCK_HALF_M[0])
+    return Rectangle(Pose2(x_m=x_m, y_m=y_m, yaw_rad=dock.pose.yaw_rad), *_DOCK_HALF_M)
 
 
 @dataclass(frozen=True)
@@ -42,6 +61,11 @@ class BinLayout:
         return len(self.config.compartments) * self._pitch_m - BUCKET_GAP_M
 
     @property
+    def floor(self) -> Rectangle:
+        """The floor that the compartments cover: all but the camera's post."""
+        return Rectangle(self.config.pose, self.depth_m / 2, self.width_m / 2)
+
+    @property
     def _pitch_m(self) -> float:
         return self.config.compartment_size_m[1] + 2 * self.config.wall_thickness_m + BUCKET_GAP_M
 
@@ -56,12 +80,13 @@ class BinLayout:
 
     def contains(self, name: str, point_m: Vec3) -> bool:
         """Whether the point is inside the compartment, below the rim."""
-        pose = self.config.pose
-        dx, dy = point_m[0] - pose.x_m, point_m[1] - pose.y_m
-        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        along, across = c * dx + s * dy, c * dy - s * dx - self.offset_m(name)
+        along, across = seen_from(self.config.pose, *point_m[:2])
         half_x, half_y = (size / 2 for size in self.config.compartment_size_m)
-        return abs(along) <= half_x and abs(across) <= half_y and 0 <= point_m[2] <= self.config.rim_height_m
+        return (
+            abs(along) <= half_x
+            and abs(across - self.offset_m(name)) <= half_y
+            and 0 <= point_m[2] <= self.config.rim_height_m
+        )
 
     @property
     def camera(self) -> Vec3:
@@ -85,12 +110,6 @@ def dock_parking(dock: DockConfig) -> Pose2:
 
 def on_contacts(dock: DockConfig, robot: Pose2) -> bool:
     """Whether a robot at this pose touches the dock's contacts."""
-    x, y = ahead(robot, BUMPER_M)
-    dx, dy = x - dock.pose.x_m, y - dock.pose.y_m
-    c, s = math.cos(dock.pose.yaw_rad), math.sin(dock.pose.yaw_rad)
     turn = wrap(robot.yaw_rad - dock.pose.yaw_rad - math.pi)
-    return (
-        abs(c * dx + s * dy) <= dock.contact_tolerance_m
-        and abs(c * dy - s * dx) <= dock.contact_tolerance_m
-        and abs(turn) <= dock.contact_tolerance_rad
-    )
+    contacts = Rectangle(dock.pose, dock.contact_tolerance_m, dock.contact_tolerance_m)
+    return contacts.contains(*ahead(robot, BUMPER_M)) and abs(turn) <= dock.contact_tolerance_rad

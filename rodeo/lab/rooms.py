@@ -5,7 +5,6 @@ Either becomes furniture of the kind `wall`, which world, planner, checks and co
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from rodeo.errors import ConfigError
 from rodeo.lab.config import FurnitureConfig, LabConfig, Pose2, Positive, Section
+from rodeo.lab.geometry import ahead
 
 MOST_WALLS = 500
 """Most walls of one map: more boxes make the simulation slow. A coarser map, or one of straight walls, has
@@ -175,11 +175,12 @@ def _boxes(path: Path, lab: LabConfig) -> Iterator[tuple[Pose2, tuple[float, flo
         for row in reversed(rows)
     ]
     x0_m, y0_m, turn_rad = found.origin
-    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    origin = Pose2(x_m=x0_m, y_m=y0_m, yaw_rad=turn_rad)
     count = 0
     for left, bottom, right, top in _rectangles(occupied):
-        x_m, y_m = ((left + right) / 2 * found.resolution, (bottom + top) / 2 * found.resolution)
-        pose = Pose2(x_m=x0_m + c * x_m - s * y_m, y_m=y0_m + s * x_m + c * y_m, yaw_rad=turn_rad)
+        middle = (left + right) / 2 * found.resolution, (bottom + top) / 2 * found.resolution
+        x_m, y_m = ahead(origin, *middle)
+        pose = Pose2(x_m=x_m, y_m=y_m, yaw_rad=turn_rad)
         if not (0 <= pose.x_m <= lab.size_m[0] and 0 <= pose.y_m <= lab.size_m[1]):
             continue
         count += 1

@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from rodeo.config import Site
 from rodeo.lab.config import Pose2
-from rodeo.lab.geometry import ahead, wrap
+from rodeo.lab.geometry import Rectangle, ahead, seen_from, wrap
 from rodeo.lab.layout import (
-    BUMPER_M,
     FOOTPRINT_RADIUS_M,
-    HALF_WIDTH_M,
     PICK_DISTANCE_M,
     BinLayout,
+    dock_floor,
+    footprint,
+    furniture_floor,
 )
 from rodeo.robot.errors import Unreachable
 
@@ -37,43 +37,15 @@ _PLAN_M = 0.03
 """The site's plan is right to so much."""
 _WAY_OUT_M = (0.7, 0.85, 1.0, 1.2, 1.5, 0.6)
 """How far behind a parking place the robot looks for room, in this order."""
-_DOCK_DEPTH_M = 0.17
-_DOCK_WIDTH_M = 0.5
 _BIN_POST_M = 0.5
 """The bin's camera post stands at most this far behind the middle of its compartments."""
-
-
-@dataclass(frozen=True)
-class Rectangle:
-    """Something on the floor: `pose` is its centre, halves along and across the pose's x axis."""
-
-    pose: Pose2
-    half_x_m: float
-    half_y_m: float
-
-    def distance_m(self, x_m: float, y_m: float) -> float:
-        """From the point to the rectangle; 0 inside."""
-        dx, dy = x_m - self.pose.x_m, y_m - self.pose.y_m
-        c, s = math.cos(self.pose.yaw_rad), math.sin(self.pose.yaw_rad)
-        along = max(abs(c * dx + s * dy) - self.half_x_m, 0.0)
-        across = max(abs(c * dy - s * dx) - self.half_y_m, 0.0)
-        return math.hypot(along, across)
-
-
-def _shifted(pose: Pose2, forward_m: float) -> Pose2:
-    x_m, y_m = ahead(pose, forward_m)
-    return Pose2(x_m=x_m, y_m=y_m, yaw_rad=pose.yaw_rad)
-
-
-def footprint(pose: Pose2) -> Rectangle:
-    """The floor that the robot covers at `pose`."""
-    return Rectangle(pose, BUMPER_M, HALF_WIDTH_M)
 
 
 def _bin_floor(layout: BinLayout) -> Rectangle:
     """The floor that a bin and its post cover."""
     front_m = layout.depth_m / 2
-    middle = _shifted(layout.config.pose, (front_m - _BIN_POST_M) / 2)
+    x_m, y_m = ahead(layout.config.pose, (front_m - _BIN_POST_M) / 2)
+    middle = Pose2(x_m=x_m, y_m=y_m, yaw_rad=layout.config.pose.yaw_rad)
     return Rectangle(middle, (front_m + _BIN_POST_M) / 2, layout.width_m / 2)
 
 
@@ -83,12 +55,9 @@ class Floor:
     def __init__(self, site: Site) -> None:
         self._size_m = site.lab.size_m
         self._obstacles = [
-            *(Rectangle(f.pose, f.size_m[0] / 2, f.size_m[1] / 2) for f in site.lab.furniture),
+            *map(furniture_floor, site.lab.furniture),
             *(_bin_floor(BinLayout(one)) for one in site.bins),
-            *(
-                Rectangle(_shifted(dock.pose, -_DOCK_DEPTH_M / 2), _DOCK_DEPTH_M / 2, _DOCK_WIDTH_M / 2)
-                for dock in site.docks
-            ),
+            *map(dock_floor, site.docks),
         ]
 
     @property
@@ -186,6 +155,4 @@ def travel_cost_m(start: Pose2, goal: Pose2) -> float:
 
 def in_base_frame(base: Pose2, point: tuple[float, float, float]) -> tuple[float, float, float]:
     """A point of the map as the robot at `base` sees it (x forward, y left, z up)."""
-    dx, dy = point[0] - base.x_m, point[1] - base.y_m
-    c, s = math.cos(base.yaw_rad), math.sin(base.yaw_rad)
-    return c * dx + s * dy, c * dy - s * dx, point[2]
+    return (*seen_from(base, *point[:2]), point[2])

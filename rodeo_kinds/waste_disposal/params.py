@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
@@ -11,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from rodeo.charging import Name, Number, shown
 from rodeo.config import Site
 from rodeo.kinds import choose, is_number
-from rodeo.lab.layout import BinLayout
+from rodeo.lab.layout import BinLayout, furniture_floor
 from rodeo.messages import Task
 
 FARTHEST_M = 10_000.0
@@ -77,12 +76,6 @@ def _occupied(site: Site, x_m: float, y_m: float) -> str | None:
     width_m, height_m = site.lab.size_m
     if not (0 <= x_m <= width_m and 0 <= y_m <= height_m):
         return f"the place is outside the lab, which is {width_m:g} m by {height_m:g} m"
-    boxes = [(one.name, one.pose, one.size_m[0], one.size_m[1]) for one in site.lab.furniture]
-    layouts = [BinLayout(one) for one in site.bins]
-    boxes += [(one.config.name, one.config.pose, one.depth_m, one.width_m) for one in layouts]
-    for name, pose, length_m, depth_m in boxes:
-        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        dx, dy = x_m - pose.x_m, y_m - pose.y_m
-        if abs(c * dx + s * dy) <= length_m / 2 and abs(c * dy - s * dx) <= depth_m / 2:
-            return f"{name} stands there"
-    return None
+    floors = [(one.name, furniture_floor(one)) for one in site.lab.furniture]
+    floors += [(one.name, BinLayout(one).floor) for one in site.bins]
+    return next((f"{name} stands there" for name, floor in floors if floor.contains(x_m, y_m)), None)

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import MotionLimits, Pose2
-from rodeo.lab.geometry import wrap
+from rodeo.lab.geometry import seen_from, wrap
 from rodeo.lab.world import CONTROL_PERIOD_S
 from services.robot_sim.planner import Point2, Route
 
@@ -238,11 +238,9 @@ class BaseDriver:
 
     def _line(self, drive: Drive, goal: Pose2, rest_m: float) -> Iterator[Twist2]:
         """Straight forwards or backwards along the goal's heading until level with it."""
-        c, s = math.cos(goal.yaw_rad), math.sin(goal.yaw_rad)
         while True:
             x_m, y_m, yaw_rad = self._body.place
-            dx, dy = goal.x_m - x_m, goal.y_m - y_m
-            left_m, aside_m = c * dx + s * dy, c * dy - s * dx
+            left_m, aside_m = (-own for own in seen_from(goal, x_m, y_m))
             drive.remaining_m = rest_m + abs(left_m)
             if abs(left_m) < POSITION_TOLERANCE_M:
                 return

@@ -19,8 +19,16 @@ from scipy.sparse.csgraph import dijkstra
 
 from rodeo.errors import RodeoError
 from rodeo.lab.config import Pose2
-from rodeo.lab.geometry import ahead
-from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout
+from rodeo.lab.geometry import Rectangle, ahead, seen_from
+from rodeo.lab.layout import (
+    BUMPER_M,
+    FOOTPRINT_RADIUS_M,
+    HALF_WIDTH_M,
+    BinLayout,
+    dock_floor,
+    footprint,
+    furniture_floor,
+)
 from rodeo.lab.world import LabSite
 
 CELL_M = 0.05
@@ -103,17 +111,14 @@ class Map:
         x, y = np.meshgrid((np.arange(columns) + 0.5) * CELL_M, (np.arange(rows) + 0.5) * CELL_M)
         occupied = np.zeros((rows, columns), dtype=bool)
         for furniture in site.lab.furniture:
-            occupied |= _rectangle(x, y, furniture.pose, furniture.size_m[0] / 2, furniture.size_m[1] / 2)
+            occupied |= furniture_floor(furniture).contains(x, y)
         for one in site.bins:
-            layout = BinLayout(one)
-            occupied |= _rectangle(x, y, one.pose, layout.depth_m / 2, layout.width_m / 2)
+            occupied |= BinLayout(one).floor.contains(x, y)
             behind = ahead(one.pose, -one.show_distance_m / 2)
             post = Pose2(x_m=behind[0], y_m=behind[1], yaw_rad=one.pose.yaw_rad)
-            occupied |= _rectangle(x, y, post, one.show_distance_m / 2 + 0.13, 0.08)
+            occupied |= Rectangle(post, one.show_distance_m / 2 + 0.13, 0.08).contains(x, y)
         for dock in site.docks:
-            middle = ahead(dock.pose, -0.085)
-            box = Pose2(x_m=middle[0], y_m=middle[1], yaw_rad=dock.pose.yaw_rad)
-            occupied |= _rectangle(x, y, box, 0.085, 0.25)
+            occupied |= dock_floor(dock).contains(x, y)
         return cls(occupied)
 
     def with_items(self, items: Sequence[Point2]) -> "Map":
@@ -131,7 +136,7 @@ class Map:
         """The same floor with nothing where this robot stands: what is seen there touches it from outside."""
         columns, rows = self.occupied.shape[::-1]
         x, y = np.meshgrid((np.arange(columns) + 0.5) * CELL_M, (np.arange(rows) + 0.5) * CELL_M)
-        return Map(self.occupied & ~_rectangle(x, y, robot, BUMPER_M, HALF_WIDTH_M))
+        return Map(self.occupied & ~footprint(robot).contains(x, y))
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
         return math.floor(y_m / CELL_M), math.floor(x_m / CELL_M)
@@ -152,21 +157,14 @@ class Map:
     def fits(self, pose: Pose2, margin_m: float = CLEARANCE_M) -> bool:
         """Whether the robot's rectangle at this pose touches nothing."""
         half_x, half_y = BUMPER_M + margin_m, HALF_WIDTH_M + margin_m
-        corners = [ahead(pose, sx * half_x, sy * half_y) for sx in (-1, 1) for sy in (-1, 1)]
+        corners = Rectangle(pose, half_x, half_y).corners
         if not all(self.inside(*corner) for corner in corners):
             return False
         first, last = self.cell(*np.min(corners, axis=0)), self.cell(*np.max(corners, axis=0))
         rows, columns = np.nonzero(self.occupied[first[0] : last[0] + 1, first[1] : last[1] + 1])
-        dx = (first[1] + columns + 0.5) * CELL_M - pose.x_m
-        dy = (first[0] + rows + 0.5) * CELL_M - pose.y_m
-        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        return not bool(np.any((np.abs(c * dx + s * dy) < half_x) & (np.abs(c * dy - s * dx) < half_y)))
-
-
-def _rectangle(x: np.ndarray, y: np.ndarray, pose: Pose2, half_x: float, half_y: float) -> np.ndarray:
-    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-    dx, dy = x - pose.x_m, y - pose.y_m
-    return (np.abs(c * dx + s * dy) <= half_x) & (np.abs(c * dy - s * dx) <= half_y)
+        x_m, y_m = (first[1] + columns + 0.5) * CELL_M, (first[0] + rows + 0.5) * CELL_M
+        along, across = np.abs(seen_from(pose, x_m, y_m))
+        return not bool(np.any((along < half_x) & (across < half_y)))
 
 
 def plan(lab: Map, start: Pose2, goal: Pose2) -> Route:

@@ -10,9 +10,10 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.lab.config import Pose2
-from rodeo.lab.layout import FOOTPRINT_RADIUS_M, PICK_DISTANCE_M, BinLayout
+from rodeo.lab.geometry import Rectangle
+from rodeo.lab.layout import FOOTPRINT_RADIUS_M, PICK_DISTANCE_M, BinLayout, footprint
 from rodeo.robot.errors import Unreachable
-from rodeo.robot.navigation import Floor, Rectangle, footprint, in_base_frame
+from rodeo.robot.navigation import Floor, in_base_frame
 from tests.support.site import LAB
 
 SITE = Site.load(LAB)
