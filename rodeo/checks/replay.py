@@ -293,8 +293,7 @@ def vote_of(case: Case) -> Vote:
 
 def compartment_at(case: Case, point_m: Array) -> str | None:
     """The bin's compartment that a point of frame `map` (3,) is in."""
-    layout, (x_m, y_m, z_m) = BinLayout(case.bin), map(float, point_m)
-    return next((name for name in case.bin.compartments if layout.contains(name, (x_m, y_m, z_m))), None)
+    return BinLayout(case.bin).compartment_at(point_m)
 
 
 class World:

@@ -1,6 +1,7 @@
 """Where things of the site are in the map frame: pure geometry for agent, simulator and oracle."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rodeo.lab.config import BinConfig, DockConfig, FurnitureConfig, Pose2
@@ -87,6 +88,11 @@ class BinLayout:
             and abs(across - self.offset_m(name)) <= half_y
             and 0 <= point_m[2] <= self.config.rim_height_m
         )
+
+    def compartment_at(self, point_m: Iterable[float]) -> str | None:
+        """The compartment that the point (3,) is in."""
+        x_m, y_m, z_m = map(float, point_m)
+        return next((name for name in self.config.compartments if self.contains(name, (x_m, y_m, z_m))), None)
 
     @property
     def camera(self) -> Vec3:

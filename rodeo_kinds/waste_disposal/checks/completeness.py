@@ -30,10 +30,7 @@ def item_outside_bin(case: Case) -> Finding:
     """There was something to do: the item was not in the bin when the recording began."""
     if not case.mocap:
         return skipped(NO_MOCAP)
-    layout, item = BinLayout(case.bin), pose_of(case, case.item.id)
-    x_m, y_m, z_m = map(float, item.position_m[0])
-    names = layout.config.compartments
-    found = next((name for name in names if layout.contains(name, (x_m, y_m, z_m))), None)
+    found = BinLayout(case.bin).compartment_at(pose_of(case, case.item.id).position_m[0])
     return Finding(
         passed=found is None,
         measured=found,
