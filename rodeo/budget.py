@@ -25,6 +25,10 @@ class Bucket:
         self._left -= amount
         return True
 
+    def wait_s(self, amount: float = 1.0) -> float:
+        """How long after the last `take` so much is left."""
+        return max(0.0, amount - self._left) / self._per_s
+
 
 class CheckBudget:
     """How many signatures are checked in a second of wall time, for each bus key on which they come.

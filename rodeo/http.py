@@ -31,6 +31,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from rodeo.budget import Bucket
 from rodeo.errors import PortUnavailable, RodeoError, snake_case
 from rodeo.redaction import redacted, redacted_json
 from rodeo.strict_json import finite
@@ -193,13 +194,13 @@ class LimitBody:
 
 
 class LimitRate:
-    """ASGI middleware: too many requests of one address are a problem. A bucket of tokens for each."""
+    """ASGI middleware: too many requests of one address are a problem."""
 
     def __init__(self, app: ASGIApp, limits: Limits) -> None:
         self._app = app
         self._limits = limits
-        self._buckets: dict[str, tuple[float, float]] = {}
-        """Address -> requests that it may send, and since when."""
+        self._buckets: dict[str, Bucket] = {}
+        """By address."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         wait_s = self._wait_s(scope) if scope["type"] == "http" else 0.0
@@ -214,14 +215,10 @@ class LimitRate:
         if math.isinf(rate):
             return 0.0
         address = (scope.get("client") or ("",))[0]
-        now_s = time.monotonic()
         if address not in self._buckets and len(self._buckets) >= _MAX_ADDRESSES:
             self._buckets.clear()
-        left, since_s = self._buckets.get(address, (float(burst), now_s))
-        left = min(burst, left + (now_s - since_s) * rate)
-        allowed = left >= 1
-        self._buckets[address] = (left - allowed, now_s)
-        return 0.0 if allowed else (1 - left) / rate
+        bucket = self._buckets.setdefault(address, Bucket(rate, burst))
+        return 0.0 if bucket.take(time.monotonic()) else bucket.wait_s()
 
 
 class _ImpatientProtocol(H11Protocol):
