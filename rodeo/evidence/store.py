@@ -45,6 +45,10 @@ class Store:
         self._options = site.store.options
         self._max_bytes = site.store.max_bytes
 
+    def uri_of(self, sha256: str, suffix: str) -> str:
+        """The URI in this store of the file with this content (0x hex) and suffix."""
+        return f"{self._url}/{sha256.removeprefix('0x')}{suffix}"
+
     def put(self, path: Path) -> str:
         """Upload a file and read it back; the URI that names it.
 
@@ -53,7 +57,7 @@ class Store:
         _check_size(path.stat().st_size, self._max_bytes)
         with path.open("rb") as file:
             digest = file_digest(file, "sha256").hexdigest()
-        uri = f"{self._url}/{digest}{path.suffix}"
+        uri = self.uri_of(digest, path.suffix)
         with _reached(uri):
             filesystem, target = self._open(uri)
             if self._stored(filesystem, target) != digest:
@@ -125,10 +129,15 @@ class Store:
         return list(self._allowed)
 
     @staticmethod
-    def names(uri: str, sha256: str) -> bool:
-        """Whether `uri` is that of a file with this content (0x hex), in whichever store."""
+    def hash_of(uri: str) -> str:
+        """SHA-256 (0x hex) of the file that `uri` names, in whichever store; "" for any other URI."""
         found = _NAME.match(uri.rpartition("/")[2])
-        return found is not None and "0x" + found["sha256"] == sha256.lower()
+        return "" if found is None else "0x" + found["sha256"]
+
+    @classmethod
+    def names(cls, uri: str, sha256: str) -> bool:
+        """Whether `uri` is that of a file with this content (0x hex), in whichever store."""
+        return cls.hash_of(uri) == sha256.lower() != ""
 
     def fetch(self, uri: str, sha256: str, max_bytes: int | None = None, folder: Path | None = None) -> Path:
         """Copy the file to `folder` (default: a new temporary one, which the caller removes) and hash it.

@@ -154,7 +154,7 @@ class Executor:
             )
             recorder.close()
         uri = Store(self._site).put(path)
-        digest = "0x" + uri.rsplit("/", 1)[1].removesuffix(".mcap")
+        digest = Store.hash_of(uri)
         self._dao.submit_proof(task.id, task.attempt, digest, uri, task.nonce)
         return digest
 

@@ -266,7 +266,7 @@ class MissingProofs:
             self._store.check(uri)
         except ProofUriNotAllowed:
             # The name is the content: what others keep elsewhere may be in our store, too.
-            uri = f"{self._site.store_url.rstrip('/')}/{wanted.removeprefix('0x')}.mcap"
+            uri = self._store.uri_of(wanted, ".mcap")
         try:
             return self._store.fetch(uri, wanted, folder=self._folder_of(one.task))
         except EvidenceError as error:

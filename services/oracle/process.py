@@ -335,7 +335,7 @@ class Oracle:
             if not is_due(task, self._site, self._clock):
                 raise
             log.error("the verdict is due, but the store does not accept its report: %s", error)
-            return f"{self._site.store_url.rstrip('/')}/{own.name}", "0x" + sha256
+            return self._store.uri_of(sha256, ".json"), "0x" + sha256
 
     def _verified(self, task_id: int, attempt: int) -> tuple[Task, Report] | None:
         """What verification says; None when the submission is not ours to judge, or no longer waits.
@@ -518,7 +518,7 @@ class Oracle:
     def _fetch_report(self, uri: str, sha256: str) -> bytes:
         """Raises EvidenceError."""
         # The name is the content: a report that others keep elsewhere may be in our store, too.
-        own = f"{self._site.store_url.rstrip('/')}/{sha256.removeprefix('0x')}.json"
+        own = self._store.uri_of(sha256, ".json")
         kept = self._reports / f"{sha256.removeprefix('0x')}.json"
         if kept.is_file() and hashlib.sha256(data := kept.read_bytes()).hexdigest() == kept.stem:
             return data

@@ -994,7 +994,7 @@ class Agent:
         failure = f": {journal.failure}" if journal.failure else ""
         self._report("submitting the proof" + failure, 0.97)
         uri = self._store.put(folder / "recording.mcap")
-        sha256 = "0x" + uri.rsplit("/", 1)[1].removesuffix(".mcap")
+        sha256 = Store.hash_of(uri)
         self._dao.submit_proof(task.id, task.attempt, sha256, uri, task.nonce)
         journal.advance(folder, Phase.SUBMITTED, sha256)
         self._report("proof submitted" + failure, 1.0)

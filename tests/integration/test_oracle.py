@@ -109,7 +109,7 @@ def test_bad_proofs_get_their_own_reasons_and_the_next_is_served(dao: Dao, execu
     path = executor.record(task_id)
     path.write_bytes(path.read_bytes()[:200_000])
     uri = executor.store.put(path)
-    attempt = executor.submit(task_id, "0x" + uri.rpartition("/")[2].removesuffix(".mcap"), uri)
+    attempt = executor.submit(task_id, Store.hash_of(uri), uri)
     verdict = executor.verdict(task_id, attempt)
     assert "readable_and_sealed: truncated_proof" in verdict["reason"]
     dao.wait_for(lambda: "TaskFailed" in dao.names_of(task_id), "the refund")
@@ -128,7 +128,7 @@ def test_a_uri_that_goes_around_the_bridge_is_refused_by_the_oracle(dao: Dao, ex
 def test_a_proof_of_another_task_is_refused(executor: Executor) -> None:
     first = executor.assigned()
     uri = executor.store.put(executor.record(first))
-    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    sha256 = Store.hash_of(uri)
     assert executor.verdict(first, executor.submit(first, sha256, uri))["verdict"] == "accepted"
     second = executor.assigned(max_attempts=1)
     verdict = executor.verdict(second, executor.submit(second, sha256, uri))
@@ -140,7 +140,7 @@ def test_an_oracle_that_was_killed_decides_what_was_submitted_meanwhile(dao: Dao
     task_id = executor.assigned()
     uri = executor.store.put(executor.record(task_id))
     dao.running.kill("oracle")
-    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    sha256 = Store.hash_of(uri)
     attempt = executor.submit(task_id, sha256, uri)
     dao.running.start("oracle")
     assert executor.verdict(task_id, attempt)["verdict"] == "accepted"
@@ -153,7 +153,7 @@ def test_an_oracle_that_is_killed_while_verifying_decides_after_its_restart(
     uri = executor.store.put(executor.record(task_id))
     # Stopped, it cannot finish before it is killed.
     os.kill(dao.running.children["oracle"].pid, signal.SIGSTOP)
-    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    sha256 = Store.hash_of(uri)
     attempt = executor.submit(task_id, sha256, uri)
     dao.running.kill("oracle")
     dao.running.start("oracle")
@@ -387,7 +387,7 @@ def test_what_comes_after_a_verdict_is_a_warning_and_before_one_a_doubt(
     task_id = executor.assigned()
     path = executor.record(task_id)
     uri = executor.store.put(path)
-    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    sha256 = Store.hash_of(uri)
     assert executor.verdict(task_id, executor.submit(task_id, sha256, uri))["verdict"] == "accepted"
     before = verified(dao, path)
     assert (before["outcome"], before["warnings"]) == ("accepted", [])

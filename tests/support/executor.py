@@ -93,4 +93,4 @@ class Executor:
 def stored(executor: Executor, task_id: int) -> tuple[str, str]:
     """Hash and URI of an honest proof."""
     uri = executor.store.put(executor.record(task_id))
-    return "0x" + uri.rpartition("/")[2].removesuffix(".mcap"), uri
+    return Store.hash_of(uri), uri

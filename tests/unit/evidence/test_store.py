@@ -39,6 +39,8 @@ def proof(tmp_path: Path) -> Path:
 def test_what_is_put_is_fetched_by_its_hash(store: Store, proof: Path, tmp_path: Path) -> None:
     uri = store.put(proof)
     assert uri.endswith(f"/{HASH[2:]}.mcap")
+    assert Store.hash_of(uri) == HASH
+    assert store.uri_of(HASH, ".mcap") == uri
     assert store.fetch(uri, HASH, folder=tmp_path / "fetched").read_bytes() == DATA
 
 

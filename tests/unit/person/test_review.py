@@ -71,7 +71,7 @@ class Chain:
     def submit_file(self, task_id: int, path: Path, by: Any = BOB, kind: str = "wheel_cleaning") -> int:
         """Store a recording and submit it."""
         uri = Store(self._site).put(path)
-        sha256 = "0x" + uri.rsplit("/", 1)[1].removesuffix(".mcap")
+        sha256 = Store.hash_of(uri)
         if task_id not in self.tasks:
             self._emit("TaskRegistered", task_id, {"kind": kind})
         self.tasks[task_id] = task("submitted").model_copy(

@@ -98,7 +98,7 @@ def search(
         path = tmp_path / "own.mcap"
         path.write_bytes(DATA)
         there = Store(own).put(path)
-        sha256 = "0x" + there.rpartition("/")[2].removesuffix(".mcap")
+        sha256 = Store.hash_of(there)
         (tmp_path / "data" / "store" / f"{sha256[2:]}.mcap").unlink()
         fields = {"proof_uri": uri.format(sha256=sha256[2:]) or there, "proof_sha256": sha256}
         made = Search(own, tmp_path, cleaning_chain_record(cleaning, **fields).task, list(stores))

@@ -198,7 +198,7 @@ def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     agent._report = lambda *_: None
     agent._rest = agent._explore = lambda _situation: None
     agent._wait_for_news = lambda **_: None
-    agent._store = SimpleNamespace(put=lambda _path: "file:///proofs/0123.mcap")
+    agent._store = SimpleNamespace(put=lambda _path: "file:///proofs/" + "ab" * 32 + ".mcap")
     agent._process = SimpleNamespace(
         data_dir=tmp_path, disk_problem="", ready=lambda: None, look_at_disk=lambda: "", bus=None
     )
