@@ -8,16 +8,15 @@ continues there, and another commit begins anew.
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
-import subprocess
 import tempfile
 from pathlib import Path
 
 from rich.console import Console
 
 from bench.forgeries import WORKERS
+from bench.resuming import Found
 from rodeo.config import Site
 from tests.forgeries.catalogue import Shops
 from tests.forgeries.fuzz import fuzzed
@@ -25,44 +24,23 @@ from tests.forgeries.fuzz import fuzzed
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 STATE = Path("out/fuzz.json")
 RUNS = 5_000
-_KEPT_EVERY = 25
 
 _shops: list[Shops] = []
 """The workshops that a worker process filmed."""
 
 
 def run() -> dict[str, float | None]:
-    console, runs = Console(), int(os.environ.get("FUZZ_RUNS", RUNS))
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True
-    ).stdout.strip()
-    found = _kept(commit)
-    left = [number for number in range(runs) if str(number) not in found]
+    console, runs, kept = Console(), int(os.environ.get("FUZZ_RUNS", RUNS)), Found(STATE)
     with tempfile.TemporaryDirectory() as folder:
         spawn = multiprocessing.get_context("spawn")
         with spawn.Pool(WORKERS, initializer=_film, initargs=(Path(folder),)) as pool:
-            jobs = [(commit, number) for number in left]
-            for done, (number, wrong) in enumerate(pool.imap_unordered(_asked, jobs), start=1):
-                found[str(number)] = wrong
+            for number, wrong in pool.imap_unordered(_asked, kept.left(runs)):
+                kept.add(number, wrong)
                 if wrong:
-                    console.print(f"seed {commit}:{number} {wrong}", markup=False)
-                if done % _KEPT_EVERY == 0 or done == len(left):
-                    _keep(commit, found)
-    asked = [found[str(number)] for number in range(runs)]
+                    console.print(f"seed {kept.commit}:{number} {wrong}", markup=False)
+    kept.keep()
+    asked = kept.of(runs)
     return {"fuzz_runs": len(asked), "fuzz_wrong": sum(map(bool, asked))}
-
-
-def _kept(commit: str) -> dict[str, str]:
-    """Number of a seed -> what was wrong, or nothing."""
-    state = json.loads(STATE.read_text()) if STATE.exists() else {}
-    return state["found"] if state.get("commit") == commit else {}
-
-
-def _keep(commit: str, found: dict[str, str]) -> None:
-    STATE.parent.mkdir(exist_ok=True)
-    unfinished = STATE.with_suffix(".tmp")
-    unfinished.write_text(json.dumps({"commit": commit, "found": found}))
-    unfinished.replace(STATE)
 
 
 def _film(folder: Path) -> None:

@@ -14,6 +14,8 @@ is drawn, and `honest_redrawn` counts them.
 `honest_accepted_share` over all, `_none`, `_moderate`, `_heavy` per third, `_without_mocap` for the films of
 the first at a site without motion capture, whose robot sees the item some millimetres from where it lies. The
 reasons of refusals are printed, and how near each check came to its limit, which `bench.margins` is about.
+
+What others do to honest work follows (`bench.others`).
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from bench import others
 from rodeo.charging import order_wh
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file
@@ -94,7 +97,7 @@ class Outcome(NamedTuple):
     """Without its checks; None where there was no proof."""
 
 
-def run() -> dict[str, float]:
+def run() -> dict[str, float | None]:
     console, started_s = Console(), time.monotonic()
     outcomes: list[Outcome] = []
     with multiprocessing.get_context("spawn").Pool(os.cpu_count() or 1) as pool:
@@ -114,7 +117,7 @@ def run() -> dict[str, float]:
         except KeyboardInterrupt:
             console.print(f"ended after {len(outcomes)} of them", markup=False)
     console.print(_nearest(outcomes))
-    return shares(outcomes)
+    return shares(outcomes) | others.run()
 
 
 def jobs() -> list[Job]:

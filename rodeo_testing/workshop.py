@@ -136,7 +136,7 @@ class Workshop(ABC):
     ) -> Path:
         witnesses = witnesses or Witnesses()
         if self._losses is not None:
-            witnesses = _lossy(witnesses, self._losses())
+            witnesses = lossy(witnesses, self._losses())
         path = self.new_path().with_suffix(".mcap")
         return seal(take, path, binding or self.binding, device or self.device, witnesses).path
 
@@ -245,7 +245,7 @@ def with_devices(chain_record: ChainRecord, change: Registered) -> ChainRecord:
     return chain_record.model_copy(update={"devices": [change(device) for device in chain_record.devices]})
 
 
-def _lossy(witnesses: Witnesses, lost: Witnesses) -> Witnesses:
+def lossy(witnesses: Witnesses, lost: Witnesses) -> Witnesses:
     """What a forger has the witnesses do, where `lost` says what is lost of it."""
 
     def edit(one: Attestation) -> Attestation | None:

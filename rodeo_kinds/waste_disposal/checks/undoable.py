@@ -205,7 +205,7 @@ def _lay_s(case: Case, body: str, item: Pose) -> float:
 def _touched(case: Case, item: Pose, base: Pose, until_s: float) -> bool:
     """Whether the item went more than `MOVED_M` before then while the robot may have been within reach, seen
     or not."""
-    at_s = np.arange(item.time_s[0], min(item.time_s[-1], until_s) + _LOOK_S, _LOOK_S)
+    at_s = np.arange(item.time_s[0], min(item.time_s[-1] + _LOOK_S, until_s), _LOOK_S)
     item_m, base_m = (_at(pose, at_s) for pose in (item, base))
     away_m = np.linalg.norm(base_m[:, :2] - item_m[:, :2], axis=1)
     for start_s, end_s in base.unseen_s:
