@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_proof
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.proof import Proof
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, watched
 from rodeo_kinds.waste_disposal.harness.giving_up import gives_up, waits
@@ -97,7 +99,7 @@ class Film:
             heard.append(one)
             return one
 
-        open_sealed(self.take, Path("unused.mcap"), BINDING, ROBOT, Witnesses(edit=hear))
+        _opened(self.take, Witnesses(edit=hear))
         return heard
 
 
@@ -139,8 +141,13 @@ def disturbed(seed: str, films: list[Film]) -> tuple[Fault, Report]:
     item = next(one for one in film.site.items if one.id == film.item)
     place = {"item_id": film.item, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
     record = with_devices(cleaning_chain_record(take, place), fault.devices)
-    proof = open_sealed(take, Path("unused.mcap"), BINDING, ROBOT, witnesses)
-    return fault, verify_proof(proof, film.site, record)
+    return fault, verify_proof(_opened(take, witnesses), film.site, record)
+
+
+def _opened(take: Take, witnesses: Witnesses) -> Proof:
+    """What the oracle reads of it."""
+    with TemporaryDirectory() as folder:
+        return open_sealed(take, Path(folder, "proof.mcap"), BINDING, ROBOT, witnesses)
 
 
 # -- what may happen ---------------------------------------------------------------------------------------
@@ -280,7 +287,7 @@ def _another_claims(film: Film, _chance: Rng) -> Fault:
     ours = {
         "device": BINDING.device,
         "address": ROBOT.address,
-        "recording": _recording(film.take),
+        "recording": _opened(film.take, Witnesses()).recording,
         "task_id": BINDING.task_id,
         "attempt": BINDING.attempt,
     }
@@ -288,10 +295,6 @@ def _another_claims(film: Film, _chance: Rng) -> Fault:
     both = {"claimants": (theirs | {"attempt": 1}, ours)}
     take = told(told(film.take, "bin/classification", **both), "bin/drop", **both)
     return Fault("another_robot_claims", "another robot presents itself", take, decided=True)
-
-
-def _recording(take: Take) -> str:
-    return str(open_sealed(take, Path("unused.mcap"), BINDING, ROBOT).recording)
 
 
 def _share(film: Film, at_s: float) -> float:
