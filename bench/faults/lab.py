@@ -70,17 +70,6 @@ PARTICIPANTS = """participants = [
 PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
 """Where item1 lies by the lab's site file."""
 
-_AGAIN = frozenset(
-    {
-        "bridge_not_ready",
-        "chain_unavailable",
-        "journal_unwritable",
-        "rpc_failed",
-        "transaction_dropped",
-        "transaction_timeout",
-    }
-)
-"""What may be asked again with the same request_id."""
 _DONE = (TaskState.SETTLED, TaskState.FAILED, TaskState.CANCELLED)
 
 
@@ -457,7 +446,7 @@ class Lab:
             except BusError as error:
                 last = error
             except RemoteError as error:
-                if error.code not in _AGAIN:
+                if not error.passes:
                     raise
                 last = error
             self.pause(PAUSE_S)

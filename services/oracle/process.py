@@ -59,8 +59,6 @@ SIDE_BY_SIDE = max(2, (os.cpu_count() or 1) - 1)
 SWEEP_S = 30.0
 """Wall time between two looks for submissions that got no verdict, whatever kept them from it."""
 _REPORT_BYTES = 16 << 20
-_PASSING = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeout", "rpc_failed"})
-"""What the bridge answers while it cannot; everything else is its last word."""
 
 _NO_MORE = frozenset({"case_over", "passed_on_before", "not_judge", "not_a_judge"})
 """What is answered when this oracle cannot rule any more, and others may."""
@@ -538,7 +536,8 @@ class Oracle:
             try:
                 return ask()
             except (BusError, RemoteError, StoreUnavailable, DiskFull, IndexBehind) as error:
-                if isinstance(error, RemoteError) and error.code not in _PASSING:
+                # A bridge that fails at one task must not keep the places of all others.
+                if isinstance(error, RemoteError) and (error.code == "internal" or not error.passes):
                     raise
                 log.warning("waiting: %s", error)
                 self._pause(task)

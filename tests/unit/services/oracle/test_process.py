@@ -278,6 +278,28 @@ def test_a_submission_whose_verdict_failed_for_an_unknown_reason_is_looked_at_ag
     assert len(bridge.verdicts) == 1
 
 
+@pytest.mark.parametrize("code", ["bridge_not_ready", "chain_reorganized", "transaction_dropped"])
+def test_a_ruling_is_sent_again_when_the_bridge_or_the_chain_only_cannot_take_it_now(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    monkeypatch.setattr(process, "SWEEP_S", HANG_S)
+    bridge.refuses = code
+    submit(oracle(), bridge.current)
+    wait_until(lambda: bridge.refused > 1)
+    bridge.refuses = None
+    assert bridge.posted.wait(HANG_S) and len(bridge.verdicts) == 1
+
+
+def test_a_bridge_that_fails_at_one_task_keeps_no_other_from_its_turn(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "SWEEP_S", HANG_S)
+    bridge.refuses = "internal"
+    judge = oracle()
+    submit(judge, bridge.current)
+    wait_until(lambda: bridge.refused == 1 and not judge._in_work)
+
+
 @pytest.mark.parametrize("code", ["case_over", "not_judge", "passed_on_before"])
 def test_a_submission_that_this_oracle_may_not_rule_on_any_more_is_not_looked_at_again(
     oracle: Callable[[], Oracle], bridge: Bridge, code: str
