@@ -21,6 +21,7 @@ from playwright.sync_api import Browser, Locator, Page
 from bench.cpu import cpu_s
 from rodeo import topics
 from rodeo.clock import WallClock
+from rodeo.lab.geometry import quaternion_of
 from rodeo.messages import DaoEvent
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
@@ -268,7 +269,7 @@ def _circling_robot(running: RunningSite) -> Iterator[None]:
         while not stop.wait(_POSE_S):
             angle = time.monotonic() / 3
             pose.pose.position.x, pose.pose.position.y = 3.5 + math.cos(angle), 1.5 + math.sin(angle)
-            pose.pose.orientation.z, pose.pose.orientation.w = math.sin(angle / 2), math.cos(angle / 2)
+            pose.pose.orientation.w, _, _, pose.pose.orientation.z = quaternion_of(angle)
             publisher.publish(pose)
 
     thread = threading.Thread(target=drive, name="circling", daemon=True)

@@ -453,17 +453,19 @@ def noting_its_end(data_dir: Path, stop: threading.Event) -> Iterator[None]:
 
 
 _PR_SET_PDEATHSIG = 1
-"""prctl(2) option: the signal that the kernel sends when the parent dies."""
+"""prctl(2) option: the signal that the kernel sends when the thread that started this process ends."""
+_LIBC = ctypes.CDLL(None, use_errno=True)
+"""Loaded here, as a child may not load anything between fork and exec."""
 
 
 def outlive_parent() -> None:
     """Take back `die_with`."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, 0)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, 0)
 
 
 def die_with(parent: int, number: signal.Signals) -> None:
     """Have the kernel send this process `number` when its parent, process `parent`, ends."""
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, number)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:  # it died before prctl took effect
         os.kill(os.getpid(), number)
 

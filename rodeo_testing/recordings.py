@@ -32,7 +32,7 @@ from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding, SealChain
 from rodeo.evidence.writer import McapWriter, message_record
 from rodeo.lab.body import Body, Twist2, joint_names
 from rodeo.lab.config import Pose2, gripper_body
-from rodeo.lab.geometry import wrap
+from rodeo.lab.geometry import quaternion_of, wrap
 from rodeo.lab.world import world_spec
 from rodeo.ros2.types import STORE, msg, new, serialize, time_message
 from rodeo.stamps import set_stamp, stamp_ns
@@ -682,7 +682,7 @@ class Camera:
         """Where the robot is when the film begins."""
         qpos = self.model.joint(f"{self.robot.name}/base").qposadr[0]
         self.data.qpos[qpos : qpos + 2] = pose.x_m, pose.y_m
-        self.data.qpos[qpos + 3 : qpos + 7] = math.cos(pose.yaw_rad / 2), 0, 0, math.sin(pose.yaw_rad / 2)
+        self.data.qpos[qpos + 3 : qpos + 7] = quaternion_of(pose.yaw_rad)
         mujoco.mj_forward(self.model, self.data)
 
     def film(self, arm_rad: np.ndarray, gripper_m: float) -> None:
@@ -700,8 +700,8 @@ class Camera:
         odometry = new(ODOMETRY, child_frame_id=f"{ns}/base_link")
         odometry.header.frame_id = f"{ns}/odom"
         odometry.pose.pose.position.x, odometry.pose.pose.position.y = map(float, self._odom[:2])
-        odometry.pose.pose.orientation.z = math.sin(self._odom[2] / 2)
-        odometry.pose.pose.orientation.w = math.cos(self._odom[2] / 2)
+        turn = odometry.pose.pose.orientation
+        turn.w, turn.x, turn.y, turn.z = quaternion_of(self._odom[2])
         odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = twist.linear_m_s, twist.angular_rad_s
         self._add(topics.ODOM.name(ns=ns), ODOMETRY, odometry)
         joints = new(

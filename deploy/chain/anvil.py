@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import logging
 import os
@@ -12,6 +11,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from deploy.chain.server import PURPOSE, host_and_port
 from rodeo.errors import AlreadyRunning
 from rodeo.http import listen
 from rodeo.instance import lock_instance
+from rodeo.process import die_with
 
 log = logging.getLogger(__name__)
 
@@ -37,8 +38,6 @@ _STATE_INTERVAL_S = 60
 this process is killed, so that only a power cut takes what came since."""
 
 STATE_FILE = "anvil.json"
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 class Anvil:
@@ -72,7 +71,7 @@ class Anvil:
             ],
             # anvil holds the folder's lock as well, so that a successor waits until it has written its state.
             pass_fds=[self._lock],
-            preexec_fn=_die_with_parent,
+            preexec_fn=partial(die_with, os.getpid(), signal.SIGTERM),
         )
         self._wait_until_up()
         self._clock = threading.Thread(target=self._feed_clock, name="anvil-clock", daemon=True)
@@ -168,8 +167,3 @@ def _find_anvil() -> Sequence[str]:
             "anvil on the PATH"
         )
     return [program]
-
-
-def _die_with_parent() -> None:
-    """In the child, before anvil starts: the kernel stops it when the thread that started it ends."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -17,7 +17,7 @@ from rodeo.clock import Clock, Patience
 from rodeo.config import Site
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.lab.geometry import on_plane
+from rodeo.lab.geometry import on_plane, quaternion_of
 from rodeo.lab.layout import on_contacts
 from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
 from rodeo.readings import unknown_charge, unknown_joints, unknown_pose
@@ -271,11 +271,10 @@ class RosBody:
 
     def navigate(self, goal: Pose2, feedback: Callable[[Any], None] | None = None) -> None:
         """Drive the base to `goal` in the map."""
-        half = goal.yaw_rad / 2
         pose = types.new("geometry_msgs/msg/PoseStamped")
         pose.header.frame_id = "map"
         pose.pose.position.x, pose.pose.position.y = goal.x_m, goal.y_m
-        pose.pose.orientation.z, pose.pose.orientation.w = math.sin(half), math.cos(half)
+        pose.pose.orientation.w, _, _, pose.pose.orientation.z = quaternion_of(goal.yaw_rad)
         message = types.new(f"{topics.NAVIGATE_TO_POSE.type}_Goal", pose=pose)
         self._execute(self._navigate, lambda: message, feedback)
 

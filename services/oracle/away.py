@@ -342,8 +342,7 @@ def owner_of(error: EvidenceError, uri: str, site: Site, stores: Callable[[], li
     if isinstance(error, StoreUnavailable):
         return "store"
     base = uri.rpartition("/")[0]
-    own = [site.store_url.rstrip("/"), *(url.rstrip("/") for url in site.store.allowed)]
-    if base in own:
+    if base in Store(site).urls:
         return "executor"
     try:
         return "oracle" if base in [url.rstrip("/") for url in stores()] else "executor"
