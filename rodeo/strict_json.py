@@ -14,6 +14,8 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import from_json
 
+Json = dict[str, Any]
+
 DEPTH = 201
 """Levels of objects and arrays. Code that walks a value in Python ends at a thousand nested calls."""
 

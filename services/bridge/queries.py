@@ -30,13 +30,12 @@ from rodeo.queries import (
     TransferFilters,
 )
 from rodeo.redaction import shown
+from rodeo.strict_json import Json
 from rodeo.verdicts import LAST_RULINGS, counted_voids
 from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery, UnknownTask
 from services.bridge.index import Page
 from services.bridge.names import ORGANIZATION, Names
-
-Json = dict[str, Any]
 
 MAX_BUCKETS = 2_000
 

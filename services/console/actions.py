@@ -61,6 +61,7 @@ from rodeo.messages import (
     Withdraw,
 )
 from rodeo.person.statement import MAX_NOTE_CHARACTERS, MAX_PHOTOS, Executor, judge
+from rodeo.strict_json import Json
 from services.console.accounts import (
     MAX_PASSPHRASE,
     MIN_PASSPHRASE,
@@ -78,7 +79,6 @@ ORGANIZATION = "organization"
 _COMMAND_S = 40.0
 _ROBOT_S = 5.0
 
-Json = dict[str, Any]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Passphrase = Annotated[str, StringConstraints(min_length=MIN_PASSPHRASE, max_length=MAX_PASSPHRASE)]
 

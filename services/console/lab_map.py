@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-Json = dict[str, Any]
+from rodeo.strict_json import Json
 
 
 class LabMap(ui.element, component="lab_map.js"):

@@ -32,12 +32,12 @@ from rodeo.processes import processes_of
 from rodeo.readings import unknown_charge, unknown_joints, unknown_pose
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.strict_json import Json
 from services.console.queries import Queries
 from services.console.scene import arm_drawing
 
 log = logging.getLogger(__name__)
 
-Json = dict[str, Any]
 Listener = Callable[[], None]
 
 MAP_PERIOD_S = 0.2

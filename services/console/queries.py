@@ -22,10 +22,10 @@ from rodeo.messages import DaoEvent, Task
 from rodeo.person.review import Review, Reviewer
 from rodeo.person.statement import Statement, fetch_statement
 from rodeo.queries import A, Query
+from rodeo.strict_json import Json
 from services.console.attempts import Attempt, attempts
 from services.console.errors import UnknownFile
 
-Json = dict[str, Any]
 T = TypeVar("T")
 
 MAX_REPORT_BYTES = 1 << 20

@@ -15,13 +15,13 @@ from rodeo.evidence.proof import Proof
 from rodeo.evidence.series import Table
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.headings import yaws_of
+from rodeo.strict_json import Json
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.motion import track as signed_track
 from rodeo.witness.statement import Classification, Drop, Motion, Removal, Watch, parse
 from services.console.formatting import phrase
 from services.console.scene import arm_drawing
 
-Json = dict[str, Any]
 Array = np.ndarray[Any, Any]
 
 FRAMES = 600

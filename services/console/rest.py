@@ -26,14 +26,13 @@ from rodeo.errors import (
 from rodeo.evidence.errors import EvidenceError
 from rodeo.http import answer_with_problems, problem, problems
 from rodeo.messages import Kind, Task, TaskState
+from rodeo.strict_json import Json
 from services.console.accounts import User
 from services.console.actions import ACTIONS, ORGANIZATION, Action
 from services.console.attempts import Attempt
 from services.console.attempts import attempts as attempts_of
 from services.console.errors import Forbidden, NotLoggedIn
 from services.console.pages.frame import Console
-
-Json = dict[str, Any]
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
 AttemptNumber = Annotated[int | None, Query(ge=1, lt=2**8, description="By default the last one")]

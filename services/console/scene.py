@@ -14,9 +14,9 @@ import numpy as np
 from rodeo.config import Site
 from rodeo.lab.config import BinConfig
 from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout
+from rodeo.strict_json import Json
 
 Array = np.ndarray[Any, Any]
-Json = dict[str, Any]
 
 
 class ArmDrawing:

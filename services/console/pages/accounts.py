@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 from nicegui import ui
 
+from rodeo.strict_json import Json
 from services.console.accounts import User, workers
 from services.console.formatting import moment
 from services.console.pages.frame import Console, act, ask, frame, user
@@ -23,8 +23,6 @@ from services.console.pages.widgets import (
     table,
 )
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 _ROLES = {role.value: role.value for role in Role}
 

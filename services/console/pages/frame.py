@@ -6,7 +6,7 @@ import logging
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 from nicegui import background_tasks, context, run, ui
 from pydantic import BaseModel
@@ -15,6 +15,7 @@ from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.kinds import Kinds
 from rodeo.person import pace
+from rodeo.strict_json import Json
 from rodeo.tls import openness
 from services.console.accounts import Accounts, Session, User
 from services.console.actions import ACTIONS, Actions
@@ -26,7 +27,6 @@ from services.console.roles import Role
 
 log = logging.getLogger(__name__)
 
-Json = dict[str, Any]
 P = ParamSpec("P")
 T = TypeVar("T")
 

@@ -10,6 +10,7 @@ from nicegui import ui
 from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.queries import SERVICES, Offer
+from rodeo.strict_json import Json
 from services.console.formatting import explain, known_in_words, moment, share
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
@@ -35,8 +36,6 @@ from services.console.pages.widgets import (
     progress_bar,
 )
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 _ORDERS = (
     ("Pause", "pause_robot", "pause", "finishes its attempt, then waits"),

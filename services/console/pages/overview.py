@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 from nicegui import ui
 
 from rodeo.durations import span
 from rodeo.messages import Task
 from rodeo.queries import Wallet
+from rodeo.strict_json import Json
 from rodeo.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
 from services.console.formatting import iec, kind, moment, party, process, share
 from services.console.lab_map import LabMap
@@ -27,8 +27,6 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 _WORKERS = ("robot_agent", "charger", "itrash", "oracle")
 """Processes that do something which people want to follow."""

@@ -12,9 +12,8 @@ from rodeo.bus import decode_json
 from rodeo.config import Site
 from rodeo.kinds import Kind
 from rodeo.lab.config import BinConfig, DockConfig, PlaceConfig
+from rodeo.strict_json import Json
 from services.console.formatting import parameter
-
-Json = dict[str, Any]
 
 
 class Parameters:

@@ -14,6 +14,7 @@ from rodeo.dao import cannot_do
 from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.kinds import KindError
+from rodeo.strict_json import Json
 from services.console.actions import ORGANIZATION, speaks_for
 from services.console.formatting import (
     NAMERS,
@@ -55,8 +56,6 @@ from services.console.pages.widgets import (
     table,
 )
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 _UNSAID = "unsaid"
 """The choice that is none."""

@@ -18,6 +18,7 @@ from rodeo.messages import LIVE_STATES, Task
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
+from rodeo.strict_json import Json
 from rodeo.verdicts import (
     NO_REPORT,
     WORDS,
@@ -80,8 +81,6 @@ from services.console.posting import fitting
 from services.console.queries import Seal
 from services.console.replay import track
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 _ORACLES_REPORT = "Oracle's report"
 _TOKEN_EVENTS = ("Transfer", "Approval")

@@ -17,6 +17,7 @@ from rodeo.durations import span
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
 from rodeo.messages import RegisterTask, Task
 from rodeo.person.pace import runs_fast
+from rodeo.strict_json import Json
 from services.console.formatting import exact, explain, iec, kind, moment, party
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
@@ -35,8 +36,6 @@ from services.console.pages.parameters import Parameters
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import hireable, hired, problems
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 PAGE_ROWS = 25
 MAX_PAGES = 10**6

@@ -11,6 +11,7 @@ from nicegui import ui
 from rodeo import queries
 from rodeo.earnings import Line
 from rodeo.errors import RodeoError
+from rodeo.strict_json import Json
 from rodeo.tariff import prices
 from services.console.actions import ORGANIZATION
 from services.console.formatting import count, exact, iec, moment, party, short
@@ -40,8 +41,6 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 CHARTED = 500
 """Transfers in the chart: as many as the bridge gives at once."""

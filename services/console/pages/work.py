@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from decimal import Decimal
 from functools import partial
-from typing import Any
 
 from nicegui import ui
 from nicegui.events import UploadEventArguments
@@ -45,8 +44,6 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-
-Json = dict[str, Any]
 
 SHOWN = 20
 RULINGS = {
