@@ -452,6 +452,19 @@ def noting_its_end(data_dir: Path, stop: threading.Event) -> Iterator[None]:
         raise
 
 
+def repeated(
+    work: Callable[[], Result], failed: Callable[[RodeoError], None], stop: threading.Event
+) -> Result | None:
+    """The result of `work`, which is called again after each error until `stop` is set: then it is None.
+    `failed` gets the error, and waits before the next attempt or raises."""
+    while not stop.is_set():
+        try:
+            return work()
+        except RodeoError as error:
+            failed(error)
+    return None
+
+
 _PR_SET_PDEATHSIG = 1
 """prctl(2) option: the signal that the kernel sends when the thread that started this process ends."""
 _LIBC = ctypes.CDLL(None, use_errno=True)

@@ -24,7 +24,7 @@ from rodeo import queries, topics
 from rodeo.bus import DaoEvents
 from rodeo.charging import ChargingParams
 from rodeo.config import Site, dock_process
-from rodeo.dao import ORGANIZATION, Assignment, Participant
+from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
@@ -35,7 +35,7 @@ from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
-from rodeo.process import Process
+from rodeo.process import Process, Result, repeated
 from rodeo.readings import unknown_power
 from rodeo.recording.door import stamp_slack_s
 from rodeo.recording.seals import SealPublisher
@@ -221,11 +221,10 @@ class Charger:
         job = Job.load(self._job_path)
         if job is None:
             return None
-        owns: list[bool] = []
-        self._persist(lambda: owns.append(self._is_own(job)))
-        if not owns:  # asked to stop
+        owns = self._persist(lambda: self._is_own(job))
+        if owns is None:  # asked to stop
             return None
-        if owns[0]:
+        if owns:
             return job
         # Whoever is on the contacts does not pay by that job.
         self._command_contactor(False)
@@ -258,13 +257,12 @@ class Charger:
         return self._process.data_dir / f"{job.name}.mcap"
 
     def _next_job(self) -> Job | None:
-        found: list[tuple[Task, Assignment]] = []
-        self._persist(
-            lambda: found.extend(
+        found = self._persist(
+            lambda: [
                 (task, self._organization.assignment(task))
                 for task in self._organization.assignments(self._energy.name)
                 if is_for(task, self._dock.name, self._site)
-            )
+            ]
         )
         if not found:
             return None
@@ -321,12 +319,11 @@ class Charger:
 
     def _deliver(self, job: Job, path: Path) -> str | None:
         """Do the session; the SHA-256 of its sealed recording, None when asked to stop before its end."""
-        bindings: list[Any] = []
-        self._persist(lambda: bindings.append(self._organization.binding(job.task, self._dock.name)))
+        binding = self._persist(lambda: self._organization.binding(job.task, self._dock.name))
         chain = self._wait_chain()
-        if not bindings or chain is None:
+        if binding is None or chain is None:
             return None
-        order, problem = self._order(job, path, bindings[0])
+        order, problem = self._order(job, path, binding)
         seals = SealPublisher(self._process.bus, self._site.org, self._dock.name)
         try:
             delivery = Delivery(
@@ -518,25 +515,27 @@ class Charger:
             receipted_wh=round(delivery.receipted_wh, 1),
         )
 
-    def _persist(self, attempt: Any) -> None:
-        """Try until it works or the process is asked to stop; what is away comes back."""
-        while not self._process.stop.is_set():
-            try:
-                attempt()
-            except (NoResponder, QueryTimeout, StoreUnavailable) as error:
-                self._process.not_ready(str(error))
-            except RemoteError as error:
-                # The bridge answers with the chain's own errors while that is away or being deployed.
-                # Why it is not ready the bridge says itself, and once is enough.
-                away = error.code == "bridge_not_ready"
-                self._process.not_ready("waiting for the bridge" if away else f"{error.code}: {error}")
-                if not (error.passes or self._site.clock.keeps_wall_time):
-                    self._wait_refused()
-                    continue
-            else:
-                self._update_readiness()
+    def _persist(self, attempt: Callable[[], Result]) -> Result | None:
+        """Try until it works; None when the process is asked to stop before. What is away comes back."""
+        result = repeated(attempt, self._wait, self._process.stop)
+        if not self._process.stop.is_set():
+            self._update_readiness()
+        return result
+
+    def _wait(self, error: RodeoError) -> None:
+        if isinstance(error, RemoteError):
+            # The bridge answers with the chain's own errors while that is away or being deployed.
+            # Why it is not ready the bridge says itself, and once is enough.
+            away = error.code == "bridge_not_ready"
+            self._process.not_ready("waiting for the bridge" if away else f"{error.code}: {error}")
+            if not (error.passes or self._site.clock.keeps_wall_time):
+                self._wait_refused()
                 return
-            self._pause(_RETRY_S)
+        elif isinstance(error, NoResponder | QueryTimeout | StoreUnavailable):
+            self._process.not_ready(str(error))
+        else:
+            raise error
+        self._pause(_RETRY_S)
 
     def _wait_refused(self) -> None:
         """Simulated time passes, or is jumped over: when it is tried again does not depend on the machine."""

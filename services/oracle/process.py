@@ -40,7 +40,7 @@ from rodeo.foreign_text import in_words
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Rule, Task, Vote
-from rodeo.process import Process
+from rodeo.process import Process, repeated
 from rodeo.serving import served_by
 from services.oracle import worker
 from services.oracle.away import FAULT, MissingProofs, ProofAway, due_s, is_due, owner_of
@@ -532,16 +532,16 @@ class Oracle:
     def _until_answered(self, ask: Callable[[], Answer], task: Task | None = None) -> Answer | None:
         """The answer of `ask`, repeated while bridge or store are away or behind, or the disk is full, and
         once the verdict on `task` is due; None when stopped."""
-        while not self._stop.is_set():
-            try:
-                return ask()
-            except (BusError, RemoteError, StoreUnavailable, DiskFull, IndexBehind) as error:
-                # A bridge that fails at one task must not keep the places of all others.
-                if isinstance(error, RemoteError) and (error.code == "internal" or not error.passes):
-                    raise
-                log.warning("waiting: %s", error)
-                self._pause(task)
-        return None
+
+        def wait(error: RodeoError) -> None:
+            away = isinstance(error, BusError | StoreUnavailable | DiskFull | IndexBehind)
+            # A bridge that fails at one task must not keep the places of all others.
+            if not (away or (isinstance(error, RemoteError) and error.passes and error.code != "internal")):
+                raise error
+            log.warning("waiting: %s", error)
+            self._pause(task)
+
+        return repeated(ask, wait, self._stop)
 
     def _pause(self, task: Task | None = None) -> None:
         """Before the next attempt. No simulated clock waits meanwhile. It may jump to when `task` is due, but
