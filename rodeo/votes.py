@@ -8,6 +8,7 @@ from typing import Any
 
 from rodeo import keys, secp256k1, typed_data
 from rodeo.chain.abi import Fault, Finding, Ruling
+from rodeo.chain.types import hex_bytes
 from rodeo.currency import Currency, InvalidAmount
 from rodeo.messages import Rule, Vote
 
@@ -64,18 +65,14 @@ def finding(vote: Vote | Rule, currency: Currency, rules_sha256: str | None = No
     return Finding(
         task_id=vote.task_id,
         attempt=vote.attempt,
-        proof_hash=_bytes32(vote.proof_sha256),
-        report_hash=_bytes32(vote.report_sha256),
-        rules_hash=_bytes32(vote.rules_sha256 or rules_sha256),
+        proof_hash=hex_bytes(vote.proof_sha256),
+        report_hash=hex_bytes(vote.report_sha256),
+        rules_hash=hex_bytes(vote.rules_sha256 or rules_sha256),
         ruling=ruling,
         fault=Fault[vote.fault.upper()],
         amount=currency.to_units(vote.amount_iec or Decimal(0)),
         reason=vote.reason,
     )
-
-
-def _bytes32(value: str | None) -> bytes:
-    return bytes(32) if value is None else bytes.fromhex(value.removeprefix("0x"))
 
 
 def _digest(vote: Vote, chain_id: int, committee: str, currency: Currency) -> bytes:

@@ -79,6 +79,11 @@ class Policy(StrEnum):
     HIGHEST_REPUTATION = "HighestReputation"
 
 
+def hex_bytes(value: str | None) -> bytes:
+    """The bytes that 0x hex names; a word of zeros for None."""
+    return bytes(32) if value is None else bytes.fromhex(value.removeprefix("0x"))
+
+
 def kind_to_bytes32(kind: str) -> bytes:
     """ASCII, padded with zeros on the right. Raises ValueError when it does not fit or is not ASCII."""
     encoded = kind.encode("ascii")

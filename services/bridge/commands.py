@@ -23,7 +23,7 @@ from rodeo.chain.calls import ParticipantCalls
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
 from rodeo.chain.governance import BUDGET_CREDITS, Operation, Proposed, protected_text, shares
-from rodeo.chain.types import ZERO_ADDRESS, Policy, Role, TimelockRole
+from rodeo.chain.types import ZERO_ADDRESS, Policy, Role, TimelockRole, hex_bytes
 from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
@@ -502,7 +502,7 @@ class Wallet:
             execution_window=command.execution_window_s or window_s,
             verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
             max_attempts=command.max_attempts or self.economy.max_attempts,
-            rules=_bytes32(self._rules_of(command)),
+            rules=hex_bytes(self._rules_of(command)),
             service_id=self._service_of(command),
             provider=self._provider_of(command),
             params=text,
@@ -569,7 +569,7 @@ class Wallet:
             execution_window=task["execution_window_s"],
             verdict_window=task["verdict_window_s"],
             max_attempts=max(1, task["max_attempts"] - (task["attempt"] - len(task["passed"]))),
-            rules=_bytes32(task["rules_sha256"] or NO_RULES),
+            rules=hex_bytes(task["rules_sha256"] or NO_RULES),
             service_id=task["requested_service_id"] or 0,
             provider=task["requested_provider"] or ZERO_ADDRESS,
             params=json.dumps(params, separators=(",", ":")),
@@ -589,7 +589,7 @@ class Wallet:
     def _submit_proof(self, command: SubmitProof) -> list[Call]:
         uri = self._proof_uri(command)
         return [
-            self.calls.submit_proof(command.task_id, command.attempt, _bytes32(command.proof_sha256), uri)
+            self.calls.submit_proof(command.task_id, command.attempt, hex_bytes(command.proof_sha256), uri)
         ]
 
     def _proof_uri(self, command: SubmitProof) -> str:
@@ -622,7 +622,7 @@ class Wallet:
     def _post_votes(self, command: PostVotes) -> list[Call]:
         judge, _ = self._judge_of(self._task(command.vote.task_id))
         said = votes.finding(command.vote, self._currency)
-        signatures = b"".join(_bytes32(one) for one in command.signatures)
+        signatures = b"".join(hex_bytes(one) for one in command.signatures)
         for calls, contract in (
             (self.client.committee_calls(), "OracleCommittee"),
             (self.client.dispute_calls, "DisputeJudge"),
@@ -813,7 +813,7 @@ class Wallet:
         return [self.client.organization_calls.revoke_device(self.names.address(command.device), reason)]
 
     def _post_root(self, command: PostRoot) -> list[Call]:
-        device, root = self.names.address(command.device), _bytes32(command.root)
+        device, root = self.names.address(command.device), hex_bytes(command.root)
         return [self.client.device_calls.post_root(device, command.day, root, command.uri)]
 
     def _allow_kind(self, command: AllowKind) -> list[Call]:
@@ -842,7 +842,7 @@ class Wallet:
                 "say by which rules the oracle judges this kind: `rodeo kind show` names those of a kind",
                 kind=command.kind,
             )
-        return [*found, calls.allow_kind(command.kind, judge, _bytes32(rules))]
+        return [*found, calls.allow_kind(command.kind, judge, hex_bytes(rules))]
 
     def _windows(self, command: AllowKind) -> list[Call]:
         """What sets the kind's execution windows and reference price, where the command names any, or the
@@ -910,7 +910,7 @@ class Wallet:
 
     def _retire_rules(self, command: RetireRules) -> list[Call]:
         calls = self.client.organization_calls
-        return [calls.retire_rules(command.kind, _bytes32(command.rules_sha256))]
+        return [calls.retire_rules(command.kind, hex_bytes(command.rules_sha256))]
 
     def _set_policy(self, command: SetPolicy) -> list[Call]:
         return [self.client.organization_calls.set_policy(Policy[command.policy.upper()])]
@@ -1127,13 +1127,13 @@ class Wallet:
         if self.client.deployment.decides_by_vote:
             return [self.client.governance_calls.execute(_proposed(row))]
         self._require_state(row, "ready")
-        return [self.client.governance_calls.perform(_operation(row), _bytes32(row["id"]))]
+        return [self.client.governance_calls.perform(_operation(row), hex_bytes(row["id"]))]
 
     def _cancel_proposal(self, command: CancelProposal) -> list[Call]:
         row = self._proposal(command.proposal)
         self._require_no_votes("a proposal is decided by votes, and nobody withdraws it")
         self._require_state(row, "waiting", "ready")
-        return [self.client.governance_calls.cancel(_bytes32(row["id"]))]
+        return [self.client.governance_calls.cancel(hex_bytes(row["id"]))]
 
     def _hand_over(self, command: HandOver) -> list[Call]:
         self._require_timelock()
@@ -1167,7 +1167,7 @@ class Wallet:
 
     def _require_state(self, row: Row, *wanted: str) -> None:
         """Raises UnexpectedProposalState, of a proposal where nobody votes."""
-        state = self.client.operation_state(_bytes32(row["id"]))
+        state = self.client.operation_state(hex_bytes(row["id"]))
         if state not in wanted:
             raise UnexpectedProposalState(
                 "this cannot be done to the proposal in its state; `rodeo organization proposals` shows it",
@@ -1476,12 +1476,8 @@ KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast", "sign", "sign_vote"})
 
 def _halves(signature: str) -> tuple[bytes, bytes]:
     """r, and s with its parity (EIP-2098)."""
-    raw = _bytes32(signature)
+    raw = hex_bytes(signature)
     return raw[:32], raw[32:]
-
-
-def _bytes32(value: str) -> bytes:
-    return bytes.fromhex(value.removeprefix("0x"))
 
 
 def _proposed(row: Row) -> Proposed:
@@ -1489,7 +1485,7 @@ def _proposed(row: Row) -> Proposed:
         targets=row["targets"],
         values=[int(one) for one in row["values"]],
         calldatas=[bytes.fromhex(one[2:]) for one in row["calldatas"]],
-        description_hash=_bytes32(row["description_hash"]),
+        description_hash=hex_bytes(row["description_hash"]),
     )
 
 
@@ -1498,8 +1494,8 @@ def _operation(row: Row) -> Operation:
         targets=row["targets"],
         values=[int(one) for one in row["values"]],
         calldatas=[bytes.fromhex(one[2:]) for one in row["calldatas"]],
-        predecessor=_bytes32(row["predecessor"]),
-        salt=_bytes32(row["salt"]),
+        predecessor=hex_bytes(row["predecessor"]),
+        salt=hex_bytes(row["salt"]),
     )
 
 
