@@ -114,6 +114,8 @@ class Fault:
     devices: Registered = lambda device: device
     decided: bool = False
     """Whether every check of the work is decided all the same, so that it has to be paid."""
+    noisy: bool = True
+    """Whether the run may be under noise: what was said without it was not said under noise."""
 
 
 def filmed(site: Site) -> list[Film]:
@@ -135,7 +137,7 @@ def disturbed(seed: str, films: list[Film]) -> tuple[Fault, Report]:
     film = films[chance.integers(len(films))]
     fault = _FAULTS[chance.integers(len(_FAULTS))](film, chance)
     take, witnesses = fault.take, fault.witnesses
-    if chance.integers(_NOISY_EVERY) == 0:
+    if chance.integers(_NOISY_EVERY) == 0 and fault.noisy:
         take, seen = noisy(take, MODERATE, chance)
         witnesses = lossy(witnesses, losses(MODERATE, chance, seen.mocap_clock_s))
     item = next(one for one in film.site.items if one.id == film.item)
@@ -192,7 +194,7 @@ def _words_replayed(film: Film, chance: Rng) -> Fault:
             one = one.model_copy(update={"payload": one.payload | {"seq": int(chance.integers(1, 999))}})
         later.append(stated(film.take, one, chance.uniform(share, 1.0)))
     words = f"{len(later)} statements are said again"
-    return Fault("words_replayed", words, said(film.take, *later), decided=True)
+    return Fault("words_replayed", words, said(film.take, *later), decided=True, noisy=False)
 
 
 def _bin_dead(film: Film, chance: Rng) -> Fault:
