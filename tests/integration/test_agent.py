@@ -8,8 +8,10 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from decimal import Decimal
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -128,14 +130,21 @@ class Organization:
         self._dao_events.close()
 
 
-@pytest.fixture(scope="module")
-def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("agent"), chain_backend, SITE))
-    running.start_founded(*(process.name for process in processes_of(running.site)))
+@contextmanager
+def living(path: Path, *processes: str) -> Iterator[Organization]:
+    """A site on which an organization was founded and these processes run; all of them if none is named."""
+    running = RunningSite(path)
+    running.start_founded(*(processes or (process.name for process in processes_of(running.site))))
     organization = Organization(running)
     yield organization
     organization.close()
     running.stop()
+
+
+@pytest.fixture(scope="module")
+def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
+    with living(write_site(tmp_path_factory.mktemp("agent"), chain_backend, SITE)) as organization:
+        yield organization
 
 
 @pytest.mark.long

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.integration.test_agent import Organization
-from tests.support.site import RunningSite, write_site
+from tests.integration.test_agent import Organization, living
+from tests.support.site import write_site
 
 pytestmark = pytest.mark.long
 
@@ -19,13 +19,9 @@ clock.idle_speed = 400
 
 @pytest.fixture(scope="module")
 def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("many"), chain_backend, SITE))
-    running.start_founded()
-    running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
-    organization = Organization(running)
-    yield organization
-    organization.close()
-    running.stop()
+    path = write_site(tmp_path_factory.mktemp("many"), chain_backend, SITE)
+    with living(path, "bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent") as organization:
+        yield organization
 
 
 def ended(organization: Organization, name: str, task_id: int) -> dict[str, Any]:

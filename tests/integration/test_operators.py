@@ -22,8 +22,8 @@ from rodeo.robot.ros_body import RosBody
 from rodeo.ros2.node import Node
 from rodeo.sim_clock import SimClock
 from rodeo_testing.waiting import HANG_S, wait_until
-from tests.integration.test_agent import Organization
-from tests.support.site import RunningSite, write_site
+from tests.integration.test_agent import Organization, living
+from tests.support.site import write_site
 
 pytestmark = pytest.mark.long
 
@@ -49,13 +49,9 @@ PNG = cv2.imencode(".png", np.full((48, 64, 3), 120, np.uint8))[1].tobytes()
 
 @pytest.fixture(scope="module")
 def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("operators"), chain_backend, SITE))
-    running.start_founded()
-    running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
-    organization = Organization(running)
-    yield organization
-    organization.close()
-    running.stop()
+    path = write_site(tmp_path_factory.mktemp("operators"), chain_backend, SITE)
+    with living(path, "bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent") as organization:
+        yield organization
 
 
 def order(organization: Organization, name: str) -> dict[str, Any]:
