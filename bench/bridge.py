@@ -11,7 +11,6 @@ reaches on the same node in the same run: signed one after the other, all sent, 
 from __future__ import annotations
 
 import json
-import socket
 import statistics
 import tempfile
 import threading
@@ -37,6 +36,7 @@ from rodeo.chain.types import ZERO_ADDRESS
 from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.dao import Participant
+from rodeo.endpoint import free_port
 from rodeo.messages import RegisterService, RegisterTask, Transfer, Vote
 from services.bridge.follower import MAX_BLOCKS
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
@@ -296,15 +296,9 @@ def write_site(folder: Path, backend: str, extra: str = "") -> Path:
     path.write_text(
         f"""extends = {json.dumps(str(SITE))}
 data_dir = {json.dumps(str(folder / "data"))}
-chain.url = "http://127.0.0.1:{_free_port()}"
+chain.url = "http://127.0.0.1:{free_port()}"
 chain.backend = "{backend}"
 {extra}
 """
     )
     return path
-
-
-def _free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])

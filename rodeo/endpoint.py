@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import socket
 import stat
 from contextlib import suppress
 from pathlib import Path
@@ -137,3 +138,10 @@ def check_socket_folder(router: str) -> None:
 
 def _folder(router: str) -> Path:
     return Path(router.removeprefix(_SOCKET)).parent
+
+
+def free_port() -> int:
+    """A port of this machine on which nothing listens now."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import threading
 import time
 from collections.abc import Callable, Hashable
@@ -33,6 +32,7 @@ from deploy.launcher import Launcher, LaunchFailed
 from rodeo import queries
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site, read_tables
+from rodeo.endpoint import free_port
 from rodeo.errors import AlreadyRunning, BusError, RemoteError, RodeoError
 from rodeo.files import begin_folder, replace_file
 from rodeo.holding import Holder
@@ -245,7 +245,7 @@ def write_site(base: Path, chain: str, out: Path) -> Path:
         f"""{_WRITTEN}
 extends = {json.dumps(str(base.resolve()))}
 data_dir = {json.dumps(str((out / "data").resolve()))}
-chain.url = "http://127.0.0.1:{_free_port()}"
+chain.url = "http://127.0.0.1:{free_port()}"
 chain.backend = "{chain}"
 bins = {toml(bins)}
 console.port = 0
@@ -481,9 +481,3 @@ def _task_summary(task: Task) -> dict[str, Any]:
 
 def _number(value: Decimal) -> float | int:
     return int(value) if value == value.to_integral_value() else float(value)
-
-
-def _free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rodeo.chance import generator
 from rodeo.config import Site, TariffConfig, overrides, read_tables
+from rodeo.endpoint import free_port
 from rodeo.errors import unreadable
 from rodeo.files import begin_folder, replace_file
 from rodeo.lab.config import Pose2
@@ -187,10 +187,3 @@ def read_tariff(path: Path) -> list[dict[str, Any]]:
     if not rows:
         raise ExperimentFailed(_NO_TARIFF, path=str(path), reason="it has no rows")
     return [{"from_hour": row.from_hour, "eur_kwh": float(row.eur_kwh)} for row in rows]
-
-
-def free_port() -> int:
-    """A port that nobody listens on now."""
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])

@@ -101,10 +101,9 @@ def motion_capture(case: Case) -> Finding:
     if carried.sum() < KNOWN_SHARE * _carried(case).sum():
         raise CaseError("too little of the carry was both seen and recorded", share=KNOWN_SHARE)
     pose = pose_of(case, case.item.id)
-    seen = np.stack([np.interp(replay.time_s[carried], pose.time_s, c) for c in pose.position_m.T], axis=1)
     return at_most(
         most_of(
-            np.linalg.norm(replay.item_m[carried] - seen, axis=1),
+            np.linalg.norm(replay.item_m[carried] - pose.at(replay.time_s[carried]), axis=1),
             EVERY * TIMESTEP_S,
             MOTION_CAPTURE_SHARE,
             MOTION_CAPTURE_OFF_S,

@@ -47,6 +47,10 @@ class Pose:
         """(n,) heading, unwrapped."""
         return np.unwrap(yaws_of(self.quaternion))
 
+    def at(self, time_s: Array) -> Array:
+        """(n, 3) positions at these times, on the straight line between two poses."""
+        return np.stack([np.interp(time_s, self.time_s, column) for column in self.position_m.T], axis=1)
+
 
 @once_per_case
 def pose_of(case: Case, body: str) -> Pose:

@@ -231,7 +231,7 @@ def _way_m(item: Pose, base: Pose, start_s: float, end_s: float) -> float:
     """How far the item is from where it was, and from where it would be had it stood on the base; the less
     of both."""
     ends_s = np.array([start_s, end_s])
-    item_m, base_m = (_at(pose, ends_s) for pose in (item, base))
+    item_m, base_m = (pose.at(ends_s) for pose in (item, base))
     yaw_rad = np.interp(ends_s, base.time_s, base.yaw_rad)
     from_base = item_m - base_m
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -244,8 +244,3 @@ def _way_m(item: Pose, base: Pose, start_s: float, end_s: float) -> float:
         axis=1,
     )
     return float(min(np.linalg.norm(np.diff(item_m, axis=0)), np.linalg.norm(np.diff(inside, axis=0))))
-
-
-def _at(pose: Pose, time_s: Array) -> Array:
-    """(n, 3) positions in between."""
-    return np.stack([np.interp(time_s, pose.time_s, column) for column in pose.position_m.T], axis=1)

@@ -18,7 +18,6 @@ from rodeo.checks.report import Finding, given_up, impossible, undecided
 from rodeo.checks.sources import doubtful, whose
 from rodeo.checks.testimony import bin_said, said_before
 from rodeo.checks.witnesses import MOVED_M, UNSEEN_S
-from rodeo.evidence.series import Array
 from rodeo.foreign_text import quoted
 from rodeo.lab.place import PLACE_LIMIT_M
 from rodeo.witness.motion import PERIOD_US
@@ -206,7 +205,7 @@ def _touched(case: Case, item: Pose, base: Pose, until_s: float) -> bool:
     """Whether the item went more than `MOVED_M` before then while the robot may have been within reach, seen
     or not."""
     at_s = np.arange(item.time_s[0], min(item.time_s[-1] + _LOOK_S, until_s), _LOOK_S)
-    item_m, base_m = (_at(pose, at_s) for pose in (item, base))
+    item_m, base_m = (pose.at(at_s) for pose in (item, base))
     away_m = np.linalg.norm(base_m[:, :2] - item_m[:, :2], axis=1)
     for start_s, end_s in base.unseen_s:
         # It may have gone there and back.
@@ -224,8 +223,3 @@ def _touched(case: Case, item: Pose, base: Pose, until_s: float) -> bool:
         for begin, end in zip(edges[::2], edges[1::2], strict=True)
     ]
     return sum(ways_m) > MOVED_M
-
-
-def _at(pose: Pose, at_s: Array) -> Array:
-    """(n, 3) positions in between."""
-    return np.stack([np.interp(at_s, pose.time_s, column) for column in pose.position_m.T], axis=1)
