@@ -9,9 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
-from rodeo.errors import DiskFull, FolderTaken
+from pydantic import BaseModel, ValidationError
+
+from rodeo.errors import DiskFull, FolderTaken, RodeoError, unreadable
+
+Model = TypeVar("Model", bound=BaseModel)
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """No room on the device, in the user's quota, or within the largest file that the process may write."""
@@ -93,6 +97,16 @@ def replace_file(path: Path, content: str | bytes, *, mode: int = 0o666) -> None
     data = content.encode() if isinstance(content, str) else content
     with writing(path), replacing(path, mode=mode) as file:
         file.write(data)
+
+
+def read_model(model: type[Model], path: Path, damaged: type[RodeoError], words: str) -> Model | None:
+    """What the file at `path` holds, None where there is none. Raises `damaged` with `words` and why."""
+    try:
+        return model.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except (OSError, ValidationError) as error:
+        raise damaged(words, path=str(path), reason=unreadable(error)) from error
 
 
 def set_aside(path: Path, why: str) -> Path:

@@ -7,10 +7,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from rodeo.errors import RodeoError, unreadable
-from rodeo.files import replace_file
+from rodeo.errors import RodeoError
+from rodeo.files import read_model, replace_file
 from rodeo.metering import MAX_READINGS, RECORD_WH, REGISTER_DIGITS, Reading, pack, segment_wh
 
 log = logging.getLogger(__name__)
@@ -33,17 +33,12 @@ class _Stored(BaseModel):
 
 def load_register(path: Path) -> float:
     """Where the register stood when it was stored, 0 for a new meter. Raises RegisterBroken."""
-    try:
-        return _Stored.model_validate_json(path.read_bytes()).register_wh
-    except FileNotFoundError:
-        return 0.0
-    except (OSError, ValidationError) as error:
-        raise RegisterBroken(
-            "the meter's register is damaged: restore the file, or move it away; then the register "
-            "continues from its last signed statement",
-            path=str(path),
-            reason=unreadable(error),
-        ) from error
+    words = (
+        "the meter's register is damaged: restore the file, or move it away; then the register "
+        "continues from its last signed statement"
+    )
+    stored = read_model(_Stored, path, RegisterBroken, words)
+    return 0.0 if stored is None else stored.register_wh
 
 
 def store_register(path: Path, register_wh: float) -> None:

@@ -6,10 +6,9 @@ import math
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from rodeo.errors import unreadable
-from rodeo.files import replace_file
+from rodeo.files import read_model, replace_file
 from rodeo.lab.config import BatteryConfig
 from rodeo.robot.errors import JournalBroken
 
@@ -58,17 +57,13 @@ class Consumption(BaseModel):
     @classmethod
     def load(cls, path: Path, battery: BatteryConfig) -> Self:
         """Raises JournalBroken."""
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except FileNotFoundError:
-            return cls(working_w=battery.idle_power_w + battery.arm_power_w + _FIRST_DRIVING_W)
-        except (OSError, ValidationError) as error:
-            raise JournalBroken(
-                "the robot's learned power consumption is damaged: restore the file, or move it away; "
-                "then the robot learns it again",
-                path=str(path),
-                reason=unreadable(error),
-            ) from error
+        words = (
+            "the robot's learned power consumption is damaged: restore the file, or move it away; "
+            "then the robot learns it again"
+        )
+        return read_model(cls, path, JournalBroken, words) or cls(
+            working_w=battery.idle_power_w + battery.arm_power_w + _FIRST_DRIVING_W
+        )
 
     def save(self, path: Path) -> None:
         replace_file(path, self.model_dump_json())

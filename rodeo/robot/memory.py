@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from rodeo.config import Site
-from rodeo.errors import unreadable
-from rodeo.files import replace_file
+from rodeo.files import read_model, replace_file
 from rodeo.robot.errors import JournalBroken
 
 Point = tuple[float, float]
@@ -42,18 +41,12 @@ class Memory:
 
     def __init__(self, site: Site, path: Path) -> None:
         self._path = path
-        try:
-            self._facts = _Facts.model_validate_json(path.read_bytes())
-        except FileNotFoundError:
-            lying = {item.id: (item.pose.x_m, item.pose.y_m) for item in site.items}
-            self._facts = _Facts(lying=lying)
-        except (OSError, ValidationError) as error:
-            raise JournalBroken(
-                "the robot's memory is damaged: restore the file, or move it away; then the robot "
-                "looks for items at their places in the site file",
-                path=str(path),
-                reason=unreadable(error),
-            ) from error
+        words = (
+            "the robot's memory is damaged: restore the file, or move it away; then the robot "
+            "looks for items at their places in the site file"
+        )
+        lying = {item.id: (item.pose.x_m, item.pose.y_m) for item in site.items}
+        self._facts = read_model(_Facts, path, JournalBroken, words) or _Facts(lying=lying)
 
     @property
     def held(self) -> Held | None:

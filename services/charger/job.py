@@ -7,17 +7,17 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from rodeo import topics
 from rodeo.charging import SOC_USED, ChargingParams, dock_of, most_due_iec, order_wh
 from rodeo.config import Site
 from rodeo.dao import Assignment
-from rodeo.errors import ConfigError, RodeoError, unreadable
+from rodeo.errors import ConfigError, RodeoError
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
-from rodeo.files import replace_file, set_aside
+from rodeo.files import read_model, replace_file, set_aside
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.messages import Task
@@ -82,17 +82,11 @@ class Job(BaseModel):
     @classmethod
     def load(cls, path: Path) -> Job | None:
         """The job at `path`, None when there is none. Raises JobBroken."""
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except FileNotFoundError:
-            return None
-        except (OSError, ValidationError) as error:
-            raise JobBroken(
-                "the charger's job file is damaged: restore it, or move it away; then the charger "
-                "is not paid for the interrupted session",
-                path=str(path),
-                reason=unreadable(error),
-            ) from error
+        words = (
+            "the charger's job file is damaged: restore it, or move it away; then the charger "
+            "is not paid for the interrupted session"
+        )
+        return read_model(cls, path, JobBroken, words)
 
     def set_aside(self, path: Path, recording: Path) -> None:
         """Put the job at `path`, which is of another chain or another assignment, and its recording away."""

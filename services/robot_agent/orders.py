@@ -16,12 +16,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, field_validator
 
 from rodeo import topics
 from rodeo.bus import Bus, Request, validate
-from rodeo.errors import DiskFull, RequestError, unreadable
-from rodeo.files import replace_file
+from rodeo.errors import DiskFull, RequestError
+from rodeo.files import read_model, replace_file
 from rodeo.robot.decisions import Decided, Explain, Explained
 from rodeo.robot.errors import JournalBroken
 
@@ -171,14 +171,8 @@ class Orders:
 
 
 def _load(path: Path) -> Standing:
-    try:
-        return Standing.model_validate_json(path.read_bytes())
-    except FileNotFoundError:
-        return Standing()
-    except (OSError, ValidationError) as error:
-        raise JournalBroken(
-            "the file of the robot's orders is damaged: restore it, or move it away; then no order holds "
-            "and the robot works",
-            path=str(path),
-            reason=unreadable(error),
-        ) from error
+    words = (
+        "the file of the robot's orders is damaged: restore it, or move it away; then no order holds "
+        "and the robot works"
+    )
+    return read_model(Standing, path, JournalBroken, words) or Standing()
