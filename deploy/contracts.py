@@ -18,6 +18,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 from eth_account.signers.local import LocalAccount
@@ -28,18 +29,18 @@ from web3.types import Wei
 from deploy.founding import OtherToken, count_contracts, create_contracts
 from rodeo import keystores, possession, votes, wallets
 from rodeo.chain import artifacts, transactions
-from rodeo.chain.abi import Instance, KindRules
+from rodeo.chain.abi import Instance, KindRules, Windows
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.events import ProviderVouched, RoleRevoked
 from rodeo.chain.translation import translated
-from rodeo.chain.types import ZERO_ADDRESS, Role
+from rodeo.chain.types import MAX_RULES, ZERO_ADDRESS, Role
 from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
 from rodeo.deploying import Steps, deploying
 from rodeo.errors import RodeoError, WalletError
-from rodeo.kinds import Kind, kinds_of
+from rodeo.kinds import VERDICT_WINDOWS_S, Kind, kinds_of
 from rodeo.process import main
 
 log = logging.getLogger(__name__)
@@ -57,7 +58,6 @@ _PAYMENTS = frozenset({"approve", "depositStake"})
 _ANSWERS_S = 60.0
 """The embedded node works for seconds on the transaction that founds an organization, and longer on a busy
 machine."""
-_LONGEST_VERDICT_S = 7 * 24 * 3600
 """The contracts' default for the longest verdict window."""
 
 
@@ -512,7 +512,7 @@ def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
     """What gives the first members their votes."""
     for account in _first_members(site):
         if not client.is_member(account):
-            yield client.organization_calls.admit(account)
+            yield client.organization_calls.grant_role(Role.MEMBER, account)
         if not client.votes(account):
             yield client.governance_calls.votes.sync(account)
 
@@ -578,13 +578,11 @@ def _missing_kind(
         )
     if not rules.max_window:
         price = site.economy.currency.to_units(declared.reference_price_iec)
-        yield calls.set_windows(kind, *declared.windows_s, declared.grace_period_s, price)
+        yield calls.set_windows(kind, _first_windows(site, declared), price)
     if declared.judge == "auditor":
         if not rules.allowed or there != judge:
             yield calls.allow_kind(kind, judge, bytes(32))
         return
-    if not rules.number and not rules.audit_window and site.economy.audit_window_s:
-        yield calls.set_audit(kind, site.economy.audit_window_s)
     # A judge without these has no terms to say, and is refused.
     if site.oracles:
         yield from _missing_judges(site, client, kind)
@@ -593,6 +591,21 @@ def _missing_kind(
     if _has_judges(site, client, declared):
         known_ = known if there == judge and rules.allowed else None
         yield from _missing_hash(client, declared, judge, known_)
+
+
+def _first_windows(site: Site, declared: Kind) -> Windows:
+    """The windows with which a kind begins. What is on chain stays."""
+    windows = Windows(*declared.windows_s, declared.grace_period_s, *VERDICT_WINDOWS_S, 0)
+    if declared.judge == "auditor":
+        return windows
+    windows = replace(windows, audit_window=site.economy.audit_window_s)
+    return windows if site.disputes is None else _with_room(site, windows)
+
+
+def _with_room(site: Site, windows: Windows) -> Windows:
+    """The same, but the verdict window leaves time for every challenge that the site file allows."""
+    longest_s = max(windows.max_verdict_window, site.economy.verdict_window_s)
+    return replace(windows, min_verdict_window=min_verdict_window_s(site), max_verdict_window=longest_s)
 
 
 def judge_of(site: Site, declared: Kind) -> str:
@@ -694,10 +707,11 @@ def _missing_instances(site: Site, client: ChainClient, administrator: str, kind
         yield from _seated(site, client, committee, kind, keys, (one.votes, len(keys), 0))
         if not client.quorum(kind, committee).votes:
             return
-    shortest_s, rules = min_verdict_window_s(site), client.kind(kind)
-    if rules.min_verdict_window < shortest_s:
-        longest_s = max(rules.max_verdict_window, site.economy.verdict_window_s, _LONGEST_VERDICT_S)
-        yield client.organization_calls.set_verdict_windows(kind, shortest_s, longest_s)
+    rules = client.kind(kind)
+    if rules.max_window and rules.min_verdict_window < min_verdict_window_s(site):
+        now = Windows(**{one.name: getattr(rules, one.name) for one in fields(Windows)})
+        price = client.reference_price(kind)
+        yield client.organization_calls.set_windows(kind, _with_room(site, now), price)
     to_units = site.economy.currency.to_units
     if not any(client.instances(one) for one in kinds_of(site)):
         # Later on a stake that is too low was lost or withdrawn.
@@ -771,7 +785,7 @@ def _missing_hash(client: ChainClient, kind: Kind, judge: str, known: Sequence[s
                 kind.name,
             )
             return
-        if len(current) == client.max_rules():
+        if len(current) == MAX_RULES:
             yield calls.retire_rules(kind.name, current[0])
     yield calls.allow_kind(kind.name, judge, digest)
 

@@ -38,6 +38,12 @@ MIN_WINDOW_S, MAX_WINDOW_S = 10 * 60, 7 * 24 * 3600
 PEOPLES_MIN_WINDOW_S = 3600
 """The shortest where people do the work, who accept it in the first half."""
 
+VERDICT_WINDOWS_S = 15 * 60, 7 * 24 * 3600
+"""The shortest and the longest verdict window of a task, where nobody sets others."""
+
+GRACE_S = 180
+"""Grace period of a kind that declares none and whose shortest window is at least twice as long."""
+
 MAX_GRACE_S, GRACE_STEP_S = 2550, 10
 """Limits of the contracts: a task keeps its grace period in 8 bits."""
 
@@ -167,7 +173,7 @@ class Kind:
     def grace_period_s(self) -> int:
         """How long an executor may give a task back: `grace_s`, and at most half of the shortest window."""
         longest_s = min(MAX_GRACE_S, self.windows_s[0] // 2) // GRACE_STEP_S * GRACE_STEP_S
-        return min(self.grace_s or (longest_s if self.by_people else 180), longest_s)
+        return min(self.grace_s or (longest_s if self.by_people else GRACE_S), longest_s)
 
     @property
     def reference_price_iec(self) -> Decimal:

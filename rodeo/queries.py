@@ -358,9 +358,13 @@ class KindRules(Answer):
     """The most that an attempt counts in its provider's record."""
     min_verdict_window_s: int = 0
     max_verdict_window_s: int = 0
-    """The bounds of a task's verdict window; 0 for the contracts' own."""
+    """The bounds of a task's verdict window; 0 before anybody has set them."""
     audit_window_s: int
     """How long after the verdict window a ruling may still be replaced."""
+    judges_window_s: int = 0
+    """The shortest verdict window that its judge takes."""
+    max_case_s: int = 0
+    """The longest case that its judge takes, verdict and audit window together."""
     rules_sha256: list[str] = []
     """The rules under which tasks may be posted now, the newest last."""
     votes: int = 0

@@ -78,7 +78,6 @@ class Rebuilt:
     devices: dict[str, Device] = field(default_factory=dict)
     roots: dict[tuple[str, int], bytes] = field(default_factory=dict)
     kinds: dict[str, KindRules] = field(default_factory=dict)
-    """`judges_window` and `max_case` are 0: only the judge says them."""
     judges_of: dict[int, str] = field(default_factory=dict)
     """Number of a kind -> the contract that judges it."""
     removed: set[int] = field(default_factory=set)
@@ -334,7 +333,8 @@ class Rebuilt:
                 )
             case events.KindAllowed():
                 self.judges_of[event.number] = event.judge
-                self._kind(event.kind, allowed=True, number=event.number)
+                asked = {"judges_window": event.judges_window, "max_case": event.max_case}
+                self._kind(event.kind, allowed=True, number=event.number, **asked)
                 if any(event.rules):
                     self._forget_rules(event.kind, event.rules)
                     self.rules[event.kind].append(event.rules)
@@ -344,17 +344,11 @@ class Rebuilt:
                 self._kind(event.kind, allowed=False)
             case events.JudgeRemoved():
                 self.removed.add(event.number)
-            case events.AuditChanged():
-                self._kind(event.kind, audit_window=event.audit_window)
             case events.WitnessRoot():
                 self.roots[event.device, event.day] = event.root
             case events.WindowsChanged():
-                windows = {"min_window": event.min, "max_window": event.max}
-                self._kind(event.kind, **windows, grace=event.grace)
+                self._kind(event.kind, **vars(event.windows))
                 self.reference_prices[event.kind] = event.reference_price
-            case events.VerdictWindowsChanged():
-                bounds = {"min_verdict_window": event.min, "max_verdict_window": event.max}
-                self._kind(event.kind, **bounds)
             case events.RoleGranted():
                 self.roles.add((event.role, event.account))
             case events.RoleRevoked():

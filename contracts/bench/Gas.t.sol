@@ -10,6 +10,7 @@ import {Units} from "../src/libraries/Units.sol";
 import {Finding} from "../src/interfaces/IJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
+import {ORACLE_ROLE} from "../src/types/Roles.sol";
 import {Committee} from "../test/Committee.sol";
 import {Fixture} from "../test/Fixture.sol";
 import {Instances} from "../test/Instances.sol";
@@ -100,7 +101,7 @@ contract GasBench is Fixture {
     function test_lifecycle() public {
         Everyone everyone = new Everyone(coin, tasks);
         Judge judge = new Judge(oracleJudge);
-        bytes32 role = organization.ORACLE_ROLE();
+        bytes32 role = ORACLE_ROLE;
         vm.prank(admin);
         organization.grantRole(role, address(judge));
         // Nonzero terms, as new organizations have them.

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Strings} from "@openzeppelin/contracts/utils/Strings.sol";
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {Ruling, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
-import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "../test/Fixture.sol";
 
@@ -171,7 +170,7 @@ contract GriefingBench is Fixture {
         setTerms(BOND, PENALTY, 3);
         vm.startPrank(admin);
         organization.setPolicy(policy_);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, 0, 1 ether);
+        organization.setWindows(CLEANING, windows(SHORTEST, 3 minutes), 1 ether);
         vm.stopPrank();
         deal(address(coin), alice, 1e6 ether);
         deal(address(coin), bob, 1e6 ether);

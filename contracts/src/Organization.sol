@@ -7,17 +7,35 @@ import {
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
 import {ERC165Checker} from "@openzeppelin/contracts/utils/introspection/ERC165Checker.sol";
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {Multicall} from "@openzeppelin/contracts/utils/Multicall.sol";
 import {DeviceRegistry} from "./DeviceRegistry.sol";
 import {IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {IJudge} from "./interfaces/IJudge.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {Budget, IDecidedByMembers, IOrganization, Kind, MIN_VOTERS} from "./interfaces/IOrganization.sol";
+import {
+    Budget,
+    GRACE_STEP,
+    IDecidedByMembers,
+    IOrganization,
+    JUDGE_GAS,
+    Kind,
+    MAX_CASE,
+    MAX_GRACE,
+    MAX_KINDS,
+    MAX_PAUSE,
+    MAX_RULES,
+    MAX_WINDOW,
+    MIN_VOTERS,
+    MIN_WINDOW,
+    Windows
+} from "./interfaces/IOrganization.sol";
 import {Terms} from "./interfaces/IProviders.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "./policies/FirstComeFirstServed.sol";
 import {KindId, NO_KIND} from "./types/KindId.sol";
+import {ALLOCATOR_ROLE, GUARDIAN_ROLE, MEMBER_ROLE, OPERATOR_ROLE, TREASURER_ROLE} from "./types/Roles.sol";
 import {ServiceId} from "./types/ServiceId.sol";
 import {TaskId} from "./types/TaskId.sol";
 
@@ -25,38 +43,6 @@ import {TaskId} from "./types/TaskId.sol";
 // slither-disable-next-line unimplemented-functions
 contract Organization is IOrganization, AccessControlDefaultAdminRules, Multicall {
     using SafeERC20 for IERC20;
-
-    bytes32 public constant OPERATOR_ROLE = keccak256("OPERATOR_ROLE");
-    bytes32 public constant TREASURER_ROLE = keccak256("TREASURER_ROLE");
-    bytes32 public constant ORACLE_ROLE = keccak256("ORACLE_ROLE");
-    bytes32 public constant AUDITOR_ROLE = keccak256("AUDITOR_ROLE");
-    bytes32 public constant MEMBER_ROLE = keccak256("MEMBER_ROLE");
-    bytes32 public constant GUARDIAN_ROLE = keccak256("GUARDIAN_ROLE");
-    bytes32 public constant ALLOCATOR_ROLE = keccak256("ALLOCATOR_ROLE");
-
-    /// @notice What execution windows may be. A shorter one would let a creator take work for which nobody can answer in time.
-    uint32 public constant MIN_WINDOW = 1 minutes;
-    uint32 public constant MAX_WINDOW = 30 days;
-    /// @notice The grace period of a kind whose shortest window is at least twice as long.
-    uint32 public constant DEFAULT_GRACE = 3 minutes;
-    /// @notice Grace periods are multiples of it, and at most 255 times as long.
-    uint32 public constant GRACE_STEP = 10 seconds;
-    /// @notice Bounds of the verdict windows of a kind for which nobody has set others.
-    uint32 public constant DEFAULT_MIN_VERDICT_WINDOW = 15 minutes;
-    uint32 public constant DEFAULT_MAX_VERDICT_WINDOW = 7 days;
-    /// @notice Bounds of what setVerdictWindows may set.
-    uint32 public constant MIN_VERDICT_WINDOW = 1 minutes;
-    uint32 public constant MAX_VERDICT_WINDOW = 30 days;
-    /// @notice Verdict and audit window together: a longer case would keep the reward from both sides.
-    uint32 public constant MAX_CASE = 30 days;
-    /// @notice The gas in which a judge says its terms.
-    uint256 public constant JUDGE_GAS = 200_000;
-    /// @notice Numbers that kinds have in the life of an organization, one with each judge: a task or service has it in 8 bits.
-    uint8 public constant MAX_KINDS = 255;
-    /// @notice Current rules of one kind. The creator of a task pays for looking through them.
-    uint256 public constant MAX_RULES = 8;
-    /// @notice Long enough to find out what is wrong, too short to starve anybody. Two pauses are as far apart.
-    uint32 public constant MAX_PAUSE = 3 days;
 
     /// @inheritdoc IOrganization
     IERC20 public immutable token;
@@ -97,6 +83,11 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     mapping(bytes32 kind => bytes32) private _newestRules;
     mapping(bytes32 role => Budget) private _budgets;
 
+    modifier onlyGuardianOrAdministrator() {
+        _requireGuardianOrAdministrator();
+        _;
+    }
+
     /// @param handoverDelay s; that long everybody can see coming who administers the organization next
     /// @param terms_ what services agree to from the beginning
     /// @param services_ may be deployed later, at this address; the same for `tasks_`, which checks it
@@ -132,7 +123,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
             current.push(rules);
             _newestRules[kind] = rules;
         }
-        emit KindAllowed(kind, k.number, judge, rules);
+        emit KindAllowed(kind, k.number, judge, rules, k.judgesWindow, k.maxCase);
     }
 
     /// @inheritdoc IOrganization
@@ -150,56 +141,39 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     }
 
     /// @inheritdoc IOrganization
-    function setAudit(bytes32 kind, uint32 auditWindow) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        if (auditWindow > MAX_CASE) revert AuditTooLong(auditWindow, MAX_CASE);
-        _kinds[kind].auditWindow = auditWindow;
-        emit AuditChanged(kind, auditWindow);
-    }
-
-    /// @inheritdoc IOrganization
     function setAuditors(IJudge auditors_) external onlyRole(DEFAULT_ADMIN_ROLE) {
         auditors = auditors_;
         emit AuditorsChanged(auditors_);
     }
 
     /// @inheritdoc IOrganization
-    function removeJudge(KindId number) external {
-        if (!hasRole(GUARDIAN_ROLE, msg.sender)) _checkRole(DEFAULT_ADMIN_ROLE);
+    function setWindows(bytes32 kind, Windows calldata windows, uint96 referencePrice)
+        external
+        onlyRole(DEFAULT_ADMIN_ROLE)
+    {
+        Windows memory w = windows;
+        _requireWindows(w.minWindow, w.maxWindow);
+        _requireWindows(w.minVerdictWindow, w.maxVerdictWindow);
+        uint256 longest = Math.min(w.minWindow / 2, MAX_GRACE);
+        if (w.grace == 0 || w.grace > longest || w.grace % GRACE_STEP != 0) {
+            revert InvalidGrace(w.grace, GRACE_STEP, longest);
+        }
+        Kind storage k = _kinds[kind];
+        (k.minWindow, k.maxWindow, k.grace) = (w.minWindow, w.maxWindow, w.grace);
+        (k.minVerdictWindow, k.maxVerdictWindow) = (w.minVerdictWindow, w.maxVerdictWindow);
+        k.auditWindow = w.auditWindow;
+        if (referencePrice != referencePriceOf[kind]) _setReferencePrice(kind, referencePrice);
+        emit WindowsChanged(kind, w, referencePrice);
+    }
+
+    /// @inheritdoc IOrganization
+    function removeJudge(KindId number) external onlyGuardianOrAdministrator {
         IJudge judge = judgeNumbered[number];
         if (address(judge) == address(0)) revert UnknownNumber(number);
         emit JudgeRemoved(number, judge);
         tasks.removeJudge(number);
         bytes32 kind = kindNumbered[number];
         if (_kinds[kind].number == number) _disallow(kind);
-    }
-
-    /// @inheritdoc IOrganization
-    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace, uint96 referencePrice)
-        external
-        onlyRole(DEFAULT_ADMIN_ROLE)
-    {
-        if (min < MIN_WINDOW || max > MAX_WINDOW || min > max) {
-            revert InvalidWindows(min, max, MIN_WINDOW, MAX_WINDOW);
-        }
-        if (grace == 0) {
-            grace = uint16(min / 2 < DEFAULT_GRACE ? min / 2 - min / 2 % GRACE_STEP : DEFAULT_GRACE);
-        }
-        uint256 longest = min / 2 < 255 * GRACE_STEP ? min / 2 : 255 * GRACE_STEP;
-        if (grace > longest || grace % GRACE_STEP != 0) revert InvalidGrace(grace, GRACE_STEP, longest);
-        Kind storage k = _kinds[kind];
-        (k.minWindow, k.maxWindow, k.grace) = (min, max, grace);
-        if (referencePrice != referencePriceOf[kind]) _setReferencePrice(kind, referencePrice);
-        emit WindowsChanged(kind, min, max, grace, referencePrice);
-    }
-
-    /// @inheritdoc IOrganization
-    function setVerdictWindows(bytes32 kind, uint32 min, uint32 max) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        if (min < MIN_VERDICT_WINDOW || max > MAX_VERDICT_WINDOW || min > max) {
-            revert InvalidVerdictWindows(min, max, MIN_VERDICT_WINDOW, MAX_VERDICT_WINDOW);
-        }
-        Kind storage rules = _kinds[kind];
-        (rules.minVerdictWindow, rules.maxVerdictWindow) = (min, max);
-        emit VerdictWindowsChanged(kind, min, max);
     }
 
     /// @inheritdoc IOrganization
@@ -226,16 +200,6 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     function setMembersOnly(bool membersOnly_) external onlyRole(DEFAULT_ADMIN_ROLE) {
         membersOnly = membersOnly_;
         emit MembersOnlyChanged(membersOnly_);
-    }
-
-    /// @inheritdoc IOrganization
-    function admit(address account) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _grantRole(MEMBER_ROLE, account);
-    }
-
-    /// @inheritdoc IOrganization
-    function dismiss(address account) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _revokeRole(MEMBER_ROLE, account);
     }
 
     /// @inheritdoc IOrganization
@@ -292,8 +256,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     }
 
     /// @inheritdoc IOrganization
-    function resumeTasks() external {
-        if (!hasRole(GUARDIAN_ROLE, msg.sender)) _checkRole(DEFAULT_ADMIN_ROLE);
+    function resumeTasks() external onlyGuardianOrAdministrator {
         if (block.timestamp < pausedUntil) pausedUntil = uint40(block.timestamp);
         emit TasksResumed(msg.sender);
     }
@@ -408,11 +371,6 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     }
 
     /// @inheritdoc IOrganization
-    function isKindAllowed(bytes32 kind) external view returns (bool) {
-        return _kinds[kind].allowed;
-    }
-
-    /// @inheritdoc IOrganization
     function isMember(address account) public view returns (bool) {
         return hasRole(MEMBER_ROLE, account);
     }
@@ -493,7 +451,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         _retireAll(kind);
         if (address(judge).code.length == 0) revert InvalidJudge(kind, address(judge));
         (bytes4 magic, uint32 window, uint32 longest) = judge.termsFor{gas: JUDGE_GAS}(kind);
-        if (magic != IJudge.termsFor.selector || window < MIN_VERDICT_WINDOW || longest > MAX_CASE) {
+        if (magic != IJudge.termsFor.selector || window < MIN_WINDOW || longest > MAX_CASE) {
             revert InvalidJudge(kind, address(judge));
         }
         (k.judgesWindow, k.maxCase, k.number) = (window, longest, KindId.wrap(++_kindCount));
@@ -518,6 +476,10 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         if (membersOnly && participant != address(this) && !isMember(participant)) {
             revert NotMember(participant);
         }
+    }
+
+    function _requireGuardianOrAdministrator() private view {
+        if (!hasRole(GUARDIAN_ROLE, msg.sender)) _checkRole(DEFAULT_ADMIN_ROLE);
     }
 
     function _requireNotSuspended(address provider) private view {
@@ -549,11 +511,16 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
 
     function _requireVerdictWindow(bytes32 kind, Kind memory rules, uint32 window) private pure {
         (uint32 min, uint32 max) = (rules.minVerdictWindow, rules.maxVerdictWindow);
-        if (max == 0) (min, max) = (DEFAULT_MIN_VERDICT_WINDOW, DEFAULT_MAX_VERDICT_WINDOW);
         if (min < rules.judgesWindow) min = rules.judgesWindow;
         uint32 longest = rules.auditWindow < rules.maxCase ? rules.maxCase - rules.auditWindow : 0;
         if (max > longest) max = longest;
         if (window < min || window > max) revert InvalidVerdictWindow(kind, window, min, max);
+    }
+
+    function _requireWindows(uint32 min, uint32 max) private pure {
+        if (min < MIN_WINDOW || max > MAX_WINDOW || min > max) {
+            revert InvalidWindows(min, max, MIN_WINDOW, MAX_WINDOW);
+        }
     }
 
     function _disallow(bytes32 kind) private {

@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {Test} from "forge-std/Test.sol";
+import {Windows} from "../src/interfaces/IOrganization.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
@@ -12,6 +13,7 @@ import {Finding} from "../src/interfaces/IJudge.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {AUDITOR_ROLE, OPERATOR_ROLE, ORACLE_ROLE} from "../src/types/Roles.sol";
 
 /// @notice What one attempt at a task pays, for all amounts, bonds and penalties at once: halmos has a solver look for any
 /// that break an assertion (`make symbolic`). forge runs none of these.
@@ -58,13 +60,12 @@ contract SettlementSymbolic is Test {
         judges = new RoleJudge(organization, keccak256("ORACLE_ROLE"), address(auditors));
         vm.warp(1_700_000_000);
         vm.startPrank(ADMIN);
-        organization.grantRole(organization.ORACLE_ROLE(), JUDGE);
-        organization.grantRole(organization.AUDITOR_ROLE(), AUDITOR);
-        organization.setAudit(KIND, WINDOW);
-        organization.setWindows(KIND, WINDOW, WINDOW, 0, 1 ether);
+        organization.grantRole(ORACLE_ROLE, JUDGE);
+        organization.grantRole(AUDITOR_ROLE, AUDITOR);
+        organization.setWindows(KIND, Windows(WINDOW, WINDOW, 3 minutes, WINDOW, WINDOW, WINDOW), 1 ether);
         organization.vouchFor(ROBOT, true);
         organization.allowKind(KIND, judges, keccak256("rules"));
-        organization.grantRole(organization.OPERATOR_ROLE(), ADMIN);
+        organization.grantRole(OPERATOR_ROLE, ADMIN);
         vm.stopPrank();
         for (uint256 i = 0; i < holders.length; ++i) {
             vm.prank(holders[i]);

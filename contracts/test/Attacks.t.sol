@@ -15,6 +15,7 @@ import {KindId} from "../src/types/KindId.sol";
 import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {MEMBER_ROLE, ORACLE_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What was done to the reference contracts of this field, each by its name, and what happens here.
@@ -227,7 +228,7 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_thePartiesJudgeThemselves() public {
-        bytes32 role = organization.ORACLE_ROLE();
+        bytes32 role = ORACLE_ROLE;
         vm.startPrank(admin);
         organization.grantRole(role, robot1);
         organization.grantRole(role, alice);
@@ -247,7 +248,7 @@ contract AttackTest is Fixture {
 
     function test_attack_aWindowThatIsTooShortForTheWorkHarvestsPenalties() public {
         vm.prank(admin);
-        organization.setWindows(CLEANING, WINDOW, 30 days, 0, 1 ether);
+        organization.setWindows(CLEANING, windows(WINDOW, 3 minutes), 1 ether);
         setTerms(100 ether, 100 ether, 0);
         offer(robot1, 80 ether);
         assertEq(organization.kindOf(CLEANING).minWindow, WINDOW);
@@ -528,12 +529,12 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_whoGivesUpItsMembershipKeepsItsPlaceInLine() public {
-        bytes32 role = organization.MEMBER_ROLE();
+        bytes32 role = MEMBER_ROLE;
         vm.startPrank(admin);
         organization.setMembersOnly(true);
-        organization.admit(robot1);
-        organization.admit(robot2);
-        organization.admit(alice);
+        organization.grantRole(MEMBER_ROLE, robot1);
+        organization.grantRole(MEMBER_ROLE, robot2);
+        organization.grantRole(MEMBER_ROLE, alice);
         vm.stopPrank();
         ServiceId gone = offer(robot1, 1 ether);
         ServiceId here = offer(robot2, 1 ether);

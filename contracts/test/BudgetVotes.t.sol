@@ -2,13 +2,11 @@
 pragma solidity ^0.8.28;
 
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
-import {IGovernor} from "@openzeppelin/contracts/governance/IGovernor.sol";
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {BudgetVotes} from "../src/governance/BudgetVotes.sol";
 import {MemberVotes} from "../src/governance/MemberVotes.sol";
-import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
-import {OrganizationTimelock} from "../src/governance/OrganizationTimelock.sol";
+import {ALLOCATOR_ROLE, MEMBER_ROLE, TREASURER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Members split money by quadratic votes; owners vote by what they have wrapped.
@@ -21,7 +19,7 @@ contract BudgetVotesTest is Fixture {
         super.setUp();
         members = MemberVotes(deployed("MemberVotes", abi.encode(organization)));
         rounds = BudgetVotes(deployed("BudgetVotes", abi.encode(organization, members)));
-        bytes32 role = organization.ALLOCATOR_ROLE();
+        bytes32 role = ALLOCATOR_ROLE;
         vm.prank(admin);
         organization.grantRole(role, address(rounds));
         _admit(alice);
@@ -31,7 +29,7 @@ contract BudgetVotesTest is Fixture {
 
     function _admit(address account) private {
         vm.prank(admin);
-        organization.admit(account);
+        organization.grantRole(MEMBER_ROLE, account);
         members.sync(account);
     }
 
@@ -122,7 +120,7 @@ contract BudgetVotesTest is Fixture {
         _vote(alice, roundId, 10, 0);
         _vote(bob, roundId, 0, 10);
         vm.prank(admin);
-        organization.dismiss(bob);
+        organization.revokeRole(MEMBER_ROLE, bob);
         vm.expectRevert(abi.encodeWithSelector(BudgetVotes.NotAMember.selector, bob));
         _vote(bob, roundId, 10, 0);
         assertEq(rounds.roundOf(roundId).votes[1], 10);
@@ -152,7 +150,7 @@ contract BudgetVotesTest is Fixture {
     }
 
     function test_sharesUseUpNoBudgetAndTreasurersKeepTheirs() public {
-        bytes32 role = organization.TREASURER_ROLE();
+        bytes32 role = TREASURER_ROLE;
         vm.prank(admin);
         organization.setBudget(role, 10 ether, 1 days);
         uint256 roundId = _open(100 ether);
@@ -169,7 +167,7 @@ contract BudgetVotesTest is Fixture {
     }
 
     function test_noKeyPaysShares() public {
-        bytes32 role = organization.ALLOCATOR_ROLE();
+        bytes32 role = ALLOCATOR_ROLE;
         vm.startPrank(admin);
         vm.expectRevert(abi.encodeWithSelector(IOrganization.NotAContract.selector, alice));
         organization.grantRole(role, alice);
@@ -188,7 +186,7 @@ contract BudgetVotesTest is Fixture {
         uint256 roundId = _open(100 ether);
         _vote(alice, roundId, 10, 0);
         vm.warp(block.timestamp + 1 days);
-        bytes32 role = organization.ALLOCATOR_ROLE();
+        bytes32 role = ALLOCATOR_ROLE;
         vm.prank(admin);
         organization.revokeRole(role, address(rounds));
         vm.expectRevert(

@@ -2,10 +2,11 @@
 pragma solidity ^0.8.28;
 
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
-import {Budget, IOrganization} from "../src/interfaces/IOrganization.sol";
+import {Budget, IOrganization, MAX_PAUSE} from "../src/interfaces/IOrganization.sol";
 import {TaskState} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {GUARDIAN_ROLE, OPERATOR_ROLE, ORACLE_ROLE, TREASURER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What operators and treasurers may take out of the treasury, and what a guardian may stop.
@@ -16,8 +17,8 @@ contract BudgetsTest is Fixture {
 
     function setUp() public override {
         super.setUp();
-        (operatorRole, treasurerRole) = (organization.OPERATOR_ROLE(), organization.TREASURER_ROLE());
-        bytes32 guardianRole = organization.GUARDIAN_ROLE();
+        (operatorRole, treasurerRole) = (OPERATOR_ROLE, TREASURER_ROLE);
+        bytes32 guardianRole = GUARDIAN_ROLE;
         vm.prank(admin);
         organization.grantRole(guardianRole, guardian);
     }
@@ -85,7 +86,7 @@ contract BudgetsTest is Fixture {
 
     function test_onlyTheAdministratorSetsBudgetsAndOnlyWhereTheyMeanSomething() public {
         bytes32 adminRole = organization.DEFAULT_ADMIN_ROLE();
-        bytes32 oracleRole = organization.ORACLE_ROLE();
+        bytes32 oracleRole = ORACLE_ROLE;
         vm.expectRevert(
             abi.encodeWithSelector(
                 IAccessControl.AccessControlUnauthorizedAccount.selector, stranger, adminRole
@@ -132,7 +133,7 @@ contract BudgetsTest is Fixture {
     }
 
     function test_pausesAreShortAndFarApart() public {
-        uint32 max = organization.MAX_PAUSE();
+        uint32 max = MAX_PAUSE;
         vm.startPrank(guardian);
         vm.expectRevert(abi.encodeWithSelector(IOrganization.InvalidPause.selector, max + 1, max));
         organization.pauseTasks(max + 1);
@@ -161,13 +162,13 @@ contract BudgetsTest is Fixture {
         vm.warp(ended + 1 hours);
         vm.startPrank(guardian);
         organization.resumeTasks();
-        uint256 earliest = ended + organization.MAX_PAUSE();
+        uint256 earliest = ended + MAX_PAUSE;
         vm.expectRevert(abi.encodeWithSelector(IOrganization.PausedRecently.selector, earliest));
         organization.pauseTasks(1);
     }
 
     function test_nobodyElsePausesOrResumes() public {
-        bytes32 guardianRole = organization.GUARDIAN_ROLE();
+        bytes32 guardianRole = GUARDIAN_ROLE;
         bytes32 adminRole = organization.DEFAULT_ADMIN_ROLE();
         bytes4 refusal = IAccessControl.AccessControlUnauthorizedAccount.selector;
         vm.expectRevert(abi.encodeWithSelector(refusal, admin, guardianRole));

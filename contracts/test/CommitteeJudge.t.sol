@@ -6,6 +6,7 @@ import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {Fault, ITaskManager, Ruling, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {CommitteeJudge} from "../src/judges/CommitteeJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {AUDITOR_ROLE} from "../src/types/Roles.sol";
 import {Committee} from "./Committee.sol";
 import {Possession} from "./Possession.sol";
 
@@ -293,6 +294,43 @@ contract CommitteeJudgeTest is Committee {
         assertState(vote.taskId, TaskState.Settled);
     }
 
+    function test_aNewQuorumCountsForEveryNumberThatTheKindHasHad() public {
+        Finding memory vote = accepting(submitted());
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        TaskId old = submitted();
+        // Another judge in between: the committee has two numbers of the kind.
+        vm.startPrank(admin);
+        organization.allowKind(CLEANING, oracleJudge, RULES);
+        organization.allowKind(CLEANING, committee, RULES);
+        vm.stopPrank();
+        TaskId current = submitted();
+        setQuorum(3, 4, 0, 0x1e);
+        TaskId[2] memory both = [old, current];
+        for (uint256 i = 0; i < 2; ++i) {
+            vote = accepting(both[i]);
+            _refused(
+                vote,
+                signatures(vote, 3),
+                abi.encodeWithSelector(ICommitteeJudge.NotAJudge.selector, judges[0], CLEANING)
+            );
+            bytes memory votes = signatures(vote, 4);
+            committee.postVotes(vote, REPORT_URI, this.without(votes));
+            assertState(both[i], TaskState.Settled);
+        }
+        setQuorum(4, 4, 0, 0x1e);
+        vote = accepting(submitted());
+        _refused(
+            vote,
+            this.without(signatures(vote, 4)),
+            abi.encodeWithSelector(ICommitteeJudge.TooFewVotes.selector, vote.taskId, 3, 4)
+        );
+    }
+
+    /// @dev All signatures but the first.
+    function without(bytes calldata votes) external pure returns (bytes memory) {
+        return votes[64:];
+    }
+
     function test_nobodyDecidesAsAnAuditorWhatItHasPassedOn() public {
         Finding memory vote = accepting(submitted());
         (vote.ruling, vote.amount) = (Ruling.None, 0);
@@ -302,7 +340,7 @@ contract CommitteeJudgeTest is Committee {
         vm.prank(admin);
         Possession.register(organization, sister, "wallet", judges[0], "device");
         address[2] memory own = [judges[0], sister];
-        bytes32 role = organization.AUDITOR_ROLE();
+        bytes32 role = AUDITOR_ROLE;
         vote = accepting(vote.taskId);
         for (uint256 i = 0; i < 2; ++i) {
             vm.prank(admin);

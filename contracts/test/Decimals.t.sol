@@ -128,13 +128,13 @@ contract DecimalsTest is Fixture {
     /// @dev In a token with six decimals the unit of prices is its smallest unit.
     function test_aReferencePriceIsAPriceOfTheToken() public {
         vm.startPrank(admin);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, 0, uint96(30 * TOKEN));
+        organization.setWindows(CLEANING, windows(SHORTEST, 3 minutes), uint96(30 * TOKEN));
         uint96[2] memory wrong = [0, uint96(Units.max(1)) + 1];
         for (uint256 i = 0; i < wrong.length; ++i) {
             vm.expectRevert(
                 abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, wrong[i], 1, Units.max(1))
             );
-            organization.setWindows(CLEANING, SHORTEST, 30 days, 0, wrong[i]);
+            organization.setWindows(CLEANING, windows(SHORTEST, 3 minutes), wrong[i]);
         }
         vm.stopPrank();
         ServiceId serviceId = offer(robot1, 500 * TOKEN);

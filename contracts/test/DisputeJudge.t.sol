@@ -2,13 +2,13 @@
 pragma solidity ^0.8.28;
 
 import {ERC20} from "@openzeppelin/contracts/token/ERC20/ERC20.sol";
-import {IDisputeJudge, Instance, InstanceRuling} from "../src/interfaces/IDisputeJudge.sol";
+import {IDisputeJudge, Instance} from "../src/interfaces/IDisputeJudge.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
-import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {JUDGE_GAS} from "../src/interfaces/IOrganization.sol";
 import {Fault, ITaskManager, Ruling, Task, TaskState} from "../src/interfaces/ITaskManager.sol";
-import {DisputeJudge} from "../src/judges/DisputeJudge.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {AUDITOR_ROLE} from "../src/types/Roles.sol";
 import {Instances} from "./Instances.sol";
 import {Possession} from "./Possession.sol";
 
@@ -424,7 +424,7 @@ contract DisputeJudgeTest is Instances {
     }
 
     function _grantAuditor(address account) private {
-        bytes32 role = organization.AUDITOR_ROLE();
+        bytes32 role = AUDITOR_ROLE;
         vm.prank(admin);
         organization.grantRole(role, account);
     }
@@ -452,7 +452,7 @@ contract DisputeJudgeTest is Instances {
     function test_termsOfThreeInstancesFitIntoWhatAJudgeMaySpend() public {
         uint256 before = gasleft();
         disputes.termsFor(CLEANING);
-        assertLt(before - gasleft(), organization.JUDGE_GAS() / 2);
+        assertLt(before - gasleft(), JUDGE_GAS / 2);
     }
 
     function test_nobodySitsInTwoInstancesByKeyOrOwner() public {

@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {Test} from "forge-std/Test.sol";
+import {Windows} from "../src/interfaces/IOrganization.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
@@ -18,6 +19,7 @@ import {Units} from "../src/libraries/Units.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {AUDITOR_ROLE, OPERATOR_ROLE, ORACLE_ROLE, TREASURER_ROLE} from "../src/types/Roles.sol";
 import {Deployed} from "./Deployed.sol";
 
 /// @notice Short words for numbers of tasks and services.
@@ -104,30 +106,33 @@ abstract contract Fixture is Deployed, Numbers, Test {
         deployed("ServiceManager", abi.encode(organization, tasks));
         deployed("TaskManager", abi.encode(organization, services));
         providers = services.providers();
-        auditorJudge = roleJudge(organization.AUDITOR_ROLE(), address(0));
-        oracleJudge = roleJudge(organization.ORACLE_ROLE(), address(auditorJudge));
+        auditorJudge = roleJudge(AUDITOR_ROLE, address(0));
+        oracleJudge = roleJudge(ORACLE_ROLE, address(auditorJudge));
 
         (uint256 unit,) = Units.unitOf(token);
         uint96 dearest = uint96(Units.max(unit));
         vm.startPrank(admin);
-        organization.grantRole(organization.ORACLE_ROLE(), oracle);
-        organization.grantRole(organization.AUDITOR_ROLE(), auditor);
-        organization.grantRole(organization.OPERATOR_ROLE(), admin);
-        organization.grantRole(organization.TREASURER_ROLE(), admin);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, uint16(GRACE), dearest);
-        organization.setWindows(CHARGING, SHORTEST, 30 days, uint16(GRACE), dearest);
+        organization.grantRole(ORACLE_ROLE, oracle);
+        organization.grantRole(AUDITOR_ROLE, auditor);
+        organization.grantRole(OPERATOR_ROLE, admin);
+        organization.grantRole(TREASURER_ROLE, admin);
+        organization.setWindows(CLEANING, windows(SHORTEST, uint16(GRACE)), dearest);
+        organization.setWindows(CHARGING, windows(SHORTEST, uint16(GRACE)), dearest);
         // For tests that allow another kind.
-        organization.setWindows("painting", SHORTEST, 30 days, uint16(GRACE), dearest);
+        organization.setWindows("painting", windows(SHORTEST, uint16(GRACE)), dearest);
         address[5] memory known = [alice, bob, robot1, robot2, robot3];
         for (uint256 i = 0; i < known.length; ++i) {
             organization.vouchFor(known[i], true);
         }
-        organization.setAudit(CLEANING, AUDIT_WINDOW);
-        organization.setAudit(CHARGING, AUDIT_WINDOW);
         organization.setAuditors(auditorJudge);
         organization.allowKind(CLEANING, oracleJudge, RULES);
         organization.allowKind(CHARGING, oracleJudge, RULES);
         vm.stopPrank();
+    }
+
+    /// @dev Of a kind whose tasks have at least `min` seconds.
+    function windows(uint32 min, uint16 grace) internal pure returns (Windows memory) {
+        return Windows(min, 30 days, grace, 15 minutes, 7 days, AUDIT_WINDOW);
     }
 
     /// @dev It takes `services` and the `tasks` given for its own.

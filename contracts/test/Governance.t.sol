@@ -17,6 +17,7 @@ import {DisputeJudge} from "../src/judges/DisputeJudge.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
+import {MEMBER_ROLE, OPERATOR_ROLE, ORACLE_ROLE, TREASURER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 
 abstract contract Timelocks is Fixture {
@@ -58,11 +59,11 @@ contract GovernanceTest is Timelocks {
         governor = _governor();
         vm.startPrank(admin);
         serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
-        organization.admit(alice);
-        organization.admit(bob);
-        organization.admit(robot1);
+        organization.grantRole(MEMBER_ROLE, alice);
+        organization.grantRole(MEMBER_ROLE, bob);
+        organization.grantRole(MEMBER_ROLE, robot1);
         // So that proposals set the prices of the organization's services.
-        organization.grantRole(organization.OPERATOR_ROLE(), address(timelock));
+        organization.grantRole(OPERATOR_ROLE, address(timelock));
         organization.beginDefaultAdminTransfer(address(timelock));
         vm.stopPrank();
         address[3] memory members = [alice, bob, robot1];
@@ -145,13 +146,13 @@ contract GovernanceTest is Timelocks {
     function test_proposalsSetTermsBudgetsJudgesAndMembers() public {
         _decide(abi.encodeCall(organization.setTerms, (Terms(10 ether, 5 ether, 3))));
         assertEq(organization.terms().bond, 10 ether);
-        bytes32 treasurers = organization.TREASURER_ROLE();
+        bytes32 treasurers = TREASURER_ROLE;
         _decide(abi.encodeCall(organization.setBudget, (treasurers, 100 ether, 1 days)));
         assertEq(organization.budgetOf(treasurers).amount, 100 ether);
-        bytes32 oracles = organization.ORACLE_ROLE();
+        bytes32 oracles = ORACLE_ROLE;
         _decide(abi.encodeCall(organization.grantRole, (oracles, robot3)));
         assertTrue(organization.hasRole(oracles, robot3));
-        _decide(abi.encodeCall(organization.admit, (robot2)));
+        _decide(abi.encodeCall(organization.grantRole, (MEMBER_ROLE, robot2)));
         assertTrue(organization.isMember(robot2));
     }
 
@@ -213,7 +214,7 @@ contract GovernanceTest is Timelocks {
             votes.sync(sybil);
             assertEq(votes.getVotes(sybil), 0);
         }
-        calldatas[0] = abi.encodeCall(organization.admit, (robot2));
+        calldatas[0] = abi.encodeCall(organization.grantRole, (MEMBER_ROLE, robot2));
         uint256 first = _propose(alice);
         _vote(alice, first, FOR);
         _vote(bob, first, FOR);
@@ -250,7 +251,7 @@ contract GovernanceTest is Timelocks {
     function _member(uint160 number) private returns (address account) {
         account = address(number << 96);
         vm.prank(address(timelock));
-        organization.admit(account);
+        organization.grantRole(MEMBER_ROLE, account);
         votes.sync(account);
     }
 
@@ -280,7 +281,7 @@ contract GovernanceTest is Timelocks {
             _member(i);
         }
         vm.warp(block.timestamp + 1);
-        bytes32 treasurers = organization.TREASURER_ROLE();
+        bytes32 treasurers = TREASURER_ROLE;
         calldatas[0] = abi.encodeCall(organization.grantRole, (treasurers, alice));
         uint256 proposalId = _propose(alice);
         _vote(alice, proposalId, FOR);
@@ -295,25 +296,25 @@ contract GovernanceTest is Timelocks {
     }
 
     function test_nobodyLeavesBelowThreeWhileMembersVote() public {
-        bytes32 role = organization.MEMBER_ROLE();
+        bytes32 role = MEMBER_ROLE;
         _expectTooFew(2);
         vm.prank(bob);
         organization.renounceRole(role, bob);
         vm.startPrank(address(timelock));
         _expectTooFew(2);
-        organization.dismiss(bob);
+        organization.revokeRole(MEMBER_ROLE, bob);
         _expectTooFew(2);
         organization.revokeRole(role, bob);
         bytes[] memory both = new bytes[](2);
-        both[0] = abi.encodeCall(organization.dismiss, (bob));
-        both[1] = abi.encodeCall(organization.admit, (robot2));
+        both[0] = abi.encodeCall(organization.revokeRole, (MEMBER_ROLE, bob));
+        both[1] = abi.encodeCall(organization.grantRole, (MEMBER_ROLE, robot2));
         _expectTooFew(2);
         organization.multicall(both);
         (both[0], both[1]) = (both[1], both[0]);
         organization.multicall(both);
         // Who is no member any more, or is one already, changes no number.
-        organization.dismiss(bob);
-        organization.admit(alice);
+        organization.revokeRole(MEMBER_ROLE, bob);
+        organization.grantRole(MEMBER_ROLE, alice);
         assertEq(organization.memberCount(), 3);
         organization.beginDefaultAdminTransfer(admin);
         vm.stopPrank();
@@ -321,7 +322,7 @@ contract GovernanceTest is Timelocks {
         vm.warp(block.timestamp + 1);
         vm.startPrank(admin);
         organization.acceptDefaultAdminTransfer();
-        organization.dismiss(robot2);
+        organization.revokeRole(MEMBER_ROLE, robot2);
         vm.stopPrank();
         assertEq(organization.memberCount(), 2);
     }
@@ -329,15 +330,15 @@ contract GovernanceTest is Timelocks {
     function test_votesAreNotSwitchedOnBelowThree() public {
         found(coin);
         vm.startPrank(admin);
-        organization.admit(alice);
-        organization.admit(bob);
+        organization.grantRole(MEMBER_ROLE, alice);
+        organization.grantRole(MEMBER_ROLE, bob);
         organization.beginDefaultAdminTransfer(address(timelock));
         vm.stopPrank();
         vm.warp(block.timestamp + 1);
         _expectTooFew(2);
         timelock.acceptAdministration(organization);
         vm.prank(admin);
-        organization.admit(robot1);
+        organization.grantRole(MEMBER_ROLE, robot1);
         timelock.acceptAdministration(organization);
         assertEq(organization.defaultAdmin(), address(timelock));
     }
@@ -348,8 +349,8 @@ contract GovernanceTest is Timelocks {
         votes = MemberVotes(deployed("MemberVotes", abi.encode(organization)));
         governor = _governor();
         vm.startPrank(admin);
-        organization.admit(alice);
-        organization.admit(bob);
+        organization.grantRole(MEMBER_ROLE, alice);
+        organization.grantRole(MEMBER_ROLE, bob);
         vm.stopPrank();
         votes.sync(alice);
         votes.sync(bob);
@@ -357,13 +358,13 @@ contract GovernanceTest is Timelocks {
         _expectTooFew(2);
         _propose(alice);
         vm.prank(admin);
-        organization.admit(robot1);
+        organization.grantRole(MEMBER_ROLE, robot1);
         _propose(alice);
     }
 
     function test_whoIsDismissedDoesNotVoteAnyMore() public {
         _member(1);
-        _decide(abi.encodeCall(organization.dismiss, (bob)));
+        _decide(abi.encodeCall(organization.revokeRole, (MEMBER_ROLE, bob)));
         description = "without bob";
         uint256 proposalId = _propose(alice);
         // Also before anybody has told the votes.
@@ -481,7 +482,7 @@ contract WaitingAdministratorTest is Timelocks {
 
     function test_theAdministratorsKeyDoesNothingAtOnce() public {
         bytes32 administrator = organization.DEFAULT_ADMIN_ROLE();
-        bytes32 treasurer = organization.TREASURER_ROLE();
+        bytes32 treasurer = TREASURER_ROLE;
         bytes32 proposer = timelock.PROPOSER_ROLE();
         vm.startPrank(admin);
         _expectUnauthorized(admin, administrator);
@@ -507,7 +508,7 @@ contract WaitingAdministratorTest is Timelocks {
 
     /// @dev Another judge, its judges, its instances and the auditors: whoever looks can see them coming.
     function test_aJudgeIsNamedAfterTheDelay() public {
-        RoleJudge other = roleJudge(organization.ORACLE_ROLE(), address(0));
+        RoleJudge other = roleJudge(ORACLE_ROLE, address(0));
         CommitteeJudge committee = committeeJudge(address(0));
         DisputeJudge disputes = DisputeJudge(deployed("DisputeJudge", abi.encode(organization, address(0))));
         bytes32 administrator = organization.DEFAULT_ADMIN_ROLE();

@@ -6,8 +6,9 @@ import {IProviders, Namers} from "../src/interfaces/IProviders.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, Ruling, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
-import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
+import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {MEMBER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
 
@@ -86,9 +87,9 @@ contract GriefingTest is Fixture {
 
     function test_theOrganizationVouchesForItsMembersAndForOthers() public {
         address robot = _newcomer(1);
-        bytes32 role = organization.MEMBER_ROLE();
+        bytes32 role = MEMBER_ROLE;
         vm.startPrank(admin);
-        organization.admit(robot);
+        organization.grantRole(MEMBER_ROLE, robot);
         assertTrue(providers.isProven(robot));
         organization.revokeRole(role, robot);
         assertFalse(providers.isProven(robot));
@@ -507,7 +508,7 @@ contract GriefingTest is Fixture {
         _offerByHand(robot1);
         TaskId taskId = post(alice, REWARD);
         vm.prank(admin);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, 0, 1 ether);
+        organization.setWindows(CLEANING, windows(SHORTEST, 3 minutes), 1 ether);
         skip(GRACE);
         vm.expectRevert();
         tasks.expireTask(taskId);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";

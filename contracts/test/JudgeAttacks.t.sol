@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
+import {AUDITOR_ROLE, ORACLE_ROLE} from "../src/types/Roles.sol";
 import {JudgeAttacks} from "./JudgeAttacks.sol";
 
 contract OracleAttacksTest is JudgeAttacks {
@@ -15,7 +16,7 @@ contract OracleAttacksTest is JudgeAttacks {
     }
 
     function sayAs(address party, uint256, Finding memory f) internal override {
-        bytes32 role = organization.ORACLE_ROLE();
+        bytes32 role = ORACLE_ROLE;
         vm.prank(admin);
         organization.grantRole(role, party);
         say(party, f);
@@ -37,7 +38,7 @@ contract AuditorAttacksTest is JudgeAttacks {
     }
 
     function sayAs(address party, uint256, Finding memory f) internal override {
-        bytes32 role = organization.AUDITOR_ROLE();
+        bytes32 role = AUDITOR_ROLE;
         vm.prank(admin);
         organization.grantRole(role, party);
         say(party, f);

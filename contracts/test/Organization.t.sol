@@ -5,15 +5,16 @@ import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol"
 import {Device, IDeviceRegistry, Revocation} from "../src/interfaces/IDeviceRegistry.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IOrganization, Windows} from "../src/interfaces/IOrganization.sol";
 import {Terms} from "../src/interfaces/IProviders.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Fault, ITaskManager, Task, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {MEMBER_ROLE, OPERATOR_ROLE, TREASURER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 import {Possession} from "./Possession.sol";
 import {StubPolicy, Way} from "./StubPolicies.sol";
@@ -83,7 +84,7 @@ contract OrganizationTest is Fixture {
     }
 
     function test_onlyTheOperatorActsInItsName() public {
-        bytes memory refusal = _refusal(stranger, organization.OPERATOR_ROLE());
+        bytes memory refusal = _refusal(stranger, OPERATOR_ROLE);
         vm.startPrank(stranger);
         vm.expectRevert(refusal);
         organization.registerTask(request(1 ether));
@@ -115,7 +116,7 @@ contract OrganizationTest is Fixture {
     }
 
     function test_onlyTheTreasurerMovesTheTreasury() public {
-        bytes memory refusal = _refusal(stranger, organization.TREASURER_ROLE());
+        bytes memory refusal = _refusal(stranger, TREASURER_ROLE);
         vm.startPrank(stranger);
         vm.expectRevert(refusal);
         organization.withdraw(stranger, 1 ether);
@@ -137,13 +138,9 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.setPolicy(policy);
         vm.expectRevert(refusal);
-        organization.setAudit(CLEANING, 60);
-        vm.expectRevert(refusal);
-        organization.setWindows(CLEANING, 60, 60, 0, 1 ether);
+        organization.setWindows(CLEANING, windows(SHORTEST, 3 minutes), 1 ether);
         vm.expectRevert(refusal);
         organization.vouchFor(stranger, true);
-        vm.expectRevert(refusal);
-        organization.setVerdictWindows(CLEANING, 1 hours, 2 hours);
         vm.expectRevert(refusal);
         organization.rescueTokens(coin, stranger);
         vm.expectRevert(refusal);
@@ -151,9 +148,9 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.setMembersOnly(true);
         vm.expectRevert(refusal);
-        organization.admit(stranger);
+        organization.grantRole(MEMBER_ROLE, stranger);
         vm.expectRevert(refusal);
-        organization.dismiss(stranger);
+        organization.revokeRole(MEMBER_ROLE, stranger);
         vm.expectRevert(refusal);
         organization.suspendService(serviceNo(1));
         vm.expectRevert(refusal);
@@ -250,11 +247,11 @@ contract OrganizationTest is Fixture {
         vm.stopPrank();
 
         vm.prank(admin);
-        organization.admit(alice);
+        organization.grantRole(MEMBER_ROLE, alice);
         assertTrue(organization.isMember(alice));
         TaskId taskId = post(alice, 1 ether);
         vm.prank(admin);
-        organization.dismiss(alice);
+        organization.revokeRole(MEMBER_ROLE, alice);
         assertFalse(organization.isMember(alice));
         vm.expectRevert(refusal);
         vm.prank(alice);
@@ -275,7 +272,7 @@ contract OrganizationTest is Fixture {
 
     function test_auditorsMayJudgeAKindAlone() public {
         vm.expectEmit(address(organization));
-        emit IOrganization.KindAllowed(CLEANING, KindId.wrap(3), auditorJudge, 0);
+        emit IOrganization.KindAllowed(CLEANING, KindId.wrap(3), auditorJudge, 0, 1 minutes, 30 days);
         vm.prank(admin);
         organization.allowKind(CLEANING, auditorJudge, 0);
         offer(robot1, 80 ether);
@@ -319,20 +316,27 @@ contract OrganizationTest is Fixture {
         stub.say(magic, 60, 1 days, 100);
         vm.expectRevert();
         organization.allowKind("painting", IJudge(address(stub)), 0);
-        assertFalse(organization.isKindAllowed("painting"));
+        assertFalse(organization.kindOf("painting").allowed);
         stub.say(magic, 60, 1 days, 0);
         organization.allowKind("painting", IJudge(address(stub)), 0);
-        assertTrue(organization.isKindAllowed("painting"));
+        assertTrue(organization.kindOf("painting").allowed);
         assertEq(organization.kindOf("painting").maxCase, 1 days);
     }
 
-    function test_aCaseIsAtMostThirtyDays() public {
-        vm.startPrank(admin);
-        vm.expectRevert(abi.encodeWithSelector(IOrganization.AuditTooLong.selector, 30 days + 1, 30 days));
-        organization.setAudit(CLEANING, 30 days + 1);
-        vm.expectEmit(address(organization));
-        emit IOrganization.AuditChanged(CLEANING, 0);
-        organization.setAudit(CLEANING, 0);
+    function test_anAuditWindowThatFillsTheCaseLeavesNoVerdictWindow() public {
+        Windows memory w = windows(SHORTEST, 3 minutes);
+        uint32[2] memory long = [uint32(30 days), type(uint32).max];
+        for (uint256 i = 0; i < 2; ++i) {
+            w.auditWindow = long[i];
+            vm.prank(admin);
+            organization.setWindows(CLEANING, w, 1 ether);
+            vm.expectRevert(
+                abi.encodeWithSelector(
+                    IOrganization.InvalidVerdictWindow.selector, CLEANING, WINDOW, 15 minutes, 0
+                )
+            );
+            post(alice, 1 ether);
+        }
     }
 
     function test_onlyTheOrganizationRecordsWhoJudges() public {
@@ -346,60 +350,71 @@ contract OrganizationTest is Fixture {
         emit IOrganization.KindDisallowed(CLEANING);
         vm.prank(admin);
         organization.disallowKind(CLEANING);
-        assertFalse(organization.isKindAllowed(CLEANING));
+        assertFalse(organization.kindOf(CLEANING).allowed);
         assertEq(address(organization.judgeNumbered(KindId.wrap(1))), address(oracleJudge));
     }
 
     function test_aKindSaysHowLongItsTasksMayTake() public {
         uint96[2] memory prices = [uint96(0), 1 gwei + 1];
         uint256 most = Units.max(1 gwei);
+        Windows memory w = windows(WINDOW + 1, 3 minutes);
+        w.maxWindow = WINDOW + 2;
         vm.startPrank(admin);
         for (uint256 i = 0; i < 2; ++i) {
             vm.expectRevert(
                 abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, prices[i], 1 gwei, most)
             );
-            organization.setWindows(CLEANING, WINDOW + 1, WINDOW + 2, 0, prices[i]);
+            organization.setWindows(CLEANING, w, prices[i]);
         }
         vm.stopPrank();
         vm.expectEmit(address(organization));
-        emit IOrganization.WindowsChanged(CLEANING, WINDOW + 1, WINDOW + 2, 3 minutes, 1 ether);
-        vm.startPrank(admin);
-        organization.setWindows(CLEANING, WINDOW + 1, WINDOW + 2, 0, 1 ether);
-        vm.stopPrank();
-        bytes memory refusal = abi.encodeWithSelector(
-            IOrganization.InvalidWindow.selector, CLEANING, WINDOW, WINDOW + 1, WINDOW + 2
+        emit IOrganization.WindowsChanged(CLEANING, w, 1 ether);
+        vm.prank(admin);
+        organization.setWindows(CLEANING, w, 1 ether);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IOrganization.InvalidWindow.selector, CLEANING, WINDOW, WINDOW + 1, WINDOW + 2
+            )
         );
-        vm.expectRevert(refusal);
         post(alice, 1 ether);
-        uint32[2][3] memory wrong = [[uint32(59), 60], [uint32(60), 30 days + 1], [uint32(61), 60]];
+    }
+
+    function test_windowsAreBetweenAMinuteAndThirtyDays() public {
+        uint32[2][3] memory wrong = [[uint32(59), 1 days], [uint32(1 days), 30 days + 1], [uint32(61), 60]];
         vm.startPrank(admin);
-        for (uint256 i = 0; i < 3; ++i) {
-            vm.expectRevert(
-                abi.encodeWithSelector(
-                    IOrganization.InvalidWindows.selector, wrong[i][0], wrong[i][1], 1 minutes, 30 days
-                )
+        for (uint256 i = 0; i < wrong.length; ++i) {
+            bytes memory refusal = abi.encodeWithSelector(
+                IOrganization.InvalidWindows.selector, wrong[i][0], wrong[i][1], 1 minutes, 30 days
             );
-            organization.setWindows(CLEANING, wrong[i][0], wrong[i][1], 0, 1 ether);
+            Windows memory w = windows(SHORTEST, 3 minutes);
+            (w.minWindow, w.maxWindow) = (wrong[i][0], wrong[i][1]);
+            vm.expectRevert(refusal);
+            organization.setWindows(CLEANING, w, 1 ether);
+            w = windows(SHORTEST, 3 minutes);
+            (w.minVerdictWindow, w.maxVerdictWindow) = (wrong[i][0], wrong[i][1]);
+            vm.expectRevert(refusal);
+            organization.setWindows(CLEANING, w, 1 ether);
         }
         vm.stopPrank();
     }
 
     function test_theGracePeriodIsAtMostHalfOfTheShortestWindow() public {
         vm.startPrank(admin);
-        organization.setWindows(CLEANING, 60, 60, 30, 1 ether);
-        organization.setWindows(CLEANING, 90, 90, 0, 1 ether);
-        assertEq(organization.kindOf(CLEANING).grace, 40, "half of it, in tens");
-        uint16[2] memory wrong = [uint16(40), 25];
-        for (uint256 i = 0; i < 2; ++i) {
+        organization.setWindows(CLEANING, windows(60, 30), 1 ether);
+        // None would let anybody end an attempt before its executor can accept it.
+        uint16[3] memory wrong = [uint16(0), 40, 25];
+        for (uint256 i = 0; i < wrong.length; ++i) {
             vm.expectRevert(abi.encodeWithSelector(IOrganization.InvalidGrace.selector, wrong[i], 10, 30));
-            organization.setWindows(CLEANING, 60, 60, wrong[i], 1 ether);
+            organization.setWindows(CLEANING, windows(60, wrong[i]), 1 ether);
         }
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.InvalidGrace.selector, 2560, 10, 2550));
+        organization.setWindows(CLEANING, windows(2 hours, 2560), 1 ether);
         vm.stopPrank();
     }
 
     function test_aKindWithoutAReferencePriceIsNotAllowed() public {
         vm.startPrank(admin);
-        organization.setWindows("gardening", SHORTEST, 30 days, 0, 0);
+        organization.setWindows("gardening", windows(SHORTEST, 3 minutes), 0);
         vm.expectRevert(
             abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, 0, 1 gwei, Units.max(1 gwei))
         );
@@ -416,11 +431,10 @@ contract OrganizationTest is Fixture {
     }
 
     function test_aKindHasAShortestAndALongestVerdictWindow() public {
-        vm.expectEmit(address(organization));
-        emit IOrganization.VerdictWindowsChanged(CLEANING, WINDOW + 1, WINDOW + 2);
-        vm.startPrank(admin);
-        organization.setVerdictWindows(CLEANING, WINDOW + 1, WINDOW + 2);
-        vm.stopPrank();
+        Windows memory w = windows(SHORTEST, 3 minutes);
+        (w.minVerdictWindow, w.maxVerdictWindow) = (WINDOW + 1, WINDOW + 2);
+        vm.prank(admin);
+        organization.setWindows(CLEANING, w, 1 ether);
         assertEq(organization.kindOf(CLEANING).minVerdictWindow, WINDOW + 1);
         assertEq(organization.kindOf(CLEANING).maxVerdictWindow, WINDOW + 2);
         vm.expectRevert(
@@ -429,19 +443,9 @@ contract OrganizationTest is Fixture {
             )
         );
         post(alice, 1 ether);
-        vm.startPrank(admin);
-        uint32[2][3] memory wrong =
-            [[uint32(59), 1 days], [uint32(1 days), 30 days + 1], [uint32(2 days), 1 days]];
-        for (uint256 i = 0; i < wrong.length; ++i) {
-            vm.expectRevert(
-                abi.encodeWithSelector(
-                    IOrganization.InvalidVerdictWindows.selector, wrong[i][0], wrong[i][1], 1 minutes, 30 days
-                )
-            );
-            organization.setVerdictWindows(CLEANING, wrong[i][0], wrong[i][1]);
-        }
-        organization.setVerdictWindows(CLEANING, 1 minutes, 30 days);
-        vm.stopPrank();
+        (w.minVerdictWindow, w.maxVerdictWindow) = (1 minutes, 30 days);
+        vm.prank(admin);
+        organization.setWindows(CLEANING, w, 1 ether);
         post(alice, 1 ether);
     }
 

@@ -9,6 +9,7 @@ import {SignedRequests} from "../src/SignedRequests.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {Founding, IOrganizationRegistry, Part} from "../src/interfaces/IOrganizationRegistry.sol";
 import {Terms} from "../src/interfaces/IProviders.sol";
+import {AUDITOR_ROLE, ORACLE_ROLE} from "../src/types/Roles.sol";
 import {Deployed} from "./Deployed.sol";
 
 /// @notice Organizations are founded in few transactions, at addresses that are known before.
@@ -230,14 +231,14 @@ contract OrganizationRegistryTest is Deployed, Test {
         _create(alice, 0, 0, 5);
         Organization organization = Organization(_at(alice, 0, ORGANIZATION));
         bytes[] memory calls = new bytes[](2);
-        calls[0] = abi.encodeCall(organization.grantRole, (organization.ORACLE_ROLE(), bob));
-        calls[1] = abi.encodeCall(organization.grantRole, (organization.AUDITOR_ROLE(), bob));
+        calls[0] = abi.encodeCall(organization.grantRole, (ORACLE_ROLE, bob));
+        calls[1] = abi.encodeCall(organization.grantRole, (AUDITOR_ROLE, bob));
         vm.prank(bob);
         vm.expectRevert();
         organization.multicall(calls);
         vm.prank(alice);
         organization.multicall(calls);
-        assertTrue(organization.hasRole(organization.ORACLE_ROLE(), bob));
-        assertTrue(organization.hasRole(organization.AUDITOR_ROLE(), bob));
+        assertTrue(organization.hasRole(ORACLE_ROLE, bob));
+        assertTrue(organization.hasRole(AUDITOR_ROLE, bob));
     }
 }

@@ -6,6 +6,7 @@ import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.s
 import {ITaskManager, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {MEMBER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 import {Instances} from "./Instances.sol";
 import {WeirdToken} from "./Tokens.t.sol";
@@ -188,10 +189,10 @@ contract PayoutTest is Fixture {
     function test_attack_theThiefIsDismissedAndAdmittedAgain() public {
         vm.startPrank(admin);
         organization.setMembersOnly(true);
-        organization.admit(alice);
-        organization.admit(robot1);
-        organization.dismiss(robot1);
-        organization.admit(robot1);
+        organization.grantRole(MEMBER_ROLE, alice);
+        organization.grantRole(MEMBER_ROLE, robot1);
+        organization.revokeRole(MEMBER_ROLE, robot1);
+        organization.grantRole(MEMBER_ROLE, robot1);
         vm.stopPrank();
         offer(robot1, 80 ether);
         attempt(post(alice, 100 ether), true);

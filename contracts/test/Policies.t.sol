@@ -3,7 +3,7 @@ pragma solidity ^0.8.28;
 
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {Choice, IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Choice, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {ITaskQueues} from "../src/interfaces/ITaskQueues.sol";
 import {Units} from "../src/libraries/Units.sol";

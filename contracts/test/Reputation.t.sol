@@ -189,7 +189,7 @@ contract ReputationTest is Fixture {
     /// @dev The kind's reference price.
     function _refer(uint96 price) private {
         vm.prank(admin);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, 0, price);
+        organization.setWindows(CLEANING, windows(SHORTEST, 3 minutes), price);
     }
 
     /// @dev Rejected twenty times, by two creators in turn: a price of 50 each time.

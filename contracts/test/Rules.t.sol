@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IOrganization, MAX_RULES} from "../src/interfaces/IOrganization.sol";
 import {ITaskManager, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
@@ -58,7 +58,7 @@ contract RulesTest is Fixture {
     function test_severalRulesAreCurrentAndATaskGetsTheNewest() public {
         _post(0, RULES);
         vm.expectEmit(address(organization));
-        emit IOrganization.KindAllowed(CLEANING, KindId.wrap(1), oracleJudge, NEXT);
+        emit IOrganization.KindAllowed(CLEANING, KindId.wrap(1), oracleJudge, NEXT, 1 minutes, 30 days);
         _allow(NEXT);
         _assertRules(_list(RULES, NEXT));
         _post(0, NEXT);
@@ -93,7 +93,7 @@ contract RulesTest is Fixture {
     }
 
     function test_aFewRulesAreCurrentAtATime() public {
-        uint256 max = organization.MAX_RULES();
+        uint256 max = MAX_RULES;
         for (uint256 i = 1; i < max; ++i) {
             _allow(bytes32(i));
         }

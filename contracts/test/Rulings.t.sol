@@ -3,7 +3,6 @@ pragma solidity ^0.8.28;
 
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {
-    Cause,
     Fault,
     ITaskManager,
     Ruling,
@@ -13,13 +12,14 @@ import {
     TaskState
 } from "../src/interfaces/ITaskManager.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
-import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IOrganization, Windows} from "../src/interfaces/IOrganization.sol";
 import {IProviders} from "../src/interfaces/IProviders.sol";
 import {IServiceManager} from "../src/interfaces/IServiceManager.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {KindId} from "../src/types/KindId.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {AUDITOR_ROLE, GUARDIAN_ROLE, ORACLE_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What a ruling does: each of the five, final at once, standing, replaced, concluded.
@@ -342,7 +342,7 @@ contract RulingsTest is Fixture {
         ruleUntil(oracleJudge, taskId, Ruling.Void, 0, tasks.task(taskId).caseEnd);
         post(bob, 10 ether);
         vm.startPrank(admin);
-        organization.allowKind(CLEANING, roleJudge(organization.ORACLE_ROLE(), address(0)), RULES);
+        organization.allowKind(CLEANING, roleJudge(ORACLE_ROLE, address(0)), RULES);
         vm.stopPrank();
         vm.prank(robot1);
         services.agree(second);
@@ -449,7 +449,7 @@ contract RulingsTest is Fixture {
 
     function test_anOracleDecidesNothingAsAnAuditorThatItHasPassedOn() public {
         judgeAs(oracle, _task, Ruling.None, 0);
-        bytes32 role = organization.AUDITOR_ROLE();
+        bytes32 role = AUDITOR_ROLE;
         vm.prank(admin);
         organization.grantRole(role, oracle);
         Finding memory f = finding(_task, Ruling.Accepted, PRICE);
@@ -468,7 +468,7 @@ contract RulingsTest is Fixture {
         vm.prank(oracle);
         organization.removeJudge(number);
         vm.startPrank(admin);
-        organization.grantRole(organization.GUARDIAN_ROLE(), bob);
+        organization.grantRole(GUARDIAN_ROLE, bob);
         vm.stopPrank();
         vm.prank(bob);
         organization.removeJudge(number);
@@ -498,7 +498,7 @@ contract RulingsTest is Fixture {
 
     function test_nobodysWorkComesUnderAJudgeThatItDidNotAgreeTo() public {
         TaskId waiting = post(bob, REWARD);
-        RoleJudge another = roleJudge(organization.ORACLE_ROLE(), address(0));
+        RoleJudge another = roleJudge(ORACLE_ROLE, address(0));
         vm.prank(admin);
         organization.allowKind(CLEANING, another, RULES);
         assertEq(organization.numberOf(CLEANING), 3);
@@ -534,8 +534,10 @@ contract RulingsTest is Fixture {
     }
 
     function test_verdictAndAuditWindowTogetherFitIntoACase() public {
+        Windows memory w = windows(SHORTEST, uint16(GRACE));
+        w.auditWindow = 30 days;
         vm.prank(admin);
-        organization.setAudit(CLEANING, 30 days);
+        organization.setWindows(CLEANING, w, 1 ether);
         TaskRequest memory wanted = request(REWARD);
         vm.expectRevert(
             abi.encodeWithSelector(

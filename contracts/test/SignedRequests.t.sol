@@ -8,6 +8,7 @@ import {ISignedRequests} from "../src/interfaces/ISignedRequests.sol";
 import {Fault, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {MEMBER_ROLE, ORACLE_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 import {SignerWallet, Signing} from "./Signing.sol";
 
@@ -51,7 +52,7 @@ contract SignedRequestsTest is Fixture {
         SignerWallet wallet = _wallet(alice);
         vm.startPrank(admin);
         organization.setMembersOnly(true);
-        organization.admit(address(wallet));
+        organization.grantRole(MEMBER_ROLE, address(wallet));
         vm.stopPrank();
         TaskId taskId = _relayFor(address(wallet), alice, NONCE);
         assertEq(tasks.task(taskId).creator, address(wallet));
@@ -318,9 +319,9 @@ contract SignedRequestsTest is Fixture {
     function test_attack_theSignerIsNoMemberAnyMore() public {
         vm.startPrank(admin);
         organization.setMembersOnly(true);
-        organization.admit(alice);
-        organization.admit(stranger);
-        organization.dismiss(alice);
+        organization.grantRole(MEMBER_ROLE, alice);
+        organization.grantRole(MEMBER_ROLE, stranger);
+        organization.revokeRole(MEMBER_ROLE, alice);
         vm.stopPrank();
         _mustFail(abi.encodeWithSelector(IOrganization.NotMember.selector, alice));
         assertFalse(requests.isNonceUsed(alice, NONCE));
@@ -386,8 +387,8 @@ contract SignedRequestsTest is Fixture {
 
     function test_attack_aJudgeSignsATaskThatItJudges() public {
         vm.startPrank(admin);
-        organization.grantRole(organization.ORACLE_ROLE(), alice);
-        organization.grantRole(organization.ORACLE_ROLE(), stranger);
+        organization.grantRole(ORACLE_ROLE, alice);
+        organization.grantRole(ORACLE_ROLE, stranger);
         vm.stopPrank();
         offer(robot1, 80 ether);
         TaskId taskId = _relay(alice, NONCE);

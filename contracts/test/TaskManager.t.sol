@@ -5,21 +5,14 @@ import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.so
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {
-    Fault,
-    Cause,
-    ITaskManager,
-    Task,
-    TaskRequest,
-    TaskState,
-    Ruling
-} from "../src/interfaces/ITaskManager.sol";
+import {Fault, Cause, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {Finding, IJudge} from "../src/interfaces/IJudge.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {ORACLE_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract TaskManagerTest is Fixture {
@@ -261,9 +254,7 @@ contract TaskManagerTest is Fixture {
         offer(robot1, 1 ether);
         TaskId taskId = post(alice, 100 ether);
         submit(taskId);
-        vm.expectRevert(
-            abi.encodeWithSelector(RoleJudge.NotInRole.selector, robot1, organization.ORACLE_ROLE())
-        );
+        vm.expectRevert(abi.encodeWithSelector(RoleJudge.NotInRole.selector, robot1, ORACLE_ROLE));
         vm.prank(robot1);
         oracleJudge.rule(
             Finding(taskId, 1, PROOF, REPORT, RULES, Ruling.Accepted, Fault.Nobody, 1 ether, ""), ""

@@ -119,12 +119,12 @@ contract TaskRecordsTest is Fixture {
         assertEq(organization.kindOf(CHARGING).number, 2);
         vm.startPrank(admin);
         for (uint256 i = 3; i <= 255; ++i) {
-            organization.setWindows(bytes32(i), SHORTEST, 30 days, 0, 1 ether);
+            organization.setWindows(bytes32(i), windows(SHORTEST, 3 minutes), 1 ether);
             organization.allowKind(bytes32(i), oracleJudge, 0);
         }
         organization.allowKind(CLEANING, oracleJudge, RULES);
         assertEq(organization.numberOf(CLEANING), 1, "kept");
-        organization.setWindows("one more", SHORTEST, 30 days, 0, 1 ether);
+        organization.setWindows("one more", windows(SHORTEST, 3 minutes), 1 ether);
         vm.expectRevert(abi.encodeWithSelector(IOrganization.TooManyKinds.selector, bytes32("one more"), 255));
         organization.allowKind("one more", oracleJudge, 0);
     }

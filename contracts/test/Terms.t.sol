@@ -8,6 +8,7 @@ import {IServiceManager, Service, ServiceState} from "../src/interfaces/IService
 import {ITaskManager, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
+import {MEMBER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Bonds, penalties and suspension.
@@ -330,16 +331,16 @@ contract TermsTest is Fixture {
         address[2] memory robots = [robot1, robot2];
         for (uint256 i = 0; i < 2; ++i) {
             vm.prank(admin);
-            organization.admit(robots[i]);
+            organization.grantRole(MEMBER_ROLE, robots[i]);
         }
         vm.prank(admin);
         organization.setMembersOnly(true);
         ServiceId gone = offer(robot1, 1 ether);
         ServiceId here = offer(robot2, 1 ether);
         vm.prank(admin);
-        organization.admit(alice);
+        organization.grantRole(MEMBER_ROLE, alice);
         vm.prank(admin);
-        organization.dismiss(robot1);
+        organization.revokeRole(MEMBER_ROLE, robot1);
         assertEq(uint8(services.service(gone).state), uint8(ServiceState.Suspended));
         assertAssigned(post(alice, 10 ether), here);
         assertState(post(alice, 10 ether), TaskState.Open);
@@ -347,10 +348,10 @@ contract TermsTest is Fixture {
 
     function test_whereEverybodyTakesPartADismissedMemberDoes() public {
         vm.prank(admin);
-        organization.admit(robot1);
+        organization.grantRole(MEMBER_ROLE, robot1);
         ServiceId serviceId = offer(robot1, 1 ether);
         vm.prank(admin);
-        organization.dismiss(robot1);
+        organization.revokeRole(MEMBER_ROLE, robot1);
         assertAssigned(post(alice, 10 ether), serviceId);
     }
 

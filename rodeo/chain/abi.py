@@ -257,3 +257,13 @@ class Terms(Struct):
     bond: int
     penalty: int
     max_failures: int
+
+
+@dataclass(frozen=True)
+class Windows(Struct):
+    min_window: int
+    max_window: int
+    grace: int
+    min_verdict_window: int
+    max_verdict_window: int
+    audit_window: int

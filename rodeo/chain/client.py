@@ -163,7 +163,7 @@ class ChainClient:
         return found if any(found) else None
 
     def is_kind_allowed(self, kind: str) -> bool:
-        return self._view("Organization", "isKindAllowed", kind_to_bytes32(kind))
+        return self.kind(kind).allowed
 
     def kind(self, kind: str) -> KindRules:
         return self._view("Organization", "kindOf", kind_to_bytes32(kind))
@@ -175,10 +175,6 @@ class ChainClient:
     def current_rules(self, kind: str) -> list[bytes]:
         """Hashes of the rules under which tasks of `kind` may be posted now, the newest last."""
         return self._view("Organization", "currentRules", kind_to_bytes32(kind))
-
-    def max_rules(self) -> int:
-        """How many of them a kind may have."""
-        return self._view("Organization", "MAX_RULES")
 
     def terms(self) -> Terms:
         """What services agree to that are registered now."""

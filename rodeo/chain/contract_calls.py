@@ -15,6 +15,7 @@ from rodeo.chain.abi import (
     ServiceState,
     TaskRequest,
     Terms,
+    Windows,
 )
 from rodeo.chain.encoding import Call, ContractCalls
 from rodeo.chain.types import Role, TimelockRole
@@ -105,9 +106,6 @@ class OrganizationCalls(ContractCalls):
     def accept_task(self, task_id: int, attempt: int) -> Call:
         return self._call("Organization", "acceptTask", task_id, attempt)
 
-    def admit(self, account: str) -> Call:
-        return self._call("Organization", "admit", account)
-
     def agree(self, service_id: int) -> Call:
         return self._call("Organization", "agree", service_id)
 
@@ -131,9 +129,6 @@ class OrganizationCalls(ContractCalls):
 
     def disallow_kind(self, kind: str) -> Call:
         return self._call("Organization", "disallowKind", kind)
-
-    def dismiss(self, account: str) -> Call:
-        return self._call("Organization", "dismiss", account)
 
     def grant_role(self, role: Role, account: str) -> Call:
         return self._call("Organization", "grantRole", role, account)
@@ -185,9 +180,6 @@ class OrganizationCalls(ContractCalls):
     def rollback_default_admin_delay(self) -> Call:
         return self._call("Organization", "rollbackDefaultAdminDelay")
 
-    def set_audit(self, kind: str, audit_window: int) -> Call:
-        return self._call("Organization", "setAudit", kind, audit_window)
-
     def set_auditors(self, auditors: str) -> Call:
         return self._call("Organization", "setAuditors", auditors)
 
@@ -203,11 +195,8 @@ class OrganizationCalls(ContractCalls):
     def set_terms(self, terms: Terms) -> Call:
         return self._call("Organization", "setTerms", terms)
 
-    def set_verdict_windows(self, kind: str, min: int, max: int) -> Call:
-        return self._call("Organization", "setVerdictWindows", kind, min, max)
-
-    def set_windows(self, kind: str, min: int, max: int, grace: int, reference_price: int) -> Call:
-        return self._call("Organization", "setWindows", kind, min, max, grace, reference_price)
+    def set_windows(self, kind: str, windows: Windows, reference_price: int) -> Call:
+        return self._call("Organization", "setWindows", kind, windows, reference_price)
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("Organization", "submitProof", task_id, attempt, proof_hash, uri)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState
+from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState, Windows
 from rodeo.chain.types import Event
 
 
@@ -24,12 +24,6 @@ class Transfer(Event):
     sender: str
     to: str
     value: int
-
-
-@dataclass(frozen=True)
-class AuditChanged(Event):
-    kind: str
-    audit_window: int
 
 
 @dataclass(frozen=True)
@@ -62,6 +56,8 @@ class KindAllowed(Event):
     number: int
     judge: str
     rules: bytes
+    judges_window: int
+    max_case: int
 
 
 @dataclass(frozen=True)
@@ -135,18 +131,9 @@ class TokensRescued(Event):
 
 
 @dataclass(frozen=True)
-class VerdictWindowsChanged(Event):
-    kind: str
-    min: int
-    max: int
-
-
-@dataclass(frozen=True)
 class WindowsChanged(Event):
     kind: str
-    min: int
-    max: int
-    grace: int
+    windows: Windows
     reference_price: int
 
 

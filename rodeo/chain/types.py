@@ -19,6 +19,9 @@ from rodeo.errors import snake_case
 ZERO_ADDRESS = "0x" + "00" * 20
 """Nobody's, where a contract wants an address."""
 
+MAX_RULES = 8
+"""Rules of one kind that are current at the same time (IOrganization.sol)."""
+
 
 class ContractEnum(IntEnum):
     """Base of the contracts' enums in abi.py."""

@@ -18,7 +18,7 @@ from eth_utils import is_address, to_checksum_address
 from rodeo import signed_requests, votes
 from rodeo.addresses import typed_address
 from rodeo.bus import validate
-from rodeo.chain.abi import Namers, Quorum, Revocation, ServiceState, TaskRequest, Terms
+from rodeo.chain.abi import Namers, Quorum, Revocation, ServiceState, TaskRequest, Terms, Windows
 from rodeo.chain.calls import ParticipantCalls
 from rodeo.chain.client import ChainClient
 from rodeo.chain.encoding import Call
@@ -28,7 +28,16 @@ from rodeo.config import EconomyConfig
 from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
 from rodeo.evidence.store import Store
-from rodeo.kinds import DEFAULT_PRICE_IEC, EXECUTION_WINDOW_S, MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S, Kinds
+from rodeo.kinds import (
+    DEFAULT_PRICE_IEC,
+    EXECUTION_WINDOW_S,
+    GRACE_S,
+    GRACE_STEP_S,
+    MAX_WINDOW_S,
+    PEOPLES_MIN_WINDOW_S,
+    VERDICT_WINDOWS_S,
+    Kinds,
+)
 from rodeo.messages import (
     JUDGES,
     AbandonTask,
@@ -824,13 +833,7 @@ class Wallet:
                 kind=command.kind,
                 kinds_with_checks=sorted(name for name, kind in self.kinds.items() if not kind.by_people),
             )
-        found: list[Call] = []
-        if command.audit_window_s is not None:
-            found.append(calls.set_audit(command.kind, command.audit_window_s))
-        found += self._windows(command)
-        if command.min_verdict_window_s is not None and command.max_verdict_window_s is not None:
-            bounds = command.min_verdict_window_s, command.max_verdict_window_s
-            found.append(calls.set_verdict_windows(command.kind, *bounds))
+        found = self._windows(command)
         if command.judge is None:
             return [*found, calls.disallow_kind(command.kind)]
         # Last, so that nobody posts such a task before its rules hold.
@@ -845,27 +848,34 @@ class Wallet:
         return [*found, calls.allow_kind(command.kind, judge, hex_bytes(rules))]
 
     def _windows(self, command: AllowKind) -> list[Call]:
-        """What sets the kind's execution windows and reference price, where the command names any, or the
-        kind has none and is allowed."""
+        """What sets the kind's windows and reference price, where the command names any, or the kind has none
+        and is allowed. What the command leaves out stays as it is."""
         row, kind = self.index.kind(command.kind), self.kinds.get(command.kind)
         has_windows = row is not None and row["max_window_s"] > 0
-        named = (command.min_window_s, command.max_window_s, command.grace_s)
+        named = (
+            *(command.min_window_s, command.max_window_s, command.grace_s),
+            *(command.min_verdict_window_s, command.max_verdict_window_s, command.audit_window_s),
+        )
         price_iec = command.reference_price_iec
         if price_iec is None and all(one is None for one in named) and (has_windows or not command.allowed):
             return []
         if row is not None and has_windows:
-            known = row["min_window_s"], row["max_window_s"], row["grace_s"]
+            known = (
+                *(row["min_window_s"], row["max_window_s"], row["grace_s"]),
+                *(row["min_verdict_window_s"], row["max_verdict_window_s"], row["audit_window_s"]),
+            )
             price = row["reference_price"]
         else:
-            known = _UNDECLARED if kind is None else (*kind.windows_s, kind.grace_period_s)
+            declared = _UNDECLARED if kind is None else (*kind.windows_s, kind.grace_period_s)
+            known = (*declared, *VERDICT_WINDOWS_S, 0)
             price_iec = price_iec or (DEFAULT_PRICE_IEC if kind is None else kind.reference_price_iec)
         if price_iec is not None:
             price = self._currency.to_units(price_iec)
-        shortest, longest, grace = (
+        shortest, longest, grace, *judged = (
             now if one is None else one for one, now in zip(named, known, strict=True)
         )
         if command.grace_s is None and grace > shortest // 2:
-            grace = 0  # the contract's own
+            grace = min(GRACE_S, shortest // 2 // GRACE_STEP_S * GRACE_STEP_S)
         if shortest > longest:
             raise InvalidRequest(
                 "the shortest execution window is longer than the longest",
@@ -879,7 +889,7 @@ class Wallet:
                 min_window_s=shortest,
             )
         calls = self.client.organization_calls
-        return [calls.set_windows(command.kind, shortest, longest, grace, price)]
+        return [calls.set_windows(command.kind, Windows(shortest, longest, grace, *judged), price)]
 
     def _judge_for(self, kind: str, judge: str) -> str:
         """The address of the contract that judges `kind` from now on. Where oracles judge it already, theirs
@@ -938,10 +948,12 @@ class Wallet:
         return [self.client.organization_calls.resume_tasks()]
 
     def _admit(self, command: Admit) -> list[Call]:
-        return [self.client.organization_calls.admit(self.names.address(command.account))]
+        account = self.names.address(command.account)
+        return [self.client.organization_calls.grant_role(Role.MEMBER, account)]
 
     def _dismiss(self, command: Dismiss) -> list[Call]:
-        return [self.client.organization_calls.dismiss(self.names.address(command.account))]
+        account = self.names.address(command.account)
+        return [self.client.organization_calls.revoke_role(Role.MEMBER, account)]
 
     def _vouch(self, command: Vouch) -> list[Call]:
         account = self.names.address(command.account)

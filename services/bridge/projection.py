@@ -326,7 +326,8 @@ class Projection:
                 rows.put(
                     schema.numbers, number=event.number, kind=event.kind, judge=event.judge, removed=False
                 )
-                self._change_kind(event.kind, allowed=True, number=event.number)
+                asked = {"judges_window_s": event.judges_window, "max_case_s": event.max_case}
+                self._change_kind(event.kind, allowed=True, number=event.number, **asked)
                 self._change_rules(event.kind, event.rules, current=any(event.rules))
             case events.RulesRetired():
                 self._change_rules(event.kind, event.rules, current=False)
@@ -334,15 +335,9 @@ class Projection:
                 self._change_kind(event.kind, allowed=False)
             case events.JudgeRemoved():
                 rows.change(schema.numbers, event.number, removed=True)
-            case events.AuditChanged():
-                self._change_kind(event.kind, audit_window_s=event.audit_window)
             case events.WindowsChanged():
-                windows = {"min_window_s": event.min, "max_window_s": event.max}
-                grace_s, price = event.grace, event.reference_price
-                self._change_kind(event.kind, **windows, grace_s=grace_s, reference_price=price)
-            case events.VerdictWindowsChanged():
-                bounds = {"min_verdict_window_s": event.min, "max_verdict_window_s": event.max}
-                self._change_kind(event.kind, **bounds)
+                windows = {f"{name}_s": value for name, value in vars(event.windows).items()}
+                self._change_kind(event.kind, **windows, reference_price=event.reference_price)
             case events.JudgeSeated():
                 rows.add(
                     schema.judges,
@@ -772,6 +767,8 @@ class Projection:
             "min_verdict_window_s": 0,
             "max_verdict_window_s": 0,
             "audit_window_s": 0,
+            "judges_window_s": 0,
+            "max_case_s": 0,
             "rules_sha256": [],
             "votes": 0,
             "panel": 0,

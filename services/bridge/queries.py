@@ -565,6 +565,8 @@ _OF_KIND = (
     "min_verdict_window_s",
     "max_verdict_window_s",
     "audit_window_s",
+    "judges_window_s",
+    "max_case_s",
     "rules_sha256",
     "votes",
     "panel",

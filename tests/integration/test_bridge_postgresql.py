@@ -40,7 +40,7 @@ def history() -> list[list[Event]]:
     return [
         [
             events.Transfer("0x" + "0" * 40, CREATOR, 2**256 - 1),
-            events.KindAllowed("waste", 1, CREATOR, b"\1" * 32),
+            events.KindAllowed("waste", 1, CREATOR, b"\1" * 32, 60, 3600),
         ],
         [
             events.ServiceRegistered(1, ROBOT, "waste", 100 * iec, True, HOSTILE),

@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {IERC5805} from "@openzeppelin/contracts/interfaces/IERC5805.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
+import {ADMINISTRATOR_ROLE} from "../types/Roles.sol";
 
 /// @title Members split an amount of the treasury by quadratic votes: n votes for a recipient cost n² credits.
 /// @notice Every identity has CREDITS credits in each round, so it has at most √CREDITS votes for one recipient. A
@@ -60,7 +61,7 @@ contract BudgetVotes {
         external
         returns (uint256 roundId)
     {
-        if (!IAccessControl(address(organization)).hasRole(0x00, msg.sender)) {
+        if (!IAccessControl(address(organization)).hasRole(ADMINISTRATOR_ROLE, msg.sender)) {
             revert NotAdministrator(msg.sender);
         }
         uint256 count = recipients.length;

@@ -69,7 +69,6 @@ interface ICommitteeJudge is IJudge {
     function seat(address key, address owner, bytes32 r, bytes32 vs) external returns (uint8 number);
 
     /// @notice Say who judges `kind` from now on, also what was submitted before.
-    /// @param kind what is to be done, ASCII
     /// @param votes how many equal votes make a ruling, of all judges whom the panel has grown to
     /// @param panel how many may vote at once
     /// @param rotation seconds after which one more may vote, until all may; 0 for never
@@ -115,11 +114,9 @@ interface ICommitteeJudge is IJudge {
     function includes(uint64 seats, address account) external view returns (bool);
 
     /// @notice Returns the key of a seat; 0 where nobody sits.
-    /// @param number see seat
     function keyOf(uint8 number) external view returns (address);
 
     /// @notice Returns who judges `kind`, and how many have to agree.
-    /// @param kind what is to be done, ASCII
     function quorumOf(bytes32 kind) external view returns (Quorum memory);
 
     /// @notice Returns what a judge signs for `finding`: the EIP-712 digest, of this chain and this contract alone.
@@ -127,7 +124,5 @@ interface ICommitteeJudge is IJudge {
     function digestOf(Finding calldata finding) external view returns (bytes32);
 
     /// @notice Returns what a key signs to sit for `owner`: the EIP-712 digest, of this chain and this contract alone.
-    /// @param key the key
-    /// @param owner for whom the judge works
     function possessionOf(address key, address owner) external view returns (bytes32);
 }

@@ -50,7 +50,7 @@ struct InstanceRuling {
 /// @dev Each step has an end in block time, and the last one comes before the case's own end. What this contract holds can
 /// be settled whatever becomes of the task.
 /// The stake of a judge belongs to its seat, so it stays when the key changes. It stands for accepted proofs of ten times
-/// its amount at a time. Rejections lock none of it, so that whoever posts garbage does not use up the judges.
+/// its amount at a time. `committee` and `seat` say which judge's it is. Rejections lock none of it, so that whoever posts garbage does not use up the judges.
 interface IDisputeJudge is IJudge {
     event InstancesChanged(bytes32 indexed kind, Instance[] instances);
     /// @param ruling None if the first instance passes the case on
@@ -136,7 +136,6 @@ interface IDisputeJudge is IJudge {
     // -- administrator ------------------------------------------------------------------------------------
 
     /// @notice Say who judges `kind` from now on. Cases that run keep what they began with.
-    /// @param kind what is to be done, ASCII
     /// @param instances one to three, in their order, of different judges; each later one needs more votes and a
     /// greater stake than the one before. Each committee needs its quorum for the kind first.
     function setInstances(bytes32 kind, Instance[] calldata instances) external;
@@ -152,12 +151,9 @@ interface IDisputeJudge is IJudge {
         external;
 
     /// @notice Free and pay the stakes of a case that is over.
-    /// @param taskId whose case
-    /// @param attempt which attempt at it
     function settle(TaskId taskId, uint8 attempt) external;
 
     /// @notice Pay `account`, or its payout address, what the token refused before.
-    /// @param account whose money waits
     function withdrawPayments(address account) external;
 
     /// @notice Only this contract calls it, to undo a payment that the token refuses, whatever the token did.
@@ -166,14 +162,10 @@ interface IDisputeJudge is IJudge {
     function payOrRevert(address to, uint256 amount) external;
 
     /// @notice Add to the stake of a judge, by the caller's allowance for this contract. It is the judge's from then on.
-    /// @param committee in which the judge sits
-    /// @param seat of the judge
     /// @param amount in the token's smallest unit
     function depositStake(ICommitteeJudge committee, uint8 seat, uint256 amount) external;
 
     /// @notice Pay the seat's owner, or its payout address, what was announced and is left of it.
-    /// @param committee in which the judge sits
-    /// @param seat of the judge
     function withdrawStake(ICommitteeJudge committee, uint8 seat) external;
 
     // -- who owns a judge ---------------------------------------------------------------------------------
@@ -181,8 +173,6 @@ interface IDisputeJudge is IJudge {
     /// @notice Begin to take a stake back. It counts no more for votes, but can still be lost for votes that were counted
     /// before. What stands for open rulings stays. Announcing again adds to what was announced, and begins the time anew.
     /// Only the owner of the seat: whoever takes the judge's key gets nothing by it.
-    /// @param committee in which the judge sits
-    /// @param seat of the judge
     /// @param amount in the token's smallest unit
     function announceWithdrawal(ICommitteeJudge committee, uint8 seat, uint256 amount) external;
 
@@ -200,16 +190,12 @@ interface IDisputeJudge is IJudge {
     // -- views --------------------------------------------------------------------------------------------
 
     /// @notice Returns who judges `kind`, in the order of the instances.
-    /// @param kind what is to be done, ASCII
     function instancesOf(bytes32 kind) external view returns (Instance[] memory);
 
     /// @notice Returns how long a case of this kind lasts at most after the first ruling, s.
-    /// @param kind what is to be done, ASCII
     function longestCase(bytes32 kind) external view returns (uint256);
 
     /// @notice Returns the rulings so far; none where there is no case, or it was settled.
-    /// @param taskId whose rulings
-    /// @param attempt which attempt at it
     /// @return rulings in the order of the instances
     /// @return challenged whether the last of them is before the next instance
     /// @return until the end of the running window
@@ -219,12 +205,9 @@ interface IDisputeJudge is IJudge {
         returns (InstanceRuling[] memory rulings, bool challenged, uint256 until);
 
     /// @notice Returns what waits for `account` in withdrawPayments.
-    /// @param account whose money waits
     function pendingPayments(address account) external view returns (uint256);
 
     /// @notice Returns what is deposited for a judge.
-    /// @param committee in which the judge sits
-    /// @param seat of the judge
     /// @return stake what counts for its votes
     /// @return open what proofs are paid that it accepted, in cases that are not settled: at most ten times the stake
     /// @return leaving what is being withdrawn, which can be lost, too

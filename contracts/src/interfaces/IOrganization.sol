@@ -12,6 +12,23 @@ import {Terms} from "./IProviders.sol";
 import {IServiceManager, ServiceState} from "./IServiceManager.sol";
 import {ITaskManager, TaskRequest} from "./ITaskManager.sol";
 
+/// @dev Bounds of execution and verdict windows, s. In a shorter one nobody can answer.
+uint32 constant MIN_WINDOW = 1 minutes;
+uint32 constant MAX_WINDOW = 30 days;
+/// @dev Grace periods are multiples of it, s.
+uint32 constant GRACE_STEP = 10 seconds;
+/// @dev The longest grace period, s: what a task has in eight bits.
+uint32 constant MAX_GRACE = 255 * GRACE_STEP;
+/// @dev Verdict and audit window together: a longer case would keep the reward from both sides.
+uint32 constant MAX_CASE = 30 days;
+/// @dev The gas in which a judge says its terms.
+uint256 constant JUDGE_GAS = 200_000;
+/// @dev Numbers that kinds have in the life of an organization, one with each judge: a task or service has it in 8 bits.
+uint8 constant MAX_KINDS = 255;
+/// @dev Current rules of one kind. The creator of a task pays for looking through them.
+uint256 constant MAX_RULES = 8;
+/// @dev Long enough to find out what is wrong, too short to starve anybody. Two pauses are as far apart.
+uint32 constant MAX_PAUSE = 3 days;
 /// @dev With fewer members nobody votes: two of them could not outvote one.
 uint256 constant MIN_VOTERS = 3;
 
@@ -36,12 +53,25 @@ struct Budget {
     uint96 spent;
 }
 
-/// @param minWindow the shortest execution window that a task of this kind may have, s
-/// @param maxWindow the longest, s; 0 before anybody has set them
-/// @param grace how long an executor may give a task back, s
-/// @param auditWindow how much longer than the verdict window a ruling can be replaced, s
-/// @param minVerdictWindow the shortest verdict window that a task of this kind may have, s; 0 for the default
-/// @param maxVerdictWindow the longest, s; 0 for the default
+/// @notice The times of work of one kind.
+/// @param minWindow the shortest execution window that a task may have, from assignment to proof, s
+/// @param maxWindow the longest, s
+/// @param grace how long an executor may give a task back, s: at most half of `minWindow`
+/// @param minVerdictWindow the shortest verdict window that a task may have, in which an honest judge answers, s
+/// @param maxVerdictWindow the longest, for which a proof that nobody judges may keep a service busy, s
+/// @param auditWindow how much longer than the verdict window a ruling can be replaced, s; 0: what stands at the end of the
+/// verdict window is final
+struct Windows {
+    uint32 minWindow;
+    uint32 maxWindow;
+    uint16 grace;
+    uint32 minVerdictWindow;
+    uint32 maxVerdictWindow;
+    uint32 auditWindow;
+}
+
+/// @notice The rules for work of one kind: its Windows, and its judge. One word, which every new task reads.
+/// @param maxWindow 0 before setWindows
 /// @param judgesWindow what its judge wants as the shortest verdict window, s
 /// @param maxCase what its judge wants as the longest case, verdict and audit window together, s
 /// @param number of the kind with the judge that it has now, from 1; 0 before it has one
@@ -60,12 +90,21 @@ struct Kind {
 
 /// @title The organization: who may do what, which work it accepts, how tasks meet services, and its treasury.
 /// @notice It is itself a participant: its operator posts tasks and offers services in its name, rewards come
-/// from and income goes to its own token balance. The administrator (OpenZeppelin's default admin, handed over
-/// in two steps) grants the other roles.
+/// from and income goes to its own token balance. types/Roles.sol lists the roles. A `kind` is the name of a
+/// kind of work, ASCII, and a `KindId` the number that it has with one judge.
 interface IOrganization {
     /// @param number of the kind with this judge
     /// @param rules 0 where people judge and no rules were named
-    event KindAllowed(bytes32 indexed kind, KindId indexed number, IJudge judge, bytes32 rules);
+    /// @param judgesWindow the shortest verdict window that the judge asks for, s
+    /// @param maxCase the longest case that it takes, s
+    event KindAllowed(
+        bytes32 indexed kind,
+        KindId indexed number,
+        IJudge judge,
+        bytes32 rules,
+        uint32 judgesWindow,
+        uint32 maxCase
+    );
     /// @notice The judge of this number rules no more.
     event JudgeRemoved(KindId indexed number, IJudge judge);
     /// @notice These auditors rule where a judge was removed.
@@ -73,9 +112,7 @@ interface IOrganization {
     event RulesRetired(bytes32 indexed kind, bytes32 rules);
     event KindDisallowed(bytes32 indexed kind);
     /// @param referencePrice the most that an attempt counts in its provider's record, in the token's smallest unit
-    event WindowsChanged(bytes32 indexed kind, uint32 min, uint32 max, uint32 grace, uint256 referencePrice);
-    event VerdictWindowsChanged(bytes32 indexed kind, uint32 min, uint32 max);
-    event AuditChanged(bytes32 indexed kind, uint32 auditWindow);
+    event WindowsChanged(bytes32 indexed kind, Windows windows, uint256 referencePrice);
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
     event MembersOnlyChanged(bool membersOnly);
     /// @notice Its services are suspended, too.
@@ -95,7 +132,7 @@ interface IOrganization {
     /// @notice An organization has rules for up to 255 kinds in its life.
     error TooManyKinds(bytes32 kind, uint256 max);
     /// @notice It does not judge this kind: it has no terms for it, or wants a verdict window that is shorter than
-    /// MIN_VERDICT_WINDOW or a case that is longer than MAX_CASE.
+    /// MIN_WINDOW or a case that is longer than MAX_CASE.
     error InvalidJudge(bytes32 kind, address judge);
     error UnknownNumber(KindId number);
     /// @notice A kind that has rules keeps at least one while it is allowed.
@@ -104,7 +141,6 @@ interface IOrganization {
     error RulesNotCurrent(bytes32 kind, bytes32 rules);
     /// @notice Retire rules that no oracle has any more. See retireRules.
     error TooManyRules(bytes32 kind, uint256 max);
-    error AuditTooLong(uint32 auditWindow, uint32 max);
     /// @notice The organization is for members only.
     error NotMember(address account);
     /// @notice It offers no service until the administrator reinstates it.
@@ -114,6 +150,7 @@ interface IOrganization {
     error OrganizationIsProvider();
     /// @notice In a shorter one the work cannot be done; a longer one keeps the reward from everybody else.
     error InvalidWindow(bytes32 kind, uint32 window, uint32 min, uint32 max);
+    /// @notice The bounds of a kind's execution or verdict windows have bounds themselves, and the lower one comes first.
     error InvalidWindows(uint32 min, uint32 max, uint32 lowest, uint32 highest);
     /// @notice A grace period is a multiple of `step` and at most `longest`, half of the shortest execution window.
     error InvalidGrace(uint32 grace, uint32 step, uint256 longest);
@@ -121,8 +158,6 @@ interface IOrganization {
     error KindWithoutWindows(bytes32 kind);
     /// @notice In a shorter one no honest judge can answer; a longer one freezes service and bond.
     error InvalidVerdictWindow(bytes32 kind, uint32 window, uint32 min, uint32 max);
-    /// @notice The bounds of a kind's verdict windows have bounds themselves, and the lower one comes first.
-    error InvalidVerdictWindows(uint32 min, uint32 max, uint32 lowest, uint32 highest);
     error InvalidTerms(uint256 bond, uint256 penalty, uint8 maxFailures);
     error InvalidPolicy(address policy);
     /// @notice Only operators and treasurers take anything out of the treasury.
@@ -133,9 +168,9 @@ interface IOrganization {
     error NotAContract(address account);
     /// @notice The role may take `left` until the period ends at `until`.
     error OverBudget(bytes32 role, uint256 amount, uint256 left, uint256 until);
-    /// @notice A guardian has paused new tasks.
     /// @notice Under this address, too, it is the token of the organization, of which escrow and treasury are not rescued.
     error NotByMistake(IERC20 token);
+    /// @notice A guardian has paused new tasks.
     error TasksArePaused(uint256 until);
     error InvalidPause(uint32 duration, uint32 max);
     /// @notice A guardian may pause again at `earliest`.
@@ -146,50 +181,29 @@ interface IOrganization {
     /// @notice Accept tasks and services of `kind` from now on, and let `judge` rule on their proofs. Another judge than
     /// before makes another number of the kind: its rules are retired, and its services get only tasks that were posted
     /// before, until their providers agree (IServiceManager.agree). The judge is asked for its terms once, here.
-    /// @param kind what is to be done, ASCII
     /// @param judge who rules
     /// @param rules SHA-256 of the rules by which it is judged. They become the newest, beside those that are
     /// current. 0, where people judge, names none.
     function allowKind(bytes32 kind, IJudge judge, bytes32 rules) external;
 
     /// @notice Post no tasks under `rules` from now on. Those that were posted under them keep them.
-    /// @param kind what is to be done, ASCII
     /// @param rules one of currentRules; never the last while the kind is allowed
     function retireRules(bytes32 kind, bytes32 rules) external;
 
     /// @notice Accept no tasks and services of `kind` from now on, and retire all its rules. Live tasks go on, with
     /// the judges and the rules that they have.
-    /// @param kind what is to be done, ASCII
     function disallowKind(bytes32 kind) external;
 
-    /// @notice How long rulings on tasks of `kind` that are posted from now on can be replaced after the verdict window. A
-    /// task that was posted before keeps what it had.
-    /// @param kind what is to be done, ASCII
-    /// @param auditWindow s; 0: what stands at the end of the verdict window is final
-    function setAudit(bytes32 kind, uint32 auditWindow) external;
-
     /// @notice Name the contract that rules on proofs whose judge was removed.
-    /// @param auditors_ the contract of the organization's auditors
     function setAuditors(IJudge auditors_) external;
 
-    /// @notice Refuse tasks of `kind` whose execution window is shorter than `min` or longer than `max`, from now on. Nobody
-    /// can make others fail with a window in which the work cannot be done. An attempt that ends from now on counts in its
-    /// provider's record by its value, but at most as `referencePrice`, whichever judge it has: nobody buys a name with one dear
-    /// task. A kind is not allowed before this.
-    /// @param kind what is to be done, ASCII
-    /// @param min s, from assignment to proof
-    /// @param max s
-    /// @param grace s, from assignment on, in which an executor may give a task back: at most half of `min`; 0 for three
-    /// minutes, or half of `min` if that is less
+    /// @notice Set the windows and the reference price of a kind, before it is allowed for the first time. A task that was posted
+    /// before keeps what it had. An attempt that ends from now on counts in its provider's record by its value, but at most as
+    /// `referencePrice`, whichever judge it has: nobody buys a name with one dear task.
+    /// @param windows what tasks of this kind are refused outside of
     /// @param referencePrice what such work usually costs: a price as services have it, not 0 (IServiceManager.InvalidPrice, here
     /// or, while the kind has no number, when it is allowed)
-    function setWindows(bytes32 kind, uint32 min, uint32 max, uint16 grace, uint96 referencePrice) external;
-
-    /// @notice Refuse tasks of `kind` whose verdict window is shorter than `min` or longer than `max`, from now on.
-    /// @param kind what is to be done, ASCII
-    /// @param min in which an honest judge answers, s
-    /// @param max for which a service may be kept busy by a proof that nobody judges, s
-    function setVerdictWindows(bytes32 kind, uint32 min, uint32 max) external;
+    function setWindows(bytes32 kind, Windows calldata windows, uint96 referencePrice) external;
 
     /// @notice Send on what reached the task manager or this contract by mistake, and nothing else: of the token of
     /// the organization what neither escrow, bonds nor anybody's `pendingPayments` accounts for, of any other token all.
@@ -198,28 +212,15 @@ interface IOrganization {
     function rescueTokens(IERC20 token_, address to) external;
 
     /// @notice Set the terms of services that are registered from now on. Those that are there keep their terms.
-    /// @param terms_ bond, penalty and failures in a row, for services that are registered from now on
     function setTerms(Terms calldata terms_) external;
 
     /// @notice Take tasks and services from members only, or from everyone. Live ones go on.
-    /// @param membersOnly_ whether nobody else may post and offer
     function setMembersOnly(bool membersOnly_) external;
 
-    /// @notice Make `account` a member: it gets MEMBER_ROLE.
-    /// @param account who is a member from now on
-    function admit(address account) external;
-
-    /// @notice End the membership. Where only members take part, its services are suspended. Running tasks go on.
-    /// @param account who is none any more
-    function dismiss(address account) external;
-
     /// @notice Vouch for a provider, so that it is proven without work, or do so no longer. Members are vouched for.
-    /// @param provider any account
-    /// @param vouched whether the organization vouches for it
     function vouchFor(address provider, bool vouched) external;
 
     /// @notice No new task for the service; a running one goes on.
-    /// @param serviceId see registerService
     function suspendService(ServiceId serviceId) external;
 
     /// @notice Suspend all services of a provider, and let it register none. A running task goes on, and a service
@@ -229,12 +230,10 @@ interface IOrganization {
 
     /// @notice Let a suspended provider register services again. Those that it has stay suspended: see
     /// reinstateService.
-    /// @param provider who was suspended
     function reinstateProvider(address provider) external;
 
     /// @notice Forgive a suspended service its failures. Its provider finds it paused. A provider that is suspended is
     /// reinstated first.
-    /// @param serviceId see registerService
     function reinstateService(ServiceId serviceId) external;
 
     /// @notice Let `device` sign as the `role` called `name`, for `owner`. The key itself has to agree to this owner.
@@ -275,7 +274,6 @@ interface IOrganization {
     /// @notice Take no new tasks for `duration` seconds, MAX_PAUSE at most. Everything else goes on: running windows,
     /// proofs, verdicts, expiry, refunds and withdrawals, and tasks that wait still find services. After a pause no
     /// guardian can pause for MAX_PAUSE, so that new tasks are taken at least half of the time.
-    /// @param duration s
     function pauseTasks(uint32 duration) external;
 
     /// @notice End the pause now: a guardian, or the administrator.
@@ -283,37 +281,14 @@ interface IOrganization {
 
     // -- operator -----------------------------------------------------------------------------------------
 
-    /// @notice ITaskManager.registerTask in the organization's name.
-    /// @param request see there
+    // What ITaskManager and IServiceManager say of the functions of the same names, in the organization's name.
+    // `registerTask` and `registerService` count on the operators' budget.
+
     function registerTask(TaskRequest calldata request) external returns (TaskId taskId);
-
-    /// @notice ITaskManager.cancelTask in the organization's name.
-    /// @param taskId see registerTask
     function cancelTask(TaskId taskId) external;
-
-    /// @notice ITaskManager.acceptTask in the organization's name.
-    /// @param taskId see registerTask
-    /// @param attempt the running one, from 1
     function acceptTask(TaskId taskId, uint8 attempt) external;
-
-    /// @notice ITaskManager.abandonTask in the organization's name.
-    /// @param taskId see registerTask
-    /// @param attempt the running one, from 1
     function abandonTask(TaskId taskId, uint8 attempt) external;
-
-    /// @notice ITaskManager.submitProof in the organization's name.
-    /// @param taskId see registerTask
-    /// @param attempt the running one, from 1
-    /// @param proofHash SHA-256 of the recording
-    /// @param uri where it lies
     function submitProof(TaskId taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
-
-    /// @notice IServiceManager.registerService in the organization's name.
-    /// @param kind what is to be done, ASCII
-    /// @param price at least, for one task, in the token's smallest unit
-    /// @param maxBond the most that is locked for it
-    /// @param autoAccept whether each task is accepted when it is assigned
-    /// @param description as people read it
     function registerService(
         bytes32 kind,
         uint256 price,
@@ -321,15 +296,7 @@ interface IOrganization {
         bool autoAccept,
         string calldata description
     ) external returns (ServiceId serviceId);
-
-    /// @notice IServiceManager.updateService in the organization's name.
-    /// @param serviceId see registerService
-    /// @param price at least, for one task, in the token's smallest unit
-    /// @param state Active, Paused or Retired
     function updateService(ServiceId serviceId, uint256 price, ServiceState state) external;
-
-    /// @notice IServiceManager.agree in the organization's name.
-    /// @param serviceId see registerService
     function agree(ServiceId serviceId) external;
 
     // -- treasurer ----------------------------------------------------------------------------------------
@@ -365,37 +332,27 @@ interface IOrganization {
     function membersOnly() external view returns (bool);
 
     /// @notice Whether the administrator has suspended a provider.
-    /// @param provider any account
     function isSuspended(address provider) external view returns (bool);
 
     /// @notice No new tasks are taken before this time; in the past where there is no pause, 0 if there was none.
     function pausedUntil() external view returns (uint40);
 
     /// @notice The budget of `role`: OPERATOR_ROLE or TREASURER_ROLE.
-    /// @param role OPERATOR_ROLE or TREASURER_ROLE
     function budgetOf(bytes32 role) external view returns (Budget memory);
 
     /// @notice The rules for work of `kind`.
-    /// @param kind what is to be done, ASCII
     function kindOf(bytes32 kind) external view returns (Kind memory);
 
     /// @notice Returns the most that an attempt at a task of `kind` counts in its provider's record; 0 before setWindows.
-    /// @param kind what is to be done, ASCII
     function referencePriceOf(bytes32 kind) external view returns (uint96);
 
     /// @notice SHA-256 of each of the rules under which tasks of `kind` may be posted now, the newest last.
-    /// @param kind what is to be done, ASCII
     function currentRules(bytes32 kind) external view returns (bytes32[] memory);
 
-    /// @notice Whether tasks of `kind` may be posted.
-    /// @param kind what is to be done, ASCII
-    function isKindAllowed(bytes32 kind) external view returns (bool);
-
-    /// @notice Returns how many members there are.
     function memberCount() external view returns (uint32);
 
-    /// @notice Whether `account` is a member.
-    /// @param account any account
+    /// @notice Whether `account` has MEMBER_ROLE. By revokeRole it loses it: where only members take part, its services are then
+    /// suspended, and running tasks go on.
     function isMember(address account) external view returns (bool);
 
     /// @notice Returns who rules on tasks of this number; 0 if there is no such number.
@@ -406,7 +363,6 @@ interface IOrganization {
     function auditors() external view returns (IJudge);
 
     /// @notice Returns the number of a kind with the judge that it has now, from 1; 0 if it never had one.
-    /// @param kind what is to be done, ASCII
     function numberOf(bytes32 kind) external view returns (KindId);
 
     /// @notice Returns the kind with this number; 0 if there is none.
@@ -415,7 +371,6 @@ interface IOrganization {
 
     /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, InvalidWindow, InvalidVerdictWindow or
     /// RulesNotCurrent unless `creator` may post such a task.
-    /// @param kind what is to be done, ASCII
     /// @param creator who posts it
     /// @param executionWindow seconds from assignment to proof
     /// @param verdictWindow seconds from proof to verdict
@@ -437,7 +392,6 @@ interface IOrganization {
         returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, uint32 auditWindow, uint32 grace);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
-    /// @param kind what is to be done, ASCII
     /// @param provider who offers it
     /// @return agreed what it agrees to
     /// @return kindId the number of the kind

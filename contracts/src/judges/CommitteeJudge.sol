@@ -5,27 +5,17 @@ import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
 import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {ICommitteeJudge, Quorum, Seat} from "../interfaces/ICommitteeJudge.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
-import {IOrganization} from "../interfaces/IOrganization.sol";
+import {IOrganization, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
 import {Judged, Task} from "../interfaces/ITaskManager.sol";
 import {KindId} from "../types/KindId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {Judge} from "./Judge.sol";
 
 contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
-    /// @dev The votes on a proof have to fit this. All of it is read once, whatever the number of votes.
-    struct Question {
-        bytes32 kind;
-        Judged attempt;
-        Quorum quorum;
-    }
-
     /// @notice As many as Quorum.seats has bits.
     uint256 public constant MAX_JUDGES = 64;
     /// @notice Each day another judge is the first in line.
     uint256 public constant TURN = 1 days;
-    /// @notice The shortest time for a ruling: recordings are fetched, and signatures collected.
-    uint32 public constant MIN_VERDICT_WINDOW = 1 minutes;
-    uint32 public constant MAX_CASE = 30 days;
 
     /// @dev r, and s with its parity: EIP-2098.
     uint256 private constant SIGNATURE_BYTES = 64;
@@ -39,7 +29,10 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
     mapping(address key => Seat) private _seats;
     /// @dev By kind and not by its number, because the organization asks for the terms before there is a number.
     mapping(bytes32 kind => Quorum) private _quorums;
-    mapping(KindId number => bytes32) private _kinds;
+    /// @dev The same by number, in one word of which each ruling reads all that it needs.
+    mapping(KindId number => Quorum) private _quorumNumbered;
+    /// @dev The numbers of a kind whose quorum is written there.
+    mapping(bytes32 kind => KindId[]) private _numbers;
 
     constructor(IOrganization organization_, address next_)
         Judge(organization_, next_)
@@ -71,7 +64,12 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         // only while the panel is that small: it grows to all judges, of whom two groups may then have enough votes.
         bool enough = uint256(votes) * 2 > panel && votes <= panel && panel <= count;
         if (!seated || !enough || _sharesOwner(seats)) revert InvalidQuorum(kind, votes, panel, count);
-        _quorums[kind] = Quorum(votes, panel, rotation, count, seats);
+        Quorum memory quorum = Quorum(votes, panel, rotation, count, seats);
+        _quorums[kind] = quorum;
+        KindId[] storage numbers = _numbers[kind];
+        for (uint256 i = 0; i < numbers.length; ++i) {
+            _quorumNumbered[numbers[i]] = quorum;
+        }
         emit QuorumChanged(kind, votes, panel, rotation, seats);
     }
 
@@ -91,15 +89,15 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         external
     {
         Judged memory a = _find(finding, reportUri, 0);
-        uint64 voters = _count(finding, _question(_kindOf(a.kindId), a), signatures);
+        uint64 voters = _count(finding, a, _quorumFor(a.kindId), signatures);
         _remember(finding, voters);
         emit VotesCounted(finding.taskId, finding.attempt, finding.rulesHash, voters);
     }
 
     /// @inheritdoc IJudge
     function termsFor(bytes32 kind) external view returns (bytes4, uint32, uint32) {
-        if (_quorums[kind].votes == 0) revert KindWithoutQuorum(kind);
-        return (IJudge.termsFor.selector, MIN_VERDICT_WINDOW, MAX_CASE);
+        _requireQuorum(kind);
+        return (IJudge.termsFor.selector, MIN_WINDOW, MAX_CASE);
     }
 
     /// @inheritdoc ICommitteeJudge
@@ -108,7 +106,7 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         // Nobody asks here whether a ruling stands.
         Judged memory judged =
             Judged(a.creator, a.serviceId, a.kindId, uint40(a.deadline - a.verdictWindow), false);
-        return _count(f, _question(organization.kindNumbered(a.kindId), judged), signatures);
+        return _count(f, judged, _requireQuorum(organization.kindNumbered(a.kindId)), signatures);
     }
 
     /// @inheritdoc ICommitteeJudge
@@ -177,67 +175,83 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         _seats[key] = Seat(owner, number, uint40(block.timestamp));
     }
 
-    /// @dev As the organization numbers it, which never changes: asked once for each number.
-    function _kindOf(KindId number) private returns (bytes32 kind) {
-        kind = _kinds[number];
-        if (kind == 0) _kinds[number] = kind = organization.kindNumbered(number);
+    /// @dev Who judges the kind with this number. It is looked up once by the kind, and then kept by its number.
+    function _quorumFor(KindId number) private returns (Quorum memory quorum) {
+        quorum = _quorumNumbered[number];
+        if (quorum.votes != 0) return quorum;
+        bytes32 kind = organization.kindNumbered(number);
+        quorum = _requireQuorum(kind);
+        _quorumNumbered[number] = quorum;
+        _numbers[kind].push(number);
     }
 
-    function _question(bytes32 kind, Judged memory a) private view returns (Question memory) {
-        Quorum memory quorum = _quorums[kind];
+    function _requireQuorum(bytes32 kind) private view returns (Quorum memory quorum) {
+        quorum = _quorums[kind];
         if (quorum.votes == 0) revert KindWithoutQuorum(kind);
-        return Question(kind, a, quorum);
     }
 
     /// @dev The votes for a finding: of enough judges, each once, who may all judge the proof.
-    function _count(Finding calldata f, Question memory q, bytes calldata signatures)
+    function _count(Finding calldata f, Judged memory a, Quorum memory quorum, bytes calldata signatures)
         private
         view
         returns (uint64 voters)
     {
         if (signatures.length % SIGNATURE_BYTES != 0) revert InvalidSignatures(signatures.length);
         uint256 votes = signatures.length / SIGNATURE_BYTES;
-        if (votes < q.quorum.votes) revert TooFewVotes(f.taskId, votes, q.quorum.votes);
+        if (votes < quorum.votes) revert TooFewVotes(f.taskId, votes, quorum.votes);
         bytes32 digest = digestOf(f);
-        // The registry may know another owner than the seat.
         address[] memory accounts = new address[](votes + votes);
+        uint256 known = 0;
         for (uint256 i = 0; i < votes; ++i) {
-            (bytes32 r, bytes32 vs) = abi.decode(signatures[i * SIGNATURE_BYTES:], (bytes32, bytes32));
-            // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the
-            // key is 0, which is no judge's.
-            // slither-disable-next-line unused-return
-            (address key,,) = ECDSA.tryRecover(digest, r, vs);
-            (uint64 bit, address owner) = _requireJudge(f.taskId, q, key);
+            address key = _signer(digest, signatures[i * SIGNATURE_BYTES:]);
+            (uint64 bit, address owner) = _requireJudge(f.taskId, a, quorum, key);
             if (voters & bit != 0) revert VotedTwice(f.taskId, key);
             voters |= bit;
-            (accounts[2 * i], accounts[2 * i + 1]) = (key, owner);
+            accounts[known++] = key;
+            // The registry may know another owner than the seat.
+            if (owner != key) accounts[known++] = owner;
         }
-        _requireNoParty(f.taskId, q.attempt.serviceId, q.attempt.creator, accounts);
+        assembly ("memory-safe") {
+            mstore(accounts, known)
+        }
+        _requireNoParty(f.taskId, a.serviceId, a.creator, accounts);
+    }
+
+    /// @dev Whose signature comes first; 0, which is no judge's, where it is nobody's. Refuses the second signature that
+    /// anybody can compute from a first (EIP-2).
+    function _signer(bytes32 digest, bytes calldata signatures) private pure returns (address key) {
+        (bytes32 r, bytes32 vs) = abi.decode(signatures, (bytes32, bytes32));
+        // slither-disable-next-line unused-return
+        (key,,) = ECDSA.tryRecover(digest, r, vs);
     }
 
     /// @dev The bit of the judge with `key`, who may vote on the proof now.
-    function _requireJudge(TaskId taskId, Question memory q, address key)
+    function _requireJudge(TaskId taskId, Judged memory a, Quorum memory quorum, address key)
         private
         view
         returns (uint64 bit, address owner)
     {
-        Seat memory sitting = _seats[key];
-        bit = _bitOf(sitting.number);
-        owner = sitting.owner;
-        if (owner == address(0) || q.quorum.seats & bit == 0) revert NotAJudge(key, q.kind);
-        if (sitting.since >= q.attempt.submitted) revert KeyTooNew(taskId, key, sitting.since);
-        if (q.quorum.panel < q.quorum.count) _requireInPanel(taskId, q, bit, key);
+        Seat storage sitting = _seats[key];
+        uint40 since;
+        (owner, bit, since) = (sitting.owner, _bitOf(sitting.number), sitting.since);
+        if (owner == address(0) || quorum.seats & bit == 0) {
+            revert NotAJudge(key, organization.kindNumbered(a.kindId));
+        }
+        if (since >= a.submitted) revert KeyTooNew(taskId, key, since);
+        if (quorum.panel < quorum.count) _requireInPanel(taskId, a.submitted, quorum, bit, key);
     }
 
     /// @dev The line begins with another judge each day, and the panel grows while judges are absent.
     /// @param bit of the judge's seat
-    function _requireInPanel(TaskId taskId, Question memory q, uint64 bit, address key) private view {
-        (uint256 submitted, uint256 panel, uint256 count) =
-            (q.attempt.submitted, q.quorum.panel, q.quorum.count);
-        if (q.quorum.rotation != 0) panel += (block.timestamp - submitted) / q.quorum.rotation;
+    function _requireInPanel(TaskId taskId, uint256 submitted, Quorum memory quorum, uint64 bit, address key)
+        private
+        view
+    {
+        (uint256 panel, uint256 count) = (quorum.panel, quorum.count);
+        if (quorum.rotation != 0) panel += (block.timestamp - submitted) / quorum.rotation;
         uint256 first = (submitted / TURN) % count;
         // Judges of the kind stand in line in order of their seats.
-        uint256 place = (_bits(q.quorum.seats & (bit - 1)) + count - first) % count;
+        uint256 place = (_bits(quorum.seats & (bit - 1)) + count - first) % count;
         if (place >= panel) revert NotInPanel(taskId, key, place, panel);
     }
 

@@ -7,12 +7,13 @@ import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {ICommitteeJudge, Quorum, Seat} from "../interfaces/ICommitteeJudge.sol";
 import {IDisputeJudge, Instance, InstanceRuling} from "../interfaces/IDisputeJudge.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
-import {IOrganization} from "../interfaces/IOrganization.sol";
+import {IOrganization, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
 import {Ruling, Task} from "../interfaces/ITaskManager.sol";
 import {Relayed} from "../libraries/Relayed.sol";
 import {Payments} from "../libraries/Payments.sol";
 import {Texts} from "../libraries/Texts.sol";
 import {KindId} from "../types/KindId.sol";
+import {OPERATOR_ROLE} from "../types/Roles.sol";
 import {unpackService} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {Judge} from "./Judge.sol";
@@ -47,17 +48,12 @@ contract DisputeJudge is IDisputeJudge, Judge {
 
     /// @notice A committee, the one above it, and one appeal: as many as a Case has rulings.
     uint256 public constant MAX_INSTANCES = 3;
-    /// @notice In a shorter window nobody can answer.
-    uint32 public constant MIN_WINDOW = 1 minutes;
     /// @notice Two of them, and as long for the answers, are a case.
     uint32 public constant MAX_WINDOW = 7 days;
     /// @notice A stake stands for open accepted amounts of so many times as much.
     uint256 public constant STAKE_COVERS = 10;
     /// @notice How long a judge's stake can still be lost after it was announced to leave: as long as a case may last.
     uint32 public constant UNBONDING = 30 days;
-    uint32 public constant MAX_CASE = 30 days;
-
-    bytes32 private constant OPERATOR = keccak256("OPERATOR_ROLE");
 
     IERC20 private immutable _token;
     /// @dev For `challenge` alone.
@@ -506,7 +502,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     /// @dev A device speaks for its owner, an owner for its devices, and an operator for the organization.
     function _speaksFor(address account, address party) private view returns (bool) {
         if (_providers.areRelated(account, party)) return true;
-        return party == address(organization) && _hasRole(OPERATOR, account);
+        return party == address(organization) && _hasRole(OPERATOR_ROLE, account);
     }
 
     /// @dev Whether the end is what the challenger wanted: for a party better than the ruling, for a judge another one.

@@ -8,6 +8,7 @@ import {IProviders} from "../interfaces/IProviders.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
 import {ITaskManager, Judged, Ruling, Task, TaskState} from "../interfaces/ITaskManager.sol";
 import {Texts} from "../libraries/Texts.sol";
+import {ADMINISTRATOR_ROLE} from "../types/Roles.sol";
 import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
@@ -20,8 +21,6 @@ abstract contract Judge is IJudge {
         uint8 attempt;
         uint248 by;
     }
-
-    bytes32 private constant ADMINISTRATOR = 0;
 
     /// @notice Whose kinds it judges.
     IOrganization public immutable organization;
@@ -105,7 +104,7 @@ abstract contract Judge is IJudge {
     function _isAmong(uint248 by, address account) internal view virtual returns (bool);
 
     function _requireAdministrator() internal view {
-        if (!_hasRole(ADMINISTRATOR, msg.sender)) revert NotAdministrator(msg.sender);
+        if (!_hasRole(ADMINISTRATOR_ROLE, msg.sender)) revert NotAdministrator(msg.sender);
     }
 
     function _hasRole(bytes32 role, address account) internal view returns (bool) {

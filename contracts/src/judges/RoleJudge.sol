@@ -2,7 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
-import {IOrganization} from "../interfaces/IOrganization.sol";
+import {IOrganization, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
 import {Judged, Task} from "../interfaces/ITaskManager.sol";
 import {Judge} from "./Judge.sol";
 
@@ -10,10 +10,6 @@ import {Judge} from "./Judge.sol";
 /// @notice The oracle's judge: whoever has ORACLE_ROLE, and auditors behind it. The auditors' judge: whoever has AUDITOR_ROLE,
 /// and nobody behind it. Auditors may judge a kind alone, or decide what others pass on.
 contract RoleJudge is Judge {
-    /// @notice The shortest time for a ruling: a recording is fetched, and replayed.
-    uint32 public constant MIN_VERDICT_WINDOW = 1 minutes;
-    uint32 public constant MAX_CASE = 30 days;
-
     /// @notice The role that rules.
     bytes32 public immutable role;
 
@@ -47,7 +43,7 @@ contract RoleJudge is Judge {
 
     /// @inheritdoc IJudge
     function termsFor(bytes32) external pure returns (bytes4, uint32, uint32) {
-        return (IJudge.termsFor.selector, MIN_VERDICT_WINDOW, MAX_CASE);
+        return (IJudge.termsFor.selector, MIN_WINDOW, MAX_CASE);
     }
 
     /// @inheritdoc Judge

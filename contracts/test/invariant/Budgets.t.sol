@@ -3,10 +3,12 @@ pragma solidity ^0.8.28;
 
 import {CommonBase} from "forge-std/Base.sol";
 import {StdUtils} from "forge-std/StdUtils.sol";
+import {MAX_PAUSE} from "../../src/interfaces/IOrganization.sol";
 import {IECoin} from "../../src/IECoin.sol";
 import {Organization} from "../../src/Organization.sol";
 import {ITaskManager, TaskRequest} from "../../src/interfaces/ITaskManager.sol";
 import {TaskId} from "../../src/types/TaskId.sol";
+import {GUARDIAN_ROLE, OPERATOR_ROLE, TREASURER_ROLE} from "../../src/types/Roles.sol";
 import {Fixture} from "../Fixture.sol";
 
 /// @notice Operator, treasurer and guardian do all that they can; the administrator changes budgets meanwhile.
@@ -47,7 +49,7 @@ contract TreasuryHandler is CommonBase, StdUtils {
 
     function withdraw(uint256 amount) external {
         amount = bound(amount, 0, _min(300 ether, _coin.balanceOf(address(_organization))));
-        bytes32 role = _organization.TREASURER_ROLE();
+        bytes32 role = TREASURER_ROLE;
         vm.prank(_admin);
         try _organization.withdraw(_creator, amount) {
             _payments[role].push(Payment(block.timestamp, amount));
@@ -64,7 +66,7 @@ contract TreasuryHandler is CommonBase, StdUtils {
     function post(uint256 amount) external {
         TaskRequest memory request = _request;
         request.reward = bound(amount, 0, _min(300 ether, _coin.balanceOf(address(_organization))));
-        bytes32 role = _organization.OPERATOR_ROLE();
+        bytes32 role = OPERATOR_ROLE;
         vm.prank(_admin);
         try _organization.registerTask(request) returns (TaskId taskId) {
             if (_isPaused()) violation = "a task was posted in a pause";
@@ -85,7 +87,7 @@ contract TreasuryHandler is CommonBase, StdUtils {
     }
 
     function setBudget(bool operators, uint256 amount, uint256 period) external {
-        bytes32 role = operators ? _organization.OPERATOR_ROLE() : _organization.TREASURER_ROLE();
+        bytes32 role = operators ? OPERATOR_ROLE : TREASURER_ROLE;
         amount = bound(amount, 1 ether, 500 ether);
         // One in eight is no limit.
         period = period % 8 == 0 ? 0 : bound(period, 1 hours, 2 days);
@@ -96,9 +98,8 @@ contract TreasuryHandler is CommonBase, StdUtils {
     }
 
     function pause(uint256 duration) external {
-        duration = bound(duration, 1, uint256(_organization.MAX_PAUSE()) * 2);
-        bool right = duration <= _organization.MAX_PAUSE()
-            && block.timestamp >= _pauseEnds + _organization.MAX_PAUSE();
+        duration = bound(duration, 1, uint256(MAX_PAUSE) * 2);
+        bool right = duration <= MAX_PAUSE && block.timestamp >= _pauseEnds + MAX_PAUSE;
         vm.prank(_guardian);
         try _organization.pauseTasks(uint32(duration)) {
             if (!right) violation = "a guardian paused too soon, or for too long";
@@ -143,7 +144,7 @@ contract BudgetInvariants is Fixture {
     function setUp() public override {
         super.setUp();
         address guardian = makeAddr("guardian");
-        bytes32 role = organization.GUARDIAN_ROLE();
+        bytes32 role = GUARDIAN_ROLE;
         vm.prank(admin);
         organization.grantRole(role, guardian);
         _handler = new TreasuryHandler(organization, coin, admin, guardian, alice, request(0));
@@ -152,7 +153,7 @@ contract BudgetInvariants is Fixture {
 
     /// @notice No role takes more than twice its budget out of the treasury in any time as long as a period.
     function invariant_noRoleDrainsTheTreasury() public view {
-        bytes32[2] memory roles = [organization.OPERATOR_ROLE(), organization.TREASURER_ROLE()];
+        bytes32[2] memory roles = [OPERATOR_ROLE, TREASURER_ROLE];
         for (uint256 i = 0; i < roles.length; ++i) {
             (uint256 sum, uint256 max) = _handler.spent(roles[i]);
             assertLe(sum, max);
@@ -162,6 +163,6 @@ contract BudgetInvariants is Fixture {
     /// @notice Pauses stop new tasks and nothing else, and end.
     function invariant_pausesStopNewTasksForAShortTime() public view {
         assertEq(_handler.violation(), "");
-        assertLe(organization.pausedUntil(), block.timestamp + organization.MAX_PAUSE());
+        assertLe(organization.pausedUntil(), block.timestamp + MAX_PAUSE);
     }
 }

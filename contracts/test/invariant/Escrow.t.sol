@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {MAX_RULES} from "../../src/interfaces/IOrganization.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Hire, Standing, Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
@@ -8,6 +9,7 @@ import {HighestReputation} from "../../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../../src/policies/LowestPrice.sol";
 import {NO_SERVICE, ServiceId} from "../../src/types/ServiceId.sol";
 import {NO_TASK, TaskId} from "../../src/types/TaskId.sol";
+import {AUDITOR_ROLE, ORACLE_ROLE} from "../../src/types/Roles.sol";
 import {Fixture} from "../Fixture.sol";
 import {UnrulyPolicy} from "../StubPolicies.sol";
 import {Handler} from "./Handler.sol";
@@ -19,7 +21,7 @@ contract EscrowInvariants is Fixture {
     function setUp() public override {
         super.setUp();
         vm.prank(admin);
-        organization.setWindows(CLEANING, SHORTEST, 30 days, uint16(GRACE), 40 ether);
+        organization.setWindows(CLEANING, windows(SHORTEST, uint16(GRACE)), 40 ether);
         address[] memory creators = new address[](3);
         (creators[0], creators[1], creators[2]) = (alice, bob, robot1);
         address[] memory robots = new address[](3);
@@ -37,15 +39,13 @@ contract EscrowInvariants is Fixture {
         _handler = new Handler(coin, organization, admin, oracle, auditor, creators, robots, policies);
         // Whoever may not judge has the roles all the same: what stops it is that it is a party.
         address[5] memory others = [alice, bob, robot1, robot2, robot3];
-        (bytes32 role, bytes32 oracles) = (organization.AUDITOR_ROLE(), organization.ORACLE_ROLE());
+        (bytes32 role, bytes32 oracles) = (AUDITOR_ROLE, ORACLE_ROLE);
         for (uint256 i = 0; i < others.length; ++i) {
             vm.prank(admin);
             organization.grantRole(role, others[i]);
             vm.prank(admin);
             organization.grantRole(oracles, others[i]);
         }
-        vm.prank(admin);
-        organization.setVerdictWindows(CLEANING, 15 minutes, 7 days);
         targetContract(address(_handler));
     }
 
@@ -202,7 +202,7 @@ contract EscrowInvariants is Fixture {
             assertEq(
                 current, _handler.expectedRules(kinds[i]), "the current rules are not those that were named"
             );
-            assertLe(current.length, organization.MAX_RULES(), "too many rules");
+            assertLe(current.length, MAX_RULES, "too many rules");
         }
     }
 

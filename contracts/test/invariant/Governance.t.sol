@@ -6,6 +6,7 @@ import {StdUtils} from "forge-std/StdUtils.sol";
 import {Organization} from "../../src/Organization.sol";
 import {BudgetVotes} from "../../src/governance/BudgetVotes.sol";
 import {MemberVotes} from "../../src/governance/MemberVotes.sol";
+import {ALLOCATOR_ROLE, MEMBER_ROLE} from "../../src/types/Roles.sol";
 import {Fixture} from "../Fixture.sol";
 
 /// @notice Members come and go, and split the treasury; everybody tries what is not allowed.
@@ -47,14 +48,14 @@ contract VotersHandler is CommonBase, StdUtils {
 
     function admit(uint256 which) external {
         vm.prank(_admin);
-        _organization.admit(account(which));
+        _organization.grantRole(MEMBER_ROLE, account(which));
         sync(which);
     }
 
     /// @dev One in two is told to the votes at once.
     function dismiss(uint256 which, bool told) external {
         vm.prank(_admin);
-        _organization.dismiss(account(which));
+        _organization.revokeRole(MEMBER_ROLE, account(which));
         if (told) sync(which);
     }
 
@@ -152,7 +153,7 @@ contract GovernanceInvariants is Fixture {
         super.setUp();
         _members = MemberVotes(deployed("MemberVotes", abi.encode(organization)));
         _rounds = BudgetVotes(deployed("BudgetVotes", abi.encode(organization, _members)));
-        bytes32 role = organization.ALLOCATOR_ROLE();
+        bytes32 role = ALLOCATOR_ROLE;
         vm.prank(admin);
         organization.grantRole(role, address(_rounds));
         _handler = new VotersHandler(organization, _members, _rounds, admin);

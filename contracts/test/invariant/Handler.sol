@@ -10,7 +10,7 @@ import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Finding, IJudge} from "../../src/interfaces/IJudge.sol";
-import {Kind} from "../../src/interfaces/IOrganization.sol";
+import {Kind, MAX_RULES, Windows} from "../../src/interfaces/IOrganization.sol";
 import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {IProviders, Outcome, Terms} from "../../src/interfaces/IProviders.sol";
 import {
@@ -1074,8 +1074,13 @@ contract Handler is CommonBase, StdUtils, Numbers {
     }
 
     function _setAudit(uint256 auditWindow) private {
+        Kind memory k = _organization.kindOf(CLEANING);
+        k.auditWindow = uint32(auditWindow % 3) * 1 hours;
+        uint96 price = _organization.referencePriceOf(CLEANING);
+        Windows memory w =
+            Windows(k.minWindow, k.maxWindow, k.grace, k.minVerdictWindow, k.maxVerdictWindow, k.auditWindow);
         vm.prank(_admin);
-        _organization.setAudit(CLEANING, uint32(auditWindow % 3) * 1 hours);
+        _organization.setWindows(CLEANING, w, price);
     }
 
     /// @dev Cleanings are the oracle's throughout; who judges charges changes.
@@ -1096,7 +1101,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
     function _allowKind(bytes32 kind, IJudge judge, bytes32 rules) private {
         Judged storage judged = _judged[kind];
         bool other = judge != judged.judge;
-        bool full = judged.rules.length >= _organization.MAX_RULES() && !_isCurrent(judged.rules, rules);
+        bool full = judged.rules.length >= MAX_RULES && !_isCurrent(judged.rules, rules);
         bool right = address(judge) != address(0) && (rules == 0 || other || !full);
         vm.prank(_admin);
         try _organization.allowKind(kind, judge, rules) {

@@ -21,6 +21,7 @@ from rodeo.chain.abi import (
     ServiceState,
     TaskRequest,
     Terms,
+    Windows,
 )
 from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.contract_calls import (
@@ -66,6 +67,7 @@ SAMPLES: dict[str, Any] = {
     ),
     "signature": bytes(65),
     "signatures": bytes(192),
+    "windows": Windows(60, 60, 10, 60, 60, 0),
     "instances": [Instance(ADDRESS, 60, 0, 1, 1), Instance(ADDRESS, 0, 60, 0, 0)],
 }
 

@@ -88,7 +88,7 @@ def test_calls_that_are_nested_without_end_are_shown_as_bytes() -> None:
 
 @pytest.mark.parametrize("arguments", [b"", b"\xff" * 32, b"\0" * 31 + b"\x07" + b"\xff" * 300])
 @pytest.mark.parametrize(
-    "function", ["setAudit(bytes32,uint32,uint8)", "registerService(bytes32,uint96,uint96,string)"]
+    "function", ["setBudget(bytes32,uint96,uint8)", "registerService(bytes32,uint96,uint96,string)"]
 )
 def test_arguments_that_do_not_fit_are_shown_as_bytes(function: str, arguments: bytes) -> None:
     data = keccak(text=function)[:4] + arguments

@@ -15,7 +15,17 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo import possession, votes
 from rodeo.chain import artifacts, events
-from rodeo.chain.abi import Fault, Finding, Revocation, Ruling, Service, ServiceState, TaskState, Terms
+from rodeo.chain.abi import (
+    Fault,
+    Finding,
+    Revocation,
+    Ruling,
+    Service,
+    ServiceState,
+    TaskState,
+    Terms,
+    Windows,
+)
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
 from rodeo.chain.logs import Log
@@ -28,6 +38,7 @@ from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organizat
 from tests.support.views import view
 
 STEPS = 120
+AUDITED = Windows(600, 7200, 60, 600, 7200, 3600)
 DEVICE_KEY = Account.from_key("0x" + "11" * 32)
 DEVICE = DEVICE_KEY.address
 JUDGE_KEYS = [Account.from_key(f"0x{number:064}") for number in (11, 12, 13)]
@@ -59,14 +70,13 @@ class Life:
         for call in (
             calls.set_terms(Terms(IEC.to_units(Decimal(20)), IEC.to_units(Decimal(4)), 4)),
             *(
-                calls.set_windows(one, 600, 7200, 60, IEC.to_units(Decimal(60)))
+                calls.set_windows(one, Windows(600, 7200, 60, 600, 7200, 0), IEC.to_units(Decimal(60)))
                 for one in ("battery_charging", "painting", KIND)
             ),
             calls.allow_kind("battery_charging", auditors, REPORT),
-            calls.set_verdict_windows(KIND, 600, 7200),
             calls.grant_role(Role.AUDITOR, organization.oracle.address),
-            calls.admit(organization.robot.address),
-            calls.admit(organization.operator.address),
+            calls.grant_role(Role.MEMBER, organization.robot.address),
+            calls.grant_role(Role.MEMBER, organization.operator.address),
             calls.set_members_only(True),
             calls.set_budget(Role.OPERATOR, IEC.to_units(Decimal(100_000)), 7200),
             calls.set_budget(Role.TREASURER, 7, 60),
@@ -81,7 +91,7 @@ class Life:
             calls.retire_rules(KIND, REPORT),
             calls.allow_kind("painting", auditors, PROOF),
             calls.disallow_kind("painting"),
-            calls.set_audit(KIND, 3600),
+            calls.set_windows(KIND, AUDITED, IEC.to_units(Decimal(60))),
             calls.vouch_for(organization.robot.address, False),
             organization.client.device_calls.post_root(DEVICE, 0, REPORT, "file:///day"),
             *(seats.seat(key.address, key.address, *self.agreed(key, key.address)) for key in JUDGE_KEYS[:2]),
@@ -305,7 +315,8 @@ class Life:
         client = self.organization.client
         calls = client.organization_calls
         oracles, auditors = self.judges
-        rules = [calls.set_audit(KIND, 3600), calls.allow_kind(KIND, auditors, PROOF)]
+        audited = calls.set_windows(KIND, AUDITED, IEC.to_units(Decimal(60)))
+        rules = [audited, calls.allow_kind(KIND, auditors, PROOF)]
         rules += [calls.allow_kind(KIND, oracles, PROOF) for _ in range(3)]
         chosen = self.random.choice([*rules, *(calls.set_policy(policy) for policy in Policy)])
         self.organization.send(self.organization.operator, chosen)
@@ -424,7 +435,7 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         assert client.device(address) == device
     assert state.roots == {(DEVICE, 0): REPORT} and client.root(DEVICE, 0) == REPORT
     for kind, rules in state.kinds.items():
-        assert replace(client.kind(kind), judges_window=0, max_case=0) == rules
+        assert client.kind(kind) == rules
         assert client.judge_numbered(rules.number) == state.judges_of[rules.number]
         assert client.current_rules(kind) == state.rules.get(kind, [])
     assert client.terms() == state.terms

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from deploy.contracts import _told
 from rodeo import keystores, wallets
+from rodeo.chain.abi import Windows
 from rodeo.config import KindConfig, Site
 from tests.support.organization import KIND, founded
 from tests.support.site import write_site
@@ -41,7 +43,11 @@ def test_a_judge_that_was_named_on_chain_stays_unless_it_is_a_machine_for_people
         for kind, judge in judges.items():
             organization.send(organization.operator, calls.allow_kind(kind, judge, bytes(32)))
         before = {kind: client.kind(kind).number for kind in judges}
-        organization.send(organization.operator, calls.set_audit(KIND, 3600))
+        now = {one.name: getattr(client.kind(KIND), one.name) for one in fields(Windows)}
+        audited = calls.set_windows(
+            KIND, Windows(**now | {"audit_window": 3600}), client.reference_price(KIND)
+        )
+        organization.send(organization.operator, audited)
         organization.deploy()
         assert client.kind(KIND).number == before[KIND] and client.kind(KIND).audit_window == 3600
         assert f"judges {KIND} on chain" in caplog.text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 import sqlalchemy
 
 from rodeo.chain import events
-from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState
+from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState, Windows
 from rodeo.chain.logs import Log
 from rodeo.chain.types import ZERO_ADDRESS, Event
 from services.bridge import schema
@@ -24,6 +25,7 @@ CONTRACTS = {"TaskManager": "0x" + "aa" * 20}
 CREATOR, ROBOT = "0x" + "11" * 20, "0x" + "22" * 20
 ORACLE_JUDGE = "0x" + "01" * 20
 IEC = 10**18
+WINDOWS = Windows(600, 7200, 180, 900, 7200, 0)
 
 
 class Chain:
@@ -283,7 +285,7 @@ def known_for(chain: Chain) -> tuple[int, int]:
 
 
 def test_what_others_paid_for_and_what_was_rejected_make_the_reputation(chain: Chain) -> None:
-    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 180, 90 * IEC))
+    chain.block(events.WindowsChanged("waste_disposal", WINDOWS, 90 * IEC))
     chain.block(registered(), offered(), assigned(), proved())
     chain.block(*judged(False), events.TaskRequeued(1, 1, Cause.REJECTED))
     assert known_for(chain) == (0, 90), "the reference price"
@@ -392,8 +394,8 @@ CASE_END = 2_700
 def submitted(chain: Chain) -> None:
     """Task 1 with a proof, of a service with a bond of 20, at an organization that lets auditors replace."""
     chain.block(
-        events.KindAllowed("waste_disposal", 1, ORACLE_JUDGE, bytes(32)),
-        events.AuditChanged("waste_disposal", 1_000),
+        events.KindAllowed("waste_disposal", 1, ORACLE_JUDGE, bytes(32), 60, 3600),
+        events.WindowsChanged("waste_disposal", replace(WINDOWS, audit_window=1_000), IEC),
     )
     terms = events.TermsAgreed(1, 20, 5, 0)
     chain.block(offered(), terms, registered(), assigned(), proved(), time_s=1_100)
@@ -530,9 +532,11 @@ def test_what_a_judge_said_that_was_removed_can_be_concluded_at_once(chain: Chai
 
 def test_a_service_keeps_the_judge_that_its_provider_agreed_to(chain: Chain) -> None:
     kind = "waste_disposal"
-    chain.block(events.KindAllowed(kind, 1, ORACLE_JUDGE, b"\1" * 32), offered())
+    chain.block(events.KindAllowed(kind, 1, ORACLE_JUDGE, b"\1" * 32, 60, 3600), offered())
     chain.block(
-        events.RulesRetired(kind, b"\1" * 32), events.KindAllowed(kind, 2, CREATOR, b"\2" * 32), registered()
+        events.RulesRetired(kind, b"\1" * 32),
+        events.KindAllowed(kind, 2, CREATOR, b"\2" * 32, 60, 3600),
+        registered(),
     )
     (service,), _ = chain.index.services({}, Page(10))
     assert (service["number"], service["place"], task(chain)["number"]) == (1, 1, 2)
@@ -599,9 +603,9 @@ def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
 
 
 def test_an_attempt_that_nobody_accepted_is_overdue_after_the_kinds_grace_period(chain: Chain) -> None:
-    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 180, IEC))
+    chain.block(events.WindowsChanged("waste_disposal", WINDOWS, IEC))
     chain.block(registered(), offered(auto_accept=False), assigned(deadline=4_600))
-    chain.block(events.WindowsChanged("waste_disposal", 600, 7200, 300, IEC))  # for later tasks
+    chain.block(events.WindowsChanged("waste_disposal", replace(WINDOWS, grace=300), IEC))  # for later tasks
     assert task(chain)["grace_s"] == 180
     assert chain.index.overdue(1_180) == [] and chain.index.next_end_s(1_180) == 1_180
     assert chain.index.overdue(1_181) == [1] and chain.index.next_end_s(1_181) is None
@@ -778,14 +782,15 @@ def test_a_payment_that_brings_a_bond_back_is_one(chain: Chain) -> None:
 
 def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
     chain.block(
-        events.KindAllowed("a", 1, ORACLE_JUDGE, b"\1" * 32),
-        events.KindAllowed("b", 2, CREATOR, bytes(32)),
+        events.KindAllowed("a", 1, ORACLE_JUDGE, b"\1" * 32, 60, 3600),
+        events.KindAllowed("b", 2, CREATOR, bytes(32), 120, 7200),
         events.KindDisallowed("a"),
-        events.AuditChanged("a", 60),
+        events.WindowsChanged("a", replace(WINDOWS, audit_window=60), IEC),
     )
     assert chain.index.kinds() == ["b"]
-    judges = {row["kind"]: (row["number"], row["audit_window_s"]) for row in chain.index.all_kinds()}
-    assert judges == {"a": (1, 60), "b": (2, 0)}
+    columns = ("number", "audit_window_s", "judges_window_s", "max_case_s")
+    judges = {row["kind"]: tuple(row[one] for one in columns) for row in chain.index.all_kinds()}
+    assert judges == {"a": (1, 60, 60, 3600), "b": (2, 0, 120, 7200)}
     assert {number: row["judge"] for number, row in chain.index.numbers().items()} == {
         1: ORACLE_JUDGE,
         2: CREATOR,

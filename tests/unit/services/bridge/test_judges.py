@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from eth_utils import to_checksum_address
 
 from rodeo.chain import artifacts
+from rodeo.chain.abi import Windows
 from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
 from rodeo.chain.deployment import Deployment
@@ -69,7 +71,7 @@ def called(
         judges=lambda: [{}] * seats,
         rules=lambda _kind, now: list(kept) if now == number["judge"] else [],
         kinds=lambda: [KIND],
-        kind=lambda _kind: {"min_window_s": 600, "max_window_s": 7200, "grace_s": 180, "reference_price": 1},
+        kind=lambda _kind: {f"{one.name}_s": 180 for one in fields(Windows)} | {"reference_price": 1},
     )
     unused: Any = SimpleNamespace()
     kinds: Any = SimpleNamespace(by_people=lambda _kind: False, get=lambda _kind: None)
@@ -149,7 +151,7 @@ def judge_set(request: dict[str, Any], **there: Any) -> str:
 
 def test_another_judge_of_a_kind_does_not_keep_the_rules_of_the_one_before() -> None:
     allow = {"kind": KIND, "judge": "oracle", "audit_window_s": 60}
-    assert called("allow_kind", allow) == [("Organization", "setAudit"), ("Organization", "allowKind")]
+    assert called("allow_kind", allow) == [("Organization", "setWindows"), ("Organization", "allowKind")]
     with pytest.raises(KindWithoutRules):
         called("allow_kind", allow, "AuditorJudge")
 
