@@ -4,7 +4,8 @@
 them were refused for another reason than theirs. `forgeries_spoiling`: ways to spoil an honest proof, which
 is paid in full all the same. `forgeries_under_noise`: both again at a site with moderate honest noise and
 losses. `forgeries_composed`: those that a seed puts together, see `tests.forgeries.composed`, every other one
-under such noise; FORGERIES_COMPOSED=100 makes fewer, FORGERIES_FIRST=1000 begins with another seed.
+under such noise; FORGERIES_COMPOSED=100 makes fewer, FORGERIES_FIRST=1000 begins with
+another seed than one of the commit's hash.
 `forgeries_refused_share`: of all of these, those by which nobody got what it wanted; each of the others is
 printed with its name, or its seed and what it does. `forgeries_s`: wall time of all that, s.
 `hostile_proof_...`: what the worst proofs cost, see `bench.hostile`.
@@ -21,6 +22,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.hostile import hostile_proof_costs
+from bench.resuming import seed
 from rodeo.checks.report import Report
 from rodeo.config import Site
 from rodeo_testing.harness import ROLES
@@ -39,7 +41,7 @@ def run() -> dict[str, float]:
     console = Console()
     count, first = (
         int(os.environ.get(name, default))
-        for name, default in (("FORGERIES_COMPOSED", COMPOSED), ("FORGERIES_FIRST", 0))
+        for name, default in (("FORGERIES_COMPOSED", COMPOSED), ("FORGERIES_FIRST", seed()))
     )
     by_hand = [(name, noisy) for name in CATALOGUE for noisy in (False, True)]
     worked = misnamed = 0
@@ -53,10 +55,10 @@ def run() -> dict[str, float]:
                 if succeeded or not (named or noisy):
                     under = ", under noise" if noisy else ""
                     console.print(f"{name}{under}: {reason}", markup=False)
-            for seed, succeeded in pool.imap_unordered(_by_seed, range(first, first + count), chunksize=4):
+            for number, succeeded in pool.imap_unordered(_by_seed, range(first, first + count), chunksize=4):
                 worked += succeeded
                 if succeeded:
-                    console.print(f"accepted: seed {seed}: {composed(seed).words}", markup=False)
+                    console.print(f"accepted: seed {number}: {composed(number).words}", markup=False)
     taken_s = time.monotonic() - started_s
     by_role = {f"forgery_kinds_{role.replace(' ', '_')}": kinds(role) for role in ROLES}
     return (
@@ -100,5 +102,5 @@ def _by_hand(job: tuple[str, bool]) -> tuple[str, bool, bool, bool, str]:
     return name, noisy, forgery.worked(report), forgery.named(report), report.reason
 
 
-def _by_seed(seed: int) -> tuple[int, bool]:
-    return seed, by_seed(seed).accepted
+def _by_seed(number: int) -> tuple[int, bool]:
+    return number, by_seed(number).outcome in ("accepted", "impossible")

@@ -38,6 +38,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import others
+from bench.resuming import seed
 from rodeo.charging import order_wh
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file
@@ -52,6 +53,7 @@ from rodeo_testing.noise import HEAVY, Noise, noisy
 from rodeo_testing.recordings import Take, seal
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
+_SEED = seed()
 HONEST_RUNS = int(os.environ.get("HONEST_RUNS", "300"))
 HONEST_CHARGES = int(os.environ.get("HONEST_CHARGES", "100"))
 
@@ -195,7 +197,7 @@ def _site() -> Site:
 def _cleanings(number: int, level: Level) -> list[Outcome]:
     """Film a random cleaning, record it `DRAWS` times and judge each."""
     for attempt in range(_TRIES):
-        filmed = _filmed(np.random.default_rng((number, attempt)), LEVELS[level])
+        filmed = _filmed(np.random.default_rng((_SEED, number, attempt)), LEVELS[level])
         if filmed is not None:
             break
     else:
@@ -204,7 +206,11 @@ def _cleanings(number: int, level: Level) -> list[Outcome]:
         one
         for draw in range(DRAWS)
         for one in _recorded(
-            f"cleaning {number}.{draw}", level, filmed, np.random.default_rng((number, draw, 1)), draw == 0
+            f"cleaning {number}.{draw}",
+            level,
+            filmed,
+            np.random.default_rng((_SEED, number, draw, 1)),
+            draw == 0,
         )
     ]
     return [outcomes[0]._replace(redrawn=attempt), *outcomes[1:]]
@@ -296,7 +302,7 @@ def _charge_film(soc: float) -> Take:
 
 def _charge(number: int, level: Level) -> list[Outcome]:
     """Seal and judge one charge."""
-    chance, site = np.random.default_rng((number, 1)), _site()
+    chance, site = np.random.default_rng((_SEED, number, 1)), _site()
     soc = float(chance.choice([0.86, 0.9, 0.93]))
     film = _charge_film(soc)
     take, witnesses = noisy(film, LEVELS[level], chance)

@@ -14,6 +14,11 @@ def commit() -> str:
     return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
 
 
+def seed() -> int:
+    """A number of it, from which benchmarks draw: another commit meets other inputs."""
+    return int(commit()[:8], 16)
+
+
 class Found:
     """What was found with each seed of this commit, kept in a file. Another commit begins anew."""
 

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from rodeo.checks.case import Case
+from rodeo.currency import Currency
 from rodeo.kinds import kinds_of
 from rodeo.tariff import applying_between
 
@@ -36,4 +37,10 @@ def by_rates_iec(case: Case, steps: Iterable[Step]) -> Decimal | None:
     for step in steps:
         lowest = min(rate.iec for rate in applying_between(rates, *sorted(step[:2])))
         due += Fraction(step.quantity) * Fraction(lowest)
-    return min(price, case.site.economy.currency.payable(due))
+    return min(price, payable_iec(case, due))
+
+
+def payable_iec(case: Case, due: Fraction) -> Decimal:
+    """As much of what is due as the site's token can pay."""
+    currency: Currency = case.site.economy.currency
+    return currency.payable(due)

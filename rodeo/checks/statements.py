@@ -6,7 +6,7 @@ a whole chain one signature is checked.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -166,7 +166,8 @@ def _signed(links: list[_Link]) -> list[_Link]:
 
     Anybody may have put statements in a device's name into the recording: behind its own, beside them, or
     copies of them with another signature. So its chain is followed before anything is counted. The longest
-    chains come first, and of a chain everything up to some statement is signed, which bisection finds.
+    chains come first, and of a chain everything up to some statement is signed, which bisection finds. What
+    hangs on a chain of which nothing is signed comes last: there may be any number of it.
     """
     copies: dict[_Place, list[_Link]] = defaultdict(list)
     lengths: dict[_Place, int] = {}
@@ -177,14 +178,18 @@ def _signed(links: list[_Link]) -> list[_Link]:
     signed: dict[_Place, _Link] = {}
     looked_at: set[_Place] = set()
     bad = 0
-    for end in sorted(lengths, key=lambda one: lengths[one], reverse=True):
-        if bad >= MAX_BAD_SIGNATURES:
-            break
+    ends = deque(sorted(lengths, key=lambda one: lengths[one], reverse=True))
+    last = len(ends)
+    while ends and bad < MAX_BAD_SIGNATURES:
+        end, last = ends.popleft(), last - 1
         chain: list[_Place] = []
         place = end
         while place in lengths and place not in looked_at:
             chain.append(place)
             place = _before(copies[place][0])
+        if last >= 0 and chain and place in looked_at and place not in signed:
+            ends.append(end)
+            continue
         looked_at.update(chain)
         first, until, at = 0, len(chain), 0
         while first < until:

@@ -17,7 +17,7 @@ from rodeo.charging import SOC_SLACK, SOC_USED, ChargingParams
 from rodeo.checks import completeness, provenance, witnesses
 from rodeo.checks.case import Case, CaseError, Checks, ordered
 from rodeo.checks.heads import fork, listed
-from rodeo.checks.payment import by_rates_iec
+from rodeo.checks.payment import by_rates_iec, payable_iec
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
 from rodeo.checks.sources import doubtful, signed_twice, whose
 from rodeo.checks.stages import COUNTED, PROVENANCE
@@ -62,10 +62,14 @@ def same_names(case: Case) -> Finding:
 def both_signed(case: Case) -> Finding:
     """The task's robot signed for what the task's meter recorded of this very session."""
     charge, who = charge_of(case), names(case)
-    for role, name in (("meter", who.meter), ("robot", who.robot)):
+    # What both signed is paid: nothing that the robot or its owner says besides takes back the receipts that
+    # repeat the meter's records.
+    doubted = [("meter", who.meter, charge.meter)]
+    doubted += [] if charge.signed else [("robot", who.robot, charge.robot)]
+    for role, name, _ in doubted:
         if (failed := doubtful(case, role, name)) is not None:
             return failed
-    for role, name, side in (("meter", who.meter, charge.meter), ("robot", who.robot, charge.robot)):
+    for role, name, side in doubted:
         if side is None:
             raise CaseError(f"nothing signed by the task's {role} is in the recording", **{role: name})
         if (alarm := signed_twice(side)) is not None:
@@ -230,7 +234,7 @@ def amount_iec(case: Case) -> Decimal | None:
     if params.complete(charge.delivered_wh, charge.closing_soc):
         return None
     share = Fraction(charge.delivered_wh) / Fraction(params.energy_wh)
-    return case.site.economy.currency.payable(Fraction(price) * share)
+    return payable_iec(case, Fraction(price) * share)
 
 
 def tariff(case: Case) -> Finding:

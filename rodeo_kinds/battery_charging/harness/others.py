@@ -130,7 +130,24 @@ def a_state_of_charge_that_falls(shop: ChargingWorkshop) -> Submission:
     )
 
 
-@HARNESS.forgery("both_signed", "two different statements", role="buyer")
+def _stolen(shop: ChargingWorkshop, after_s: float) -> Submission:
+    devices = registered("robot", revoked=shop.take.end_s + after_s, revoked_because="compromised")
+    return shop.charged(shop.take, devices=devices, proof_submitted=shop.take.end_s + 60)
+
+
+@HARNESS.spoiling(role="buyer")
+def a_key_reported_stolen_after_the_charge(shop: ChargingWorkshop) -> Submission:
+    """The robot's owner reports its key stolen when the charge is over, before the proof is submitted."""
+    return _stolen(shop, 5.0)
+
+
+@HARNESS.spoiling(role="buyer")
+def a_key_reported_stolen_as_the_proof_comes(shop: ChargingWorkshop) -> Submission:
+    """The same a second before the proof is submitted."""
+    return _stolen(shop, 59.0)
+
+
+@HARNESS.spoiling(role="buyer")
 def a_receipt_of_two_minds(shop: ChargingWorkshop) -> Submission:
     """The robot signs one number twice, to be able to deny its receipts."""
     extra: list[Attestation] = []

@@ -77,6 +77,10 @@ FORGERIES = {
         for number in range(8)
         for link in forged(1, after=before, weight_n=1.0 + number)
     ],
+    "many that go on with a longer chain of their own": lambda own: [
+        *(trunk := forged(OWN + 5)),
+        *(link for number in range(300) for link in forged(1, after=trunk[-1], weight_n=1.0 + number)),
+    ],
     "copies of its statements with another signature": lambda own: [
         one.model_copy(update={"signature": "0x" + f"{number:02x}" * 65})
         for one in own

@@ -977,6 +977,18 @@ def test_junk_takes_no_claim_of_the_items_drop(
     assert len([act for act in report.acts if act.startswith("bin/")]) == 2
 
 
+def test_where_nobody_saw_the_grasp_the_drop_is_claimed_all_the_same(cleaning: Take, judge: Judge) -> None:
+    """People may accept it, and then the drop is spent."""
+    grasped_s = (
+        next(one.time_ns for one in cleaning.of("mocap/item1/pose") if one.message.pose.position.z > 0.2)
+        * 1e-9
+    )
+    witnesses = Witnesses(mocap_off_s=(grasped_s - 8.0, grasped_s + 8.0))
+    report = judge(cleaning, cleaning_chain_record(cleaning), witnesses=witnesses)
+    assert report.outcome == "undecided", report.reason
+    assert any("/drop/" in act for act in report.acts)
+
+
 def test_of_two_drops_that_both_fit_the_first_has_the_claim(cleaning: Take, judge: Judge) -> None:
     """What fell into the right compartment, and may have been the item, is nobody else's junk."""
     take = with_junk(cleaning, 0.2, 0.3)
