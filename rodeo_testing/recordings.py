@@ -222,6 +222,8 @@ class Witnesses:
     """By how much the clock of the motion capture is ahead."""
     mocap_says: Callable[[dict[str, Any]], dict[str, Any]] = lambda fields: fields
     """What motion capture makes of the fields of a statement before it signs them."""
+    lay: tuple[str, int] = ("", 0)
+    """A body, and for how many statements of the motion capture it had been at rest before."""
     mocap_off_s: tuple[float, float] = (math.inf, math.inf)
     """Between which times the process of the motion capture did not run."""
     mocap_stalls_s: tuple[tuple[float, float], ...] = ()
@@ -256,7 +258,7 @@ class _Scene:
             organization=binding.organization,
         )
         # A device goes on counting from film to film: what is shot later has higher numbers.
-        self.before = before = max(0, take.samples[0].time_ns - START_NS) // 10**8
+        self.before = before = max(0, take.samples[0].time_ns - START_NS) // 10**8 + witnesses.lay[1]
         self._chains = {
             role: WitnessChain(name, account, scope, inputs, cast(Journal, _Memory(before)), HeadBook())
             for role, name, account, inputs in (
@@ -341,11 +343,17 @@ class _Scene:
         time_ns += self._mocap_ns
         if log is None or not self._runs or not (last or log.due(time_ns // 1000, bool(chain.heads))):
             return None
-        says = self._witnesses.mocap_says
         signed = chain.sign_next(
-            Motion, time_ns * 1e-9, lambda seq: says(log.take(time_ns // 1000, seq)._asdict())
+            Motion, time_ns * 1e-9, lambda seq: self._says(log.take(time_ns // 1000, seq)._asdict(), seq)
         )
         return self._distribute(chain, signed)
+
+    def _says(self, fields: dict[str, Any], seq: int) -> dict[str, Any]:
+        body, statements = self._witnesses.lay
+        first = self.before + 1
+        if fields["resting"].get(body) == first or (seq == first and body in fields["tracks"]):
+            fields["resting"] = fields["resting"] | {body: first - statements}
+        return self._witnesses.mocap_says(fields)
 
     def sign(self, sample: Sample) -> Attestation | None:
         """What a device says of what it felt."""

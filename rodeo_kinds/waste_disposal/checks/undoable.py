@@ -13,6 +13,7 @@ import numpy as np
 from rodeo.checks import carrying, gripper, witnesses
 from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, Case, CaseError, CheckFunction, ordered
 from rodeo.checks.declared import reported_failure
+from rodeo.checks.heads import in_file, listed
 from rodeo.checks.poses import Pose, base_of, motion_of, moving_s, pose_of
 from rodeo.checks.report import Finding, given_up, impossible, undecided
 from rodeo.checks.sources import doubtful, whose
@@ -50,12 +51,12 @@ _CARRY: tuple[CheckFunction, ...] = (
 def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     """What giving up is worth.
 
-    Impossible: the item lay elsewhere since before the assignment, or the bin had said before that there is
-    no room. Undecided: the robot brought the item to the bin, which had no room or did not answer; somebody
-    else took the item; or nobody can tell since when it lay elsewhere. Given up: the robot came near enough
-    to look, and moved nothing. None where motion capture does not show that; and where the site has no such
-    item or bin: another site of the organization may have it, and whoever sees that gives the task back at
-    no cost.
+    Impossible: the item lay elsewhere since before the task was registered, or the bin had said before the
+    assignment that there is no room. Undecided: the robot brought the item to the bin, which had no room or
+    did not answer; somebody else took the item; or nobody can tell since when it lay elsewhere. Given up:
+    the robot came near enough to look, and moved nothing. None where motion capture does not show that; and
+    where the site has no such item or bin: another site of the organization may have it, and whoever sees
+    that gives the task back at no cost.
     """
     params = ordered(case, CleaningParams)
     if params.item_id not in {one.id for one in case.site.items}:
@@ -148,7 +149,9 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
     taken_s = gripper.lifted_by_another_s(case)
     if _touched(case, item, base, taken_s):
         return _refuted(case, "the item was moved while the robot was within reach")
-    if _lay_s(case, params.item_id, item) > BEGINS_S + case.slack_s:
+    assert case.chain_record is not None
+    task, rested_s = case.chain_record.task, _rested_s(case, params.item_id, item)
+    if task.assigned is None or rested_s - task.assigned > BEGINS_S + case.slack_s:
         return None
     if np.linalg.norm(item.position_m[-1] - item.position_m[0]) > MOVED_M and np.isfinite(taken_s):
         return undecided("somebody else lifted the item off the floor", "whoever took it", _SOURCE)
@@ -162,10 +165,10 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
     if cause == _NOT_FOUND and there[0] and not there[-1]:
         return undecided("the item lay there, and somebody else took it away", "whoever took it", _SOURCE)
     if cause == _NOT_FOUND and not lost and not there.any():
-        since_s = _lay_s(case, params.item_id, item)
         moved = float(np.linalg.norm(item.position_m - item.position_m[0], axis=1).max()) > MOVED_M
-        if since_s > case.slack_s or _missing(case) or moved:
-            # The executor may have moved it before its recording began.
+        heard = any(in_file(case, head) for _, head in listed(case, motion_of(case)))
+        # No slack: who knows the task may have moved it, assigned or not, before its recording began.
+        if rested_s > task.registered or _missing(case) or moved or not heard:
             return undecided("nobody can tell since when the item lies elsewhere", "nobody", _SOURCE)
         nearest_m = float(np.linalg.norm(item.position_m[:, :2] - place_m, axis=1).min())
         found = impossible("how near the item was to the task's place", THE_CREATOR, _SOURCE)
@@ -185,20 +188,17 @@ def _missing(case: Case) -> int:
     return max((later - one - 1 for one, later in pairwise(numbers)), default=0)
 
 
-def _lay_s(case: Case, body: str, item: Pose) -> float:
-    """How long after the assignment it is first signed where a body lay, s: by a pose, or by the number of
-    the statement in which it came to rest. At most one is made in `PERIOD_US`, so that tells how long ago."""
-    assert case.chain_record is not None and item.statement is not None
-    assigned_s = case.chain_record.task.assigned
-    if assigned_s is None:
-        return np.inf
+def _rested_s(case: Case, body: str, item: Pose) -> float:
+    """Since when at the latest a body lay where it is first signed, s: by a pose, or by the number of the
+    statement in which it came to rest. At most one is made in `PERIOD_US`, so that tells how long ago."""
+    assert item.statement is not None
     motions = [one.statement for one in motion_of(case) if isinstance(one.statement, Motion)]
     posed = motions[int(item.statement[0])]
     number = posed.resting.get(body)
     first = next(one for one in motions if one.resting.get(body) == number) if number else posed
     since_s = min(float(item.time_s[0]), first.start_us * 1e-6 if number else np.inf)
     ago_s = (first.seq - number) * PERIOD_US * 1e-6 * (1 - 1 / 10) if number else 0.0
-    return since_s - ago_s - assigned_s
+    return since_s - ago_s
 
 
 def _touched(case: Case, item: Pose, base: Pose, until_s: float) -> bool:

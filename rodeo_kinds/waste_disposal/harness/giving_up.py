@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from rodeo.evidence.attestation import Attestation
-from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM_POSE, PLACE, CleaningWorkshop
+from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, PLACE, CleaningWorkshop
 from rodeo_testing.recordings import Sample, Take, Witnesses
 from rodeo_testing.workshop import (
     GRIPPER_POSE,
@@ -148,6 +148,39 @@ def pushed_away_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submissi
 
     elsewhere = PLACE | {"y_m": float(PLACE["y_m"]) + PUSHED_M}
     return shop.submitted(gives_up(take, 1.0), witnesses=Witnesses(edit=edit), params=elsewhere)
+
+
+def _lies_elsewhere(
+    shop: CleaningWorkshop, statements: int, registered_s: float, assigned_s: float, **witnesses: Any
+) -> Submission:
+    """The item lies beside its place since so many statements. The task was registered and assigned so long
+    before the recording."""
+    take = waits(shop.take)
+    start_s = take.start_s
+    return shop.submitted(
+        gives_up(pushed(take, 0.0, PUSHED_M), 1.0),
+        witnesses=Witnesses(lay=(ITEM, statements), **witnesses),
+        registered=start_s - registered_s,
+        assigned=start_s - assigned_s,
+    )
+
+
+@HARNESS.forgery("not_given_up", "since when", role="executor")
+def pushed_away_before_it_bids(shop: CleaningWorkshop) -> Submission:
+    """The robot pushes the item of an open task, and has it assigned half a minute later."""
+    return _lies_elsewhere(shop, 40, 120.0, 3.0)
+
+
+@HARNESS.forgery("not_given_up", "since when", role="executor")
+def pushed_away_within_the_slack_of_clocks(shop: CleaningWorkshop) -> Submission:
+    """The item is pushed right after the assignment, and comes to rest before the recording begins."""
+    return _lies_elsewhere(shop, 1, 120.0, 4.0)
+
+
+@HARNESS.forgery("not_given_up", "since when", role="executor")
+def nothing_found_in_a_recording_that_nobody_heard(shop: CleaningWorkshop) -> Submission:
+    """The item lay elsewhere for long, but motion capture lists no seal of the recording."""
+    return _lies_elsewhere(shop, 600, 120.0, 3.0, hears=lambda _: False)
 
 
 # -- its own key -----------------------------------------------------------------------------------------

@@ -20,6 +20,8 @@ from tests.unit.conftest import Judge, failed
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
 LIES = (4.6, 1.2)
 """Where item1 lies, which the film's robot finds."""
+LAY_LONG = Witnesses(lay=("item1", 100))
+"""Motion capture stated often before that it lay there."""
 
 
 def given_up(take: Take, cause: str = "not_found", after_s: float = 4.0) -> Take:
@@ -61,7 +63,7 @@ def test_an_item_that_lay_elsewhere_all_along_makes_the_task_impossible(
     cleaning: Take, judge: Judge, away_m: float
 ) -> None:
     take = given_up(cleaning)
-    report = judge(take, posted(take, y_m=away_m))
+    report = judge(take, posted(take, y_m=away_m), witnesses=LAY_LONG)
     assert (report.outcome, report.fault) == ("impossible", "the task's creator"), report.rows()
     assert report.reason == (
         f"not_given_up: how near the item was to the task's place ({abs(away_m):.4g} m, limit 0.3 m); "
@@ -198,17 +200,32 @@ def test_a_recording_that_begins_late_is_the_executors_own(cleaning: Take, judge
     assert (report.outcome, report.fault) == ("rejected", None), report.reason
 
 
-@pytest.mark.parametrize("after_s", [6.0, 25.0])
+@pytest.mark.parametrize(
+    ("since_s", "registered_s", "assigned_s"),
+    [
+        pytest.param(0, 60, 9, id="after the assignment"),
+        pytest.param(0, 60, 28, id="long after it"),
+        pytest.param(2, 60, 4, id="within what clocks may be off"),
+        pytest.param(30, 60, 4, id="while the task was open"),
+    ],
+)
 def test_where_nobody_can_tell_since_when_the_item_lies_elsewhere_nobody_is_paid(
-    cleaning: Take, judge: Judge, after_s: float
+    cleaning: Take, judge: Judge, since_s: int, registered_s: float, assigned_s: float
 ) -> None:
-    """It was pushed aside between the assignment and the first statement, or the next."""
+    """It was pushed aside by somebody who knew the task."""
     take = given_up(cleaning)
     chain = posted(take, y_m=0.6)
-    assert chain.task.assigned is not None
-    early = chain.task.model_copy(update={"assigned": chain.task.assigned - after_s})
-    report = judge(take, chain.model_copy(update={"task": early}))
+    times = {"registered": take.start_s - registered_s, "assigned": take.start_s - assigned_s}
+    chain = chain.model_copy(update={"task": chain.task.model_copy(update=times)})
+    report = judge(take, chain, witnesses=Witnesses(lay=("item1", since_s)))
     assert (report.outcome, report.fault, report.party) == ("undecided", "nobody", "nobody"), report.reason
+
+
+def test_a_recording_that_motion_capture_does_not_list_is_not_paid_for(cleaning: Take, judge: Judge) -> None:
+    take = given_up(cleaning)
+    unheard = Witnesses(lay=LAY_LONG.lay, hears=lambda _: False)
+    report = judge(take, posted(take, y_m=0.6), witnesses=unheard)
+    assert (report.outcome, report.fault) == ("undecided", "nobody"), report.reason
 
 
 @pytest.mark.parametrize("seen", [False, True])
