@@ -43,10 +43,11 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "max_window_s": 604_800,
         "grace_s": 180,
         "reference_price_iec": "100",
-        "min_verdict_window_s": 0,
-        "max_verdict_window_s": 0,
+        "min_verdict_window_s": 900,
+        "max_verdict_window_s": 604_800,
     }
     windows |= {"number": 1, "removed": False, "audit_window_s": 0, "rules_sha256": []}
+    windows |= {"judges_window_s": 60, "max_case_s": 2_592_000}
     windows |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}
     kinds = [(kind, "auditor") for kind in audited] + [(kind, "oracle") for kind in measured]
     return {

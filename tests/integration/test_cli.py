@@ -375,7 +375,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.M
         "min_window_s": 120,
         "reference_price_iec": "45",
     }
-    rules |= {"min_verdict_window_s": 0, "max_verdict_window_s": 0}
+    rules |= {"min_verdict_window_s": 900, "max_verdict_window_s": 604_800}
     rules |= {"audit_window_s": 0, "removed": False, "rules_sha256": []}
     rules |= {"votes": 0, "panel": 0, "rotation_s": 0, "seats": [], "judge_stake_iec": "0"}
     (sweeping,) = [one for one in now["kinds"] if one["kind"] == "sweeping"]
