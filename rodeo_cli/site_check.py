@@ -31,6 +31,7 @@ from rodeo.kinds import DEFAULT_PRICE_IEC, KindError, declared, installed, load
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import Rectangle, facing, seen_from
 from rodeo.lab.layout import (
+    ITEM_RADIUS_M,
     PICK_DISTANCE_M,
     BinLayout,
     dock_floor,
@@ -43,8 +44,6 @@ from rodeo.toml_lines import lines_of
 
 _TOUCH_M = 0.01
 """Things that stand against each other may overlap by the rounding of their places."""
-_ITEM_M = 0.05
-"""How far an item reaches from its centre."""
 _SIDES = 16
 """Directions from which the robot may come to an item."""
 
@@ -176,7 +175,7 @@ def _boxes(site: Site) -> Iterator[_Box]:
         if robot.body == "sim":
             yield _Box(("robots", number), robot.name, footprint(robot.pose))
     for number, item in enumerate(site.items):
-        yield _Box(("items", number), item.id, Rectangle(item.pose, _ITEM_M, _ITEM_M))
+        yield _Box(("items", number), item.id, Rectangle(item.pose, ITEM_RADIUS_M, ITEM_RADIUS_M))
 
 
 def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:

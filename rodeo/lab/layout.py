@@ -12,6 +12,8 @@ BUMPER_M = 0.4025
 HALF_WIDTH_M = 0.425
 FOOTPRINT_RADIUS_M = math.hypot(BUMPER_M, HALF_WIDTH_M)
 """The robot can turn on the spot where nothing is closer than this."""
+ITEM_RADIUS_M = 0.05
+"""How far a piece of trash may reach from its centre."""
 SHOULDER_M = 0.283
 """From the robot's centre forward to the arm's shoulder axis."""
 

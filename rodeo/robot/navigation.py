@@ -15,6 +15,7 @@ from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import Rectangle, ahead, seen_from, wrap
 from rodeo.lab.layout import (
     FOOTPRINT_RADIUS_M,
+    ITEM_RADIUS_M,
     PICK_DISTANCE_M,
     BinLayout,
     dock_floor,
@@ -29,7 +30,6 @@ _TURN_CLEARANCE_M = FOOTPRINT_RADIUS_M + 0.06
 """Wanted around the robot's centre: it may then turn on the spot."""
 _ITEM_CLEARANCE_M = 0.12
 """Between the robot's footprint and trash that it does not want to drive over."""
-_ITEM_RADIUS_M = 0.05
 _HEADINGS = 24
 _LOOKOUT_M = (0.95, 1.1, 0.85)
 """From the place that is looked at to the robot's centre: what lies 0.3 m off is in sight, not underneath."""
@@ -124,7 +124,7 @@ class Floor:
             near_item_m = min((math.dist((x_m, y_m), item) for item in items), default=math.inf)
             if (
                 self.clearance_m(x_m, y_m) < _TURN_CLEARANCE_M
-                or near_item_m < _ITEM_RADIUS_M + _TURN_CLEARANCE_M
+                or near_item_m < ITEM_RADIUS_M + _TURN_CLEARANCE_M
             ):
                 continue
             poses += [

@@ -24,6 +24,7 @@ from rodeo.lab.layout import (
     BUMPER_M,
     FOOTPRINT_RADIUS_M,
     HALF_WIDTH_M,
+    ITEM_RADIUS_M,
     BinLayout,
     dock_floor,
     footprint,
@@ -39,8 +40,6 @@ COMFORT_M = 0.35
 STRAIGHT_IN_M = 0.45
 """A goal is approached straight for this far if there is room: what turns on the spot also slides."""
 LONGEST_STRAIGHT_M = 2.0
-ITEM_RADIUS_M = 0.05
-"""How far a piece of trash may reach from its centre, for driving around it."""
 _FIRST_COST = 1.5
 """Cost of the ways that are looked for first, per cell of the straight line: only their window is
 searched."""
