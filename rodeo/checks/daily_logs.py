@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rodeo.checks.statements import Testimony
-from rodeo.checks.testimony import signed_by
+from rodeo.checks.testimony import asked, signed_by
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.store import Store
 from rodeo.foreign_text import in_words
@@ -18,9 +18,6 @@ from rodeo.witness.days import DayLog, SignedDay, day_of, lacks
 
 if TYPE_CHECKING:
     from rodeo.checks.case import Case
-
-WITNESSES = ("mocap", "bin", "meter")
-"""Roles of the devices whose days go on chain."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +33,10 @@ class Logged:
 
 
 def logged(case: Case, roots: Iterable[Root]) -> Logged:
-    """What the logs under `roots` say of what witnesses signed in a proof."""
+    """What the logs under `roots` say of what the case's witnesses signed in its proof."""
     by_key = {(root.device.lower(), root.day): root for root in roots}
     count, lacking, unread = 0, [], []
-    for device, testimony in signed_by(case, WITNESSES):
+    for device, testimony in signed_by(case, asked(case)):
         days = sorted({day_of(said.statement.time_s) for said in testimony.said})
         logs: dict[int, DayLog] = {}
         for day in days:

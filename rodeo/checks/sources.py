@@ -21,11 +21,13 @@ from rodeo.checks.poses import motion_of, moved_s, silences_s
 from rodeo.checks.report import Finding, undecided
 from rodeo.checks.results import Source, once_per_case
 from rodeo.checks.statements import Testimony
-from rodeo.checks.testimony import keys_of, motion_capture_of, parts_of, testimony_of, vouching
+from rodeo.checks.testimony import asked, keys_of, motion_capture_of, parts_of, testimony_of, vouching
 from rodeo.evidence.errors import EvidenceError
 from rodeo.evidence.series import Array
 from rodeo.messages import Device, Fault
 from rodeo.witness.statement import Motion
+
+ONE_CHAIN = "one chain of statements per device"
 
 
 class Doubt(NamedTuple):
@@ -75,9 +77,11 @@ def doubtful(case: Case, role: str, name: str) -> Finding | None:
     """Why what a device signed cannot be believed at all, or is missing for no party's failure, as a finding;
     None if neither."""
     first = next(iter(doubts(case, role, name)), None)
-    if first is None or math.isfinite(first.from_s):
-        return None
-    return undecided(first.why, first.fault, first.source)
+    if first is not None and not math.isfinite(first.from_s):
+        return undecided(first.why, first.fault, first.source)
+    if (alarm := listed_otherwise(case, role, name)) is not None:
+        return undecided(alarm, whose(role, name), ONE_CHAIN)
+    return None
 
 
 @once_per_case
@@ -127,8 +131,13 @@ def _altogether(case: Case, role: str, name: str) -> Doubt | None:
             return Doubt("the organization registered no motion capture of this site", "the site", registry)
         key = revoked_in_assignment(case, role, name)
         return None if key is None else Doubt(revoked_meanwhile(key), fault, registry)
-    if (alarm := signed_twice(testimony) or listed_otherwise(case, role, name)) is not None:
-        return Doubt(alarm, fault, "one chain of statements per device")
+    alarm = signed_twice(testimony)
+    if alarm is None and role != "mocap":
+        # Who has motion capture decides everything anyway. What a bin says of it is one word against another:
+        # nobody is paid by that, and nothing is excused.
+        alarm = listed_otherwise(case, role, name)
+    if alarm is not None:
+        return Doubt(alarm, fault, ONE_CHAIN)
     if not case.checks.both_sides_sign and any(one.statement.inputs == "open_bus" for one in testimony.said):
         why = f"{testimony.address} states that its readings came over an open bus, where anybody can publish"
         return Doubt(why, fault, "`inputs` of its statements")
@@ -158,16 +167,25 @@ def _silences(case: Case) -> Iterator[Doubt]:
 
 
 def _heard_no_more(case: Case) -> str | None:
-    """A witness that went on when motion capture had ended, and lists no statement of it but those that are
-    here; None if there is none. Without one nobody can tell what the executor left out in the end."""
+    """The case's bin, if it went on when motion capture had ended, and lists no statement of it but those
+    that are here; else None: nobody can tell what the executor left out in the end.
+
+    A bin that lists none of these does not hear this motion capture at all.
+    """
     last, keys = motion_of(case)[-1].statement, motion_capture_of(case).keys
-    for other, testimony in vouching(case, "mocap", MOTION_CAPTURE):
-        heads = [head for said in testimony.said for head in said.statement.heads]
-        newer = any(h.chain is None and h.address.lower() in keys and h.index > last.seq for h in heads)
-        ends_s = testimony.said[-1].statement.time_s if testimony.said else -math.inf
-        if other.role != "robot" and not newer and ends_s > last.time_s + LISTED_S * case.speed:
-            return f"the {other.role} {other.name}"
-    return None
+    here = {(one.statement.seq, one.digest) for one in motion_of(case)}
+    said = [
+        one.statement
+        for device, testimony in vouching(case, "mocap", MOTION_CAPTURE)
+        if device.role == "bin" and (device.role, device.name) in asked(case)
+        for one in testimony.said
+    ]
+    heads = [h for one in said for h in one.heads if h.chain is None and h.address.lower() in keys]
+    hears = any((head.index, head.digest) in here for head in heads)
+    newer = any(head.index > last.seq for head in heads)
+    ends_s = max((one.time_s for one in said), default=-math.inf)
+    goes_on = ends_s > last.time_s + LISTED_S * case.speed
+    return f"the bin {case.bin.name}" if hears and not newer and goes_on else None
 
 
 def signed_twice(testimony: Testimony) -> str | None:
@@ -178,11 +196,11 @@ def signed_twice(testimony: Testimony) -> str | None:
 
 
 def listed_otherwise(case: Case, role: str, name: str) -> str | None:
-    """Which other witness heard a statement of this device that is not the one in the recording: the device
-    signed one number twice.
+    """Which other witness of the case heard a statement of this device that is not the one in the recording:
+    the device signed one number twice.
 
-    A party's word alone raises no alarm: neither the executor's, nor that of a robot, who would not pay for
-    its charge if people had to decide.
+    No other device of the organization is asked, nor a robot, who works for the same pay, or would not pay
+    for its charge if people had to decide.
     """
     own = {
         (key.address.lower(), said.statement.seq): said
@@ -190,7 +208,7 @@ def listed_otherwise(case: Case, role: str, name: str) -> str | None:
         for said in one.said
     }
     for other, testimony in vouching(case, role, name):
-        if other.role == "robot":
+        if (other.role, other.name) not in asked(case):
             continue
         for head in (head for said in testimony.said for head in said.statement.heads):
             said = own.get((head.address.lower(), head.index)) if head.chain is None else None

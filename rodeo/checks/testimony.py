@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import replace
 
 from rodeo.checks.case import MOTION_CAPTURE, Case, CaseError
 from rodeo.checks.keys import counts_until_s, taken
-from rodeo.checks.results import once_per_case, reads
+from rodeo.checks.results import Source, once_per_case, reads
 from rodeo.checks.statements import Said, Testimony, joined, recorded, testimonies
 from rodeo.messages import Device
 from rodeo.witness.statement import Statement
@@ -99,12 +100,28 @@ def said_before(case: Case, role: str, name: str) -> list[Said]:
     ]
 
 
-def signed_by(case: Case, roles: Collection[str]) -> list[tuple[Device, Testimony]]:
-    """What all registered devices in these roles signed that counts, by key."""
+def asked(case: Case) -> frozenset[Source]:
+    """The witnesses whose word the case rests on: motion capture and the bin that the work is done at, or
+    the device that sealed what it sold itself. Other devices of the organization have no part in it."""
+    if case.checks.sealed_by != "robot":
+        signer, known = (case.proof.signer or "").lower(), case.chain_record
+        own = [
+            (one.role, one.name) for one in (known.devices if known else ()) if one.address.lower() == signer
+        ]
+        return frozenset(one for one in own if one[0] == case.checks.sealed_by)
+    found = {("mocap", MOTION_CAPTURE)}
+    with suppress(CaseError):
+        found.add(("bin", case.bin.name))
+    return frozenset(found)
+
+
+def signed_by(case: Case, witnesses: Collection[Source]) -> list[tuple[Device, Testimony]]:
+    """What these witnesses signed that counts, by key."""
     return [
         (key, _counting(case, testimony, key.name, counts_until_s(key, case.submitted_s)))
         for key in (case.chain_record.devices if case.chain_record else ())
-        if key.role in roles and (testimony := by_signer(case).get(key.address.lower())) is not None
+        if (key.role, key.name) in witnesses
+        and (testimony := by_signer(case).get(key.address.lower())) is not None
     ]
 
 

@@ -17,7 +17,8 @@ from rodeo.messages import Device, Root
 from rodeo.witness.days import DayLog, day_of
 from rodeo.witness.statement import digest
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
-from rodeo_testing.assignments import BIN, BINDING, MOCAP, ORGANIZATION, ROBOT
+from rodeo_kinds.waste_disposal.harness.hearsay import of_a_meter
+from rodeo_testing.assignments import BIN, BINDING, METER, MOCAP, ORGANIZATION, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, seal
 from services.oracle.chain_view import as_of
 from tests.unit.conftest import Judge, finding
@@ -105,6 +106,17 @@ def test_a_log_that_its_device_did_not_sign_says_nothing(
     report = judge(cleaning, chain, at=stored)
     assert report.accepted, report.reason
     assert "the log belongs to another device" in finding(report, "in_daily_log").detail
+
+
+def test_what_a_device_without_a_part_in_the_case_denies_is_not_asked(
+    cleaning: Take, said: list[Attestation], judge: Judge, stored: Site
+) -> None:
+    """A bystander's meter posts a root that lacks what it signed itself while the item was carried."""
+    take = of_a_meter(cleaning)
+    own = [Attestation.model_validate(one.message) for one in take.of("rodeo/attestation")]
+    chain = with_roots(cleaning_chain_record(cleaning), root(stored, own, METER, without=0))
+    report = judge(take, chain, at=stored)
+    assert report.accepted, report.reason
 
 
 def test_a_log_that_is_gone_says_nothing(
