@@ -350,8 +350,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
         }
         Texts.requireParams(request.params);
-        taskId = TaskId.wrap(++_totals.tasks);
-        _totals.asks = address(policy) != address(0);
+        uint40 number = _totals.tasks + 1;
+        (_totals.tasks, _totals.asks) = (number, address(policy) != address(0));
+        taskId = TaskId.wrap(number);
         (t.creator, t.reward) = (creator, request.reward.toUint88());
         (t.executionWindow, t.verdictWindow) = (request.executionWindow, request.verdictWindow);
         (t.maxAttempts, t.state) = (request.maxAttempts, TaskState.Open);
@@ -411,7 +412,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @return passed the providers that the task has passed
     function _leaveQueue(TaskId taskId, Record memory t) private returns (Passed passed) {
         --_totals.waiting;
-        return queues.remove(taskId, t.kindId, _named(t));
+        return queues.remove(taskId, t.kindId, _named(t), t.attempt != 0);
     }
 
     /// @dev The service's attempt is over, and it has its next task or waits for one.

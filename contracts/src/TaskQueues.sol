@@ -73,12 +73,12 @@ contract TaskQueues is ITaskQueues {
     }
 
     /// @inheritdoc ITaskQueues
-    function remove(TaskId taskId, KindId kindId, uint160 named)
+    function remove(TaskId taskId, KindId kindId, uint160 named, bool tried)
         external
         onlyTaskManager
         returns (Passed list)
     {
-        list = passed[taskId];
+        if (tried) list = passed[taskId];
         _open[queueOf(kindId, named, list.isForProven())].remove(taskId.pack());
     }
 

@@ -557,7 +557,7 @@ contract AttackTest is Fixture {
         ITaskQueues queues = tasks.queues();
         bytes[5] memory calls = [
             abi.encodeCall(ITaskQueues.put, (taskNo(7), cleaning(), 0, 200 ether, NOBODY)),
-            abi.encodeCall(ITaskQueues.remove, (taskId, cleaning(), 0)),
+            abi.encodeCall(ITaskQueues.remove, (taskId, cleaning(), 0, false)),
             abi.encodeCall(ITaskQueues.take, (serviceNo(1), false)),
             abi.encodeCall(ITaskQueues.endAttempt, (taskId, serviceNo(1), Cause.Abandoned, alice, false)),
             abi.encodeCall(ITaskQueues.hire, (alice, 1, address(0), CLEANING, 100 ether))

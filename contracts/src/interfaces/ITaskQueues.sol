@@ -47,8 +47,9 @@ interface ITaskQueues {
     /// @param taskId the task
     /// @param kindId as for put
     /// @param named as for put
+    /// @param tried whether it has had an attempt: before the first it has passed nobody
     /// @return list the providers that it has passed
-    function remove(TaskId taskId, KindId kindId, uint160 named) external returns (Passed list);
+    function remove(TaskId taskId, KindId kindId, uint160 named, bool tried) external returns (Passed list);
 
     /// @notice Take the next task of a service that is free out of its queue: of those that name nobody the one that the policy
     /// chooses, or the oldest; but an older one that names the service, or its provider, goes first. Only the task manager.

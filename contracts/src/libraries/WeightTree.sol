@@ -56,7 +56,7 @@ library WeightTree {
     function first(Tree storage tree, uint64 minMajor, uint64 minKey) internal view returns (uint64) {
         uint64 root = tree.root;
         if (root == 0) return 0;
-        return _first(tree, root, _rootWeight(tree), weigh(minMajor, 0), (minKey << 1) | 1) >> 1;
+        return _first(tree, root, _rootWeight(tree, root), weigh(minMajor, 0), (minKey << 1) | 1) >> 1;
     }
 
     /// @notice The key up to `maxKey` with the greatest major part; the lowest of equals, 0 if there is none.
@@ -75,7 +75,7 @@ library WeightTree {
         uint64 leaf = (key << 1) | 1;
         uint64 root = tree.root;
         (uint64 top, Weight topWeight) =
-            root == 0 ? (leaf, weight) : _put(tree, root, _rootWeight(tree), leaf, weight);
+            root == 0 ? (leaf, weight) : _put(tree, root, _rootWeight(tree, root), leaf, weight);
         _setRoot(tree, top, topWeight);
     }
 
@@ -91,9 +91,9 @@ library WeightTree {
         (tree.root, tree.rootWeight, tree.used) = (root, weight, true);
     }
 
-    function _rootWeight(Tree storage tree) private view returns (Weight) {
-        if (_isLeaf(tree.root)) return tree.rootWeight;
-        Node storage node = tree.nodes[tree.root];
+    function _rootWeight(Tree storage tree, uint64 root) private view returns (Weight) {
+        if (_isLeaf(root)) return tree.rootWeight;
+        Node storage node = tree.nodes[root];
         return _max(node.leftWeight, node.rightWeight);
     }
 
@@ -120,7 +120,7 @@ library WeightTree {
         uint64 root = tree.root;
         if (root == 0) return 0;
         (uint64 best, Weight greatest) =
-            _inside(tree, root, _rootWeight(tree) & part, (maxKey << 1) | 1, part, skipped);
+            _inside(tree, root, _rootWeight(tree, root) & part, (maxKey << 1) | 1, part, skipped);
         while (best != 0 && !_isLeaf(best)) {
             Node storage node = tree.nodes[best];
             best = node.leftWeight & part == greatest ? node.left : node.right;
