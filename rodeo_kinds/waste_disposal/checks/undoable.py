@@ -94,28 +94,45 @@ def _at_the_bin(case: Case, cause: Any) -> Finding | None:
         return None
     if (failed := doubtful(case, "bin", name)) is not None:
         return failed
-    compartment = own[-1].compartment if own else ""
-    if is_full and _was_full(case, compartment):
-        said = f"it had said before the assignment that its compartment {quoted(compartment)} is full"
-        return impossible(said, whose("bin", name), "statement of the bin")
     # Who carried something else to it, or nothing, shows by that only that it did not do the work.
     if (failed := _not_brought(case, own[-1].shown_s if own else case.proof.end_ns * 1e-9)) is not None:
         return failed
     if is_full:
+        compartment = own[-1].compartment
+        if _was_full(case, own[-1]):
+            said = f"it had said before the assignment that its compartment {quoted(compartment)} is full"
+            return impossible(said, whose("bin", name), "statement of the bin")
         return undecided(f"it said that its compartment {quoted(compartment)} is full", whose("bin", name))
     if not heard_all(case):
         return None  # it may have said something that is not here
     return undecided("it was shown the item and did not answer", whose("bin", name))
 
 
-def _was_full(case: Case, compartment: str) -> bool:
-    """Whether the last that the bin said of it before the assignment is that nothing may be dropped there."""
-    full = False
-    for said in said_before(case, "bin", case.bin.name):
-        one = said.statement
-        if isinstance(one, Classification | Removal) and one.compartment == compartment:
-            full = isinstance(one, Classification) and one.full
-    return full
+def _was_full(case: Case, shown: Classification) -> bool:
+    """Whether the bin said before the assignment that nothing may be dropped where the task's item belongs,
+    and nothing was taken out there until it was shown the item: none of its statements since is missing."""
+    if not case.mocap or shown.compartment != case.bin.compartment_of(case.item.item_class):
+        return False  # it may have been shown anything
+    before = [one.statement for one in said_before(case, "bin", case.bin.name)]
+    full = [one for one in before if isinstance(one, Classification) and _is_full(one, shown.compartment)]
+    if not full:
+        return False
+    since = {
+        one.seq: one
+        for one in [*before, *(said.statement for said in bin_said(case))]
+        if full[-1].seq <= one.seq <= shown.seq
+    }
+    emptied = any(
+        isinstance(one, Removal | Classification)
+        and one.compartment == shown.compartment
+        and not _is_full(one, shown.compartment)
+        for one in since.values()
+    )
+    return len(since) == shown.seq + 1 - full[-1].seq and not emptied
+
+
+def _is_full(one: Classification | Removal, compartment: str) -> bool:
+    return isinstance(one, Classification) and one.full and one.compartment == compartment
 
 
 def _not_brought(case: Case, shown_s: float) -> Finding | None:

@@ -4,6 +4,7 @@ fined, for work that it did not do."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from rodeo.evidence.attestation import Attestation
@@ -239,6 +240,56 @@ def a_full_bin_is_shown_what_a_person_brings(shop: CleaningWorkshop) -> Submissi
 def filled_before_it_is_brought(shop: CleaningWorkshop) -> Submission:
     """The executor has the compartment filled, and carries the item to it: delivery is the work."""
     return shop.submitted(_full(shop.take))
+
+
+def _long_full(take: Take, *more: str, **changes: Any) -> Take:
+    """The bin said five minutes ago that the compartment is full, and then `more`, a minute later each."""
+    of_item = take.of("bin/classification")[0]
+    compartment = of_item.message["compartment"]
+    first = replace(
+        of_item, message=of_item.message | {"full": True} | changes, time_ns=take.samples[0].time_ns
+    )
+    removed = {"compartment": compartment, "weight_n": 3.0, "after_s": 0.0, "settled_s": 0.0}
+    said = [first, *(replace(first, topic=topic, message=removed) for topic in more)]
+    said = [
+        replace(one, message=one.message | {"time_s": take.start_s - 300 + 60 * minutes})
+        for minutes, one in enumerate(said)
+    ]
+    return Take([take.samples[0], *said, *take.samples[1:]])
+
+
+def _long_assigned(shop: CleaningWorkshop, take: Take, **witnesses: Any) -> Submission:
+    return shop.submitted(take, witnesses=Witnesses(**witnesses), **assigned(take, 9.0))
+
+
+@HARNESS.forgery("not_given_up", "the item never moves", role="executor")
+def a_bin_that_is_long_full_is_shown_anything(shop: CleaningWorkshop) -> Submission:
+    """The compartment of cans is full since yesterday. The task's item is paper, and stays where it lies."""
+    return _long_assigned(shop, _long_full(_full(resting(shop.take, ITEM_POSE, 0))))
+
+
+@HARNESS.forgery("not_given_up", "is full", role="executor")
+def a_bin_that_is_long_full_is_shown_another_class(shop: CleaningWorkshop) -> Submission:
+    """The robot brings the item, and a person holds something of a full class into the picture."""
+    others = {"item_class": "trash", "compartment": "grey"}
+    take = told(_full(shop.take), "bin/classification", **others)
+    return _long_assigned(shop, _long_full(take))
+
+
+@HARNESS.forgery("not_given_up", "is full", role="executor")
+def emptied_and_filled_again(shop: CleaningWorkshop) -> Submission:
+    """A bin that was full is emptied, and filled by an accomplice. What it said of that is left out."""
+
+    def edit(one: Attestation) -> Attestation | None:
+        return None if one.payload["type"] == "bin.removal" else one
+
+    return _long_assigned(shop, _long_full(_full(shop.take), "bin/removal"), edit=edit)
+
+
+@HARNESS.forgery("not_given_up", "is full", role="executor")
+def emptied_and_filled_again_openly(shop: CleaningWorkshop) -> Submission:
+    """The same, and the statement is in the recording."""
+    return _long_assigned(shop, _long_full(_full(shop.take), "bin/removal"))
 
 
 @HARNESS.forgery("not_given_up", "is full", role="executor")

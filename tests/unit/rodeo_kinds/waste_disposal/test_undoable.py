@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from rodeo.evidence.attestation import Attestation
 from rodeo.robot.errors import NotFound
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
 from rodeo_testing.recordings import Sample, Take, Witnesses, moved
-from rodeo_testing.workshop import told
+from rodeo_testing.workshop import resting, told
 from tests.unit.conftest import Judge, failed
 
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
@@ -270,4 +271,46 @@ def test_without_motion_capture_nobody_vouches_for_it(site: Site, cleaning: Take
     blind = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
     take = given_up(without_mocap(cleaning, "item1"))
     report = judge(take, posted(take, y_m=0.6), at=blind)
+    assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+
+
+@pytest.mark.parametrize(
+    ("before", "left_out", "outcome"),
+    [
+        pytest.param({}, "", "impossible", id="full since then"),
+        pytest.param({"full": False}, "", "undecided", id="not full yet"),
+        pytest.param({"compartment": "grey"}, "", "undecided", id="another compartment"),
+        pytest.param({}, "bin.removal", "undecided", id="a statement is missing"),
+    ],
+)
+def test_a_compartment_that_was_full_before_the_assignment_makes_the_task_impossible(
+    cleaning: Take, judge: Judge, before: dict[str, Any], left_out: str, outcome: str
+) -> None:
+    """Once the item is brought, and if the bin's statements show that nobody emptied it meanwhile."""
+    take = told(cleaning, "bin/classification", full=True).without("bin/drop")
+    shown = take.of("bin/classification")[0]
+    early_s = take.start_s - 60
+    said = [replace(shown, message=shown.message | {"time_s": early_s} | before)]
+    if left_out:
+        removed = {"compartment": "grey", "weight_n": 1.0, "after_s": 0.0, "settled_s": 0.0}
+        said.append(replace(shown, topic="bin/removal", message=removed | {"time_s": early_s}))
+    said = [replace(one, time_ns=take.samples[0].time_ns) for one in said]
+    take = given_up(Take([take.samples[0], *said, *take.samples[1:]]), "task_failed", after_s=60.0)
+
+    def edit(one: Attestation) -> Attestation | None:
+        return None if left_out and one.payload["type"] == "bin.removal" else one
+
+    report = judge(take, posted(take), witnesses=Witnesses(edit=edit))
+    assert (report.outcome, report.fault) == (outcome, "the bin itrash"), report.reason
+
+
+def test_a_full_compartment_pays_nobody_who_did_not_bring_the_item(cleaning: Take, judge: Judge) -> None:
+    take = told(cleaning, "bin/classification", full=True).without("bin/drop")
+    shown = take.of("bin/classification")[0]
+    early = replace(
+        shown, message=shown.message | {"time_s": take.start_s - 60}, time_ns=take.samples[0].time_ns
+    )
+    take = resting(Take([take.samples[0], early, *take.samples[1:]]), ITEM_POSE, 0)
+    take = given_up(take, "task_failed", after_s=60.0)
+    report = judge(take, posted(take))
     assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
