@@ -4,7 +4,7 @@ HONEST_DISTURBED runs (2,000) with one fault each, and with seeds from the commi
 `honest_fined_by_others_share`: those that were rejected; each is printed. `honest_paid_despite_others_share`:
 of those whose fault leaves every check of the work decided, those that were paid.
 `honest_paid_despite_..._share`: of all with this kind of fault. What was found is kept in
-`out/honest_disturbed.json`: a run that was stopped goes on there.
+`out/honest_disturbed.json`: a run that was stopped continues there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STATE = Path("out/honest_disturbed.json")
 RUNS = 2_000
 
 _films: list[Film] = []
-"""Of a worker."""
+"""The films of a worker process."""
 
 
 class Run(NamedTuple):

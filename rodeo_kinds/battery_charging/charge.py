@@ -31,7 +31,7 @@ may be apart, beside a clock's slack. Tariffs change by the hour; between two of
 
 @dataclass(frozen=True)
 class Names:
-    """Who takes part: of the task, or without a chain of the site and the recording."""
+    """The two sides: of the task, or without a chain of the site and the recording."""
 
     meter: str
     robot: str
@@ -52,7 +52,7 @@ class Charge:
     meter: Testimony | None
     robot: Testimony | None
     records: tuple[MeterRecord, ...]
-    """Of this recording, in the order of the meter's chain."""
+    """Records of this recording, in the order of the meter's chain."""
     receipts: tuple[Receipt, ...]
     """For these records, in the order of the robot's chain."""
     signed: tuple[Signed, ...]

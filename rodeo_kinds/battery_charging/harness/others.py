@@ -33,7 +33,7 @@ from rodeo_testing.workshop import (
 
 Fields = dict[str, Any]
 JUDGE = Account.create()
-"""Of an oracle or an auditor: an address on chain, and no device's."""
+"""Key of an oracle or an auditor: an address on chain, and no device's."""
 _ANOTHER = "0x" + "5a" * 32
 """A recording of something else."""
 

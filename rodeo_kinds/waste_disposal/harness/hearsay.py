@@ -29,7 +29,7 @@ from rodeo_testing.workshop import (
 )
 
 OTHER_BIN = Device(address=STRANGER.address, role="bin", owner="0x" + "66" * 20, name="itrash9")
-"""Of another lab of the organization."""
+"""A device of another lab of the organization."""
 _SAID: dict[str, Any] = {"type": "bin.watch", "drop": 1, "compartment": "blue"}
 
 
@@ -63,7 +63,7 @@ def of_another_bin(take: Take, *heads: dict[str, Any]) -> Take:
 
 
 def a_false_head(number: int = 12) -> dict[str, Any]:
-    """Of motion capture, which never signed that."""
+    """A statement in the name of motion capture, which never signed it."""
     return {
         "device": "mocap",
         "address": MOCAP.address,

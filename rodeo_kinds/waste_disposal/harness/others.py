@@ -38,7 +38,7 @@ from rodeo_testing.workshop import (
 )
 
 JUDGE = Account.create()
-"""Of an oracle or an auditor: an address on chain, and no device's."""
+"""Key of an oracle or an auditor: an address on chain, and no device's."""
 FRIEND = Account.create()
 """A member without a robot."""
 _PHOTO = (RENDERINGS / "paper_2.jpg").read_bytes()
