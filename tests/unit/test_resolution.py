@@ -43,6 +43,7 @@ def _path() -> str:
     return os.pathsep.join([os.path.dirname(sys.executable), os.environ.get("PATH", "")])
 
 
+@pytest.mark.long
 def test_all_extras_resolve_to_wheels_for_both_machines_and_every_python() -> None:
     wanted = list(product(MACHINES, PYTHONS))
     with ThreadPoolExecutor(2) as pool:
