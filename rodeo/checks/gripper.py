@@ -99,8 +99,8 @@ def item_in_gripper(case: Case) -> Finding:
     )
 
 
-def lifted_by_another_s(case: Case) -> float:
-    """When somebody else than the robot lifted the item off the floor and held it up; infinite if it was the
+def lifted_by_another_s(case: Case, robot: str) -> float:
+    """When somebody else than this robot lifted the item off the floor and held it up; infinite if it was the
     robot, if nobody did, or if nobody saw that. In its gripper, or on anything fixed to that, an item rises
     with the gripper."""
     item = pose_of(case, case.item.id)
@@ -112,7 +112,7 @@ def lifted_by_another_s(case: Case) -> float:
     begin_s, end_s = float(item.time_s[lies]), float(item.time_s[up[0]])
     held = (item.time_s >= end_s) & (item.time_s <= end_s + HELD_S)
     at_s = np.arange(begin_s, end_s + HELD_S, _LOOK_CLOSELY_S)
-    gripper = _gripper(case)
+    gripper = pose_of(case, gripper_body(robot))
     seen = len(_seen(at_s, item, gripper)) == len(at_s) and item.time_s[-1] >= end_s + HELD_S
     if not (seen and begin_s >= gripper.time_s[0] and (rise_m[held] > LIFTED_M).all()):
         return np.inf

@@ -4,7 +4,8 @@ Whether the item was there, and who moved it, is for motion capture to say: on a
 that finds nothing has to give the task back in time. Whether there was room for it is for the bin to say.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,7 @@ from rodeo.checks.sources import doubtful, whose
 from rodeo.checks.testimony import bin_said, said_before
 from rodeo.checks.witnesses import MOVED_M, UNSEEN_S
 from rodeo.foreign_text import quoted
+from rodeo.lab.config import RobotConfig
 from rodeo.lab.place import PLACE_LIMIT_M
 from rodeo.witness.motion import PERIOD_US
 from rodeo.witness.statement import Classification, Motion, Removal
@@ -163,9 +165,13 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         item = pose_of(case, params.item_id)
     except CaseError:
         return None  # nothing shows that it did not take the item away
-    taken_s = gripper.lifted_by_another_s(case)
-    if _touched(case, item, base, taken_s):
+    taken_s = gripper.lifted_by_another_s(case, case.robot.name)
+    if _touched(item, base, taken_s, case.robot.limits.linear_m_s):
         return _refuted(case, "the item was moved while the robot was within reach")
+    for robot, other, lifted_s in _other_robots(case):
+        # One that left the room is not guessed to be back.
+        if _touched(item, other, lifted_s, robot.limits.linear_m_s, ends=False):
+            return _refuted(case, f"the item was moved while the executor's {robot.name} was within reach")
     assert case.chain_record is not None
     task, rested_s = case.chain_record.task, _rested_s(case, params.item_id, item)
     if task.assigned is None or rested_s - task.assigned > BEGINS_S + case.slack_s:
@@ -190,7 +196,29 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         nearest_m = float(np.linalg.norm(item.position_m[:, :2] - place_m, axis=1).min())
         found = impossible("how near the item was to the task's place", THE_CREATOR, _SOURCE)
         return found.model_copy(update={"measured": nearest_m, "limit": PLACE_LIMIT_M, "unit": "m"})
+    if rested_s > task.assigned:
+        # A kick of a hand's width is no less one because the recording began after it.
+        return undecided("nobody can tell where the item lay before the recording", "nobody", _SOURCE)
     return given_up(f"the executor reports: {reported_failure(case)}", _SOURCE)
+
+
+def _other_robots(case: Case) -> Iterator[tuple[RobotConfig, Pose, float]]:
+    """The executor's other robots that motion capture saw, and when somebody else than each lifted the
+    item."""
+    assert case.chain_record is not None
+    devices = case.chain_record.devices
+    own = {one.name for one in devices if one.role == "robot" and one.owner.lower() == case.executor}
+    for robot in case.site.robots:
+        if robot.name == case.robot.name or robot.name not in own:
+            continue
+        try:
+            base = pose_of(case, robot.name)
+        except CaseError:
+            continue  # nothing shows that it was there
+        lifted_s = np.inf
+        with suppress(CaseError):
+            lifted_s = gripper.lifted_by_another_s(case, robot.name)
+        yield robot, base, lifted_s
 
 
 def _refuted(case: Case, seen: str) -> Finding:
@@ -218,16 +246,21 @@ def _rested_s(case: Case, body: str, item: Pose) -> float:
     return since_s - ago_s
 
 
-def _touched(case: Case, item: Pose, base: Pose, until_s: float) -> bool:
+def _touched(item: Pose, base: Pose, until_s: float, fastest_m_s: float, ends: bool = True) -> bool:
     """Whether the item went more than `MOVED_M` before then while the robot may have been within reach, seen
-    or not."""
+    or not. `ends`: also before it was first seen, and after it was last seen."""
     at_s = np.arange(item.time_s[0], min(item.time_s[-1] + _LOOK_S, until_s), _LOOK_S)
     item_m, base_m = (pose.at(at_s) for pose in (item, base))
     away_m = np.linalg.norm(base_m[:, :2] - item_m[:, :2], axis=1)
     for start_s, end_s in base.unseen_s:
-        # It may have gone there and back.
-        hidden_s = np.minimum(at_s - start_s, end_s - at_s)
-        away_m -= case.robot.limits.linear_m_s * np.maximum(hidden_s, 0.0)
+        # It may have gone there, and back if it was seen again.
+        is_last = start_s >= base.time_s[-1]
+        if is_last and not ends:
+            continue
+        hidden_s = at_s - start_s if is_last else np.minimum(at_s - start_s, end_s - at_s)
+        away_m -= fastest_m_s * np.maximum(hidden_s, 0.0)
+    if ends:
+        away_m -= fastest_m_s * np.maximum(base.time_s[0] - at_s, 0.0)
     near = away_m <= TOUCHES_M
     for start_s, end_s in item.unseen_s:
         hidden = (at_s >= start_s - _LOOK_S) & (at_s <= end_s + _LOOK_S)

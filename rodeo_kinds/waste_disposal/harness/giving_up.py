@@ -8,22 +8,27 @@ from dataclasses import replace
 from typing import Any
 
 from rodeo.evidence.attestation import Attestation
+from rodeo.messages import Device
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, PLACE, CleaningWorkshop
+from rodeo_testing.assignments import EXECUTOR
 from rodeo_testing.recordings import Sample, Take, Witnesses
 from rodeo_testing.workshop import (
     GRIPPER_POSE,
     JOINT_STATES,
     ODOM,
     ROBOT_POSE,
+    STRANGER,
     Submission,
     displaced,
     edited_between,
     middle_s,
     registered,
     resting,
+    said,
     told,
     waist_turned,
     with_fields,
+    with_more_devices,
 )
 
 ARRIVED = 0.1
@@ -35,8 +40,8 @@ def gives_up(take: Take, share: float, cause: str = "not_found") -> Take:
     """The beginning of it, and then the robot gives up."""
     samples = [sample for sample in take.samples if sample.time_ns * 1e-9 <= middle_s(take, share)]
     failure = {"message": "it cannot be done", "details": {"cause": cause}}
-    said = Sample("rodeo/event", "", {"event": "execution_failed", **failure}, samples[-1].time_ns)
-    return Take([*samples, said])
+    failed = Sample("rodeo/event", "", {"event": "execution_failed", **failure}, samples[-1].time_ns)
+    return Take([*samples, failed])
 
 
 def waits(take: Take) -> Take:
@@ -184,6 +189,63 @@ def nothing_found_in_a_recording_that_nobody_heard(shop: CleaningWorkshop) -> Su
     return _lies_elsewhere(shop, 600, 120.0, 3.0, hears=lambda _: False)
 
 
+# -- by whom, and before or after what is seen -----------------------------------------------------------
+
+
+@HARNESS.forgery("not_given_up", "before the recording", role="executor")
+def pushed_before_the_recording_and_not_grasped(shop: CleaningWorkshop) -> Submission:
+    """The robot pushes the item, begins its recording 28 seconds after the assignment, and cannot grasp."""
+    take = waits(shop.take)
+    moved = gives_up(pushed(take, 0.0, PUSHED_M), 1.0, "grasp_failed")
+    return shop.submitted(moved, **assigned(take, 28.0))
+
+
+@HARNESS.forgery("not_given_up", "before the recording", role="executor")
+def kicked_just_before_the_recording(shop: CleaningWorkshop) -> Submission:
+    """The same by four centimetres, three seconds after the assignment."""
+    take = waits(shop.take)
+    moved = gives_up(pushed(take, 0.0, 0.04), 1.0, "grasp_failed")
+    return shop.submitted(moved, witnesses=Witnesses(lay=(ITEM, 2)), **assigned(take, 5.0))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def pushed_by_a_base_that_is_hidden_to_the_end(shop: CleaningWorkshop) -> Submission:
+    """The robot looks, drives four metres away, hides under a cloth, comes back and pushes the item."""
+    take = waits(shop.take)
+    moved = pushed(take, take.end_s - 0.9, PUSHED_M)
+    away = edited_between(moved, ROBOT_POSE, take.start_s + 6.0, math.inf, lambda s: displaced(s, x=-4.0))
+    hidden = edited_between(away, ROBOT_POSE, take.end_s - 5.0, math.inf, lambda _: None)
+    return shop.submitted(gives_up(hidden, 1.0, "grasp_failed"), witnesses=Witnesses(lay=(ITEM, 60)))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def pushed_by_a_base_that_is_not_seen_yet(shop: CleaningWorkshop) -> Submission:
+    """The robot pushes the item under a cloth, and is first seen when it is four metres away."""
+    take = waits(shop.take)
+    moved = pushed(take, take.start_s + 1.0, PUSHED_M)
+    hidden = edited_between(moved, ROBOT_POSE, 0.0, take.start_s + 3.0, lambda _: None)
+    away = edited_between(hidden, ROBOT_POSE, 0.0, take.start_s + 5.0, lambda s: displaced(s, x=-4.0))
+    return shop.submitted(gives_up(away, 1.0, "grasp_failed"), witnesses=Witnesses(lay=(ITEM, 60)))
+
+
+@HARNESS.forgery("not_given_up", "panther2 was within reach", role="executor")
+def pushed_by_its_second_robot(shop: CleaningWorkshop) -> Submission:
+    """Another robot of the executor pushes the item while the first is far away."""
+    take = waits(shop.take)
+    begin_s = take.start_s + 8.0
+    second = [replace(sample, topic="mocap/panther2/pose") for sample in take.of(ROBOT_POSE)]
+    moved = said(pushed(take, begin_s, PUSHED_M), *second)
+    away = edited_between(moved, ROBOT_POSE, begin_s - 2.0, math.inf, lambda s: displaced(s, x=-4.0))
+    submission = shop.submitted(gives_up(away, 1.0), witnesses=Witnesses(lay=(ITEM, 60)))
+    other = Device(address=STRANGER.address, role="robot", owner=EXECUTOR, name="panther2")
+    robots = [*shop.site.robots, shop.site.robots[0].model_copy(update={"name": "panther2"})]
+    return replace(
+        submission,
+        chain_record=with_more_devices(submission.chain_record, other),
+        site=shop.site.model_copy(update={"robots": robots}),
+    )
+
+
 # -- its own key -----------------------------------------------------------------------------------------
 
 
@@ -216,10 +278,10 @@ def its_own_key_reported_stolen_in_time(shop: CleaningWorkshop) -> Submission:
 
 
 def _full(take: Take) -> Take:
-    said = told(take, "bin/classification", full=True)
-    shown_s = said.of("bin/classification")[0].time_ns * 1e-9
+    full = told(take, "bin/classification", full=True)
+    shown_s = full.of("bin/classification")[0].time_ns * 1e-9
     share = (shown_s + 1.0 - take.start_s) / (take.end_s - take.start_s)
-    return gives_up(said.without("bin/drop"), share, "task_failed")
+    return gives_up(full.without("bin/drop"), share, "task_failed")
 
 
 @HARNESS.forgery("not_given_up", "the item never moves", role="executor")
@@ -250,12 +312,12 @@ def _long_full(take: Take, *more: str, **changes: Any) -> Take:
         of_item, message=of_item.message | {"full": True} | changes, time_ns=take.samples[0].time_ns
     )
     removed = {"compartment": compartment, "weight_n": 3.0, "after_s": 0.0, "settled_s": 0.0}
-    said = [first, *(replace(first, topic=topic, message=removed) for topic in more)]
-    said = [
+    before = [first, *(replace(first, topic=topic, message=removed) for topic in more)]
+    before = [
         replace(one, message=one.message | {"time_s": take.start_s - 300 + 60 * minutes})
-        for minutes, one in enumerate(said)
+        for minutes, one in enumerate(before)
     ]
-    return Take([take.samples[0], *said, *take.samples[1:]])
+    return Take([take.samples[0], *before, *take.samples[1:]])
 
 
 def _long_assigned(shop: CleaningWorkshop, take: Take, **witnesses: Any) -> Submission:
@@ -295,11 +357,11 @@ def emptied_and_filled_again_openly(shop: CleaningWorkshop) -> Submission:
 @HARNESS.forgery("not_given_up", "is full", role="executor")
 def a_full_bin_for_the_price(shop: CleaningWorkshop) -> Submission:
     """The same, and the robot drops the item all the same after it has given up."""
-    said = told(shop.take, "bin/classification", full=True)
+    full = told(shop.take, "bin/classification", full=True)
     failure = {"message": "the compartment is full", "details": {"compartment": "blue"}}
-    at_ns = said.samples[-1].time_ns
+    at_ns = full.samples[-1].time_ns
     return shop.submitted(
-        Take([*said.samples, Sample("rodeo/event", "", {"event": "execution_failed", **failure}, at_ns)])
+        Take([*full.samples, Sample("rodeo/event", "", {"event": "execution_failed", **failure}, at_ns)])
     )
 
 

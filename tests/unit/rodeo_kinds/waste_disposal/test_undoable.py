@@ -175,8 +175,32 @@ def test_a_site_that_does_not_see_grippers_cannot_tell_who_lifted_it(
 
 def test_a_robot_that_touched_nothing_and_could_not_do_it_is_not_fined(cleaning: Take, judge: Judge) -> None:
     take = given_up(cleaning, "grasp_failed")
-    report = judge(take, posted(take, y_m=0.6))
+    report = judge(take, posted(take, y_m=0.6), witnesses=LAY_LONG)
     assert (report.outcome, report.fault, failed(report)) == ("given_up", None, "not_given_up"), report.reason
+
+
+@pytest.mark.parametrize(
+    ("away_m", "hidden_s", "outcome"),
+    [
+        pytest.param(4.0, (11.0, 99.0), "rejected", id="hidden to the end"),
+        pytest.param(40.0, (11.0, 99.0), "given_up", id="too far away to come back"),
+        pytest.param(4.0, (99.0, 99.0), "given_up", id="seen"),
+    ],
+)
+def test_a_robot_that_hides_may_have_come_back(
+    cleaning: Take, judge: Judge, away_m: float, hidden_s: tuple[float, float], outcome: str
+) -> None:
+    """The item moves when the robot was last seen far away."""
+    gone = elsewhere(standing(cleaning), ITEM_POSE, 99.0, 0.4, begins_s=13.3)
+    left = elsewhere(gone, ROBOT_POSE, 99.0, -away_m, begins_s=5.0)
+
+    def edit(sample: Sample) -> Sample | None:
+        since_s = sample.time_ns * 1e-9 - cleaning.start_s
+        return None if hidden_s[0] < since_s < hidden_s[1] else sample
+
+    take = given_up(left.edited(ROBOT_POSE, edit), "grasp_failed", after_s=14.0)
+    report = judge(take, posted(take), witnesses=LAY_LONG)
+    assert (report.outcome, failed(report)) == (outcome, "not_given_up"), report.reason
 
 
 @pytest.mark.parametrize("cause", ["not_found", "grasp_failed"])
@@ -239,7 +263,7 @@ def test_what_motion_capture_did_not_see_is_no_excuse_and_no_pay(
         return sample if seen and not 2 < sample.time_ns * 1e-9 - cleaning.start_s < 6 else None
 
     take = given_up(cleaning.edited(ITEM_POSE, edit), after_s=8.0)
-    report = judge(take, posted(take, y_m=0.6))
+    report = judge(take, posted(take, y_m=0.6), witnesses=LAY_LONG)
     assert report.outcome == ("given_up" if seen else "rejected"), report.reason
 
 
