@@ -17,6 +17,14 @@ COMMITTEE = "committee"
 
 WORDS = {"given_up": "given up"}
 """Rulings whose name is not the word for people."""
+MEANINGS: dict[str, str] = {
+    "accepted": "accepted: the work was done, and is paid",
+    "rejected": "rejected: the executor claims what is not so, and pays the penalty",
+    "given_up": "given up: the executor could not do it, and is not paid; unless it is proven, it is fined",
+    "impossible": "impossible: nobody could do it, and its executor is paid a tenth of the price",
+    "void": "void: nobody's doing, or not to be told; the task ends, and nobody is paid or pays",
+}
+"""What a ruling means, in the words of the contracts' table (docs/reference/contracts.md)."""
 FAULTS: dict[Fault, str] = {
     "nobody": "nobody's doing",
     "creator": "the creator's doing",

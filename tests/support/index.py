@@ -33,7 +33,7 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         Task.model_validate(indexed)
         what, kept = f"task {task_id}", client.task(task_id)
         # The contracts keep the deadline that runs, and of the proof only one that waits.
-        apart = {"deadline", "proof_hash", "price", "hired", "service_id", "provider"}
+        apart = {"deadline", "case_end", "kind_id", "proof_hash", "price", "hired", "service_id", "provider"}
         found.check_record(what, indexed, kept, without=apart)
         named = indexed["requested_service_id"]
         provider = indexed["requested_provider"]
@@ -45,8 +45,7 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         running = "verdict_deadline" if waits else "execution_deadline"
         runs = waits or indexed["state"] == "assigned"
         found.check(f"{what}: deadline", indexed[running] if runs else 0, kept.deadline)
-        if waits:
-            found.check(f"{what}: case end", indexed["case_end"], client.attempt_of(task_id).case_end)
+        found.check(f"{what}: case end", indexed["case_end"] if waits else 0, kept.case_end)
         if indexed["standing"] is not None:
             found.check_record(
                 f"{what}: ruling",

@@ -20,6 +20,7 @@ from rodeo.person.photo_code import photo_code
 from rodeo.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
 from rodeo.strict_json import Json
 from rodeo.verdicts import (
+    MEANINGS,
     NO_REPORT,
     WORDS,
     is_peoples_verdict,
@@ -436,6 +437,8 @@ def _draw_outcome(attempt: Attempt, verdict: str) -> None:
         Text("div", "does not count as an attempt", "soft")
     if verdict:
         Text("div", verdict[:1].upper() + verdict[1:], "soft wrap")
+    if (said := attempt.verdict or attempt.standing) in MEANINGS:
+        Text("div", MEANINGS[said].partition(": ")[2].capitalize() + ".", "soft wrap")
 
 
 def _draw_progress(console: Console, task: Task, ended: float | None) -> None:

@@ -16,7 +16,7 @@ from rodeo.person import pace
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.person.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
-from rodeo.verdicts import FAULTS, WORDS, is_peoples_verdict, standing_words, verdict_words
+from rodeo.verdicts import FAULTS, MEANINGS, WORDS, is_peoples_verdict, standing_words, verdict_words
 from services.console.formatting import count, explain, iec, kind, moment
 from services.console.pages.frame import (
     Console,
@@ -46,14 +46,6 @@ from services.console.pages.widgets import (
 from services.console.roles import Role
 
 SHOWN = 20
-RULINGS = {
-    "accepted": "accepted: the work was done, and is paid",
-    "rejected": "rejected: the executor claims what is not so, and pays the penalty",
-    "given_up": "given up: the executor could not do it, and pays nothing",
-    "impossible": "impossible: nobody could do it, and its executor is paid a tenth of the price",
-    "void": "void: nobody's doing, or not to be told; the task ends, and nobody is paid or pays",
-}
-"""What an auditor can say of a proof, in words."""
 
 
 def register(console: Console) -> None:
@@ -287,7 +279,7 @@ class AuditorDesk:
             tenth = iec((task.price_iec or Decimal(0)) / 10)  # IMPOSSIBLE_SHARE of the contract
             lines = [
                 ("Task", f"{task.id} · {kind(task.kind)}"),
-                ("Ruling", RULINGS[said]),
+                ("Ruling", MEANINGS[said]),
                 ("Reason", text),
                 ("Agreed price", iec(task.price_iec)),
                 (
@@ -324,7 +316,7 @@ class AuditorDesk:
             with ui.element("ul").classes("list").props('aria-label="Known facts about the proof"'):
                 for line in known:
                     Text("li", line, "soft wrap")
-            ruling = ui.select(RULINGS, value="accepted", label="Ruling").props("outlined dense")
+            ruling = ui.select(MEANINGS, value="accepted", label="Ruling").props("outlined dense")
             fault = ui.select({**FAULTS}, value="nobody", label="Whose doing it is").props("outlined dense")
             amount = ui.input("Pay (IEC)", value=f"{task.price_iec or 0:f}").props("outlined dense")
             reason = ui.input("Why?").props("outlined dense maxlength=500")
