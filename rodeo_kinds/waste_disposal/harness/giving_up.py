@@ -268,10 +268,25 @@ def its_own_key_reported_stolen(shop: CleaningWorkshop) -> Submission:
     return _without_a_key(shop, "compromised", 0.5)
 
 
-@HARNESS.forgery("signer", "revoked as compromised", role="executor")
+@HARNESS.forgery("carried", "never leaves the floor", role="executor")
 def its_own_key_reported_stolen_in_time(shop: CleaningWorkshop) -> Submission:
     """The same while the robot mimes, and the item lies where it lay."""
     return _without_a_key(shop, "compromised", 0.9, resting(shop.take, ITEM_POSE, 0))
+
+
+@HARNESS.forgery("carried", "never leaves the floor", role="executor")
+def its_own_key_superseded_while_it_mimes(shop: CleaningWorkshop) -> Submission:
+    """The robot gets another key in the middle, and the item lies where it lay."""
+    return _without_a_key(shop, "superseded", 0.5, resting(shop.take, ITEM_POSE, 0))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def its_own_key_reported_stolen_after_a_kick(shop: CleaningWorkshop) -> Submission:
+    """The robot kicks the item, gives up, and its owner says that its key had been stolen before."""
+    take = waits(shop.take)
+    kicked = gives_up(pushed(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed")
+    revoked = {"revoked": take.start_s + 5.0, "revoked_because": "compromised"}
+    return shop.submitted(kicked, devices=registered("robot", **revoked))
 
 
 # -- a full compartment ------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BIN, CHARGE_BINDING, METER, MOCAP, ORGANIZATION, ROBOT
 from rodeo_testing.recordings import Sample, Sides, Take, Witnesses
-from rodeo_testing.workshop import told
+from rodeo_testing.workshop import resting, told
 from tests.unit.conftest import Judge, failed
 
 NEXT = Account.create()
@@ -92,11 +92,14 @@ def test_a_robots_key_that_is_superseded_before_the_submission_sealed_a_good_pro
 def test_a_robots_key_that_is_revoked_while_it_records_seals_no_work_and_costs_no_penalty(
     cleaning: Take, judge: Judge, because: str
 ) -> None:
-    """Whoever has the key by then may have sealed it: nothing else that is in it counts against the robot."""
+    """Whoever has the key by then may have sealed it. What witnesses saw counts all the same: the key may be
+    reported stolen by who kicked the item, or never moved it."""
     chain = revoked(cleaning_chain_record(cleaning), "robot", middle_s(cleaning), because)
-    for take in (cleaning, told(cleaning, "bin/drop", weight_n=0.01)):
+    report = judge(cleaning, chain)
+    assert (report.outcome, report.fault, failed(report)) == ("given_up", None, "signer"), report.reason
+    for take in (told(cleaning, "bin/drop", weight_n=0.01), resting(cleaning, "mocap/item1/pose", 0)):
         report = judge(take, chain)
-        assert (report.outcome, report.fault, failed(report)) == ("given_up", None, "signer")
+        assert report.outcome == "rejected", report.reason
 
 
 @pytest.mark.parametrize("because", ["superseded", "compromised"])
