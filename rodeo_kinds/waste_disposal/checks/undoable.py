@@ -18,13 +18,13 @@ from rodeo.checks.heads import in_file, listed
 from rodeo.checks.poses import Pose, base_of, motion_of, moving_s, pose_of
 from rodeo.checks.report import Finding, given_up, impossible, undecided
 from rodeo.checks.sources import doubtful, whose
-from rodeo.checks.testimony import bin_said, said_before
+from rodeo.checks.testimony import bin_said, own_said, said_before
 from rodeo.checks.witnesses import MOVED_M, UNSEEN_S
 from rodeo.foreign_text import quoted
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.place import PLACE_LIMIT_M
 from rodeo.witness.motion import PERIOD_US
-from rodeo.witness.statement import Classification, Motion, Removal
+from rodeo.witness.statement import Classification, Motion, Presentation, Removal
 from rodeo_kinds.waste_disposal.checks.disposal import LOST_IN_A_ROW, NEAR_BIN_M, heard_all
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
@@ -105,9 +105,29 @@ def _at_the_bin(case: Case, cause: Any) -> Finding | None:
             said = f"it had said before the assignment that its compartment {quoted(compartment)} is full"
             return impossible(said, whose("bin", name), "statement of the bin")
         return undecided(f"it said that its compartment {quoted(compartment)} is full", whose("bin", name))
+    if (failed := _unpresented(case)) is not None:
+        return failed
     if not heard_all(case):
         return None  # it may have said something that is not here
     return undecided("it was shown the item and did not answer", whose("bin", name))
+
+
+def _unpresented(case: Case) -> Finding | None:
+    """Why the bin had nothing to answer: the robot did not tell it for which recording it showed the item, as
+    far as motion capture heard."""
+    own = {
+        (one.statement.seq, one.digest)
+        for one in own_said(case)
+        if isinstance(one.statement, Presentation)
+        and (one.statement.bin, one.statement.recording) == (case.bin.name, case.proof.recording)
+    }
+    signer = (case.proof.signer or "").lower()
+    for one in motion_of(case):
+        for head in one.statement.heads:
+            if (head.address.lower(), head.chain) == (signer, None) and (head.index, head.digest) in own:
+                return None
+    detail = "motion capture heard no presentation of this robot at the bin"
+    return Finding(passed=False, source="heads that motion capture lists", detail=detail, stands=not own)
 
 
 def _was_full(case: Case, shown: Classification) -> bool:

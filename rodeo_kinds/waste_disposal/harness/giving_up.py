@@ -380,6 +380,40 @@ def a_full_bin_for_the_price(shop: CleaningWorkshop) -> Submission:
     )
 
 
+# -- a bin that does not answer --------------------------------------------------------------------------
+
+
+def _unanswered(shop: CleaningWorkshop, take: Take, **witnesses: Any) -> Submission:
+    shown_s = take.of("bin/classification")[0].time_ns * 1e-9
+    share = (shown_s - take.start_s) / (take.end_s - take.start_s)
+    silent = gives_up(take.without("bin/classification"), share, "no_answer")
+    return shop.submitted(silent, witnesses=Witnesses(**witnesses))
+
+
+@HARNESS.forgery("not_given_up", "heard no presentation", role="executor")
+def a_bin_is_blamed_that_was_never_asked(shop: CleaningWorkshop) -> Submission:
+    """The robot stands in front of the bin with the item, and says nothing to it."""
+    return _unanswered(shop, shop.take.without("robot/presentation"))
+
+
+@HARNESS.forgery("not_given_up", "heard no presentation", role="executor")
+def a_bin_is_asked_for_another_recording(shop: CleaningWorkshop) -> Submission:
+    """The robot presents itself for a recording that is not this one."""
+    return _unanswered(shop, told(shop.take, "robot/presentation", recording="0x" + "33" * 32))
+
+
+@HARNESS.forgery("not_given_up", "heard no presentation", role="executor")
+def another_bin_is_asked(shop: CleaningWorkshop) -> Submission:
+    """The robot presents itself to another bin."""
+    return _unanswered(shop, told(shop.take, "robot/presentation", bin="itrash2"))
+
+
+@HARNESS.forgery("not_given_up", "heard no presentation", role="executor")
+def a_bin_is_asked_by_another_robot(shop: CleaningWorkshop) -> Submission:
+    """What is recorded is the presentation of a robot with another key."""
+    return _unanswered(shop, shop.take, robot=STRANGER)
+
+
 # -- while a witness was off -----------------------------------------------------------------------------
 
 

@@ -338,3 +338,24 @@ def test_a_full_compartment_pays_nobody_who_did_not_bring_the_item(cleaning: Tak
     take = given_up(take, "task_failed", after_s=60.0)
     report = judge(take, posted(take))
     assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+
+
+@pytest.mark.parametrize(
+    ("asks", "off", "outcome", "fault"),
+    [
+        pytest.param(True, False, "undecided", "the bin itrash", id="asked"),
+        pytest.param(False, False, "rejected", None, id="never asked"),
+        pytest.param(True, True, "undecided", "the site's motion capture", id="nobody heard it"),
+    ],
+)
+def test_a_bin_fails_to_answer_only_whom_motion_capture_heard(
+    cleaning: Take, judge: Judge, asks: bool, off: bool, outcome: str, fault: str | None
+) -> None:
+    asked_s = cleaning.of("robot/presentation")[0].time_ns * 1e-9
+    shown_s = cleaning.of("bin/classification")[0].time_ns * 1e-9
+    silent = cleaning.without("bin/classification").without("bin/drop")
+    take = silent if asks else silent.without("robot/presentation")
+    take = given_up(take, "no_answer", after_s=shown_s - cleaning.start_s)
+    witnesses = Witnesses(mocap_off_s=(asked_s - 0.5, asked_s + 1.5)) if off else None
+    report = judge(take, posted(take), witnesses=witnesses)
+    assert (report.outcome, report.fault) == (outcome, fault), report.reason
