@@ -374,7 +374,7 @@ class _Scene:
             self._claimants = (newest, *(one for one in self._claimants if one != newest))
         elif model in (Classification, Drop):
             fields = {"claimants": self._claimants} | fields
-            if model is Drop:
+            if model is Drop and fields.get("classification"):  # what was not shown is nobody's
                 self._claimants = ()
         return self._distribute(chain, chain.sign(model, time_s, **fields))
 

@@ -190,6 +190,9 @@ class Checks:
     for the same pay, or for who it helps."""
     work_from_s: Callable[[Case], float] = lambda case: -math.inf
     """From when on a witness that is silent misses the work, s. Raises what the case's computations raise."""
+    may_have_come: Callable[[Case], bool] = lambda case: True
+    """Whether who gives up may have come to its work while a witness was silent. Raises what the case's
+    computations raise."""
     at_idle_speed: bool = False
     """Whether a simulated clock goes at the site's `idle_speed` while the work is done."""
     model_sha256: Callable[[], str] | None = None

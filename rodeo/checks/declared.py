@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from rodeo.checks.case import Case, CaseError, OthersFailed, ordered
-from rodeo.checks.report import Finding, impossible
+from rodeo.checks.report import Finding, impossible, standing
 from rodeo.checks.tables import events_of
+from rodeo.evidence.errors import EvidenceError
 from rodeo.foreign_text import in_words, quoted
 
 
@@ -39,7 +40,15 @@ def _worth(case: Case, failure: Mapping[str, Any]) -> Finding:
             lacking = f"; {in_words(error)}"
     reason = reported_failure(case)
     detail = f"the executor reports: {reason}{lacking}"
-    return Finding(passed=False, measured=reason, source=_SOURCE, detail=detail)
+    found = Finding(passed=False, measured=reason, source=_SOURCE, detail=detail)
+    return found if _may_have_come(case) else standing(found)
+
+
+def _may_have_come(case: Case) -> bool:
+    try:
+        return case.checks.may_have_come(case)
+    except EvidenceError:
+        return True
 
 
 _SOURCE = "the executor's own recording"

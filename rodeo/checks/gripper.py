@@ -9,10 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from rodeo.checks.case import NO_MOCAP, Case, CaseError
+from rodeo.checks.heads import LISTED_S
 from rodeo.checks.kinematics import inverse, kinematics_of, product, turned
 from rodeo.checks.phases import HELD_S, LIFTED_M, phases_of
 from rodeo.checks.poses import CLOCKS_S, Pose, base_of, pose_of
-from rodeo.checks.report import Finding, at_most, skipped
+from rodeo.checks.report import Finding, at_most, skipped, standing
+from rodeo.checks.sources import blind
 from rodeo.checks.tables import gaps_of
 from rodeo.checks.witnesses import UNSEEN_S
 from rodeo.evidence.series import Array
@@ -63,7 +65,7 @@ def gripper_agrees(case: Case) -> Finding:
         # A base that never turned does not tell how far apart the clocks are.
         off |= {float(shift_s): off_m(shift_s) for shift_s in np.arange(-15, 16) * (CLOCKS_S / 15)}
         best_s = min(off, key=lambda shift_s: (off[shift_s], abs(shift_s)))
-    return at_most(
+    found = at_most(
         off[best_s],
         AGREE_M,
         "m",
@@ -71,6 +73,7 @@ def gripper_agrees(case: Case) -> Finding:
         detail=f"distance of the gripper from its pose by base and joints, {AGREE_SHARE:.0%} of the time; "
         f"clock offset {best_s:.2f} s",
     )
+    return standing(found)  # only what was seen was compared
 
 
 def item_in_gripper(case: Case) -> Finding:
@@ -90,13 +93,16 @@ def item_in_gripper(case: Case) -> Finding:
         raise CaseError("motion capture did not see the item between lift and release")
     inside_m = _in_hand_m(gripper, item, at_s)
     middle_m = np.median(inside_m, axis=0)
-    return at_most(
+    found = at_most(
         most_of(np.linalg.norm(inside_m - middle_m, axis=1), _LOOK_CLOSELY_S, RIGID_SHARE),
         RIGID_M,
         "m",
         source="length of the pads",
         detail="the item moves against the gripper by",
     )
+    phases_s = np.array([phases.closing_s, phases.lifted_s, release_s, phases.rest_s])
+    hidden = blind(case, phases_s - LISTED_S, phases_s + LISTED_S).any()
+    return found if hidden else standing(found)
 
 
 def lifted_by_another_s(case: Case, robot: str) -> float:

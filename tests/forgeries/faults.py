@@ -209,36 +209,62 @@ def _bin_dead(film: Film, chance: Rng) -> Fault:
 
 
 def _junk_dropped(film: Film, chance: Rng) -> Fault:
-    """One or two things fall in, before the item or after it, and the first that falls after the showing
-    takes the claim."""
-    drop, fell_s = film.drop, film.settled_s - _SHAKEN_S
-    times_s = sorted(
-        chance.uniform(film.settled_s + 1.0, film.settled_s + 12.0)
-        if chance.integers(2)
-        else chance.uniform(film.take.start_s + 2.0, fell_s - _SHAKEN_S)
-        for _ in range(int(chance.integers(1, 3)))
-    )
-    falls = [(at_s, False) for at_s in times_s] + [(film.settled_s, True)]
+    """One or two things fall in, before the item, after it or with it, and the first that falls after the
+    showing takes the claim. What falls into one compartment within three seconds is one drop for the bin."""
+    drop = film.drop
+    falls = [_Fall(drop["after_s"], film.settled_s, drop["compartment"], drop["weight_n"], is_item=True)]
+    for _ in range(int(chance.integers(1, 3))):
+        begins_s, ends_s = (
+            (film.settled_s - 2.0, film.settled_s + 12.0)
+            if chance.integers(2)
+            else (film.take.start_s + 2.0, film.settled_s)
+        )
+        at_s, where = chance.uniform(begins_s, ends_s), str(chance.choice([*film.site.bins[0].compartments]))
+        falls.append(_Fall(at_s - 1.0, at_s, where, round(chance.uniform(0.1, 2.0), 3)))
+    words = f"junk falls in at {[round(one.settled_s - film.take.start_s, 1) for one in falls[1:]]} s"
+    merged: list[_Fall] = []
+    for fall in sorted(falls, key=lambda one: one.settled_s):
+        before = next((one for one in reversed(merged) if one.compartment == fall.compartment), None)
+        if before is not None and fall.settled_s - before.settled_s <= _SHAKEN_S:
+            merged.remove(before)
+            fall = before.with_(fall)
+        merged.append(fall)
     claim = {name: drop[name] for name in ("classification", "expected_compartment")}
     nothing: dict[str, Any] = {"classification": None, "expected_compartment": None, "claimants": ()}
     samples = []
-    for number, (settled_s, is_item) in enumerate(sorted(falls), start=1):
-        claims = settled_s > film.shown_s and bool(claim)
+    for number, fall in enumerate(merged, start=1):
+        claims = fall.settled_s > film.shown_s and bool(claim)
         named = claim if claims else nothing
         claim = {} if claims else claim
-        where = drop["compartment"] if is_item else str(chance.choice([*film.site.bins[0].compartments]))
         felt = {
             "number": number,
-            "compartment": where,
-            "weight_n": drop["weight_n"] if is_item else round(chance.uniform(0.1, 2.0), 3),
-            "after_s": drop["after_s"] if is_item else settled_s - 1.0,
-            "settled_s": settled_s,
-            "correct": named.get("expected_compartment") == where,
+            "compartment": fall.compartment,
+            "weight_n": fall.weight_n,
+            "after_s": fall.after_s,
+            "settled_s": fall.settled_s,
+            "correct": named.get("expected_compartment") == fall.compartment,
         }
-        samples.append(Sample("bin/drop", "", named | felt, round(settled_s * 1e9)))
+        samples.append(Sample("bin/drop", "", named | felt, round(fall.settled_s * 1e9)))
     take = said(film.take.without("bin/drop"), *samples)
-    words = f"junk falls in at {[round(at_s - film.take.start_s, 1) for at_s in times_s]} s"
-    return Fault("junk_dropped", words, take, decided=True)
+    alone = any(one.is_item and one.weight_n == drop["weight_n"] for one in merged)
+    return Fault("junk_dropped", words, take, decided=alone)
+
+
+@dataclass(frozen=True)
+class _Fall:
+    """What the bin takes for one drop."""
+
+    after_s: float
+    settled_s: float
+    compartment: str
+    weight_n: float
+    is_item: bool = False
+
+    def with_(self, other: _Fall) -> _Fall:
+        """Both, of which the other settles later."""
+        weight_n = round(self.weight_n + other.weight_n, 3)
+        either = self.is_item or other.is_item
+        return _Fall(min(self.after_s, other.after_s), other.settled_s, self.compartment, weight_n, either)
 
 
 def _taken_out(film: Film, chance: Rng) -> Fault:

@@ -11,6 +11,7 @@ from rodeo.vision.classification import model_sha256
 from rodeo_kinds.waste_disposal.checks import carry, completeness, disposal
 from rodeo_kinds.waste_disposal.checks.acts import acts
 from rodeo_kinds.waste_disposal.checks.item import bin_of, item_of
+from rodeo_kinds.waste_disposal.checks.reach import may_have_come
 from rodeo_kinds.waste_disposal.checks.undoable import undoable
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
@@ -59,6 +60,7 @@ CHECKS = Checks(
     undoable=undoable,
     item=item_of,
     bin=bin_of,
+    may_have_come=may_have_come,
     work_from_s=witnesses.work_from_s,
     model_sha256=model_sha256,
 )

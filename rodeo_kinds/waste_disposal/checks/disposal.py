@@ -13,9 +13,9 @@ from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.phases import REST_M, phases_of
 from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
 from rodeo.checks.replay import replay_of
-from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
+from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, standing, undecided
 from rodeo.checks.results import once_per_case
-from rodeo.checks.sources import doubtful, revoked_meanwhile, revoked_while_recorded, whose
+from rodeo.checks.sources import doubtful, revoked_meanwhile, revoked_while_recorded, silent_s, whose
 from rodeo.checks.tables import gaps_of
 from rodeo.checks.testimony import bin_said, bin_testimony, by_signer, own_said
 from rodeo.checks.witnesses import UNLISTED_S
@@ -63,15 +63,21 @@ def _classification(case: Case) -> Classification:
 @once_per_case
 def drop_of(case: Case) -> Drop | None:
     """The item's: others may use the bin meanwhile. Of those that the release can explain, the first that
-    weighs what the item may weigh, rather in the compartment that the bin asked for; else the first at all,
-    else the last."""
+    weighs what the item may weigh, rather in the compartment that the bin asked for; else the first that is
+    heavier, which may be the item and something else; else the first at all, else the last."""
     drops = _drops(case)
     if len(drops) < 2:
         return drops[0] if drops else None  # whenever the item was let go of
-    earliest_s = replay_of(case).release_s - EARLY_SLACK_S
-    found = [drop for drop in drops if drop.settled_s >= earliest_s]
-    fitting = [drop for drop in found if _fits(case, drop)] or found
-    return min(fitting, key=lambda drop: drop.compartment != _asked_before(case, drop), default=drops[-1])
+    release_s = replay_of(case).release_s
+    found = [drop for drop in drops if drop.settled_s >= release_s - EARLY_SLACK_S]
+    fitting = [drop for drop in found if _fits(case, drop)]
+    fitting = fitting or [drop for drop in found if _holds(case, drop)] or found
+
+    def unlikely(drop: Drop) -> tuple[bool, bool]:
+        early = drop.settled_s < release_s and not _fits(case, drop)
+        return drop.compartment != _asked_before(case, drop), early
+
+    return min(fitting, key=unlikely, default=drops[-1])
 
 
 @once_per_case
@@ -88,16 +94,22 @@ def claim_of(case: Case) -> Drop | None:
 def _fits(case: Case, drop: Drop) -> bool:
     """Whether what fell may weigh what the site says that the item weighs; False where it does not say."""
     off = _off_weight(case, drop)
-    return off is not None and off[0] <= off[1]
+    return off is not None and abs(off[0]) <= off[1]
+
+
+def _holds(case: Case, drop: Drop) -> bool:
+    """Whether the item may be a part of what fell."""
+    off = _off_weight(case, drop)
+    return off is not None and off[0] >= -off[1]
 
 
 def _off_weight(case: Case, drop: Drop) -> tuple[float, float] | None:
-    """By which share what fell is heavier or lighter than the item, and by which it may be; None where the
-    site does not say what the item weighs."""
+    """By which share what fell is heavier than the item (less than 0: lighter), and by which it may be off;
+    None where the site does not say what the item weighs."""
     item, tolerance = case.item, case.site.lab.mass_tolerance
     if tolerance is None or "mass_kg" not in item.model_fields_set:
         return None
-    return abs(drop.weight_n / (item.mass_kg * 9.81) - 1), tolerance
+    return drop.weight_n / (item.mass_kg * 9.81) - 1, tolerance
 
 
 def _asked_before(case: Case, drop: Drop) -> str | None:
@@ -212,12 +224,11 @@ def dropped(case: Case) -> Finding:
             source="statement of the bin",
             detail="from the release in the replay to the stated drop",
         )
-    return equal(
-        drop.compartment,
-        asked_compartment(case),
-        source="statement of the bin",
-        detail=f"fell with {drop.weight_n} N into",
-    )
+    asked = asked_compartment(case)
+    source, detail = "statement of the bin", f"fell with {drop.weight_n} N into"
+    found = equal(drop.compartment, asked, source=source, detail=detail)
+    # Whichever of them was the item.
+    return found if any(one.compartment == asked for one in _drops(case)) else standing(found)
 
 
 def presented(case: Case) -> Finding:
@@ -442,12 +453,13 @@ def _lies_in(case: Case, compartment: str, settled_s: float) -> Finding:
     last_m = pose_of(case, case.item.id).position_m[-1]
     found = _end(case, compartment, settled_s + CLOCKS_S)
     if found != compartment:
-        return equal(
+        elsewhere = equal(
             f"{found}, last at {last_m[0]:.2f} {last_m[1]:.2f} {last_m[2]:.2f}",
             compartment,
             source="motion capture of the item",
             detail="where the item is from the drop on",
         )
+        return standing(elsewhere) if _outside_at_last(case) else elsewhere
     gap_m, held_m = _gaps_m(case)
     if not gap_m >= held_m + OPEN_M:
         return at_least(
@@ -498,6 +510,16 @@ def _end(case: Case, wanted: str, settled_s: float) -> str:
     return _compartment(layout, last_m) or "elsewhere"
 
 
+def _outside_at_last(case: Case) -> bool:
+    """Whether motion capture, which was not off any more, last saw the item in no compartment, and above none
+    before it was hidden."""
+    item = pose_of(case, case.item.id)
+    if any(until_s > item.time_s[-1] for _, until_s in silent_s(case)):
+        return False
+    x_m, y_m, z_m = item.position_m[-1]
+    return _compartment(BinLayout(case.bin), np.array([x_m, y_m, 0.0 if _hidden(case) else z_m])) is None
+
+
 _ABOVE = "above the bin"
 
 
@@ -540,7 +562,8 @@ def _gaps_m(case: Case) -> tuple[float, float]:
 
 
 def weight(case: Case) -> Finding:
-    """The bin felt about the item's weight."""
+    """The bin felt about the item's weight. More than that may be the item and something else, which the bin
+    takes for one drop: undecided where the item came to lie in the compartment."""
     drop = _drop(case)
     if (off := _off_weight(case, drop)) is None:
         return Finding(
@@ -550,10 +573,22 @@ def weight(case: Case) -> Finding:
             source="statement of the bin",
             detail="the site declares no mass and tolerance for this item; the bin measured",
         )
-    return at_most(
-        *off,
+    weighs = f"the bin measured {drop.weight_n} N, the item weighs {case.item.mass_kg * 9.81:.3f} N"
+    if off[0] > off[1] and _lies_there(case, drop):
+        more = f"{weighs}, and motion capture saw it fall in: something else may have fallen in with it"
+        return undecided(more, "whoever dropped it", source="statement of the bin")
+    found = at_most(
+        abs(off[0]),
+        off[1],
         "",
         source="the site's item.mass_kg and lab.mass_tolerance",
-        detail=f"the bin measured {drop.weight_n} N, the item weighs {case.item.mass_kg * 9.81:.3f} N; "
-        "relative difference",
+        detail=f"{weighs}; relative difference",
     )
+    # Whenever it was let go of: nothing that fell in weighed as much.
+    offs = [one for drop in _drops(case) if (one := _off_weight(case, drop)) is not None]
+    return standing(found) if all(share < -limit for share, limit in offs) else found
+
+
+def _lies_there(case: Case, drop: Drop) -> bool:
+    """Whether motion capture saw the item fall into the compartment, and nowhere else after."""
+    return case.mocap and _end(case, drop.compartment, drop.settled_s + CLOCKS_S) == drop.compartment

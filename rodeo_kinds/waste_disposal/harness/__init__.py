@@ -1,5 +1,6 @@
 """The honest runs and forgeries of a cleaning."""
 
+from rodeo_kinds.waste_disposal.harness import blinks as blinks
 from rodeo_kinds.waste_disposal.harness import disturbed as disturbed
 from rodeo_kinds.waste_disposal.harness import executor as executor
 from rodeo_kinds.waste_disposal.harness import giving_up as giving_up

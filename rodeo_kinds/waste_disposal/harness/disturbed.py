@@ -304,15 +304,16 @@ def stones_before_and_after(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(said(take, *more))
 
 
-@HARNESS.forgery("weight", f"{STONE_N} N", role="executor")
+@HARNESS.forgery("weight", "something else may have fallen in with it", role="executor")
 def a_stone_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
-    """A stone takes the claim, and nothing else falls in."""
+    """A stone takes the claim, and nothing else falls in. Motion capture sees the item in the compartment: it
+    may have fallen in together with a stone, and nobody is paid."""
     return shop.submitted(told(shop.take, "bin/drop", weight_n=STONE_N))
 
 
-@HARNESS.forgery("stays_in_bin", "where the item is", role="executor")
+@HARNESS.forgery("weight", "something else may have fallen in with it", role="executor")
 def stones_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
-    """Two stones fall in, of which neither can be the item."""
+    """Two stones fall in, of which neither can be the item alone."""
     return shop.submitted(_junk(told(shop.take, "bin/drop", weight_n=STONE_N), 0.6, STONE_N))
 
 
