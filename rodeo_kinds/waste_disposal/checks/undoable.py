@@ -14,9 +14,9 @@ import numpy as np
 from rodeo.checks import carrying, gripper, witnesses
 from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, Case, CaseError, CheckFunction, ordered
 from rodeo.checks.declared import reported_failure
-from rodeo.checks.heads import in_file, listed
+from rodeo.checks.heads import fork, in_file, listed
 from rodeo.checks.poses import Pose, base_of, motion_of, moving_s, pose_of
-from rodeo.checks.report import Finding, given_up, impossible, undecided
+from rodeo.checks.report import Finding, given_up, impossible, standing, undecided
 from rodeo.checks.sources import doubtful, whose
 from rodeo.checks.testimony import bin_said, own_said, said_before
 from rodeo.checks.witnesses import MOVED_M, UNSEEN_S
@@ -65,6 +65,8 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
         return None
     if params.bin not in {None, *(one.name for one in case.site.bins)}:
         return None
+    if (forked := _forked(case)) is not None:
+        return forked
     details = failure.get("details")
     cause = details.get("cause") if isinstance(details, dict) else None
     if (found := _at_the_bin(case, cause)) is not None:
@@ -76,6 +78,17 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
     if not motion_of(case) or _missing(case) > LOST_IN_A_ROW:
         return None
     return _whereabouts(case, params, cause)
+
+
+def _forked(case: Case) -> Finding | None:
+    """There is another version of the recording, or a second one that grew beside it: who gives up would
+    submit the one in which it did no harm."""
+    said = [bin_said(case)]
+    if case.mocap:
+        with suppress(CaseError):
+            said.append(motion_of(case))
+    forked = fork(case, *said)
+    return None if forked is None else standing(forked)
 
 
 # -- at the bin ------------------------------------------------------------------------------------------

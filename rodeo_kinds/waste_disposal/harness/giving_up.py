@@ -70,7 +70,8 @@ def assigned(take: Take, before_s: float) -> dict[str, Any]:
 def not_found_behind_its_own_arm(shop: CleaningWorkshop) -> Submission:
     """The robot's arm hides the item for 3.2 seconds. Then the robot says that nothing is there."""
     take = waits(shop.take)
-    return shop.submitted(gives_up(_hidden(take, take.start_s + 8.0, 3.2), 1.0))
+    hidden = gives_up(_hidden(take, take.start_s + 8.0, 3.2), 1.0)
+    return shop.submitted(hidden, witnesses=Witnesses(lay=(ITEM, 60)))
 
 
 @HARNESS.forgery("not_given_up", "cannot be done", role="executor")
@@ -187,6 +188,19 @@ def pushed_away_within_the_slack_of_clocks(shop: CleaningWorkshop) -> Submission
 def nothing_found_in_a_recording_that_nobody_heard(shop: CleaningWorkshop) -> Submission:
     """The item lay elsewhere for long, but motion capture lists no seal of the recording."""
     return _lies_elsewhere(shop, 600, 120.0, 3.0, hears=lambda _: False)
+
+
+@HARNESS.forgery("not_given_up", "a seal of this recording that is not in the file", role="executor")
+def nothing_found_in_one_of_two_versions(shop: CleaningWorkshop) -> Submission:
+    """Motion capture heard another version of the recording, in which the robot does something else."""
+    begin_s = shop.take.start_s + 8.0
+    return _lies_elsewhere(shop, 600, 120.0, 3.0, forks=lambda time_s: time_s > begin_s)
+
+
+@HARNESS.forgery("not_given_up", "grew at the same time", role="executor")
+def nothing_found_in_one_of_two_recordings(shop: CleaningWorkshop) -> Submission:
+    """The robot makes two recordings at once, and submits the one that pays a tenth."""
+    return _lies_elsewhere(shop, 600, 120.0, 3.0, twin=lambda _: True)
 
 
 # -- by whom, and before or after what is seen -----------------------------------------------------------

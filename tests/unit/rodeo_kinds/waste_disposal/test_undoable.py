@@ -359,3 +359,27 @@ def test_a_bin_fails_to_answer_only_whom_motion_capture_heard(
     witnesses = Witnesses(mocap_off_s=(asked_s - 0.5, asked_s + 1.5)) if off else None
     report = judge(take, posted(take), witnesses=witnesses)
     assert (report.outcome, report.fault) == (outcome, fault), report.reason
+
+
+@pytest.mark.parametrize(
+    ("heard", "words"),
+    [
+        pytest.param({"forks": lambda time_s: True}, "not in the file", id="another version"),
+        pytest.param({"twin": lambda time_s: True}, "grew at the same time", id="a second recording"),
+    ],
+)
+def test_who_gives_up_in_one_of_two_recordings_is_refused(
+    cleaning: Take, judge: Judge, heard: dict[str, Any], words: str
+) -> None:
+    take = given_up(cleaning)
+    report = judge(take, posted(take, y_m=0.6), witnesses=Witnesses(lay=LAY_LONG.lay, **heard))
+    assert (report.outcome, failed(report)) == ("rejected", "not_given_up"), report.reason
+    assert words in report.reason
+
+
+def test_the_last_head_of_the_recording_before_is_no_fork(cleaning: Take, judge: Judge) -> None:
+    """Of the task before, or of this one, where the robot's process broke and it began again."""
+    take = given_up(cleaning)
+    before = Witnesses(lay=LAY_LONG.lay, twin=lambda time_s: time_s < take.start_s + 0.5)
+    report = judge(take, posted(take, y_m=0.6), witnesses=before)
+    assert report.outcome == "impossible", report.reason
