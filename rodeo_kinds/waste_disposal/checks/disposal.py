@@ -432,7 +432,9 @@ def _taken_out(case: Case, removed: list[Removal], drop: Drop | None) -> Finding
     motion capture saw it after that. None if it was something else."""
     item_s = pose_of(case, case.item.id).time_s[-1] if case.mocap else -np.inf
     seen = [one for one in removed if item_s >= one.settled_s + CLOCKS_S]
-    unseen_n = sum(one.weight_n for one in removed if one not in seen)
+    # What is heavier cannot be the item alone; nobody can tell what it was.
+    heavier = [one for one in removed if drop and one.weight_n > drop.weight_n + WEIGHS_THE_SAME_N]
+    unseen_n = sum(one.weight_n for one in removed if one not in seen and one not in heavier)
     words, source = "after the drop something was taken out of", "statement of the bin"
     if len(seen) < len(removed) and (drop is None or unseen_n >= drop.weight_n - WEIGHS_THE_SAME_N):
         where = quoted(removed[0].compartment)
@@ -440,7 +442,8 @@ def _taken_out(case: Case, removed: list[Removal], drop: Drop | None) -> Finding
     for one in removed:
         detail = f"{words} {quoted(one.compartment)}: {one.weight_n} N"
         if one not in seen:
-            return undecided(f"{detail}, less than the item; nobody saw it since", _WHOEVER, source)
+            than = "more" if one in heavier else "less"
+            return undecided(f"{detail}, {than} than the item; nobody saw it since", _WHOEVER, source)
         if drop is None or abs(one.weight_n - drop.weight_n) <= WEIGHS_THE_SAME_N:
             return undecided(f"{detail}, as much as the item, which is seen there since", _WHOEVER, source)
     return None

@@ -110,10 +110,24 @@ def a_lighter_thing_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Sub
     return shop.submitted(_removed(_covered(shop.take, 0.5), PEBBLE_N))
 
 
-@HARNESS.forgery("stays_in_bin", "taken out", role="executor")
+@HARNESS.ruining("stays_in_bin", "more than the item", role="bystander")
+def a_heavier_can_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Submission:
+    """An old can that is heavier than the item is taken out, and the walls hide the item."""
+    return shop.submitted(_removed(_covered(shop.take, 0.5), CAN_N))
+
+
+@HARNESS.forgery("stays_in_bin", "more than the item", role="executor")
 def taken_out_together_with_an_old_can(shop: CleaningWorkshop) -> Submission:
-    """The item is taken out again where nobody sees it, in one hand with another thing."""
+    """The item is taken out again where nobody sees it, in one hand with another thing. By weight nobody can
+    tell that from a heavier can: nobody is paid."""
     return shop.submitted(_removed(_covered(shop.take, 0.5), _drop(shop.take)["weight_n"] + CAN_N))
+
+
+@HARNESS.forgery("stays_in_bin", "taken out", role="executor")
+def taken_out_beside_a_heavier_can(shop: CleaningWorkshop) -> Submission:
+    """First a heavier can, then the item, where nobody sees it."""
+    weights_n = CAN_N, _drop(shop.take)["weight_n"]
+    return shop.submitted(_removed(_covered(shop.take, 0.5), *weights_n))
 
 
 @HARNESS.forgery("stays_in_bin", "taken out", role="executor")
