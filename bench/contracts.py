@@ -17,6 +17,16 @@ from pathlib import Path
 from rodeo.chain import artifacts
 from rodeo.errors import snake_case
 
+ETH_EUR = 3700.0
+GAS_GWEI = {"Ethereum": 1.0, "Arbitrum One": 0.01, "Base": 0.005}
+"""Assumed, not measured: both change by the hour. The page of the contracts says what gas costs by them."""
+
+
+def euros(gas: float, network: str) -> float:
+    """What gas costs there, without what a rollup charges for publishing data."""
+    return gas * GAS_GWEI[network] * 1e-9 * ETH_EUR
+
+
 _ROOT = Path(__file__).parents[1]
 _FIGURES = _ROOT / "contracts" / "out" / "snapshots" / "contracts.json"
 

@@ -438,6 +438,38 @@ contract CommitteeJudgeTest is Committee {
         committee.setQuorum(CLEANING, 3, 5, 0, 0x3f);
     }
 
+    function _refuseSeven(address device, address owner) private {
+        vm.startPrank(admin);
+        committee.setQuorum(CLEANING, 3, 5, 0, 0x7f);
+        Possession.register(organization, device, "wallet", owner, "device");
+        vm.expectRevert(abi.encodeWithSelector(ICommitteeJudge.InvalidQuorum.selector, CLEANING, 3, 5, 7));
+        committee.setQuorum(CLEANING, 3, 5, 0, 0x7f);
+        vm.stopPrank();
+    }
+
+    function test_attack_anOwnerAndItsDeviceOwnOneSeatEach() public {
+        (address one, uint256 first) = makeAddrAndKey("one");
+        (address two, uint256 second) = makeAddrAndKey("two");
+        seat(one, first, stranger);
+        seat(two, second, robot1);
+        _refuseSeven(robot1, stranger);
+    }
+
+    function test_attack_anOwnersDeviceJudgesForAnotherOne() public {
+        (address one, uint256 first) = makeAddrAndKey("one");
+        seat(one, first, stranger);
+        seat(robot1, bob);
+        _refuseSeven(robot1, stranger);
+    }
+
+    function test_attack_twoDevicesOfAnOwnerJudgeForOthers() public {
+        vm.prank(admin);
+        Possession.register(organization, robot2, "wallet", stranger, "another");
+        seat(robot1, alice);
+        seat(robot2, bob);
+        _refuseSeven(robot1, stranger);
+    }
+
     function test_afterAVerdictWhoIsUnseatedDoesNotVote() public {
         _settle(CLEANING);
         setQuorum(2, 3, 0, 0x0e); // without judge 0 and 4

@@ -263,6 +263,26 @@ contract DisputeJudgeTest is Instances {
         assertEq(before - coin.balanceOf(robot1), STAKE);
     }
 
+    /// @dev Giving up costs a newcomer the penalty, and a void costs it nothing.
+    function test_aVoidIsBetterForTheExecutorThanToHaveGivenUp() public {
+        uint256 snapshot = vm.snapshotState();
+        TaskId taskId = ruled(Ruling.GivenUp);
+        uint256 before = coin.balanceOf(robot1);
+        challenge(robot1, taskId);
+        decideSecond(taskId, Ruling.Void);
+        skip(CHALLENGE + 1);
+        disputes.settle(taskId, 1);
+        assertEq(coin.balanceOf(robot1), before);
+        vm.revertToState(snapshot);
+        taskId = ruled(Ruling.GivenUp);
+        before = coin.balanceOf(alice);
+        challenge(alice, taskId);
+        decideSecond(taskId, Ruling.Void);
+        skip(CHALLENGE + 1);
+        disputes.settle(taskId, 1);
+        assertEq(before - coin.balanceOf(alice), STAKE);
+    }
+
     function test_anEndThatPaysLessProvesTheCreatorRight() public {
         TaskId taskId = ruled(Ruling.Accepted);
         uint256 before = coin.balanceOf(alice);
@@ -384,6 +404,50 @@ contract DisputeJudgeTest is Instances {
         disputes.settle(accepted, 1);
     }
 
+    /// @dev A tenth of the price is paid, and stands for as much.
+    function test_attack_oneStakeForAnyNumberOfImpossibleTasks() public {
+        Instance[] memory all = threeWithStakes();
+        all[0].judgeStake = 1 ether;
+        setInstances(all);
+        for (uint8 i = 0; i < 3; ++i) {
+            deposit(committee, i, 1 ether);
+        }
+        TaskId taskId = ruled(Ruling.Impossible);
+        (, uint256 open,,) = disputes.stakeOf(committee, 0);
+        assertEq(open, 8 ether);
+        TaskId another = waiting();
+        Finding memory f = voteOf(another, Ruling.Impossible);
+        bytes memory votes = signatures(f, 3);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IDisputeJudge.StakeTooLow.selector, committee, uint8(0), 1 ether, 1.6 ether
+            )
+        );
+        disputes.postVotes(f, REPORT_URI, votes);
+        skip(CHALLENGE + 1);
+        disputes.settle(taskId, 1);
+        (, open,,) = disputes.stakeOf(committee, 0);
+        assertEq(open, 0);
+        disputes.postVotes(f, REPORT_URI, votes);
+    }
+
+    function test_whoSaysImpossibleWhatIsOverturnedLosesWhatWasLocked() public {
+        setInstances(threeWithStakes());
+        for (uint8 i = 0; i < 4; ++i) {
+            if (i < 3) deposit(committee, i, JUDGE_STAKE);
+            deposit(second, i, 8 ether);
+        }
+        uint256 treasury = coin.balanceOf(address(organization));
+        TaskId taskId = ruled(Ruling.Impossible);
+        challenge(alice, taskId);
+        decideSecond(taskId, Ruling.Rejected);
+        skip(CHALLENGE + 1);
+        disputes.settle(taskId, 1);
+        (uint256 stake, uint256 open,,) = disputes.stakeOf(committee, 0);
+        assertEq(stake + open, 0);
+        assertEq(coin.balanceOf(address(organization)) - treasury, 3 * JUDGE_STAKE);
+    }
+
     function test_aStakeThatDoesNotArriveIsRefused() public {
         vm.mockCall(address(coin), abi.encodeWithSelector(coin.transferFrom.selector), abi.encode(true));
         vm.expectRevert(abi.encodeWithSelector(IDisputeJudge.WrongStakeReceived.selector, JUDGE_STAKE, 0));
@@ -475,6 +539,26 @@ contract DisputeJudgeTest is Instances {
                 IDisputeJudge.CaseTooLong.selector, CLEANING, 1 hours + 1, 1 hours + 1 minutes
             )
         );
+    }
+
+    /// @dev Tasks that were posted under it keep their windows, in which a longer case would always be void.
+    function test_anEarlierNumberKeepsItsCasesShortUntilItIsRemoved() public {
+        KindId number = cleaning();
+        vm.prank(admin);
+        organization.allowKind(CLEANING, oracleJudge, RULES);
+        Instance[] memory all = three();
+        all[0].window += 1;
+        _refuse(
+            all,
+            abi.encodeWithSelector(
+                IDisputeJudge.CaseTooLong.selector, CLEANING, 1 hours + 1, 1 hours + 1 minutes
+            )
+        );
+        setInstances(three());
+        vm.prank(admin);
+        organization.removeJudge(number);
+        setInstances(all);
+        assertEq(disputes.longestCase(CLEANING), 1 hours + 1);
     }
 
     function _fund() private {

@@ -291,6 +291,41 @@ contract GovernanceTest is Timelocks {
         _assertState(proposalId, IGovernor.ProposalState.Defeated);
     }
 
+    function _expectNotCounted(uint256 counted) private {
+        vm.expectRevert(abi.encodeWithSelector(OrganizationGovernor.MembersNotCounted.selector, counted, 30));
+    }
+
+    /// @dev Thirty are admitted, of whom somebody has told the votes of three only.
+    function test_attack_aQuorumOfTheFewWhomTheVotesKnow() public {
+        vm.startPrank(address(timelock));
+        for (uint160 i = 1; i <= 27; ++i) {
+            organization.grantRole(MEMBER_ROLE, address(i << 96));
+        }
+        vm.stopPrank();
+        _expectNotCounted(3);
+        _propose(alice);
+        vm.startPrank(stranger);
+        for (uint160 i = 1; i <= 27; ++i) {
+            votes.sync(address(i << 96));
+        }
+        vm.stopPrank();
+        // Told in this second, they count from the next on.
+        _expectNotCounted(3);
+        _propose(alice);
+        vm.warp(block.timestamp + 1);
+        uint256 proposalId = _propose(alice);
+        assertEq(governor.quorum(governor.proposalSnapshot(proposalId)), 8);
+    }
+
+    /// @dev Whoever was dismissed counts for the quorum until the votes are told, which makes it no smaller.
+    function test_whoIsDismissedHoldsUpNoProposal() public {
+        _member(1);
+        vm.warp(block.timestamp + 1);
+        vm.prank(address(timelock));
+        organization.revokeRole(MEMBER_ROLE, bob);
+        _propose(alice);
+    }
+
     function _expectTooFew(uint256 members) private {
         vm.expectRevert(abi.encodeWithSelector(IOrganization.TooFewMembers.selector, members, 3));
     }
@@ -359,11 +394,14 @@ contract GovernanceTest is Timelocks {
         _propose(alice);
         vm.prank(admin);
         organization.grantRole(MEMBER_ROLE, robot1);
+        votes.sync(robot1);
+        vm.warp(block.timestamp + 1);
         _propose(alice);
     }
 
     function test_whoIsDismissedDoesNotVoteAnyMore() public {
         _member(1);
+        vm.warp(block.timestamp + 1);
         _decide(abi.encodeCall(organization.revokeRole, (MEMBER_ROLE, bob)));
         description = "without bob";
         uint256 proposalId = _propose(alice);

@@ -252,6 +252,22 @@ contract RulingsTest is Fixture {
         _expect(abi.encodeWithSelector(ITaskManager.NoRuling.selector, _task), Ruling.None, 0, 0);
     }
 
+    function test_onlyAVoidIsSomebodysFault() public {
+        Finding memory f = finding(_task, Ruling.Rejected, 0);
+        f.fault = Fault.Creator;
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.Ruled(_task, 1, PROOF, Ruling.Rejected, Fault.Nobody, 0, 0, REPORT);
+        vm.prank(oracle);
+        oracleJudge.rule(f, "report");
+        _again();
+        f = finding(_task, Ruling.Void, 0);
+        f.fault = Fault.Creator;
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.Ruled(_task, f.attempt, PROOF, Ruling.Void, Fault.Creator, 0, 0, REPORT);
+        vm.prank(oracle);
+        oracleJudge.rule(f, "report");
+    }
+
     function test_onlyTheTasksJudgeRules() public {
         address[5] memory others = [oracle, auditor, admin, robot1, address(auditorJudge)];
         for (uint256 i = 0; i < 5; ++i) {
@@ -460,6 +476,62 @@ contract RulingsTest is Fixture {
         assertFalse(oracleJudge.hasPassedOn(_task, auditor));
         judgeAs(auditor, _task, Ruling.Accepted, PRICE);
         assertState(_task, TaskState.Settled);
+    }
+
+    /// @dev The oracle, an auditor meanwhile, wants to decide what it has passed on.
+    function _passOnAndRemove() private returns (Finding memory f) {
+        judgeAs(oracle, _task, Ruling.None, 0);
+        bytes32 role = AUDITOR_ROLE;
+        vm.prank(admin);
+        organization.grantRole(role, oracle);
+        f = finding(_task, Ruling.Accepted, PRICE);
+        _remove();
+    }
+
+    function test_attack_whoPassedOnDecidesOnceItsJudgeWasRemoved() public {
+        Finding memory f = _passOnAndRemove();
+        vm.expectRevert(abi.encodeWithSelector(IJudge.PassedOnBefore.selector, _task, 1));
+        vm.prank(oracle);
+        auditorJudge.rule(f, "report");
+        vm.prank(auditor);
+        auditorJudge.rule(f, "report");
+        assertState(_task, TaskState.Settled);
+    }
+
+    function test_attack_whoPassedOnGivesTheQuestionTooLittleGas() public {
+        Finding memory f = _passOnAndRemove();
+        for (uint256 gas = 100_000; gas <= 600_000; gas += 5000) {
+            vm.prank(oracle);
+            try auditorJudge.rule{gas: gas}(f, "report") {
+                fail();
+            } catch {}
+        }
+    }
+
+    /// @dev It loops for ever, or answers with what is no answer.
+    function test_aRemovedJudgeHoldsUpNoAuditor() public {
+        Finding memory f = _passOnAndRemove();
+        bytes[2] memory codes = [bytes(hex"5b600056"), hex"600260005260206000f3"];
+        for (uint256 i = 0; i < 2; ++i) {
+            uint256 snapshot = vm.snapshotState();
+            vm.etch(address(oracleJudge), codes[i]);
+            vm.prank(auditor);
+            auditorJudge.rule(f, "report");
+            assertState(_task, TaskState.Settled);
+            vm.revertToState(snapshot);
+        }
+        // Whoever gives it less than its gas is refused, because nobody knows what it would have answered.
+        vm.etch(address(oracleJudge), codes[0]);
+        uint256 refused = 0;
+        for (uint256 gas = 100_000; gas <= 300_000; gas += 20_000) {
+            vm.prank(auditor);
+            try auditorJudge.rule{gas: gas}(f, "report") {
+                break;
+            } catch (bytes memory reason) {
+                if (bytes4(reason) == RoleJudge.TooLittleGas.selector) ++refused;
+            }
+        }
+        assertGt(refused, 0);
     }
 
     function test_onlyAGuardianOrTheAdministratorRemovesAJudge() public {

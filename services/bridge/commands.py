@@ -683,6 +683,8 @@ class Wallet:
         if accepted and amount is None:
             amount = self._currency.from_units(task["price"])
         paid = self._currency.to_units(amount or Decimal(0))
+        if request.ruling == "impossible":
+            paid = task["price"] // 10  # IMPOSSIBLE_SHARE of the contract
         self._require_stake(judge.number, committees[instance], task["kind"], instance, paid)
         vote = Vote(
             task_id=task["id"],
@@ -913,10 +915,18 @@ class Wallet:
         return deployment.address("DisputeJudge" if can_be_challenged else "OracleCommittee")
 
     def _remove_judge(self, command: RemoveJudge) -> list[Call]:
-        number = self.index.number_of(command.kind)
-        if not number:
+        present, numbers = self.index.number_of(command.kind), self.index.numbers()
+        if not present:
             raise UnknownKind("this kind never had a judge", kind=command.kind, known=self.index.kinds())
-        return [self.client.organization_calls.remove_judge(number)]
+        # The kind may have had another judge between two numbers of this one, under which tasks still run.
+        judge = numbers[present]["judge"]
+        others = [
+            number
+            for number, row in numbers.items()
+            if row["kind"] == command.kind and row["judge"] == judge and not row["removed"]
+        ]
+        wanted = [present, *(number for number in others if number != present)]
+        return [self.client.organization_calls.remove_judge(number) for number in wanted]
 
     def _retire_rules(self, command: RetireRules) -> list[Call]:
         calls = self.client.organization_calls
@@ -949,11 +959,18 @@ class Wallet:
 
     def _admit(self, command: Admit) -> list[Call]:
         account = self.names.address(command.account)
-        return [self.client.organization_calls.grant_role(Role.MEMBER, account)]
+        return [self.client.organization_calls.grant_role(Role.MEMBER, account), *self._counted(account)]
 
     def _dismiss(self, command: Dismiss) -> list[Call]:
         account = self.names.address(command.account)
-        return [self.client.organization_calls.revoke_role(Role.MEMBER, account)]
+        return [self.client.organization_calls.revoke_role(Role.MEMBER, account), *self._counted(account)]
+
+    def _counted(self, account: str) -> list[Call]:
+        """What tells the votes whether `account` is a member. Nobody proposes while they know fewer members
+        than there are, and a dismissed one counts for the quorum until they know."""
+        if not self.client.deployment.decides_by_vote:
+            return []
+        return [self.client.governance_calls.votes.sync(account)]
 
     def _vouch(self, command: Vouch) -> list[Call]:
         account = self.names.address(command.account)
@@ -976,12 +993,14 @@ class Wallet:
         return [self.client.organization_calls.rescue_tokens(to_checksum_address(command.token), to)]
 
     def _grant_role(self, command: GrantRole) -> list[Call]:
-        role = Role[command.role.upper()]
-        return [self.client.organization_calls.grant_role(role, self.names.key_address(command.account))]
+        role, account = Role[command.role.upper()], self.names.key_address(command.account)
+        counted = self._counted(account) if role is Role.MEMBER else []
+        return [self.client.organization_calls.grant_role(role, account), *counted]
 
     def _revoke_role(self, command: RevokeRole) -> list[Call]:
-        role = Role[command.role.upper()]
-        return [self.client.organization_calls.revoke_role(role, self.names.key_address(command.account))]
+        role, account = Role[command.role.upper()], self.names.key_address(command.account)
+        counted = self._counted(account) if role is Role.MEMBER else []
+        return [self.client.organization_calls.revoke_role(role, account), *counted]
 
     def _change_judge_key(self, command: ChangeJudgeKey) -> list[Call]:
         old, key = self._judges_key(command.judge), to_checksum_address(command.key)
@@ -1098,9 +1117,6 @@ class Wallet:
         if isinstance(proposed, UpdateService):
             self._require_own_service(proposed.service_id)
         calls = build(replace(self, participant=ORGANIZATION), proposed)
-        if isinstance(proposed, Admit | Dismiss) and self.client.deployment.decides_by_vote:
-            # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.
-            calls.append(self.client.governance_calls.votes.sync(self.names.address(proposed.account)))
         if not self.client.deployment.decides_by_vote:
             salt, delay_s = os.urandom(32), self.client.decision_delay_s()
             return [self.client.governance_calls.schedule(calls, command.description, salt, delay_s)]

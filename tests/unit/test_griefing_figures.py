@@ -1,10 +1,15 @@
-"""What a benchmark tells of griefers is the worst under any matching policy."""
+"""What a benchmark tells of griefers is the worst under any matching policy. What gas costs on the contracts'
+page is gas times the prices that the benchmark's source assumes."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from bench.contracts import griefing
+from bench.contracts import ETH_EUR, GAS_GWEI, euros, griefing
+
+PAGE = (Path(__file__).parents[2] / "docs/reference/contracts.md").read_text()
 
 FIGURES = {
     **{f"griefing_tasks_failed_{policy}": value for policy, value in (("fcfs", 1.0), ("lowest_price", 3.0))},
@@ -28,3 +33,16 @@ def test_the_worst_of_all_policies_is_told_with_each() -> None:
 def test_a_figure_that_the_benchmark_lost_is_missed() -> None:
     with pytest.raises(KeyError, match="griefing_match_gas_max"):
         griefing({key: value for key, value in FIGURES.items() if "match_gas" not in key})
+
+
+def test_what_gas_costs_is_gas_times_the_assumed_prices() -> None:
+    words = " ".join(PAGE.split())
+    assert f"One ETH is {ETH_EUR:,.0f} EUR here." in words
+    for network, gwei in GAS_GWEI.items():
+        assert f"{gwei:g} gwei on {network}" in words
+    table = PAGE.split("| step | gas | Ethereum, EUR | Arbitrum One, EUR | Base, EUR |\n", 1)[1]
+    for row in table.split("\n\n", 1)[0].splitlines()[1:]:
+        _, gas, *prices = [cell.strip("* ") for cell in row.strip("|").split("|")]
+        for network, price in zip(GAS_GWEI, prices, strict=True):
+            decimals = len(price.partition(".")[2])
+            assert price == f"{euros(int(gas.replace(',', '')), network):.{decimals}f}", row

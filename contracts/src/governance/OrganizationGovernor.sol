@@ -19,7 +19,7 @@ import {IOrganization, MIN_VOTERS} from "../interfaces/IOrganization.sol";
 import {MemberVotes} from "./MemberVotes.sol";
 
 /// @title How an organization decides: OpenZeppelin's governor over a timelock, which is the administrator.
-/// @notice Each member has one vote, and may propose while there are MIN_VOTERS members. Votes are those at the time of the
+/// @notice Each member has one vote, and may propose while there are MIN_VOTERS members, all of them counted. Votes are those at the time of the
 /// proposal; more for than against and a quorum decide. What passed is queued in the timelock and executed after its delay,
 /// by anybody.
 contract OrganizationGovernor is
@@ -35,6 +35,10 @@ contract OrganizationGovernor is
     uint256 public constant SMALL_ORGANIZATION = 10;
 
     IOrganization private immutable _organization;
+
+    /// @notice The votes know fewer members than there are, so a quorum would be of too few. Anybody tells them, by
+    /// MemberVotes.sync.
+    error MembersNotCounted(uint256 votes, uint256 members);
 
     /// @param votes counts one vote for each member
     /// @param timelock the organization's administrator, of which this is the only proposer
@@ -96,6 +100,8 @@ contract OrganizationGovernor is
     ) internal override returns (uint256) {
         uint256 members = _organization.memberCount();
         if (members < MIN_VOTERS) revert IOrganization.TooFewMembers(members, MIN_VOTERS);
+        uint256 counted = token().getPastTotalSupply(clock() - 1);
+        if (counted < members) revert MembersNotCounted(counted, members);
         return super._propose(targets, values, calldatas, description, proposer);
     }
 

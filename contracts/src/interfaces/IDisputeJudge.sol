@@ -49,8 +49,8 @@ struct InstanceRuling {
 /// contract, all stakes go back.
 /// @dev Each step has an end in block time, and the last one comes before the case's own end. What this contract holds can
 /// be settled whatever becomes of the task.
-/// The stake of a judge belongs to its seat, so it stays when the key changes. It stands for accepted proofs of ten times
-/// its amount at a time. `committee` and `seat` say which judge's it is. Rejections lock none of it, so that whoever posts garbage does not use up the judges.
+/// The stake of a judge belongs to its seat, so it stays when the key changes. It stands for ten times its amount that
+/// open rulings pay, accepted or impossible. `committee` and `seat` say which judge's it is. Rejections lock none of it, so that whoever posts garbage does not use up the judges.
 interface IDisputeJudge is IJudge {
     event InstancesChanged(bytes32 indexed kind, Instance[] instances);
     /// @param ruling None if the first instance passes the case on
@@ -135,7 +135,8 @@ interface IDisputeJudge is IJudge {
 
     // -- administrator ------------------------------------------------------------------------------------
 
-    /// @notice Say who judges `kind` from now on. Cases that run keep what they began with.
+    /// @notice Say who judges `kind` from now on. Cases that run keep what they began with. While this contract judges a number of
+    /// the kind, cases become no longer than the windows of its tasks allow (CaseTooLong).
     /// @param instances one to three, in their order, of different judges; each later one needs more votes and a
     /// greater stake than the one before. Each committee needs its quorum for the kind first.
     function setInstances(bytes32 kind, Instance[] calldata instances) external;
@@ -209,7 +210,7 @@ interface IDisputeJudge is IJudge {
 
     /// @notice Returns what is deposited for a judge.
     /// @return stake what counts for its votes
-    /// @return open what proofs are paid that it accepted, in cases that are not settled: at most ten times the stake
+    /// @return open what its rulings pay, accepted or impossible, in cases that are not settled: at most ten times the stake
     /// @return leaving what is being withdrawn, which can be lost, too
     /// @return until when that can be paid out, block time in s
     function stakeOf(ICommitteeJudge committee, uint8 seat)

@@ -255,15 +255,14 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         if (place >= panel) revert NotInPanel(taskId, key, place, panel);
     }
 
-    /// @dev Whether two of the seats have the same owner: its votes would count twice.
+    /// @dev Whether two of the seats have the same owner, as the seats or the registry say: its votes would count twice.
     function _sharesOwner(uint64 seats) private view returns (bool) {
-        address[] memory owners = new address[](_keys.length);
-        for (uint256 i = 0; i < owners.length; ++i) {
+        for (uint8 i = 0; seats >> i != 0; ++i) {
             if ((seats >> i) & 1 == 0) continue;
-            owners[i] = _seats[_keys[i]].owner;
-            for (uint256 j = 0; j < i; ++j) {
-                if (owners[j] == owners[i]) return true;
-            }
+            address key = _keys[i];
+            address owner = _seats[key].owner;
+            uint64 before = seats & (_bitOf(i) - 1);
+            if (includes(before, owner) || (key != owner && includes(before, key))) return true;
         }
         return false;
     }

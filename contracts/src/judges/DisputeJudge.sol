@@ -7,7 +7,7 @@ import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {ICommitteeJudge, Quorum, Seat} from "../interfaces/ICommitteeJudge.sol";
 import {IDisputeJudge, Instance, InstanceRuling} from "../interfaces/IDisputeJudge.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
-import {IOrganization, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
+import {IOrganization, MAX_CASE, MAX_KINDS, MIN_WINDOW} from "../interfaces/IOrganization.sol";
 import {Ruling, Task} from "../interfaces/ITaskManager.sol";
 import {Relayed} from "../libraries/Relayed.sol";
 import {Payments} from "../libraries/Payments.sol";
@@ -50,7 +50,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     uint256 public constant MAX_INSTANCES = 3;
     /// @notice Two of them, and as long for the answers, are a case.
     uint32 public constant MAX_WINDOW = 7 days;
-    /// @notice A stake stands for open accepted amounts of so many times as much.
+    /// @notice A stake stands for so many times as much that open rulings pay.
     uint256 public constant STAKE_COVERS = 10;
     /// @notice How long a judge's stake can still be lost after it was announced to leave: as long as a case may last.
     uint32 public constant UNBONDING = 30 days;
@@ -74,14 +74,13 @@ contract DisputeJudge is IDisputeJudge, Judge {
         if (instances.length == 0 || instances.length > MAX_INSTANCES) {
             revert InvalidInstances(kind, instances.length);
         }
+        uint256 window = _windowOf(kind);
         Instance[] storage all = _instances[kind].push();
         for (uint256 i = 0; i < instances.length; ++i) {
             _requireInstance(kind, instances, i);
             all.push(instances[i]);
         }
-        (uint256 longest, KindId number) = (_longest(all), organization.numberOf(kind));
-        bool judges = address(organization.judgeNumbered(number)) == address(this);
-        uint256 window = judges ? organization.kindOf(kind).judgesWindow : _windowFor(MAX_CASE);
+        uint256 longest = _longest(all);
         if (_windowFor(longest) > window) revert CaseTooLong(kind, longest, window);
         emit InstancesChanged(kind, instances);
     }
@@ -294,11 +293,11 @@ contract DisputeJudge is IDisputeJudge, Judge {
     {
         uint8 number = c.count;
         if (f.ruling != Ruling.None) {
+            uint96 paid = f.ruling == Ruling.Impossible ? uint96(price / tasks.IMPOSSIBLE_SHARE()) : f.amount;
             if (number + 1 < all.length) {
                 until = block.timestamp + all[number].window;
-                _lock(all[number], voters, f.amount);
+                _lock(all[number], voters, paid);
             }
-            uint96 paid = f.ruling == Ruling.Impossible ? uint96(price / tasks.IMPOSSIBLE_SHARE()) : f.amount;
             uint40 end = until.toUint40();
             c.rulings[number] =
                 InstanceRuling(f.reportHash, f.ruling, f.fault, paid, voters, end, end, address(0));
@@ -324,19 +323,29 @@ contract DisputeJudge is IDisputeJudge, Judge {
     function _ruleAgain(TaskId taskId, Task memory a, InstanceRuling memory r) private {
         uint96 amount = r.ruling == Ruling.Accepted ? r.paid : 0;
         // slither-disable-next-line unused-return
-        tasks.rule(taskId, a.attempt, a.proofHash, r.ruling, r.fault, amount, r.until, r.reportHash);
+        tasks.rule(
+            taskId,
+            a.attempt,
+            a.proofHash,
+            r.ruling,
+            _faultOf(r.ruling, r.fault),
+            amount,
+            r.until,
+            r.reportHash
+        );
     }
 
-    /// @dev Each voter has staked enough: what its instance asks for, and a tenth of what it has accepted and is open.
-    function _lock(Instance storage one, uint64 voters, uint96 amount) private {
+    /// @dev Each voter has staked enough: what its instance asks for, and a tenth of what its open rulings pay.
+    /// @param paid by the ruling
+    function _lock(Instance storage one, uint64 voters, uint96 paid) private {
         (uint96 needed, ICommitteeJudge committee) = (one.judgeStake, one.committee);
         if (needed == 0) return;
         for (uint8 seat = 0; voters >> seat != 0; ++seat) {
             if ((voters >> seat) & 1 == 0) continue;
             Deposit storage d = _deposits[committee][seat];
             if (d.stake < needed) revert StakeTooLow(committee, seat, d.stake, needed);
-            if (amount == 0) continue;
-            d.open += amount;
+            if (paid == 0) continue;
+            d.open += paid;
             if (_locked(d) > d.stake) revert StakeTooLow(committee, seat, d.stake, _locked(d));
         }
     }
@@ -377,8 +386,8 @@ contract DisputeJudge is IDisputeJudge, Judge {
         for (uint8 seat = 0; r.voters >> seat != 0; ++seat) {
             if ((r.voters >> seat) & 1 == 0) continue;
             Deposit storage d = _deposits[one.committee][seat];
-            if (r.ruling == Ruling.Accepted) d.open -= r.paid;
-            if (overturned) lost += _lose(taskId, one, seat, d, r.ruling == Ruling.Accepted);
+            d.open -= r.paid;
+            if (overturned) lost += _lose(taskId, one, seat, d, r.paid != 0);
         }
     }
 
@@ -481,6 +490,23 @@ contract DisputeJudge is IDisputeJudge, Judge {
         if (owner == address(0)) revert NoJudge(committee, seat);
     }
 
+    /// @dev The verdict window into which a case has to fit. Of the present number the organization knows what this contract
+    /// asked for; tasks of an earlier one have at least what it would ask for now, because later lists were no longer.
+    function _windowOf(bytes32 kind) private view returns (uint256) {
+        if (_judges(organization.numberOf(kind))) return organization.kindOf(kind).judgesWindow;
+        for (uint256 i = 1; i <= MAX_KINDS; ++i) {
+            KindId number = KindId.wrap(uint8(i));
+            bytes32 numbered = organization.kindNumbered(number);
+            if (numbered == 0) break;
+            if (numbered == kind && _judges(number)) return _windowFor(_longest(_latest(kind)));
+        }
+        return _windowFor(MAX_CASE);
+    }
+
+    function _judges(KindId number) private view returns (bool) {
+        return address(organization.judgeNumbered(number)) == address(this) && !tasks.isRemoved(number);
+    }
+
     function _latest(bytes32 kind) private view returns (Instance[] storage) {
         uint256 versions = _instances[kind].length;
         if (versions == 0) revert KindWithoutInstances(kind);
@@ -560,7 +586,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
         }
     }
 
-    /// @dev The part of the stake that stands for accepted proofs.
+    /// @dev The part of the stake that stands for what open rulings pay.
     function _locked(Deposit storage d) private view returns (uint256) {
         return (d.open + STAKE_COVERS - 1) / STAKE_COVERS;
     }
@@ -575,12 +601,14 @@ contract DisputeJudge is IDisputeJudge, Judge {
         return r.ruling != end.ruling || r.paid != end.paid;
     }
 
-    /// @dev To the executor, for comparing: what it is paid, and in two bits what it is known for, if that is the same.
+    /// @dev To the executor, for comparing: what it is paid, and in three bits what it is known for, if that is the same. To
+    /// have given up may cost it the penalty, and a void costs nobody anything.
     function _worth(InstanceRuling memory r) private pure returns (uint256) {
-        uint256 known = 1;
-        if (r.ruling == Ruling.Accepted) known = 3;
-        else if (r.ruling == Ruling.Impossible) known = 2;
-        else if (r.ruling == Ruling.Rejected) known = 0;
-        return uint256(r.paid) << 2 | known;
+        uint256 known = 0;
+        if (r.ruling == Ruling.Accepted) known = 4;
+        else if (r.ruling == Ruling.Impossible) known = 3;
+        else if (r.ruling == Ruling.Void) known = 2;
+        else if (r.ruling == Ruling.GivenUp) known = 1;
+        return uint256(r.paid) << 3 | known;
     }
 }

@@ -2,8 +2,9 @@
 pragma solidity ^0.8.28;
 
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
-import {IOrganization, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
+import {IOrganization, JUDGE_GAS, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
 import {Judged, Task} from "../interfaces/ITaskManager.sol";
+import {KindId} from "../types/KindId.sol";
 import {Judge} from "./Judge.sol";
 
 /// @title One account decides, of those that have a role in the organization.
@@ -14,6 +15,7 @@ contract RoleJudge is Judge {
     bytes32 public immutable role;
 
     error NotInRole(address account, bytes32 role);
+    error TooLittleGas(uint256 needed);
 
     constructor(IOrganization organization_, bytes32 role_, address next_) Judge(organization_, next_) {
         role = role_;
@@ -26,6 +28,8 @@ contract RoleJudge is Judge {
         _requireRole();
         Judged memory a = _find(finding, reportUri, 0);
         _requireNoParty(finding.taskId, a.serviceId, a.creator, _caller());
+        // Only what is Ruled was passed on: most rulings do not ask.
+        if (a.ruled) _requireNotPassedOn(a.kindId, finding);
         _remember(finding, uint160(msg.sender));
     }
 
@@ -49,6 +53,20 @@ contract RoleJudge is Judge {
     /// @inheritdoc Judge
     function _isAmong(uint248 by, address account) internal view override returns (bool) {
         return _providers.areRelated(account, address(uint160(by)));
+    }
+
+    /// @dev Auditors rule here on what a removed judge said. Who passed the case on as that judge decides nothing of it. The
+    /// judge may answer anything by now, and holds up nobody who gives it its gas.
+    function _requireNotPassedOn(KindId number, Finding calldata f) private view {
+        IJudge judge = organization.judgeNumbered(number);
+        if (address(judge) == address(this)) return;
+        bytes memory question = abi.encodeCall(IJudge.hasPassedOn, (f.taskId, msg.sender));
+        (bool said, bytes memory answer) = address(judge).staticcall{gas: JUDGE_GAS}(question);
+        // It had 63 of 64 parts of what was left: less than JUDGE_GAS, if the rest is as little as this.
+        if (!said && gasleft() < JUDGE_GAS / 63) revert TooLittleGas(JUDGE_GAS);
+        if (said && answer.length == 32 && abi.decode(answer, (uint256)) == 1) {
+            revert PassedOnBefore(f.taskId, f.attempt);
+        }
     }
 
     function _requireRole() private view {

@@ -195,7 +195,7 @@ contract DisputesInvariants is Instances {
         if (_rule(c.rulings, standing)) ++_wrong;
         if (_rule(0, standing)) ++_wrong;
         // A judge that votes for what stands has staked for it, and takes nothing of that back.
-        if (c.rulings != 1 || standing.ruling != Ruling.Accepted) return;
+        if (c.rulings != 1 || _earned(standing) == 0) return;
         vm.prank(judges[0]);
         try disputes.announceWithdrawal(committee, 0, JUDGE_STAKE) {
             ++_wrong;
@@ -235,10 +235,10 @@ contract DisputesInvariants is Instances {
         return f.ruling == Ruling.Impossible ? 0.1 gwei : 0;
     }
 
-    /// @dev For the executor: a rejection is worse than to be paid nothing.
+    /// @dev For the executor: a rejection is worst, and to have given up worse than that nobody did.
     function _goodFor(Finding memory f) private pure returns (uint256) {
         if (f.ruling == Ruling.Rejected) return 0;
-        return f.ruling == Ruling.GivenUp || f.ruling == Ruling.Void ? 1 : 1 + _earned(f);
+        return f.ruling == Ruling.GivenUp ? 1 : 2 + _earned(f);
     }
 
     /// @dev What the task held when it was posted is in escrow still, and counts as alice's.

@@ -45,11 +45,14 @@ def called(
     votes: int = 0,
     instances: int = 0,
     kept: tuple[str, ...] = (DIGEST,),
+    others: dict[int, dict[str, Any]] | None = None,
     **task: Any,
 ) -> list[tuple[str, str]]:
-    """(Contract, function) of each call of the command; `judge` has judged the kind since before the task."""
+    """(Contract, function) of each call of the command; `judge` has judged the kind since before the task,
+    and under the numbers of `others`, but for what these say."""
     deployment = Deployment(chain_id=1, genesis_hash="0x", block=0, contracts=ADDRESSES)
-    number = {"judge": ADDRESSES.get(judge, judge), "removed": removed}
+    number = {"kind": KIND, "judge": ADDRESSES.get(judge, judge), "removed": removed}
+    numbers = {1: number, **{at: {**number, **row} for at, row in (others or {}).items()}}
     row = {"id": 1, "number": 1, "attempt": 1, "kind": KIND, "rules_sha256": DIGEST, "state": "submitted"}
     row |= {"dispute": None, "passed_on": False} | task
     client: Any = SimpleNamespace(
@@ -66,8 +69,8 @@ def called(
     )
     index: Any = SimpleNamespace(
         task=lambda _id: row,
-        numbers=lambda: {1: number},
-        number_of=lambda kind: int(kind == KIND),
+        numbers=lambda: numbers,
+        number_of=lambda kind: max(numbers) if kind == KIND else 0,
         judges=lambda: [{}] * seats,
         rules=lambda _kind, now: list(kept) if now == number["judge"] else [],
         kinds=lambda: [KIND],
@@ -160,6 +163,28 @@ def test_a_kind_without_a_judge_has_none_to_remove() -> None:
     assert called("remove_judge", {"kind": KIND}) == [("Organization", "removeJudge")]
     with pytest.raises(UnknownKind):
         called("remove_judge", {"kind": "painting"})
+
+
+def test_a_judge_is_removed_from_all_numbers_of_the_kind_that_it_has() -> None:
+    """Tasks of each of them still run, also where another judge came between."""
+    others = {
+        2: {"judge": ADDRESSES["AuditorJudge"]},
+        3: {"kind": "painting"},
+        4: {"removed": True},
+        5: {},
+        6: {},
+    }
+    removed: list[int] = []
+    real = OrganizationCalls.remove_judge
+
+    def remove_judge(self: OrganizationCalls, number: int) -> Any:
+        removed.append(number)
+        return real(self, number)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(OrganizationCalls, "remove_judge", remove_judge)
+        called("remove_judge", {"kind": KIND}, others=others)
+    assert removed == [6, 1, 5]
 
 
 @pytest.mark.parametrize(
