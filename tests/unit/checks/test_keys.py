@@ -373,13 +373,21 @@ def test_a_buyers_key_that_changes_meanwhile_signs_for_all_of_it(charge: Take, j
     assert report.amount_iec is None
 
 
-def test_a_buyers_key_that_was_taken_before_the_submission_leaves_it_to_people(
+def test_a_buyers_key_that_is_reported_stolen_after_the_charge_takes_back_no_receipt(
     charge: Take, judge: Judge
 ) -> None:
-    """The seller's own list of what the buyer signed vouches for nothing."""
+    """Else each buyer had its energy free by saying so before the proof is submitted."""
     at_s = charge.end_s + 1
     report = judged_charge(judge, charge, lambda chain: revoked(chain, "robot", at_s, "compromised"))
-    assert report.outcome == "undecided"
+    assert report.accepted, report.reason
+    assert report.amount_iec is None
+
+
+def test_a_buyers_key_that_is_reported_stolen_meanwhile_signs_for_no_more(charge: Take, judge: Judge) -> None:
+    at_s = middle_s(charge)
+    report = judged_charge(judge, charge, lambda chain: revoked(chain, "robot", at_s, "compromised"))
+    assert report.accepted, report.reason
+    assert report.amount_iec is not None
 
 
 def test_what_the_buyer_listed_before_the_meters_key_was_taken_is_paid(charge: Take, judge: Judge) -> None:
