@@ -187,7 +187,7 @@ class ConsumedActs:
         """Counts what was learnt."""
         self._chain = ""
         self._seq = 0
-        """Of the last event."""
+        """Number of the last event."""
         self._events: defaultdict[int, list[DaoEvent]] = defaultdict(list)
         """What happened to each task; what was undone is taken out again."""
         self._submissions: dict[int, list[Submission]] = {}

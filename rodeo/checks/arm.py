@@ -29,12 +29,12 @@ AGAINST_LIMIT_M = 0.005
 HELD_M = 0.003
 """Fingers that are as far apart as usual during the carry, to this, hold what is carried."""
 HELD_SHARE = 0.9
-"""Of that; the command to open comes before they do."""
+"""Share of that; the command to open comes before they do."""
 COMPARED_S = 0.15
 """A command is compared with joints that were recorded at most so far apart: an arm that moves goes 0.1 rad
 meanwhile."""
 NO_NUMBER_SHARE = 0.1
-"""Of a controller's states: as many may be missing."""
+"""Share of a controller's states that may be missing."""
 
 SOLID_LIMIT_M = 0.02
 """How deep a link may reach into what stands in the lab: things touch, poses have errors."""

@@ -14,24 +14,25 @@ from rodeo.checks.tables import joints_of
 from rodeo.lab.world import TIMESTEP_S
 
 HELD_SHARE = 0.95
-"""Of the time between lift and release; a contact may flicker while the item settles between the pads."""
+"""Share of the time between lift and release; a contact may flicker while the item settles between the
+pads."""
 SLIP_LIMIT_M = 0.04
 """Within the pads' own 4 cm, so the item is still between them."""
 MOTION_CAPTURE_SHARE = 0.98
-"""Of the carry: where poses of a fast arm are missing, its way is only guessed."""
+"""Share of the carry: where poses of a fast arm are missing, its way is only guessed."""
 MOTION_CAPTURE_OFF_S = 3.0
 """And off for no more than this in all, however long it takes."""
 GUESSED_S = 0.2
 """Between two messages or poses: what a fast arm did in more than this is not known."""
 KNOWN_SHARE = 0.65
-"""Of the carry: with 5 % of all messages lost, and 2 % in runs, item, base and joints together are known for
-nine tenths of it on average, and now and then for three quarters."""
+"""Share of the carry: with 5 % of all messages lost, and 2 % in runs, item, base and joints together are
+known for nine tenths of it on average, and now and then for three quarters."""
 MOTION_CAPTURE_LIMIT_M = 0.05
 """Replays of honest recordings stay within a centimetre until the release."""
 
 
 MAJORITY = 0.5
-"""Of the replays: one lucky grasp is not what happened, one unlucky one neither."""
+"""Share of the replays: one lucky grasp is not what happened, one unlucky one neither."""
 
 
 def carried(case: Case) -> Finding:

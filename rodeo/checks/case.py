@@ -43,7 +43,7 @@ class ChainRecord(BaseModel):
     task: Task
     devices: list[Device]
     roots: list[Root] = []
-    """Of the days of the assignment."""
+    """Roots of the days of the assignment."""
 
     def signers(self, role: str | None) -> set[str]:
         """Lower-case addresses that may sign as `role` (None: as anything) now."""
@@ -125,12 +125,12 @@ class Case:
 
     @property
     def base_source(self) -> str:
-        """Who says where the base is."""
+        """The source of where the base is."""
         return "motion capture" if self.mocap else "the robot's own localisation"
 
     @property
     def item_pose_source(self) -> Literal["motion capture", "perception"]:
-        """Who says where the item lay: the lab, or the robot itself, which is weaker."""
+        """The source of where the item lay: the lab, or the robot itself, which is weaker."""
         return "motion capture" if self.mocap else "perception"
 
     @property
@@ -196,7 +196,7 @@ class Checks:
     at_idle_speed: bool = False
     """Whether a simulated clock goes at the site's `idle_speed` while the work is done."""
     model_sha256: Callable[[], str] | None = None
-    """Of the network that the checks ask, where they ask one. Raises RodeoError."""
+    """Hash of the network that the checks ask, where they ask one. Raises RodeoError."""
 
 
 def ordered(case: Case, model: type[Params]) -> Params:

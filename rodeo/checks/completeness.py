@@ -18,15 +18,15 @@ from rodeo.topics import (
 )
 
 RATE_SHARE = 0.9
-"""Of the nominal rate in the key table: a site's scheduler is not a metronome. What comes faster than it is
-published was recorded once and written at another pace."""
+"""Share of the nominal rate in the key table: a site's scheduler is not a metronome. What comes faster
+than it is published was recorded once and written at another pace."""
 COVERED_SHARE = 0.85
-"""Of the recording; the rest may be missing around a restart of the recorder."""
+"""Share of the recording; the rest may be missing around a restart of the recorder."""
 MISSED_SHARE = 0.18
-"""Of the messages on one topic that may be missing. Where 5 % are lost one by one and 2 % in runs, it is 7 %
-on average, and a few long runs make it 15 % of half a minute at 50 Hz."""
+"""Share of the messages on one topic that may be missing. Where 5 % are lost one by one and 2 % in runs,
+it is 7 % on average, and a few long runs make it 15 % of half a minute at 50 Hz."""
 COMMANDS_SHARE = 0.5
-"""Of the controllers' states the most that may be in holes, or missing: at 10 Hz one run of a hundred lost
+"""Share of the controllers' states that may be in holes, or missing: at 10 Hz one run of a hundred lost
 messages, five times the mean, is a third of half a minute."""
 HOLE_PERIODS = 25
 """A silence of so many nominal periods (0.5 s at 50 Hz) is a hole."""

@@ -46,14 +46,14 @@ class Counts:
     events: int = 10_000
     """On `rodeo/event`."""
     event_bytes: int = 2 * 1024**2
-    """Of all events: they are held as objects, which take many times as much."""
+    """Most bytes of all events: they are held as objects, which take many times as much."""
     statements: int = 20_000
     """On `rodeo/attestation`, whoever made them."""
     json_bytes: int = 16 * 1024**2
-    """Of both together; an hour of a cleaning."""
+    """Most bytes of both together; an hour of a cleaning."""
     statements_per_s: float = 10.0
-    """Of one registered signer, over the recording and `BURST_S`: motion capture makes one for each body, the
-    others fewer."""
+    """Rate of one registered signer, over the recording and `BURST_S`: motion capture makes one for each
+    body, the others fewer."""
     sightings: int = 1_000
     """Places where the robot says that it saw the item; it looks a few times."""
     carried_s: float = 600.0

@@ -25,7 +25,7 @@ class Logged:
     """What the logs of some days say of a proof."""
 
     statements: int
-    """Of which the day's log was read."""
+    """Number of the statements of which the day's log was read."""
     lacking: tuple[tuple[str, str], ...]
     """(device, sentence): statements that their device's own log does not have."""
     unread: tuple[str, ...]

@@ -24,11 +24,11 @@ AGREE_M = 0.05
 """Encoders off by 10 mrad each put a hand at 0.75 m off by 12 mm, a base's heading off by 5 mrad by another
 5, and poses repeat to 2 mm: an honest hand stays within half of this."""
 AGREE_SHARE = 0.99
-"""Of the time: where motion capture missed a few poses of a fast arm, its way is only guessed."""
+"""Share of the time: where motion capture missed a few poses of a fast arm, its way is only guessed."""
 RIGID_M = 0.03
 """What an item may slip or tilt between pads of 4 cm, and what poses of 2 mm and 5 mrad leave uncertain."""
 RIGID_SHARE = 0.99
-"""Of the carry, for single poses that are off."""
+"""Share of the carry, for single poses that are off."""
 LONGEST_OFF_S = 1.5
 """And no more than this in all, however long it takes: in six of ten minutes' seconds a person carries it."""
 LIES_M = 0.01
@@ -136,8 +136,8 @@ _SOURCE = "statements of the motion capture"
 
 
 def _seen(at_s: Array, *poses: Pose) -> Array:
-    """Of these times those at which all are signed rather than guessed. How long the others may be is for
-    `seen_throughout` and `item_in_gripper` to say."""
+    """The ones of these times at which all are signed rather than guessed. How long the others may be is
+    for `seen_throughout` and `item_in_gripper` to say."""
     for pose in poses:
         for start_s, end_s in pose.unseen_s:
             at_s = at_s[(at_s <= start_s) | (at_s >= end_s)]

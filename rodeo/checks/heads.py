@@ -21,8 +21,8 @@ come once a second each, and one of either may be lost."""
 RESUMED_S = 1.0
 """Recorded before a power cut and lost by it: what follows the last seal on disk."""
 MOST_CUTS = 3
-"""Of which witnesses may have heard what was lost: whoever notes a cut every few seconds would otherwise be
-free to write another version."""
+"""Most cuts of which witnesses may have heard what was lost: whoever notes a cut every few seconds would
+otherwise be free to write another version."""
 
 
 def listed(case: Case, said: Sequence[Said]) -> Iterator[tuple[Said, Head]]:

@@ -23,7 +23,7 @@ from rodeo.lab.world import world_spec
 RAMP_S = 0.2
 """In which errors of the encoders come up: no jerk may shake what the hand holds."""
 _JOINTS_HALF_WINDOW_S = 0.1
-"""Of the fit of the joints: stamps that jitter by 4 ms shake an arm that moves."""
+"""Half of the fit's window for the joints: stamps that jitter by 4 ms shake an arm that moves."""
 _LOOK_EVERY = 0.02
 """Motion in m or rad between two looks at what the links touch: finer than anything that stands in a lab."""
 

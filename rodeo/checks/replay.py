@@ -43,7 +43,7 @@ from rodeo.lab.world import (
 
 BEFORE_CLOSING_S = 0.3
 HELD_SHARE = 0.9
-"""Of the time after the lift with both pads on the item: a contact may flicker while it settles."""
+"""Share of the time after the lift with both pads on the item: a contact may flicker while it settles."""
 LAY_S = 1.0
 """Over which it is looked at where the item lay, before the gripper closes."""
 BEFORE_RELEASE_S = 0.5
@@ -135,7 +135,7 @@ class Motion:
     """(n,)"""
     kinematics: Kinematics
     hand: HandPath
-    """Of n rows."""
+    """The hand's path in n rows."""
     fingers_m: Array
     """(n, 2)"""
     finger_speed_m_s: Array

@@ -26,7 +26,7 @@ from rodeo.strict_json import plain, write_json
 
 Outcome = Literal["accepted", "rejected", "undecided", "given_up", "impossible"]
 _PARTIES: dict[str, Fault] = {"the task's creator": "creator", "the oracle": "oracle", "the store": "oracle"}
-"""Who failed -> as the contracts name it. A site without its store has no judge."""
+"""The party that failed -> as the contracts name it. A site without its store has no judge."""
 
 REASON_CHARACTERS = 500
 _DETAIL_CHARACTERS = 1000
@@ -39,7 +39,7 @@ def _as_shown(value: float | int | str | None) -> float | int | str | None:
 
 
 Text = Annotated[str, AfterValidator(printable)]
-"""Of others' words it holds what `quoted` makes of them."""
+"""Text that holds of others' words what `quoted` makes of them."""
 Measured = Annotated[float | int | str | None, AfterValidator(_as_shown)]
 """What JSON has no number for is text: "nan", "inf"."""
 
@@ -57,11 +57,11 @@ class Finding(BaseModel):
     """Where the limit comes from."""
     detail: Annotated[Text, AfterValidator(lambda text: shortened(text, _DETAIL_CHARACTERS))] = ""
     fault: Text | None = None
-    """Who failed, where a check did not pass and that is neither party's failure: "the oracle", "the site's
-    motion capture". The check is then undecided, unless it is something `instead`."""
+    """The party that failed, where a check did not pass and that is neither party's failure: "the oracle",
+    "the site's motion capture". The check is then undecided, unless it is something `instead`."""
     instead: Literal["given_up", "impossible"] | None = None
-    """Of a check that did not pass. Given up: the executor could not do it. Impossible: nobody could, by who
-    is at `fault`, and the executor is paid for its trouble."""
+    """Outcome of a check that did not pass. Given up: the executor could not do it. Impossible: nobody
+    could, by who is at `fault`, and the executor is paid for its trouble."""
     stands: bool = Field(default=False, exclude=True)
     """Whether a failure stands whatever a witness had said while it was silent: it was found without that."""
 
@@ -100,11 +100,12 @@ class Report(BaseModel):
     attempt: int | None
     proof_sha256: str | None
     item_pose_source: str | None = None
-    """Of a cleaning: who said where the item lay, "motion capture" or, weaker, the robot's "perception"."""
+    """The source of where the item of a cleaning lay, "motion capture" or, weaker, the robot's
+    "perception"."""
     outcome: Outcome
     reason: str
     fault: str | None = None
-    """Of an undecided verdict, and of an impossible task: who failed."""
+    """The party that failed, of an undecided verdict and of an impossible task."""
     party: Fault = "nobody"
     """The same as the contracts name it."""
     amount_iec: Decimal | None = None

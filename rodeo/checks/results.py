@@ -29,7 +29,7 @@ def reads(*sources: Source) -> None:
 
 @contextmanager
 def sources_read() -> Iterator[set[Source]]:
-    """Whose words are read in this context, also by results that are kept."""
+    """The witnesses whose words are read in this context, also by results that are kept."""
     found: set[Source] = set()
     token = _reading.set(found)
     try:

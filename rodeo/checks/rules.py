@@ -39,7 +39,7 @@ _PHYSICS = "mujoco"
 _FOR_PEOPLE = ("title", "description")
 _FILE = re.compile(r"[\w-]+\.(?!py$)\w+")
 _VALUES = ("const", "default", "enum", "examples")
-"""Of a schema: what stands there is data."""
+"""Keywords of a schema whose content is data."""
 
 
 def rules_hash(kind: Kind) -> str | None:
@@ -142,7 +142,7 @@ def _source(module: str) -> Source:
 
 @cache
 def _path(module: str) -> Traversable | None:
-    """Of its file; None if there is no such module. Nothing below the first package is imported."""
+    """Path of its file; None if there is no such module. Nothing below the first package is imported."""
     package, _, name = module.rpartition(".")
     candidates = [_folder(module).joinpath("__init__.py")]
     if package:

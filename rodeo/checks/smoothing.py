@@ -9,8 +9,8 @@ from scipy.ndimage import correlate1d
 from rodeo.evidence.series import Array
 
 HALF_WINDOW_S = 0.2
-"""Of the fit at each moment. What 170 kg do on tyres is a parabola over so long, to a millimetre; noise of
-2 mm and 5 mrad shakes a hand with 15 m/s2 as it is, and with 0.3 m/s2 after."""
+"""Half of the window of the fit at each moment. What 170 kg do on tyres is a parabola over so long, to a
+millimetre; noise of 2 mm and 5 mrad shakes a hand with 15 m/s2 as it is, and with 0.3 m/s2 after."""
 STEP_S = 0.01
 """Between two moments that are fitted; in between the motion is a cubic."""
 

@@ -155,7 +155,7 @@ def motion_capture_of(case: Case) -> Testimony:
 
 @once_per_case
 def bin_testimony(case: Case) -> Testimony:
-    """Of the bin that the work is done at. Raises CaseError when it signed nothing."""
+    """The testimony of the bin that the work is done at. Raises CaseError when it signed nothing."""
     return testimony_of(case, "bin", case.bin.name)
 
 

@@ -23,7 +23,7 @@ from rodeo.topics import JOINT_STATES, SEAL_CHANNEL
 MOVED_M = 0.03
 """An item this far from where it lay at first has been moved; motion capture repeats to a tenth of that."""
 LISTED_SHARE = 0.9
-"""Of the time from the grasp to the item's rest; two may be lost in a row."""
+"""Share of the time from the grasp to the item's rest; two may be lost in a row."""
 UNLISTED_S = 5.0
 """Never longer than this."""
 UNSEEN_S = 2.5

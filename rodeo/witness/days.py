@@ -48,7 +48,7 @@ class DayLog(Scope):
     address: Address
     """The key that signed the statements. The log may be signed by its successor."""
     day: int = Field(ge=0)
-    """Of their `time_s`, counted from 1970-01-01 UTC."""
+    """Day of their `time_s`, counted from 1970-01-01 UTC."""
     first: int = Field(ge=1)
     """`seq` of the first statement; the others follow without a gap."""
     statements: tuple[Digest, ...] = Field(min_length=1)
@@ -59,7 +59,7 @@ class DayLog(Scope):
         return len(self.statements)
 
     def digest_of(self, seq: int) -> str | None:
-        """Of statement number `seq`; None if it is not of this day."""
+        """Digest of statement number `seq`; None if it is not of this day."""
         return self.statements[seq - self.first] if 0 <= seq - self.first < self.count else None
 
 
@@ -105,7 +105,7 @@ class Days:
         folder.mkdir(parents=True, exist_ok=True)
         # A journal that begins again begins again here.
         self._seq = min(self._newest(), journal.seq)
-        """Of the last statement that is in a log."""
+        """Number of the last statement that is in a log."""
         self._catch_up()
 
     def add(self, attestation: Attestation) -> None:

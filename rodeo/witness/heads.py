@@ -13,8 +13,8 @@ TOLD = 4
 last lacks many statements, or shows it. Recorders speak every second anyway."""
 
 RECORDINGS = 2
-"""Of one device whose newest heads are kept: it makes one after the other, and a witness may state nothing
-for many of them."""
+"""Recordings of one device whose newest heads are kept: it makes one after the other, and a witness may
+state nothing for many of them."""
 
 
 @dataclass

@@ -34,7 +34,7 @@ class Journal:
         self._offsets = array("Q")
         self._first = 1
         self.seq = 0
-        """Of the newest statement; 0 before the first."""
+        """Number of the newest statement; 0 before the first."""
         self.previous: str | None = None
         """Its digest."""
         try:

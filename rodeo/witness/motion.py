@@ -22,12 +22,12 @@ LISTENING_PERIOD_US = 2_000_000
 """The same while nothing moves and heads of others were heard."""
 
 _REST_DOT = float(np.cos(REST_RAD / 2))
-"""Of two unit quaternions that are `REST_RAD` apart."""
+"""Dot product of two unit quaternions that are `REST_RAD` apart."""
 
 
 LOST_US = 2_000_000
-"""Of a body that was not seen for so long nothing is known meanwhile, wherever it is then. A simulated lab
-that skips idle time shows its bodies once a second."""
+"""Time without a sighting after which nothing is known of a body meanwhile, wherever it is then. A
+simulated lab that skips idle time shows its bodies once a second."""
 STEP_US = 200_000
 """Between two poses of a moving body: more shows nothing of the way."""
 SEEN_US = 50_000

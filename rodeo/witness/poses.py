@@ -34,7 +34,7 @@ LARGEST_M = (2**23 - 1) * STEP_M
 
 _HALF = 20480
 _LEVELS = np.uint64(2 * _HALF + 1)
-"""Of each component: four times their cube, for the index of the largest, fits in 48 bits."""
+"""Levels of each component: four times their cube, for the index of the largest, fits in 48 bits."""
 _SCALE = _HALF * np.sqrt(2.0)
 """The three smallest components of a unit quaternion lie within 1/sqrt(2)."""
 _RECORD = np.dtype([("offset_us", "<u4"), ("position", "u1", (3, 3)), ("orientation", "u1", 6)])

@@ -22,7 +22,7 @@ _LOOK_WALL_S = 5.0
 _RETRY_WALL_S = 60.0
 """After a failure."""
 _AFTER_MIDNIGHT_S = 5.0
-"""Of site time: a statement may be signed a moment after its `time_s`."""
+"""Site time: a statement may be signed a moment after its `time_s`."""
 
 
 class DailyRoots:

@@ -27,11 +27,11 @@ MAX_STALLS = 64
 MAX_OCMF = 24_000
 """Characters of a record's text with `MAX_HEADS` heads."""
 MAX_CLASSES = 1000
-"""Of one classification: as many as the largest public data set has."""
+"""Most classes of one classification: as many as the largest public data set has."""
 MAX_LOOKS = 9
 """Pictures that one classification combines."""
 MAX_CLAIMANTS = 8
-"""Of one showing: more robots than can stand around a bin."""
+"""Most claimants of one showing: more robots than can stand around a bin."""
 
 
 class _Model(BaseModel):

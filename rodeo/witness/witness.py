@@ -215,7 +215,7 @@ class Witness:
             log.debug("ignored a statement on %s: %s", key, error)
 
     def _speaker(self, topic: topics.Topic, key: str, payload: bytes, most_bytes: int) -> str | None:
-        """Whose key it is; None for the witness's own, and for that of no registered device.
+        """The owner of the key; None for the witness's own, and for that of no registered device.
 
         Raises BadStatement for more bytes than anything on such a key has.
         """
@@ -325,7 +325,7 @@ def _time_ns(text: str) -> int:
 
 
 _TIME_DIGITS = 19
-"""Of the largest time in nanoseconds that fits into 63 bits."""
+"""Digits of the largest time in nanoseconds that fits into 63 bits."""
 
 
 def unverified_statement(data: dict[str, Any]) -> Spoken:

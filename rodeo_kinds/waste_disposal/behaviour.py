@@ -54,9 +54,9 @@ _QUEUE_S = 900.0
 _SEARCH_M = PLACE_LIMIT_M + 0.1
 """With room for what a view from a distance is off by, and to say that the item lies too far off."""
 _LOOK_TURNS_RAD = (0.0, 0.15)
-"""Of the waist, between the pictures of one look: their picture elements fall on different points."""
+"""Turns of the waist between the pictures of one look: their picture elements fall on different points."""
 _FAR_MISFIT_M = 0.045
-"""Of extents seen from a distance, where a picture element covers 2 cm."""
+"""Misfit of extents seen from a distance, where a picture element covers 2 cm."""
 _NEAR_MISFIT_M = 0.02
 _NEAR_WITHIN_M = 0.12
 _CANDIDATES = 3

@@ -242,7 +242,7 @@ class Bin:
         self._seen: list[_Seen] = []
         """The pictures of the item that differ, from all angles."""
         self._shown_by: Presented | None = None
-        """Who presented itself last before the last angle."""
+        """The robot that presented itself last before the last angle."""
         self._another = False
         """Whether what is looked at cannot be what the pending classification is about."""
         self._held_after: State | None = None
@@ -477,7 +477,7 @@ class Bin:
         return step.time_s - step.after_s > self._limits.shaken_s
 
     def _named(self, time_s: float) -> list[Presented]:
-        """Who presented themselves a moment ago, the newest first."""
+        """The robots that presented themselves a moment ago, the newest first."""
         since_s = time_s - self._limits.presented_s
         return [one for one in self.memory.presented if one.at_s >= since_s]
 

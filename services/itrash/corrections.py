@@ -194,8 +194,8 @@ def pictures_of(classification: Attestation, kept: Pictures) -> dict[str, bytes]
 
 
 def _last_of_each_item(judged: Collection[Kept]) -> list[bool]:
-    """Of each item whether the bin's last answer about it was right. What it says of another angle names the
-    pictures of those before."""
+    """For each item, whether the bin's last answer about it was right. What it says of another angle names
+    the pictures of those before."""
     items: list[tuple[set[str], bool]] = []
     for one in sorted(judged, key=lambda one: one.told.shown_s):
         pictures = {look.image_sha256 for look in one.told.looks}

@@ -13,7 +13,7 @@ STAND_INS = ("Of ", "Who ", "Whose ")
 """Beginnings that stand in for a subject ("Of the recording." in place of "Path of the recording.")."""
 ROUNDABOUT = re.compile(r"\b(for ever|goes on(?! (?:chain|record|under))|is told)\b")
 """Words where indefinitely, continues, or a verb that says what happens is meant."""
-BEGINNINGS_LEFT = {"rodeo/checks": 39, "rodeo/witness": 13, "rodeo_kinds": 4, "services/itrash": 3}
+BEGINNINGS_LEFT: dict[str, int] = {}
 ROUNDABOUT_LEFT = {
     "bench": 1,
     "rodeo/checks": 2,

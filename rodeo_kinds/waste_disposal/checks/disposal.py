@@ -34,7 +34,7 @@ DROP_SLACK_S = 10.0
 EARLY_SLACK_S = 1.0
 """Clocks of bin and robot, and pads that touch the item a little longer than they hold it."""
 AWAY_M = 0.15
-"""Of the hand from the item in the end: farther than its fingers reach."""
+"""Distance of the hand from the item in the end: farther than its fingers reach."""
 OPEN_M = 0.003
 """Fingers that let go of an item are at least so much wider than while they held it, each."""
 NEAR_BIN_M = 1.2
@@ -126,7 +126,7 @@ def _drop(case: Case) -> Drop:
 
 
 def _unsaid(case: Case, what: str) -> EvidenceError:
-    """Whose failure it is that the bin signed no such statement: the bin's where its key was revoked
+    """The party at fault that the bin signed no such statement: the bin where its key was revoked
     meanwhile, or where motion capture, of which nothing is missing, heard nothing more of it."""
     name = case.bin.name
     if (key := revoked_while_recorded(case, "bin", name)) is not None:

@@ -378,7 +378,8 @@ def test_who_gives_up_in_one_of_two_recordings_is_refused(
 
 
 def test_the_last_head_of_the_recording_before_is_no_fork(cleaning: Take, judge: Judge) -> None:
-    """Of the task before, or of this one, where the robot's process broke and it began again."""
+    """The last head of the task before, or of this one, where the robot's process broke and it began
+    again."""
     take = given_up(cleaning)
     before = Witnesses(lay=LAY_LONG.lay, twin=lambda time_s: time_s < take.start_s + 0.5)
     report = judge(take, posted(take, y_m=0.6), witnesses=before)
