@@ -260,12 +260,14 @@ class Rebuilt:
                     self._leave_line(self._freed)
             case events.ProviderProven():
                 self.earned.add(event.provider)
+                self.locked.pop(event.provider, None)
                 self._set_proven(event.provider)
             case events.ProviderVouched():
                 before = self._is_proven(event.provider)
                 (self.vouched.add if event.vouched else self.vouched.discard)(event.provider)
                 if self._is_proven(event.provider) != before:
                     self._begin_anew(event.provider)
+                    self.locked.pop(event.provider, None)
                     self._set_proven(event.provider)
                     self._offer_all(event.provider)
             case events.PayoutChanged():
@@ -415,7 +417,7 @@ class Rebuilt:
         ]
 
     def _begin_anew(self, provider: str) -> None:
-        for known in (self.asleep, self.rests, self.locked):
+        for known in (self.asleep, self.rests):
             known.pop(provider, None)
 
     def _set_proven(self, provider: str) -> None:

@@ -27,7 +27,8 @@ contract Providers is IProviders {
         uint8 failures;
         /// @dev How often it has fallen asleep, or had to rest, since the last accepted proof; at most MAX_NAPS.
         uint8 naps;
-        /// @dev Until when it rests, or when it may wake up; 0 if it never had to since the last accepted proof.
+        /// @dev Until when it rests, or when it may wake up. Where `naps` is 0: when a provider that is not proven last gave work
+        /// back or missed it; 0 if it never did.
         uint32 restsUntil;
         /// @dev What it was paid for accepted work of others (56 bits), and what it would have been paid for work that
         /// failed (56 bits), in `_unit`, as of a day (16 bits): both decay. Between them who was the last creator that day
@@ -291,8 +292,8 @@ contract Providers is IProviders {
     /// @inheritdoc IProviders
     function lockedUntil(address provider) public view returns (uint256) {
         Provider storage p = _providers[provider];
-        if (p.naps == 0 || _isProven(p.flags)) return 0;
-        return p.restsUntil - (COOL_DOWN << (p.naps - 1)) + BOND_DELAY;
+        if (p.restsUntil == 0 || _isProven(p.flags)) return 0;
+        return _restedFrom(p) + BOND_DELAY;
     }
 
     /// @inheritdoc IProviders
@@ -339,7 +340,7 @@ contract Providers is IProviders {
         bool before = _isProven(flags);
         bool missed = e.outcome == Outcome.Missed || e.outcome == Outcome.Expired;
         profile.payout = _payoutOf(e.provider, flags);
-        if (e.outcome == Outcome.Completed || e.outcome == Outcome.Rejected || e.outcome == Outcome.Expired) {
+        if (e.outcome <= Outcome.AbandonedLate) {
             flags = _judge(e, p, flags, profile.payout);
         }
         profile.proven = _isProven(flags);
@@ -348,7 +349,8 @@ contract Providers is IProviders {
             if (missed && e.provider != _organization) _miss(e.provider, p);
             profile.asleep = p.restsUntil != 0;
         } else {
-            if (missed || e.outcome == Outcome.Abandoned || e.outcome == Outcome.Void) _rest(e.provider, p);
+            bool gaveBack = e.outcome == Outcome.Abandoned || e.outcome == Outcome.AbandonedLate;
+            if (missed || gaveBack || e.outcome == Outcome.Void) _rest(e.provider, p);
             profile.rests = block.timestamp < p.restsUntil;
         }
         profile.grade = _reputation(p) & GRADE;
@@ -386,7 +388,7 @@ contract Providers is IProviders {
         }
         bool all = flags / ACCEPTED & PROOFS == PROOFS;
         bool earned = (all && flags & SECOND_CREATOR != 0) || flags / FOR_ORGANIZATION & PROOFS == PROOFS;
-        if (earned) flags |= EARNED;
+        if (earned) (flags, p.restsUntil) = (flags | EARNED, 0);
         p.flags = flags;
         if (earned) emit ProviderProven(provider);
         return flags;
@@ -416,8 +418,15 @@ contract Providers is IProviders {
 
     /// @dev A proof was accepted, of work for others.
     function _forgive(address provider, Provider storage p) private {
-        if (p.restsUntil != 0) emit ProviderWokeUp(provider);
-        (p.missed, p.failures, p.naps, p.restsUntil) = (0, 0, 0, 0);
+        if (p.restsUntil != 0 && p.naps != 0) emit ProviderWokeUp(provider);
+        // One task that a friend pays does not free the bond of a provider that gave another one back before.
+        p.restsUntil = _isProven(p.flags) || p.restsUntil == 0 ? 0 : _restedFrom(p);
+        (p.missed, p.failures, p.naps) = (0, 0, 0);
+    }
+
+    /// @dev When a provider that is not proven last gave work back or missed it, of one that did.
+    function _restedFrom(Provider storage p) private view returns (uint32) {
+        return p.naps == 0 ? p.restsUntil : p.restsUntil - uint32(COOL_DOWN << (p.naps - 1));
     }
 
     /// @dev A proven provider let an attempt pass without a proof, whichever of its services made it.
@@ -457,7 +466,7 @@ contract Providers is IProviders {
 
     /// @dev Whether an attempt that ended so costs the penalty.
     function _costs(Outcome outcome, bool proven) private pure returns (bool) {
-        bool failed = outcome == Outcome.Rejected || outcome == Outcome.Expired;
+        bool failed = outcome != Outcome.Completed && outcome <= Outcome.AbandonedLate;
         return failed || (outcome == Outcome.GivenUp && !proven);
     }
 

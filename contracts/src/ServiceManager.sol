@@ -221,7 +221,8 @@ contract ServiceManager is IServiceManager {
         if (taker == NO_SERVICE) return (NO_SERVICE, address(0), 0, false);
         Record storage s = _services[taker];
         if (hired == Hire.Provider && !(_isFree(s) && _priceOf(s) <= maxPrice)) {
-            ServiceId other = _serviceOf(s.provider, s.kindId, maxPrice);
+            // slither-disable-next-line unused-return
+            (ServiceId other,) = _serviceOf(s.provider, s.kindId, maxPrice);
             if (other != NO_SERVICE) (taker, s) = (other, _services[other]);
         }
         bool ofKind = s.kindId == kindId;
@@ -250,7 +251,7 @@ contract ServiceManager is IServiceManager {
         TaskId taskId = turn.taskId();
         if (outcome == Outcome.Completed) turn = turn.withCompleted();
         else if (outcome == Outcome.Rejected) turn = turn.withRejected();
-        else if (outcome == Outcome.Expired) turn = turn.withExpired();
+        else if (outcome == Outcome.Expired || outcome == Outcome.AbandonedLate) turn = turn.withExpired();
         Profile memory p = providers.note(Ended(serviceId, taskId, s.provider, creator, outcome, value));
         if (p.earned) {
             _setProven(s.provider, true);
@@ -361,9 +362,9 @@ contract ServiceManager is IServiceManager {
     function serviceOf(address provider, bytes32 kind, uint256 maxPrice)
         external
         view
-        returns (ServiceId serviceId)
+        returns (ServiceId serviceId, uint256 all)
     {
-        serviceId = _serviceOf(provider, organization.numberOf(kind), maxPrice);
+        (serviceId, all) = _serviceOf(provider, organization.numberOf(kind), maxPrice);
         if (serviceId == NO_SERVICE) revert ProviderWithoutService(provider, kind);
     }
 
@@ -443,17 +444,18 @@ contract ServiceManager is IServiceManager {
         return key << 40 | place;
     }
 
-    /// @dev The cheapest of the provider's services that is free, else any; 0 if it has none.
+    /// @dev The cheapest of the provider's services that is free, else any; 0 if it has none. And all of them.
     function _serviceOf(address provider, KindId kindId, uint256 maxPrice)
         private
         view
-        returns (ServiceId serviceId)
+        returns (ServiceId serviceId, uint256 all)
     {
         uint256 lowest = maxPrice + 1;
         for (uint256 live = _live[provider]; live != 0; live >>= 32) {
             ServiceId each = unpackService(uint32(live));
             Record storage s = _services[each];
             if (s.kindId != kindId) continue;
+            all = all << 32 | each.pack();
             bool better = _isFree(s) && _priceOf(s) < lowest;
             if (better) lowest = _priceOf(s);
             if (better || serviceId == NO_SERVICE) serviceId = each;

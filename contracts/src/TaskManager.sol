@@ -74,6 +74,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc ITaskManager
     uint256 public constant IMPOSSIBLE_SHARE = 10;
 
+    /// @notice How long a task that only proven providers are offered waits for one, s. Then anybody may give it to a service
+    /// of another (see matchTask): an active one of a proven provider may be too dear, or busy for long, or be there for show.
+    uint256 public constant PATIENCE = 1 hours;
+
     /// @notice The gas of a payment.
     uint256 public constant PAYMENT_GAS = Payments.GAS;
 
@@ -157,9 +161,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function abandonTask(TaskId taskId, uint8 attempt) external nonReentrant {
         Record memory t = _get(taskId);
         _requireExecutor(taskId, t, attempt);
-        Cause late = t.accepted ? Cause.AbandonedLate : Cause.NotAccepted;
-        Cause cause = block.timestamp <= _graceEnd(t) ? Cause.Abandoned : late;
-        _failAttempt(taskId, t, cause);
+        bool late = t.accepted && block.timestamp > _graceEnd(t);
+        _failAttempt(taskId, t, late ? Cause.AbandonedLate : Cause.Abandoned);
     }
 
     /// @inheritdoc ITaskManager
@@ -229,6 +232,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record memory t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
         Passed passed = _leaveQueue(taskId, t);
+        if (passed.isForProven() && serviceId != NO_SERVICE && block.timestamp > t.time + PATIENCE) {
+            // slither-disable-next-line unused-return
+            (uint32 number,,) = services.profile(serviceId);
+            if (!passed.has(number)) passed = NOBODY;
+        }
         if (serviceId == NO_SERVICE) {
             _match(taskId, t, passed);
         } else if (t.hired != Hire.None || !_assign(taskId, t, serviceId, passed)) {
@@ -297,7 +305,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool waits = t.state == TaskState.Open || t.state == TaskState.Cancelled;
         bool ofProvider = t.hired == Hire.Provider;
         bool judged = t.state == TaskState.Submitted || t.state == TaskState.Ruled;
-        uint256 deadline = judged ? t.time + t.verdictWindow : t.time;
+        uint256 deadline = judged ? t.time + t.verdictWindow : waits ? 0 : t.time;
         return Task({
             creator: t.creator,
             reward: uint96(t.reward),
@@ -449,7 +457,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev What an attempt counts in its provider's record. The kind's word was read for the ruling.
     function _counted(KindId kindId, Outcome outcome, uint256 value) private view returns (uint256) {
         // Other outcomes, of which some never came to a judge, go into no record.
-        if (outcome > Outcome.Expired) return 0;
+        if (outcome > Outcome.AbandonedLate) return 0;
         return Math.min(value, _benches[kindId].referencePrice);
     }
 
@@ -488,6 +496,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev A ruling stands now, or is done at once.
     function _say(TaskId taskId, Record memory t, Standing memory s, Fault fault, bytes32 report) private {
+        if (s.ruling != Ruling.Void) fault = Fault.Nobody;
         emit Ruled(taskId, t.attempt, s.proofHash, s.ruling, fault, s.amount, s.until, report);
         if (s.until != 0) _stand(taskId, t, s);
         else _finish(taskId, t, s.ruling, s.amount);
@@ -571,7 +580,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             emit TaskFailed(taskId, t.reward, t.attempt, cause);
             return true;
         }
-        (t.state, t.time, t.price) = (TaskState.Open, 0, 0);
+        (t.state, t.time, t.price) = (TaskState.Open, block.timestamp, 0);
         if (!named) t.serviceId = NO_SERVICE;
         emit TaskRequeued(taskId, t.attempt, cause);
         _match(taskId, t, passed);
@@ -709,6 +718,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (cause == Cause.GivenUp) return Outcome.GivenUp;
         if (cause == Cause.Void) return Outcome.Void;
         if (cause == Cause.NotAccepted) return Outcome.Missed;
+        if (cause == Cause.AbandonedLate) return Outcome.AbandonedLate;
         return cause == Cause.Abandoned ? Outcome.Abandoned : Outcome.Expired;
     }
 

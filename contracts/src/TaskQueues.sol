@@ -118,18 +118,17 @@ contract TaskQueues is ITaskQueues {
         returns (bool ends, Passed list)
     {
         list = passed[taskId];
-        if (named) {
-            if (cause == Cause.Void) ++_namings[creator].voids;
-            // A provider that was named and said no would get the task again at once.
-            return (cause == Cause.Void || cause == Cause.Abandoned, list);
+        if (cause == Cause.Void) {
+            if (named) ++_namings[creator].voids;
+            return (true, list);
         }
         bool gaveUp = cause == Cause.GivenUp;
-        if (!gaveUp && cause != Cause.Abandoned && cause != Cause.NotAccepted) {
-            return (cause == Cause.Void, list);
-        }
+        if (!gaveUp && cause != Cause.Abandoned && cause != Cause.NotAccepted) return (false, list);
         // slither-disable-next-line unused-return
         (uint32 number, bool proven,) = _services.profile(serviceId);
         if (gaveUp && !proven) return (false, list);
+        // A provider that was named and said no would get the task again at once.
+        if (named) return (true, list);
         ends = gaveUp && list.someoneGaveUp();
         list = list.add(number, gaveUp);
         passed[taskId] = list;
@@ -144,13 +143,18 @@ contract TaskQueues is ITaskQueues {
         returns (ServiceId named)
     {
         if (serviceId != 0 && provider != address(0)) revert TwoNamed(serviceId, provider);
-        named = serviceId != 0 ? unpackService(serviceId) : _services.serviceOf(provider, kind, reward);
+        uint256 all = serviceId;
+        named = unpackService(serviceId);
+        if (serviceId == 0) (named, all) = _services.serviceOf(provider, kind, reward);
         Namings memory n = _namings[creator];
         uint256 voids = n.tasks < MIN_NAMED ? 0 : uint256(n.voids) * 100 / n.tasks;
         if (n.tasks == MAX_NAMED) (n.tasks, n.voids) = (n.tasks / 2, n.voids / 2);
         ++n.tasks;
         _namings[creator] = n;
-        _providers.requireNamable(named, creator, voids);
+        // Any of them may get the task.
+        for (; all != 0; all >>= 32) {
+            _providers.requireNamable(unpackService(uint32(all)), creator, voids);
+        }
     }
 
     /// @inheritdoc ITaskQueues

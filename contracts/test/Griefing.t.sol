@@ -6,7 +6,7 @@ import {IProviders, Namers} from "../src/interfaces/IProviders.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, Ruling, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
-import {ServiceId} from "../src/types/ServiceId.sol";
+import {NO_SERVICE, ServiceId} from "../src/types/ServiceId.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {MEMBER_ROLE} from "../src/types/Roles.sol";
 import {Fixture} from "./Fixture.sol";
@@ -210,6 +210,64 @@ contract GriefingTest is Fixture {
         assertAssigned(taskId, offer(_newcomer(6), PRICE));
     }
 
+    /// @dev Four newcomers give a task back, and a proven account has a service at a price that nobody pays.
+    function test_attack_aProvenServiceAtAPriceThatNobodyPaysStarvesNoTask() public {
+        offer(robot1, 1_000_000 ether);
+        TaskId taskId = _passedBy(4);
+        uint256 queued = block.timestamp;
+        ServiceId honest = offer(_newcomer(5), PRICE);
+        assertState(taskId, TaskState.Open);
+        assertEq(tasks.task(taskId).deadline, 0, "no window runs");
+        vm.warp(queued + tasks.PATIENCE());
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.ServiceDoesNotFit.selector, taskId, honest));
+        tasks.matchTask(taskId, honest);
+        skip(1);
+        // Asking the policy begins nothing anew.
+        tasks.matchTask(taskId, NO_SERVICE);
+        assertState(taskId, TaskState.Open);
+        vm.prank(stranger);
+        tasks.matchTask(taskId, honest);
+        assertAssigned(taskId, honest);
+        attempt(taskId, true);
+        assertState(taskId, TaskState.Settled);
+    }
+
+    /// @dev Nor does a proven account that had the task itself, and is still active.
+    function test_attack_aProvenServiceThatHadTheTaskStarvesItNot() public {
+        offer(robot1, PRICE);
+        TaskId taskId = post(alice, REWARD);
+        giveBack(taskId);
+        for (uint256 i = 1; i <= 3; ++i) {
+            offer(_newcomer(i), PRICE);
+            giveBack(taskId);
+        }
+        ServiceId honest = offer(_newcomer(5), PRICE);
+        assertState(taskId, TaskState.Open);
+        skip(tasks.PATIENCE() + 1);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.ServiceDoesNotFit.selector, taskId, serviceNo(1)));
+        tasks.matchTask(taskId, serviceNo(1));
+        tasks.matchTask(taskId, honest);
+        assertAssigned(taskId, honest);
+        giveBack(taskId);
+        ServiceId next = offer(_newcomer(6), PRICE);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.ServiceDoesNotFit.selector, taskId, next));
+        tasks.matchTask(taskId, next);
+    }
+
+    /// @dev The residue: eight accounts that have proven themselves end a task for gas.
+    function test_eightProvenProvidersThatGiveATaskBackEndIt() public {
+        TaskId taskId = post(alice, REWARD);
+        for (uint256 i = 1; i <= 8; ++i) {
+            address account = _newcomer(i);
+            vm.prank(admin);
+            organization.vouchFor(account, true);
+            ServiceId serviceId = offer(account, PRICE);
+            giveBack(taskId);
+            assertEq(services.service(serviceId).bond, 20 ether);
+        }
+        assertState(taskId, TaskState.Failed);
+    }
+
     function test_theEighthProviderEndsATask() public {
         uint256 before = coin.balanceOf(alice);
         TaskId taskId = _passedBy(7);
@@ -378,6 +436,47 @@ contract GriefingTest is Fixture {
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceIsRetired.selector, serviceId));
         vm.prank(griefer);
         services.updateService(serviceId, PRICE, ServiceState.Retired);
+    }
+
+    /// @dev Giving back, resting, and one task that a friend pays, to have the bond back for the next account.
+    function test_attack_anAcceptedTaskDoesNotFreeTheBond() public {
+        address griefer = _newcomer(1);
+        ServiceId serviceId = offer(griefer, PRICE);
+        TaskId taskId = post(alice, REWARD);
+        giveBack(taskId);
+        vm.prank(alice);
+        tasks.cancelTask(taskId);
+        uint256 until = block.timestamp + 24 hours;
+        for (uint256 i = 0; i < 2; ++i) {
+            if (i == 0) _return(griefer, serviceId);
+            attempt(post(bob, REWARD), true);
+            assertEq(providers.lockedUntil(griefer), until);
+            assertEq(providers.asleepUntil(griefer), 0);
+        }
+        update(serviceId, PRICE, ServiceState.Retired);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.BondIsLocked.selector, serviceId, until));
+        vm.prank(griefer);
+        services.updateService(serviceId, PRICE, ServiceState.Retired);
+        vm.warp(until);
+        update(serviceId, PRICE, ServiceState.Retired);
+        assertEq(services.service(serviceId).bond, 0);
+    }
+
+    /// @dev Proven by its third proof, it neither rests nor sleeps, whatever it gave back before.
+    function test_whoProvesItselfAfterAGiveBackIsAwake() public {
+        address robot = _newcomer(1);
+        ServiceId serviceId = offer(robot, PRICE);
+        giveBack(post(alice, REWARD));
+        _return(robot, serviceId);
+        attempt(post(bob, REWARD), true);
+        attempt(post(bob, REWARD), true);
+        attempt(post(alice, REWARD), true);
+        assertTrue(providers.isProven(robot));
+        assertEq(providers.asleepUntil(robot), 0);
+        assertEq(providers.lockedUntil(robot), 0);
+        assertAssigned(post(alice, REWARD), serviceId);
+        attempt(TaskId.wrap(uint40(tasks.taskCount())), true);
+        assertTrue(services.service(serviceId).state == ServiceState.Active);
     }
 
     function test_aBondIsFreeAtOnceWhereNothingWasGivenBackAndForProvenProviders() public {
@@ -566,6 +665,53 @@ contract GriefingTest is Fixture {
         providers.setNamers(serviceId, Namers.Anybody, 0);
     }
 
+    /// @dev Both are busy, and either may get the task.
+    function test_attack_aProviderIsNotNamedByOneOfItsServices() public {
+        ServiceId first = offer(robot1, PRICE);
+        ServiceId second = offer(robot1, PRICE);
+        _allow(first, Namers.Anybody);
+        _allow(second, Namers.Nobody);
+        post(alice, REWARD);
+        post(alice, REWARD);
+        address puppet = _newcomer(1);
+        _fund(puppet, 60 ether);
+        TaskRequest memory r = request(REWARD);
+        r.provider = robot1;
+        vm.expectRevert(abi.encodeWithSelector(IProviders.NotNamable.selector, second, puppet, Namers.Nobody));
+        vm.prank(puppet);
+        tasks.registerTask(r);
+        _allow(second, Namers.Anybody);
+        vm.prank(puppet);
+        TaskId taskId = tasks.registerTask(r);
+        attempt(taskNo(2), true);
+        assertAssigned(taskId, second);
+        // What does other work is not asked.
+        vm.prank(robot1);
+        ServiceId other = services.registerService(CHARGING, PRICE, NO_LIMIT, true, "");
+        _allow(other, Namers.Nobody);
+        vm.prank(puppet);
+        tasks.registerTask(r);
+    }
+
+    /// @dev It would be offered to the same again: a task that names somebody ends with what does not count.
+    function test_aTaskThatNamesSomebodyEndsWithAnAttemptThatDoesNotCount() public {
+        ServiceId serviceId = _offerByHand(robot1);
+        for (uint256 i = 0; i < 2; ++i) {
+            uint256 before = coin.balanceOf(alice);
+            _name(alice, serviceId, true);
+            TaskId taskId = taskNo(i + 1);
+            if (i == 0) {
+                skip(GRACE + 1);
+                tasks.expireTask(taskId);
+            } else {
+                submit(taskId);
+                judgeAs(oracle, taskId, Ruling.GivenUp, 0);
+            }
+            assertState(taskId, TaskState.Failed);
+            assertEq(coin.balanceOf(alice), before);
+        }
+    }
+
     function test_operatorsSayWhoMayNameTheOrganizationsServices() public {
         setTerms(0, 0, 0);
         vm.prank(admin);
@@ -630,8 +776,8 @@ contract GriefingTest is Fixture {
         _name(alice, serviceId, false);
     }
 
-    /// @dev The service works again when its penalty comes back, and gets the task that names it once.
-    function test_aNamedTaskThatIsGivenUpComesBackToAServiceThatRanShort() public {
+    /// @dev The service works again when its penalty comes back, and the task that named it has ended.
+    function test_aNamedTaskThatIsGivenUpEndsAndAServiceThatRanShortWorksAgain() public {
         setTerms(5 ether, 5 ether, 0);
         ServiceId serviceId = offer(robot1, PRICE);
         TaskRequest memory r = request(REWARD);
@@ -643,8 +789,8 @@ contract GriefingTest is Fixture {
         assertTrue(services.service(serviceId).state == ServiceState.Short);
         skip(2);
         tasks.conclude(taskId);
-        assertAssigned(taskId, serviceId);
-        assertEq(tasks.task(taskId).attempt, 2);
+        assertState(taskId, TaskState.Failed);
+        assertAssigned(post(alice, REWARD), serviceId);
     }
 
     // -- gas ----------------------------------------------------------------------------------------------

@@ -143,15 +143,31 @@ contract ImpossibleTest is Fixture {
         assertAssigned(post(bob, 100 ether), serviceId);
     }
 
-    function test_attack_whoHasNotAcceptedMissesATaskThatItGivesBackLate() public {
-        _offerByHand(robot1, 80 ether);
-        for (uint8 n = 1; n <= ATTEMPTS; ++n) {
-            TaskId taskId = post(alice, 100 ether);
-            vm.warp(block.timestamp + WINDOW / 4 + 1);
-            _abandon(robot1, taskId);
+    /// @dev Accepted, each costs the penalty and stands in the record; not accepted, nothing. No give-back is a miss.
+    function test_attack_tasksGivenBackLatePutNoProvenProviderToSleep() public {
+        for (uint256 i = 0; i < 2; ++i) {
+            bool accepts = i == 1;
+            setUp();
+            setTerms(50 ether, 5 ether, 0);
+            ServiceId serviceId = accepts ? offer(robot1, 80 ether) : _offerByHand(robot1, 80 ether);
+            for (uint8 n = 1; n <= ATTEMPTS; ++n) {
+                // One that counts comes to the same service again.
+                TaskId taskId = accepts && n != 1 ? taskNo(1) : post(alice, 100 ether);
+                vm.warp(tasks.task(taskId).deadline);
+                vm.expectEmit(address(tasks));
+                if (!accepts) emit ITaskManager.TaskRequeued(taskId, 1, Cause.Abandoned);
+                else if (n < ATTEMPTS) emit ITaskManager.TaskRequeued(taskId, n, Cause.AbandonedLate);
+                else emit ITaskManager.TaskFailed(taskId, 100 ether, n, Cause.AbandonedLate);
+                _abandon(robot1, taskId);
+            }
+            assertEq(providers.asleepUntil(robot1), 0);
+            Service memory s = services.service(serviceId);
+            assertEq(s.failures, accepts ? ATTEMPTS : 0);
+            assertEq(s.expired, accepts ? ATTEMPTS : 0);
+            assertEq(s.bond, accepts ? 35 ether : 50 ether);
+            assertEq(s.reputation < 32, accepts);
+            assertAssigned(post(bob, 100 ether), serviceId);
         }
-        assertEq(providers.asleepUntil(robot1), block.timestamp);
-        assertEq(services.service(serviceNo(1)).failures, 0);
     }
 
     function test_attack_onesOwnTasksForgiveNothing() public {

@@ -192,6 +192,18 @@ contract RulingsTest is Fixture {
         judge(_task, false);
     }
 
+    function test_onlyAVoidHasAFault() public {
+        uint256 caseEnd = tasks.task(_task).caseEnd;
+        Ruling[2] memory rulings = [Ruling.Rejected, Ruling.Void];
+        for (uint256 i = 0; i < 2; ++i) {
+            Fault said = i == 0 ? Fault.Nobody : Fault.Creator;
+            vm.expectEmit();
+            emit ITaskManager.Ruled(_task, 1, PROOF, rulings[i], said, 0, caseEnd, REPORT);
+            vm.prank(address(oracleJudge));
+            tasks.rule(_task, 1, PROOF, rulings[i], Fault.Creator, 0, uint40(caseEnd), REPORT);
+        }
+    }
+
     function test_silenceIsVoidUntilTheCaseEnds() public {
         Task memory a = tasks.task(_task);
         vm.warp(a.deadline);
@@ -331,22 +343,6 @@ contract RulingsTest is Fixture {
         judgeAs(oracle, taskId, Ruling.Void, 0);
         assertEq(services.service(second).bond, BOND);
         assertAssigned(post(bob, 10 ether), second);
-    }
-
-    function test_aNamedTaskThatIsGivenUpComesBackToAServiceThatRanShort() public {
-        setTerms(BOND, BOND, 0);
-        ServiceId second = offer(robot1, 10 ether);
-        TaskRequest memory r = request(10 ether);
-        (r.serviceId, r.maxAttempts) = (uint32(ServiceId.unwrap(second)), 2);
-        vm.prank(bob);
-        TaskId taskId = tasks.registerTask(r);
-        submit(taskId);
-        ruleUntil(oracleJudge, taskId, Ruling.GivenUp, 0, block.timestamp + 1 hours);
-        assertEq(uint8(services.service(second).state), uint8(ServiceState.Short));
-        vm.warp(block.timestamp + 1 hours + 1);
-        tasks.conclude(taskId);
-        assertAssigned(taskId, second);
-        assertEq(tasks.task(taskId).attempt, 2);
     }
 
     /// @dev It waits under the number to which it has agreed, and not under that of the task whose case ended.

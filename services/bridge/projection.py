@@ -282,7 +282,7 @@ class Projection:
                 locked = {"bond_locked_until": time_s + _BOND_DELAY_S}
                 self._change_provider(event.provider, rests_until=event.until, **locked)
             case events.ProviderProven():
-                self._change_provider(event.provider, earned=True)
+                self._change_provider(event.provider, earned=True, bond_locked_until=None)
             case events.ProviderVouched():
                 self._vouch(event.provider, event.vouched)
             case events.PayoutChanged():
@@ -684,7 +684,7 @@ class Projection:
         before = self._is_proven(address)
         self._change_provider(address, vouched=vouched)
         if self._is_proven(address) != before:
-            self._change_provider(address, **_AWAKE)
+            self._change_provider(address, bond_locked_until=None, **_AWAKE)
             self._offer_all(address)
 
     def _live(self, address: str) -> list[Mapping[str, Any]]:
@@ -990,7 +990,7 @@ _WITHOUT_RULING: dict[str, Any] = {"standing": None, "standing_until": None, "se
 _BOND_DELAY_S = 24 * 3600
 """`BOND_DELAY` of Providers: how long its bonds are locked after a rest began."""
 
-_AWAKE: dict[str, Any] = {"asleep_until": None, "rests_until": None, "bond_locked_until": None}
+_AWAKE: dict[str, Any] = {"asleep_until": None, "rests_until": None}
 """Columns of a provider whose proof was accepted, or that the organization vouches for now, or no longer."""
 
 _BEGINNINGS = (
@@ -1022,7 +1022,7 @@ _VERDICT_OF_EXPIRY = {
     Cause.NOT_ACCEPTED: {"verdict": "expired", "reason": "the executor did not accept the task in time"},
     Cause.ABANDONED: {
         "verdict": "abandoned",
-        "reason": "the executor gave the task back in the grace period",
+        "reason": "the executor gave the task back in the grace period, or had not accepted it",
     },
     Cause.ABANDONED_LATE: {
         "verdict": "abandoned",

@@ -13,7 +13,7 @@ _EXPIRED = {
     "not_accepted": "the executor did not accept the task in the grace period",
 }
 _ABANDONED = {
-    "abandoned": "the executor gave the task back in the grace period",
+    "abandoned": "the executor gave the task back in the grace period, or had not accepted it",
     "abandoned_late": "the executor gave the task back after the grace period",
 }
 

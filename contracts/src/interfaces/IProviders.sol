@@ -14,13 +14,15 @@ struct Terms {
     uint8 maxFailures;
 }
 
-/// @notice How an attempt ended for the service that made it. Unjudged: the task was impossible. Missed:
-/// without a proof, and the provider had not agreed to it. Abandoned: the provider gave it back early. Pending: a ruling
+/// @notice How an attempt ended for the service that made it. The first four go into the provider's record. AbandonedLate: the
+/// provider had agreed to it, and gave it back after the grace period. Unjudged: the task was impossible. Missed:
+/// without a proof, and the provider had not agreed to it. Abandoned: the provider gave it back otherwise. Pending: a ruling
 /// stands that may be replaced, so that it has ended for the service and not for its record.
 enum Outcome {
     Completed,
     Rejected,
     Expired,
+    AbandonedLate,
     Unjudged,
     Missed,
     Abandoned,
@@ -241,8 +243,8 @@ interface IProviders {
     /// @param provider who
     function asleepUntil(address provider) external view returns (uint256);
 
-    /// @notice Returns until when the bonds of a provider stay locked that is not proven and has given work back or missed it;
-    /// in the past for others.
+    /// @notice Returns until when the bonds of a provider stay locked that is not proven and has given work back or missed it,
+    /// whatever was accepted since then; in the past for others.
     /// @param provider who
     function lockedUntil(address provider) external view returns (uint256);
 

@@ -216,10 +216,11 @@ interface IServiceManager {
     /// @param kind what is done, ASCII
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @return serviceId its number
+    /// @return all its services of the kind that are not over, 32 bits each
     function serviceOf(address provider, bytes32 kind, uint256 maxPrice)
         external
         view
-        returns (ServiceId serviceId);
+        returns (ServiceId serviceId, uint256 all);
 
     /// @notice Returns how many services were ever registered, which is the last id.
     function serviceCount() external view returns (uint256);

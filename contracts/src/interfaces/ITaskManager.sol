@@ -167,6 +167,7 @@ interface ITaskManager is IServiceListener {
         TaskId indexed taskId, uint8 attempt, address indexed executor, bytes32 indexed proofHash, string uri
     );
     /// @notice The judge says it in words in its own event of the same transaction, IJudge.Reported.
+    /// @param fault of a void; Nobody of another ruling, whatever the judge says
     /// @param until the ruling stands until then and may be replaced; 0 if it is final
     /// @param report SHA-256 of the report; 0 where nobody has ruled
     event Ruled(
@@ -247,9 +248,9 @@ interface ITaskManager is IServiceListener {
     function acceptTask(TaskId taskId, uint8 attempt) external;
 
     /// @notice The executor gives the assigned task back, and the attempt ends. In the grace period, which is the kind's,
-    /// this costs a proven provider nothing, and the attempt does not count; a provider that is not proven rests. Later it
-    /// counts as an attempt without a proof, and costs the penalty if the executor had accepted. A task that named the
-    /// executor and is given back in the grace period has failed: it would be offered to nobody else.
+    /// and before it has accepted, this costs a proven provider nothing, and the attempt does not count; a provider that is
+    /// not proven rests. Later it counts as an attempt without a proof, and costs the penalty, but puts no proven provider to
+    /// sleep. A task that named the executor, and would be offered to nobody else, ends with an attempt that does not count.
     /// @param taskId an assigned task
     /// @param attempt the running attempt
     function abandonTask(TaskId taskId, uint8 attempt) external;
@@ -295,7 +296,8 @@ interface ITaskManager is IServiceListener {
     function expireTask(TaskId taskId) external;
 
     /// @notice Anyone gives an open task to a service that fits: it is free, affordable, and has not had the task before. What
-    /// a match overlooks, which looks at a few services and tasks only, meets by this.
+    /// a match overlooks, which looks at a few services and tasks only, meets by this; so do a task that only proven providers
+    /// are offered, and none of them took in an hour, and a service of any other provider.
     /// @param taskId an open task
     /// @param serviceId the service; 0 to ask the policy again, which is useful after PolicyFailed
     function matchTask(TaskId taskId, ServiceId serviceId) external;

@@ -7,7 +7,7 @@ import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
 /// @notice Why an attempt failed. NotAccepted: the executor did not accept it in the grace period. Abandoned: the
-/// executor gave it back in the grace period. AbandonedLate: the executor had accepted it, and gave it back after the
+/// executor gave it back in the grace period, or had not accepted it. AbandonedLate: the executor had accepted it, and gave it back after the
 /// grace period. The others are rulings.
 enum Cause {
     Rejected,
@@ -60,8 +60,9 @@ interface ITaskQueues {
     /// @return failed whether the policy failed, or chose what it may not
     function take(ServiceId serviceId, bool asks) external returns (TaskId taskId, Passed list, bool failed);
 
-    /// @notice An attempt has failed. It does not count if it was given back in the grace period, if nobody accepted it in that,
-    /// or if a proven provider gave it up: its provider goes on the task's list. Only the task manager.
+    /// @notice An attempt has failed. It does not count if it was given back in the grace period or before it was accepted, if
+    /// nobody accepted it in that, or if a proven provider gave it up: its provider goes on the task's list, and a task that
+    /// names somebody ends. Only the task manager.
     /// @param taskId the task
     /// @param serviceId whose attempt it was
     /// @param cause why it failed
@@ -73,8 +74,8 @@ interface ITaskQueues {
         external
         returns (bool ends, Passed list);
 
-    /// @notice A creator posts a task that names a service or a provider, which is counted. Reverts unless it may: see
-    /// IProviders.requireNamable and IServiceManager.serviceOf. Only the task manager.
+    /// @notice A creator posts a task that names a service or a provider, which is counted. Reverts unless it may, of a provider
+    /// with each service of the kind: see IProviders.requireNamable and IServiceManager.serviceOf. Only the task manager.
     /// @param creator who
     /// @param serviceId the service that it names; 0 if it names a provider
     /// @param provider the provider that it names; 0 if it names a service

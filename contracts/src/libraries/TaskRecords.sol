@@ -13,7 +13,7 @@ import {TaskId} from "../types/TaskId.sol";
 /// @param serviceId of the running (or last) attempt; while a task is open, the service that it names, or one of the
 /// provider that it names, or 0
 /// @param time has 32 bits in storage: until 2106. The end of the execution window while the task is Assigned; when the proof
-/// came while it is Submitted or Ruled; else 0
+/// came while it is Submitted or Ruled; when it was queued again while it is Open; else 0, or one of these of a task that is over
 /// @param accepted the executor agreed to the running attempt, so that its failure costs the executor something
 /// @param attempt the running (or last) one, 1 for the first
 /// @param conditions the first task that had the creator's conditions, which are the members below

@@ -562,19 +562,9 @@ contract Handler is CommonBase, StdUtils, Numbers {
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         vm.warp(bound(time, block.timestamp, t.deadline));
-        bool late = block.timestamp > _graceEnd(t);
-        Service memory s = _services.service(t.serviceId);
-        vm.prank(s.provider);
+        bool blamed = block.timestamp > _graceEnd(t) && _hasAccepted(taskId, t);
+        vm.prank(_services.providerOf(t.serviceId));
         _tasks.abandonTask(taskId, t.attempt);
-        if (late) {
-            _expectMissed(s.provider);
-            _expectAsleep(t, s);
-        } else if (t.hired != Hire.None && t.attempt != t.maxAttempts) {
-            // Nobody else was asked for.
-            expected[t.creator] += t.reward;
-        }
-        bool blamed = late && _hasAccepted(taskId, t);
-        if (!blamed && t.hired == Hire.None) _passed[taskId].push(s.provider);
         _expectFailure(taskId, t, blamed);
     }
 
@@ -891,9 +881,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         _tasks.expireTask(taskId);
         _expectMissed(s.provider);
         _expectAsleep(t, s);
-        bool blamed = _hasAccepted(taskId, t);
-        if (!blamed && t.hired == Hire.None) _passed[taskId].push(s.provider);
-        _expectFailure(taskId, t, blamed);
+        _expectFailure(taskId, t, _hasAccepted(taskId, t));
     }
 
     function _expectMissed(address provider) private {
@@ -1274,7 +1262,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         if (ruling == Ruling.Accepted || ruling == Ruling.Impossible) {
             _expectPayment(t, ruling == Ruling.Accepted ? amount : t.price / 10);
         } else {
-            bool ends = ruling == Ruling.Void;
+            bool ends = ruling == Ruling.Void || (ruling == Ruling.GivenUp && t.hired != Hire.None);
             if (ruling == Ruling.GivenUp && t.hired == Hire.None) {
                 ends = _gaveUp[taskId];
                 _gaveUp[taskId] = true;
@@ -1305,7 +1293,10 @@ contract Handler is CommonBase, StdUtils, Numbers {
     }
 
     function _expectFailure(TaskId taskId, Task memory t, bool blamed) private {
-        if (_isLast(taskId, t)) expected[t.creator] += t.reward;
+        if (!blamed && t.hired == Hire.None) _passed[taskId].push(_services.providerOf(t.serviceId));
+        // Where nobody else was asked for, what does not count ends the task.
+        bool ends = !blamed && t.hired != Hire.None;
+        if (ends || _isLast(taskId, t)) expected[t.creator] += t.reward;
         Ghost storage g = ghost[t.serviceId];
         if (blamed) _expectBlame(t, _min(g.penalty, g.bond));
         _expectRelease(t.serviceId);
