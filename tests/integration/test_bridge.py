@@ -952,7 +952,9 @@ def test_what_cannot_be_done_is_given_back_at_once_without_a_proof_and_the_next_
     dao.wait_for(lambda: dao.task(task_id)["accepted"], "carla's consent")
     dao.prove(task_id, "carla")
     dao.judge(task_id, accepted=True, judge="organization")
-    assert (carla_offers().rests_until, carla_offers().bond_locked_until) == (None, None)
+    rested = carla_offers()
+    assert rested.rests_until is None
+    assert rested.bond_locked_until == rests.bond_locked_until, "one accepted proof frees no bond early"
     for who, number in (("carla", carlas), ("panther1", service["id"])):
         dao.command(who, "update_service", service_id=number, state="retired")
 
@@ -980,6 +982,7 @@ def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
     penalties = dao.state("transfers", task_id=task_id, account="organization")["transfers"]
     assert {one["reason"]: one["change_iec"] for one in penalties}["penalty"] == "20"
     assert_index_equals_contracts(dao)
+    dao.set_clock(service["bond_locked_until"] + 1)
     dao.command("carla", "update_service", service_id=service_id, state="retired")
     assert dao.balances() == {
         **before,

@@ -42,10 +42,11 @@ def _drop(take: Take) -> dict[str, Any]:
 
 
 def _fell_s(take: Take) -> float:
-    """When the item was last as high as the gripper has it."""
+    """When the item was last as high as the gripper has it; when the bin felt a drop, if it never was."""
     poses = take.of(ITEM_POSE)
     lies_m = poses[-1].message.pose.position.z
-    return max(s.time_ns for s in poses if s.message.pose.position.z > lies_m + 0.3) * 1e-9
+    high_ns = [s.time_ns for s in poses if s.message.pose.position.z > lies_m + 0.3]
+    return max(high_ns) * 1e-9 if high_ns else float(_drop(take)["settled_s"])
 
 
 def _felt(topic: str, settled_s: float, **fields: Any) -> Sample:
