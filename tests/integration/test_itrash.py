@@ -212,7 +212,8 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
 
     key = topics.WITNESS_STATEMENTS.name(org=site.site.org, device=site.site.bins[0].name)
     again = site.bus.query(key, parameters={"after": dropped.seq - 1})["statements"]
-    assert [parse(one["payload"]) for one in again] == [dropped]
+    # What it says some seconds later, that it was there, may have come by now.
+    assert [one for one in (parse(one["payload"]) for one in again) if isinstance(one, Drop)] == [dropped]
 
 
 def corrections(site: RunningSite, classified: Classification, photo: bytes, tmp_path: Path) -> None:

@@ -147,10 +147,11 @@ def test_judges_are_seated_and_unseated_and_the_quorum_follows(dao: Dao) -> None
     assert "unknown_participant" in rodeo("unseat", "0x" + "ab" * 20, status=1)
     assert "unknown_kind" in rodeo("quorum", "sweeping", "1", "--judge", "anna", status=1)
 
-    rodeo("quorum", "waste_disposal", "3", *judges("anna", "bert", "carl", "dora", fay))
-    assert quorum() == unchanged | {"seats": [0, 1, 2, 3, seat]}
+    # Not dora, who may have the key of panther1's device by now: two of one owner are no two judges.
+    rodeo("quorum", "waste_disposal", "3", *judges("anna", "bert", "carl", ORACLES[4], fay))
+    assert quorum() == unchanged | {"seats": [0, 1, 2, 4, seat]}
     rodeo("quorum", "waste_disposal", "2", "--panel", "3", "--rotation", "60")
-    assert quorum() == {"votes": 2, "panel": 3, "rotation_s": 60, "seats": [0, 1, 2, 3, seat]}
+    assert quorum() == {"votes": 2, "panel": 3, "rotation_s": 60, "seats": [0, 1, 2, 4, seat]}
     refused = rodeo("quorum", "waste_disposal", "2", "--panel", "4", status=1)
     assert "invalid_quorum" in refused and "panel: 4" in refused and "judges: 5" in refused
     rodeo("unseat", fay)
