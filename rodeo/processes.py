@@ -60,7 +60,7 @@ def processes_of(site: Site) -> list[ProcessEntry]:
 
 
 def _each(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
-    """The names that each job needs; a process need not be told which where there is one."""
+    """A process for each name. Where there is only one, its command needs no option that names it."""
     if len(names) == 1:
         return [BY_NAME[job]]
     return _named(job, option, names)

@@ -35,7 +35,7 @@ class Row:
     """From the paper's own counts."""
     ours: str
     calibrated: str = ""
-    """Folder of the calibrated run, where there is one."""
+    """Value of the calibrated run, where there is one."""
 
 
 def contradictions() -> list[str]:

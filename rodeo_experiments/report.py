@@ -227,7 +227,7 @@ def _summary(figures: Figures) -> str:
 
 
 def _each(figures: Figures) -> str:
-    """A table for each robot of a run that has several."""
+    """What each robot of a run has in the end, if there are several."""
     robots = figures.run.robots
     if len(robots) == 1:
         return ""

@@ -1123,7 +1123,7 @@ class Wallet:
         text = protected_text(command.description, self.key_address)
         made = self.client.governance_calls.proposal_id(calls, text)
         if (number := self.index.proposal_number(proposal_key(made))) is not None:
-            # The governor knows a proposal by what it says, indefinitely.
+            # The governor identifies a proposal by its calls and its text, even after it has ended.
             raise AlreadyProposed(
                 "this account proposed the same before with the same words: change the words",
                 proposal=number,

@@ -40,7 +40,7 @@ _ATTEMPTS = 3
 _NONCES = 20
 """Times that a transaction is made whose nonce goes to another of its wallet. Two bridges that send with one
 wallet take nonces from each other, and each time one of them gets on. Without a limit a node that denies its
-receipts would have it made, and mined, indefinitely."""
+receipts would have it made and mined again and again."""
 
 GIVE_UP_S = 20.0
 """Wall time after which a transaction is refused by a node that says only that it failed itself."""

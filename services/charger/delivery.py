@@ -327,7 +327,7 @@ class Delivery:
         self._clock.notify()
 
     def _look_ahead(self) -> None:
-        """Say which reading the dock acts on next, as far as the power changes on as it does. In a step
+        """Say which reading the dock acts on next, if the power keeps changing as it does now. In a step
         it comes to more than that by less than what is left of _STEADY."""
         due_s, last_s = self.session.due_s, self._last_time_s
         if self.job.session.phase is Phase.CHARGING and self.power_w > 0:
