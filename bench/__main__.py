@@ -29,6 +29,7 @@ AREAS = (
     "soak",
     "faults",
     "console",
+    "outside",
     "extras",
 )
 BY_NAME = ("verdicts",)
