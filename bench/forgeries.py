@@ -7,7 +7,10 @@ losses. `forgeries_composed`: those that a seed puts together, see `tests.forger
 under such noise; FORGERIES_COMPOSED=100 makes fewer, FORGERIES_FIRST=1000 begins with
 another seed than one of the commit's hash.
 `forgeries_refused_share`: of all of these, those by which nobody got what it wanted; each of the others is
-printed with its name, or its seed and what it does. `forgeries_s`: wall time of all that, s.
+printed with its name, or its seed and what it does. `unworked_paid_share` and `unworked_tenth_share`: those
+that are paid for work that was not done, by the contracts' rules where everybody else says nothing
+(`rodeo_testing.ends`), by an acceptance and for an impossible task. `forgeries_doubted`: rejected without
+noise, and under noise void or given up. `forgeries_s`: wall time of all that, s.
 `hostile_proof_...`: what the worst proofs cost, see `bench.hostile`.
 """
 
@@ -17,6 +20,7 @@ import multiprocessing
 import os
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 from rich.console import Console
@@ -25,6 +29,8 @@ from bench.hostile import hostile_proof_costs
 from bench.resuming import seed
 from rodeo.checks.report import Report
 from rodeo.config import Site
+from rodeo.messages import Ruling
+from rodeo_testing.ends import ENDS, ended
 from rodeo_testing.harness import ROLES
 from tests.forgeries.catalogue import CATALOGUE, Shops, kinds
 from tests.forgeries.composed import composed
@@ -44,21 +50,28 @@ def run() -> dict[str, float]:
         for name, default in (("FORGERIES_COMPOSED", COMPOSED), ("FORGERIES_FIRST", seed()))
     )
     by_hand = [(name, noisy) for name in CATALOGUE for noisy in (False, True)]
-    worked = misnamed = 0
+    worked = misnamed = doubted = 0
+    paid = Counter[Ruling]()
     started_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         spawn = multiprocessing.get_context("spawn")
         with spawn.Pool(WORKERS, initializer=film, initargs=(Path(folder),)) as pool:
-            for name, noisy, succeeded, named, reason in pool.imap_unordered(_by_hand, by_hand, chunksize=4):
+            for (name, noisy), report in pool.imap_unordered(_by_hand, by_hand, chunksize=4):
+                forgery = CATALOGUE[name]
+                succeeded, named = forgery.worked(report), forgery.named(report)
                 worked += succeeded
                 misnamed += not (named or noisy or succeeded)
+                doubted += noisy and forgery.ruling == "rejected" != ended(report, forgery.judging)
+                paid[ended(report, forgery.judging)] += forgery.unworked
                 if succeeded or not (named or noisy):
                     under = ", under noise" if noisy else ""
-                    console.print(f"{name}{under}: {reason}", markup=False)
-            for number, succeeded in pool.imap_unordered(_by_seed, range(first, first + count), chunksize=4):
+                    console.print(f"{name}{under}: {report.outcome}, {report.reason}", markup=False)
+            for number, ruling in pool.imap_unordered(_by_seed, range(first, first + count), chunksize=4):
+                succeeded = ENDS[ruling].pays
                 worked += succeeded
+                paid[ruling] += 1
                 if succeeded:
-                    console.print(f"accepted: seed {number}: {composed(number).words}", markup=False)
+                    console.print(f"{ruling}: seed {number}: {composed(number).words}", markup=False)
     taken_s = time.monotonic() - started_s
     by_role = {f"forgery_kinds_{role.replace(' ', '_')}": kinds(role) for role in ROLES}
     return (
@@ -71,6 +84,9 @@ def run() -> dict[str, float]:
             "forgeries_under_noise": len(CATALOGUE),
             "forgeries_composed": count,
             "forgeries_refused_share": 1 - worked / (len(by_hand) + count),
+            "unworked_paid_share": paid["accepted"] / paid.total(),
+            "unworked_tenth_share": paid["impossible"] / paid.total(),
+            "forgeries_doubted": doubted,
             "forgeries_s": taken_s,
         }
     )
@@ -97,10 +113,9 @@ def by_seed(seed: int) -> Report:
     return report
 
 
-def _by_hand(job: tuple[str, bool]) -> tuple[str, bool, bool, bool, str]:
-    (name, noisy), forgery, report = job, CATALOGUE[job[0]], by_hand(*job)
-    return name, noisy, forgery.worked(report), forgery.named(report), report.reason
+def _by_hand(job: tuple[str, bool]) -> tuple[tuple[str, bool], Report]:
+    return job, by_hand(*job)
 
 
-def _by_seed(number: int) -> tuple[int, bool]:
-    return number, by_seed(number).outcome in ("accepted", "impossible")
+def _by_seed(number: int) -> tuple[int, Ruling]:
+    return number, ended(by_seed(number))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, Literal, TypeVar, get_args
+from typing import Generic, Literal, TypedDict, TypeVar, Unpack, get_args
 
 from rodeo.checks.report import Report
 from rodeo.config import Site
+from rodeo.messages import Ruling
+from rodeo_testing.ends import ENDS, Judging, doubted, ended
 from rodeo_testing.workshop import Submission, Workshop
 
 W = TypeVar("W", bound=Workshop)
@@ -31,6 +33,17 @@ def _words(make: Callable[[W], Submission]) -> str:
     return " ".join((make.__doc__ or "").split())
 
 
+class Ending(TypedDict, total=False):
+    """How a case ends."""
+
+    ruling: Ruling
+    """Rejected, unless it is said."""
+    doubts: str | None
+    """Who failed, where it does not end with a rejection; None where the executor itself gave up."""
+    judging: Judging
+    """What becomes of the oracle's word."""
+
+
 @dataclass(frozen=True)
 class Forgery(Generic[W]):
     make: Callable[[W], Submission]
@@ -41,23 +54,34 @@ class Forgery(Generic[W]):
     """Part of the verdict's reason."""
     ruins: bool = False
     """Whether somebody else keeps an honest executor from its work by it: then nobody is paid or fined."""
+    ruling: Ruling = "rejected"
+    doubts: str | None = None
+    judging: Judging = "ruled"
 
     @property
     def words(self) -> str:
         return _words(self.make)
 
+    @property
+    def unworked(self) -> bool:
+        """Whether the work was not done."""
+        return self.check is not None and not self.ruins
+
     def worked(self, report: Report) -> bool:
         """Whether the forger got what it wanted, or a part of the price."""
+        end = ENDS[ended(report, self.judging)]
         if self.check is None:
-            return not (report.accepted and report.amount_iec is None)
-        if self.ruins and report.outcome == "rejected":
-            return True
-        return report.outcome in ("accepted", "impossible")
+            return not (end.paid == "the amount" and report.amount_iec is None)
+        return end.pays or (self.ruins and end.is_fine)
 
     def named(self, report: Report) -> bool:
-        """Whether the verdict's reason is this forgery's own."""
+        """Whether the verdict's reason is this forgery's own, and the case ends as it says, for the failure
+        of whom it says."""
+        end = ended(report, self.judging), doubted(report, self.judging)
         return self.check is None or (
-            report.reason.split(":")[0] == self.check and self.says in report.reason
+            end == (self.ruling, self.doubts)
+            and report.reason.split(":")[0] == self.check
+            and self.says in report.reason
         )
 
 
@@ -77,21 +101,23 @@ class Harness(Generic[W]):
         return make
 
     def forgery(
-        self, check: str, says: str = "", *, role: Role
+        self, check: str, says: str = "", *, role: Role, **ending: Unpack[Ending]
     ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
         """A proof that is refused by this check, with these words in the reason."""
-        return lambda make: self._register(Forgery(make, role, check, says))
+        return lambda make: self._register(Forgery(make, role, check, says, **ending))
 
     def ruining(
-        self, check: str, says: str = "", *, role: Role
+        self, check: str, says: str = "", *, role: Role, **ending: Unpack[Ending]
     ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
         """Honest work that somebody keeps from being done, or from being seen. This check says so, with these
         words, and nobody is fined."""
-        return lambda make: self._register(Forgery(make, role, check, says, ruins=True))
+        return lambda make: self._register(Forgery(make, role, check, says, ruins=True, **ending))
 
-    def spoiling(self, *, role: Role) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
+    def spoiling(
+        self, *, role: Role, judging: Judging = "ruled"
+    ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
         """An honest proof that somebody tries to spoil, which is paid in full all the same."""
-        return lambda make: self._register(Forgery(make, role, None))
+        return lambda make: self._register(Forgery(make, role, None, ruling="accepted", judging=judging))
 
     def _register(self, forgery: Forgery[W]) -> Callable[[W], Submission]:
         name = forgery.make.__name__

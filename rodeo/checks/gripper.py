@@ -14,11 +14,13 @@ from rodeo.checks.kinematics import inverse, kinematics_of, product, turned
 from rodeo.checks.phases import HELD_S, LIFTED_M, phases_of
 from rodeo.checks.poses import CLOCKS_S, Pose, base_of, pose_of
 from rodeo.checks.report import Finding, at_most, skipped, standing
+from rodeo.checks.smoothing import smoothed
 from rodeo.checks.sources import blind
 from rodeo.checks.tables import gaps_of
 from rodeo.checks.witnesses import UNSEEN_S
 from rodeo.evidence.series import Array
 from rodeo.lab.config import gripper_body
+from rodeo.lab.layout import FOOTPRINT_RADIUS_M, ITEM_RADIUS_M
 
 AGREE_M = 0.05
 """Encoders off by 10 mrad each put a hand at 0.75 m off by 12 mm, a base's heading off by 5 mrad by another
@@ -35,7 +37,17 @@ LIES_M = 0.01
 """What rises by less still lies on the floor."""
 GUESSED_S = 0.2
 """Between two messages of the joints: what a fast arm did in more than this is not known."""
-_LOOK_S, _LOOK_CLOSELY_S = 0.1, 0.02
+FINGERS_REACH_M = 0.2
+"""An item that is farther from the gripper's middle is not at its fingers."""
+BASE_REACHES_M, GRIPPER_REACHES_M = 1.05, 0.5
+"""What robots have with them does not stick out farther than 40 cm: an item that is farther from the base's
+middle, and from the gripper's, is out of reach."""
+FLUNG = 5.0
+"""An item flies off no faster than with so many times the speed of what hit it: twice, where nothing is lost,
+and smoothing takes half of a jab's speed."""
+FLINGS_S = 1.0
+"""Before the item moves, what hits it is on its way."""
+_LOOK_S, _LOOK_CLOSELY_S, _STEP_S = 0.1, 0.02, 0.05
 
 
 def gripper_agrees(case: Case) -> Finding:
@@ -124,6 +136,45 @@ def lifted_by_another_s(case: Case, robot: str) -> float:
         return np.inf
     inside_m = _in_hand_m(gripper, item, np.array([begin_s, end_s]))
     return begin_s if np.linalg.norm(inside_m[1] - inside_m[0]) > RIGID_M else np.inf
+
+
+def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bool:
+    """Whether motion capture shows that this robot cannot have moved the item that moved in this time: its
+    base and its gripper were seen, and were both out of reach, or at least not at the item, and too slow.
+
+    What moves the item is fixed to one of them, and goes there as they do. It may fling the item away.
+    """
+    if not case.site.lab.mocap_gripper:
+        return False
+    try:
+        item, base, gripper = (pose_of(case, body) for body in (case.item.id, robot, gripper_body(robot)))
+    except CaseError:
+        return False
+    item_s, own_s = np.arange(begin_s, end_s, _STEP_S), np.arange(begin_s - FLINGS_S, end_s, _STEP_S)
+    known = own_s[0] >= max(base.time_s[0], gripper.time_s[0]) and item_s[0] >= item.time_s[0]
+    if not (
+        known and len(_seen(item_s, item)) == len(item_s) and len(_seen(own_s, base, gripper)) == len(own_s)
+    ):
+        return False
+    item_m = item.at(own_s)
+    base_m = np.linalg.norm((base.at(own_s) - item_m)[:, :2], axis=1).min()
+    gripper_m = np.linalg.norm(gripper.at(own_s) - item_m, axis=1).min()
+    if base_m > BASE_REACHES_M and gripper_m > GRIPPER_REACHES_M:
+        return True
+    if base_m <= FOOTPRINT_RADIUS_M + ITEM_RADIUS_M or gripper_m <= FINGERS_REACH_M:
+        return False
+    fastest_m_s = max(_fastest_m_s(pose, own_s, item_m) for pose in (base, gripper))
+    way_m = np.linalg.norm(np.diff(smoothed(item.time_s, item.position_m, item_s), axis=0), axis=1)
+    return bool(way_m.max(initial=0.0) / _STEP_S > FLUNG * fastest_m_s)
+
+
+def _fastest_m_s(pose: Pose, at_s: Array, points_m: Array) -> float:
+    """Highest speed of what is fixed to a body where (n, 3) these points are, s apart as `at_s` (n,)."""
+    at = smoothed(pose.time_s, np.hstack([pose.position_m, pose.quaternion]), at_s)
+    quaternion = at[:, 3:] / np.linalg.norm(at[:, 3:], axis=1, keepdims=True)
+    inside_m = turned(inverse(quaternion), points_m - at[:, :3])[:-1]
+    there_m = at[1:, :3] + turned(quaternion[1:], inside_m)
+    return float(np.linalg.norm(there_m - points_m[:-1], axis=1).max(initial=0.0)) / _STEP_S
 
 
 def most_of(off: Array, step_s: float, share: float, longest_s: float = LONGEST_OFF_S) -> float:

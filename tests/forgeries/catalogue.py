@@ -66,7 +66,10 @@ def listed() -> str:
 def _outcome(one: Forgery[Any]) -> str:
     if one.check is None:
         return "paid in full"
-    return f"`{one.check}`{f': {one.says}' if one.says else ''}{' (nobody is fined)' if one.ruins else ''}"
+    failed = f": {one.doubts} failed" if one.doubts else ""
+    end = f"; {one.ruling.replace('_', ' ')}{failed}{', and nobody is fined' if one.ruins else ''}"
+    check = "no check" if one.check == "accepted" else f"`{one.check}`"
+    return f"{check}{f': {one.says}' if one.says else ''}{'' if one.ruling == 'rejected' else end}"
 
 
 _COLUMNS = "| forgery | what it is | outcome |\n|---|---|---|"
@@ -75,8 +78,9 @@ _HEAD = """\
 
 This page lists {kinds} forgeries, made from honest recordings by `rodeo_kinds/*/harness`, and
 {spoiled} ways to spoil an honest proof. They are sorted by the role that makes them. The last column names
-the check that refuses the forgery, with a part of the verdict's reason. "Paid in full" means that the
-attempt to spoil the proof failed. "Nobody is fined" means that somebody kept an honest robot from its
-work, or from being seen at it, and that it is not fined for that. In a forgery with "for the motion
+the check that refuses the forgery, with a part of the verdict's reason. The case ends with a rejection unless
+the column says how else, and whose failure that is, as far as everybody else says nothing. "Paid in full"
+means that the attempt to spoil the proof failed. "Nobody is fined" means that somebody kept an honest robot
+from its work, or from being seen at it, and that it is not fined for that. In a forgery with "for the motion
 capture, too", the lab's motion capture helps the forger. `make bench ONLY=forgeries` counts.
 """

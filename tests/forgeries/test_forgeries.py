@@ -28,7 +28,8 @@ def shops(tmp_path_factory: pytest.TempPathFactory) -> Shops:
 def test_a_forgery_is_refused_for_its_own_reason_and_spoils_nothing(shops: Shops, name: str) -> None:
     forgery, report = CATALOGUE[name], shops.judged(name)
     assert not forgery.worked(report), report.reason
-    assert forgery.named(report), report.reason
+    # Void or given up, instead of rejected, only for a doubt that it names.
+    assert forgery.named(report), (report.outcome, report.fault, report.reason)
 
 
 @pytest.mark.parametrize("name", SOME)
@@ -52,6 +53,7 @@ def test_there_are_enough_of_them() -> None:
     assert kinds() >= 130
     assert all(kinds(role) >= 5 for role in ROLES)
     assert all(forgery.words for forgery in CATALOGUE.values())
+    assert all(forgery.doubts for forgery in CATALOGUE.values() if forgery.ruling == "void")
 
 
 def test_they_are_listed_in_the_documentation() -> None:

@@ -199,27 +199,29 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
     except CaseError:
         return None  # nothing shows that it did not take the item away
     taken_s = gripper.lifted_by_another_s(case, case.robot.name)
-    if _touched(item, base, taken_s, case.robot.limits.linear_m_s):
+    by_itself, by_another = _moved(case, case.robot, item, base, taken_s)
+    if by_itself:
         return _refuted(case, "the item was moved while the robot was within reach")
     for robot, other, lifted_s in _other_robots(case):
         # One that left the room is not guessed to be back.
-        if _touched(item, other, lifted_s, robot.limits.linear_m_s, ends=False):
+        if _moved(case, robot, item, other, lifted_s, ends=False)[0]:
             return _refuted(case, f"the item was moved while the executor's {robot.name} was within reach")
     assert case.chain_record is not None
     task, rested_s = case.chain_record.task, _rested_s(case, params.item_id, item)
     if task.assigned is None or rested_s - task.assigned > BEGINS_S + case.slack_s:
         return None
-    if np.linalg.norm(item.position_m[-1] - item.position_m[0]) > MOVED_M and np.isfinite(taken_s):
+    left = np.linalg.norm(item.position_m[-1] - item.position_m[0]) > MOVED_M
+    if left and np.isfinite(taken_s):
         return undecided("somebody else lifted the item off the floor", "whoever took it", _SOURCE)
-    hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
-    if hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S:
-        return None  # nor what it did to what was not seen again
     there = np.linalg.norm(item.position_m[:, :2] - place_m, axis=1) <= PLACE_LIMIT_M
     lost = any(moving_s(case, *span) > UNSEEN_S for span in item.unseen_s)
     if cause == _NOT_FOUND and there[-1] and not lost:
         return _refuted(case, "the item lay there all the time")
-    if cause == _NOT_FOUND and there[0] and not there[-1]:
-        return undecided("the item lay there, and somebody else took it away", "whoever took it", _SOURCE)
+    if there[0] and ((left and by_another) or (cause == _NOT_FOUND and not there[-1])):
+        return undecided("the item lay there, and somebody else moved it", "whoever moved it", _SOURCE)
+    hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
+    if hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S:
+        return None  # nor what it did to what was not seen again
     if cause == _NOT_FOUND and not lost and not there.any():
         moved = float(np.linalg.norm(item.position_m - item.position_m[0], axis=1).max()) > MOVED_M
         heard = any(in_file(case, head) for _, head in listed(case, motion_of(case)))
@@ -279,9 +281,12 @@ def _rested_s(case: Case, body: str, item: Pose) -> float:
     return since_s - ago_s
 
 
-def _touched(item: Pose, base: Pose, until_s: float, fastest_m_s: float, ends: bool = True) -> bool:
-    """Whether the item went more than `MOVED_M` before then while the robot may have been within reach, seen
-    or not. `ends`: also before it was first seen, and after it was last seen."""
+def _moved(
+    case: Case, robot: RobotConfig, item: Pose, base: Pose, until_s: float, ends: bool = True
+) -> tuple[bool, bool]:
+    """Whether the item went more than `MOVED_M` before then while this robot may have been within reach, seen
+    or not; and whether it did so there when motion capture shows that somebody else moved it. `ends`: also
+    before the base was first seen, and after it was last seen."""
     at_s = np.arange(item.time_s[0], min(item.time_s[-1] + _LOOK_S, until_s), _LOOK_S)
     item_m, base_m = (pose.at(at_s) for pose in (item, base))
     away_m = np.linalg.norm(base_m[:, :2] - item_m[:, :2], axis=1)
@@ -291,9 +296,9 @@ def _touched(item: Pose, base: Pose, until_s: float, fastest_m_s: float, ends: b
         if is_last and not ends:
             continue
         hidden_s = at_s - start_s if is_last else np.minimum(at_s - start_s, end_s - at_s)
-        away_m -= fastest_m_s * np.maximum(hidden_s, 0.0)
+        away_m -= robot.limits.linear_m_s * np.maximum(hidden_s, 0.0)
     if ends:
-        away_m -= fastest_m_s * np.maximum(base.time_s[0] - at_s, 0.0)
+        away_m -= robot.limits.linear_m_s * np.maximum(base.time_s[0] - at_s, 0.0)
     near = away_m <= TOUCHES_M
     for start_s, end_s in item.unseen_s:
         hidden = (at_s >= start_s - _LOOK_S) & (at_s <= end_s + _LOOK_S)
@@ -301,8 +306,12 @@ def _touched(item: Pose, base: Pose, until_s: float, fastest_m_s: float, ends: b
     # What is a reach away now lay within it a moment ago.
     near[1:-1] |= near[:-2] | near[2:]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]])))
-    ways_m = [
-        float(np.linalg.norm(item_m[begin:end] - item_m[begin], axis=1).max())
-        for begin, end in zip(edges[::2], edges[1::2], strict=True)
-    ]
-    return sum(ways_m) > MOVED_M
+    way_m = {False: 0.0, True: 0.0}
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        run_s, run_m = at_s[begin:end], item_m[begin:end]
+        gone_m, left_m = (np.linalg.norm(run_m - place_m, axis=1) for place_m in run_m[[0, -1]])
+        first = max(int((gone_m > gripper.LIES_M).argmax()) - 1, 0)
+        last = int(np.flatnonzero(np.r_[True, left_m[:-1] > gripper.LIES_M])[-1])
+        by_another = last > first and gripper.moved_by_another(case, robot.name, run_s[first], run_s[last])
+        way_m[by_another] += float(gone_m.max())
+    return way_m[False] > MOVED_M, way_m[True] > MOVED_M

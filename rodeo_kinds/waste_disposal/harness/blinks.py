@@ -38,7 +38,13 @@ def _at_home(shop: CleaningWorkshop) -> Take:
     return gives_up(take, 1.0, "task_failed")
 
 
-@HARNESS.forgery("not_given_up", "motion capture was off", role="executor")
+@HARNESS.forgery(
+    "not_given_up",
+    "motion capture was off",
+    role="executor",
+    ruling="void",
+    doubts="the site's motion capture",
+)
 def never_came_while_the_plug_was_long_pulled(shop: CleaningWorkshop) -> Submission:
     """The motion capture is off for so long that the robot may have been there and back."""
     return _blinked(shop, _at_home(shop), shop.take.start_s + 2.0, 12.0)
@@ -147,19 +153,37 @@ def a_crumb_together_with_the_item(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(_together(shop, PEBBLE_N))
 
 
-@HARNESS.ruining("weight", "something else may have fallen in with it", role="bystander")
+@HARNESS.ruining(
+    "weight",
+    "something else may have fallen in with it",
+    role="bystander",
+    ruling="void",
+    doubts="whoever dropped it",
+)
 def a_stone_together_with_the_item(shop: CleaningWorkshop) -> Submission:
     """The bin weighs both as one drop. Motion capture sees the item in the compartment."""
     return shop.submitted(_together(shop, STONE_N))
 
 
-@HARNESS.ruining("weight", "something else may have fallen in with it", role="creator")
+@HARNESS.ruining(
+    "weight",
+    "something else may have fallen in with it",
+    role="creator",
+    ruling="void",
+    doubts="whoever dropped it",
+)
 def a_stone_shortly_before_the_item(shop: CleaningWorkshop) -> Submission:
     """The scale is still shaken by it when the item falls in."""
     return shop.submitted(_together(shop, STONE_N, early_s=2.0))
 
 
-@HARNESS.ruining("weight", "something else may have fallen in with it", role="bystander")
+@HARNESS.ruining(
+    "weight",
+    "something else may have fallen in with it",
+    role="bystander",
+    ruling="void",
+    doubts="whoever dropped it",
+)
 def a_stone_onto_an_item_behind_the_walls(shop: CleaningWorkshop) -> Submission:
     """The same, and the walls hide the item since it fell."""
     take = _together(shop, STONE_N)

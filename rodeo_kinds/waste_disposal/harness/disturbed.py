@@ -13,7 +13,7 @@ from typing import Any
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import open_proof
 from rodeo_kinds.waste_disposal.harness.film import watched, without_mocap
-from rodeo_kinds.waste_disposal.harness.giving_up import assigned, gives_up, pushed, waits
+from rodeo_kinds.waste_disposal.harness.giving_up import assigned, gives_up, kicked, pushed, waits
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, CleaningWorkshop
 from rodeo_testing.assignments import BINDING
 from rodeo_testing.recordings import Sample, Take, Witnesses, moved
@@ -99,25 +99,49 @@ def another_compartment_is_emptied(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(_removed(shop.take, _drop(shop.take)["weight_n"], compartment="green"))
 
 
-@HARNESS.ruining("stays_in_bin", "which is seen there since", role="bystander")
+@HARNESS.ruining(
+    "stays_in_bin",
+    "which is seen there since",
+    role="bystander",
+    ruling="void",
+    doubts="whoever took something out of the bin",
+)
 def a_can_of_the_same_weight_is_taken_out(shop: CleaningWorkshop) -> Submission:
     """By the scale it may have been the item, which motion capture sees in the compartment."""
     return shop.submitted(_removed(shop.take, _drop(shop.take)["weight_n"]))
 
 
-@HARNESS.ruining("stays_in_bin", "nobody saw it since", role="bystander")
+@HARNESS.ruining(
+    "stays_in_bin",
+    "nobody saw it since",
+    role="bystander",
+    ruling="void",
+    doubts="whoever took something out of the bin",
+)
 def a_lighter_thing_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Submission:
     """Something lighter than the item is taken out, and the walls hide the item."""
     return shop.submitted(_removed(_covered(shop.take, 0.5), PEBBLE_N))
 
 
-@HARNESS.ruining("stays_in_bin", "more than the item", role="bystander")
+@HARNESS.ruining(
+    "stays_in_bin",
+    "more than the item",
+    role="bystander",
+    ruling="void",
+    doubts="whoever took something out of the bin",
+)
 def a_heavier_can_is_taken_out_behind_the_walls(shop: CleaningWorkshop) -> Submission:
     """An old can that is heavier than the item is taken out, and the walls hide the item."""
     return shop.submitted(_removed(_covered(shop.take, 0.5), CAN_N))
 
 
-@HARNESS.forgery("stays_in_bin", "more than the item", role="executor")
+@HARNESS.forgery(
+    "stays_in_bin",
+    "more than the item",
+    role="executor",
+    ruling="void",
+    doubts="whoever took something out of the bin",
+)
 def taken_out_together_with_an_old_can(shop: CleaningWorkshop) -> Submission:
     """The item is taken out again where nobody sees it, in one hand with another thing. By weight nobody can
     tell that from a heavier can: nobody is paid."""
@@ -166,20 +190,26 @@ def _taken(shop: CleaningWorkshop, take: Take | None = None) -> Submission:
     return shop.submitted(gives_up(take or _lifted(waits(shop.take), shop.take.start_s + 9.0), 1.0))
 
 
-@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="creator")
+@HARNESS.ruining(
+    "not_given_up", "somebody else lifted the item", role="creator", ruling="void", doubts="whoever took it"
+)
 def the_creator_takes_the_item(shop: CleaningWorkshop) -> Submission:
     """When the robot stands in front of the item, the creator takes it, so that the robot is fined."""
     return _taken(shop)
 
 
-@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="bystander")
+@HARNESS.ruining(
+    "not_given_up", "somebody else lifted the item", role="bystander", ruling="void", doubts="whoever took it"
+)
 def a_child_takes_the_item_and_hides_it(shop: CleaningWorkshop) -> Submission:
     """The same, and the item is never seen again."""
     take = _lifted(waits(shop.take), shop.take.start_s + 9.0)
     return _taken(shop, edited_between(take, ITEM_POSE, shop.take.start_s + 12.5, math.inf, lambda _: None))
 
 
-@HARNESS.ruining("not_given_up", "somebody else lifted the item", role="bystander")
+@HARNESS.ruining(
+    "not_given_up", "somebody else lifted the item", role="bystander", ruling="void", doubts="whoever took it"
+)
 def taken_from_below_the_gripper(shop: CleaningWorkshop) -> Submission:
     """The gripper is right above the item, open, and another hand is faster."""
     take = waits(shop.take)
@@ -188,13 +218,117 @@ def taken_from_below_the_gripper(shop: CleaningWorkshop) -> Submission:
     return _taken(shop, _lifted(above, shop.take.start_s + 9.0))
 
 
-@HARNESS.ruining("not_given_up", "somebody else took it away", role="bystander")
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
 def taken_before_the_robot_comes(shop: CleaningWorkshop) -> Submission:
     """The item is taken away while the robot is on its way."""
     take = waits(shop.take)
     gone = edited_between(take, ITEM_POSE, take.start_s + 1.0, math.inf, lambda s: displaced(s, y=2.0))
     afar = edited_between(gone, ROBOT_POSE, 0.0, take.start_s + 1.2, lambda s: displaced(s, x=-2.0))
     return _taken(shop, afar)
+
+
+def _slid(take: Take, begin_s: float, by_m: float, lasts_s: float) -> Take:
+    """From then on somebody moves it along the floor, at one speed."""
+
+    def edit(sample: Sample) -> Sample:
+        return displaced(sample, y=by_m * min(max((sample.time_ns * 1e-9 - begin_s) / lasts_s, 0.0), 1.0))
+
+    return take.edited(ITEM_POSE, edit)
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def a_child_kicks_the_item_away(shop: CleaningWorkshop) -> Submission:
+    """The robot stands in front of the item, and a child kicks it across the room."""
+    return _taken(shop, _slid(waits(shop.take), shop.take.start_s + 7.5, 1.5, 1.0))
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="creator", ruling="void", doubts="whoever moved it"
+)
+def the_creator_slides_the_item_aside(shop: CleaningWorkshop) -> Submission:
+    """The creator pulls the item aside on a thread while the gripper hovers above it."""
+    return _taken(shop, _slid(waits(shop.take), shop.take.start_s + 14.0, 0.5, 1.5))
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_from_below_the_gripper(shop: CleaningWorkshop) -> Submission:
+    """The gripper hovers above the item, open, when somebody kicks it by a hand's width."""
+    take = _slid(waits(shop.take), shop.take.start_s + 14.0, 0.15, 0.2)
+    return shop.submitted(gives_up(take, 1.0, "grasp_failed"))
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_below_a_shelf(shop: CleaningWorkshop) -> Submission:
+    """A child kicks the item where nobody sees it any more."""
+    take = _slid(waits(shop.take), shop.take.start_s + 7.5, 1.5, 1.0)
+    return _taken(shop, edited_between(take, ITEM_POSE, shop.take.start_s + 8.4, math.inf, lambda _: None))
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="creator", ruling="void", doubts="whoever moved it"
+)
+def kicked_while_the_robot_comes(shop: CleaningWorkshop) -> Submission:
+    """The robot drives up to the item, and is more than a metre away when somebody kicks it."""
+    take = waits(shop.take)
+    return _taken(shop, _slid(take, shop.take.start_s + 1.6, 1.0, 0.5))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def slid_by_the_gripper(shop: CleaningWorkshop) -> Submission:
+    """The gripper slides the item aside, and the robot says that a child did."""
+    take = waits(shop.take)
+    return _taken(shop, kicked(take, shop.take.start_s + 9.0, 0.4))
+
+
+def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float) -> Submission:
+    """A body of the robot goes aside within half a second and back, and the item goes farther."""
+    take, begin_s = waits(shop.take), shop.take.start_s + 7.5
+
+    def edit(sample: Sample) -> Sample:
+        share = (sample.time_ns * 1e-9 - begin_s) / 0.5
+        return displaced(sample, y=by_m * max(1.0 - abs(share - 1.0), 0.0))
+
+    return _taken(shop, _slid(take.edited(topic, edit), begin_s, by_m * flung, 0.5))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def swept_aside_with_a_stick(shop: CleaningWorkshop) -> Submission:
+    """The gripper holds a stick, half a metre long, and sweeps the item aside with that."""
+    return _swept(shop, GRIPPER_POSE, 0.3, 1.0)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_with_a_stick(shop: CleaningWorkshop) -> Submission:
+    """The same, and the item flies off faster than the stick."""
+    return _swept(shop, GRIPPER_POSE, 0.3, 2.0)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_by_what_sticks_out_of_the_base(shop: CleaningWorkshop) -> Submission:
+    """A stick is fixed to the robot's base, which goes to and fro."""
+    return _swept(shop, ROBOT_POSE, 0.2, 2.0)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def kicked_by_a_gripper_under_a_cloth(shop: CleaningWorkshop) -> Submission:
+    """Nobody sees the gripper when the item moves."""
+    begin_s = shop.take.start_s + 7.5
+    take = _slid(waits(shop.take), begin_s, 0.5, 0.5)
+    return _taken(shop, edited_between(take, GRIPPER_POSE, begin_s - 1.0, begin_s + 1.0, lambda _: None))
+
+
+@HARNESS.forgery("not_given_up", "the item lay there all the time", role="executor")
+def nudged_by_an_accomplice(shop: CleaningWorkshop) -> Submission:
+    """Somebody nudges the item by a hand's width, and the robot says that it is not there."""
+    return _taken(shop, _slid(waits(shop.take), shop.take.start_s + 7.5, 0.15, 0.2))
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
@@ -217,7 +351,7 @@ def handed_to_an_accomplice(shop: CleaningWorkshop) -> Submission:
 def pushed_and_then_lifted_by_an_accomplice(shop: CleaningWorkshop) -> Submission:
     """The robot pushes the item, and a person picks it up."""
     take = waits(shop.take)
-    aside = pushed(take, shop.take.start_s + 8.0, 0.3)
+    aside = kicked(take, shop.take.start_s + 8.0, 0.3)
     return _taken(shop, _lifted(aside, shop.take.start_s + 9.0))
 
 
@@ -226,7 +360,7 @@ def kicked_into_the_air(shop: CleaningWorkshop) -> Submission:
     """The item flies for half a second: nobody holds it up."""
     take = waits(shop.take)
     begin_s = shop.take.start_s + 9.0
-    flies = _lifted(take, begin_s, lasts_s=0.6)
+    flies = _lifted(kicked(take, begin_s, 0.1), begin_s, lasts_s=0.6)
     return _taken(shop, pushed(flies, begin_s + 0.6, 0.5))
 
 
@@ -319,14 +453,26 @@ def stones_before_and_after(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(said(take, *more))
 
 
-@HARNESS.forgery("weight", "something else may have fallen in with it", role="executor")
+@HARNESS.forgery(
+    "weight",
+    "something else may have fallen in with it",
+    role="executor",
+    ruling="void",
+    doubts="whoever dropped it",
+)
 def a_stone_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
     """A stone takes the claim, and nothing else falls in. Motion capture sees the item in the compartment: it
     may have fallen in together with a stone, and nobody is paid."""
     return shop.submitted(told(shop.take, "bin/drop", weight_n=STONE_N))
 
 
-@HARNESS.forgery("weight", "something else may have fallen in with it", role="executor")
+@HARNESS.forgery(
+    "weight",
+    "something else may have fallen in with it",
+    role="executor",
+    ruling="void",
+    doubts="whoever dropped it",
+)
 def stones_instead_of_the_item(shop: CleaningWorkshop) -> Submission:
     """Two stones fall in, of which neither can be the item alone."""
     return shop.submitted(_junk(told(shop.take, "bin/drop", weight_n=STONE_N), 0.6, STONE_N))
@@ -376,14 +522,14 @@ def a_stone_of_another_robot(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(_claimed(_junk(shop.take, 0.6, STONE_N), _THEIRS))
 
 
-@HARNESS.forgery("presented", "whoever dropped it is at fault", role="executor")
+@HARNESS.forgery("presented", role="executor", ruling="void", doubts="whoever dropped it")
 def in_the_wake_of_another_robot(shop: CleaningWorkshop) -> Submission:
     """The robot presents itself while another one shows its item, and drops its own after it, unshown."""
     claims = _ours(shop, shop.take), _THEIRS
     return shop.submitted(_claimed(_junk(shop.take, 2.0, STONE_N), *claims))
 
 
-@HARNESS.ruining("presented", "whoever dropped it is at fault", role="bystander")
+@HARNESS.ruining("presented", role="bystander", ruling="void", doubts="whoever dropped it")
 def a_stone_while_another_robot_presents_itself(shop: CleaningWorkshop) -> Submission:
     """The same, but it was an accomplice of the other robot that threw a stone in. The bin cannot tell."""
     claims = _THEIRS, _ours(shop, shop.take)
@@ -421,19 +567,19 @@ def _off_for_good(shop: CleaningWorkshop, begin_s: float) -> Submission:
     return shop.submitted(watched(shop.take), witnesses=witnesses)
 
 
-@HARNESS.ruining("stays_in_bin", "the site's motion capture is at fault", role="bystander")
+@HARNESS.ruining("stays_in_bin", role="bystander", ruling="void", doubts="the site's motion capture")
 def the_plug_pulled_for_good_after_the_drop(shop: CleaningWorkshop) -> Submission:
     """The motion capture never speaks again. What the bin states later lists nothing newer of it."""
     return _off_for_good(shop, _drop(shop.take)["settled_s"] + 2.0)
 
 
-@HARNESS.ruining("stays_in_bin", "the site's motion capture is at fault", role="creator")
+@HARNESS.ruining("stays_in_bin", role="creator", ruling="void", doubts="the site's motion capture")
 def the_plug_pulled_for_good_while_it_falls(shop: CleaningWorkshop) -> Submission:
     """The same before the bin has weighed the item."""
     return _off_for_good(shop, _drop(shop.take)["settled_s"] - 1.0)
 
 
-@HARNESS.ruining("stays_in_bin", "the site's motion capture is at fault", role="bystander")
+@HARNESS.ruining("stays_in_bin", role="bystander", ruling="void", doubts="the site's motion capture")
 def the_plug_pulled_for_good_at_the_last_moment(shop: CleaningWorkshop) -> Submission:
     """The same one second before the end of what is judged."""
     return _off_for_good(shop, _drop(shop.take)["settled_s"] + 9.0)
@@ -477,26 +623,26 @@ def statements_left_out_for_minutes(shop: CleaningWorkshop) -> Submission:
     return _left_out(shop, watched(shop.take, 120.0), watch=True)
 
 
-@HARNESS.ruining("seen_throughout", "the site's motion capture is at fault", role="bystander")
+@HARNESS.ruining("seen_throughout", role="bystander", ruling="void", doubts="the site's motion capture")
 def the_plug_pulled_over_the_grasp(shop: CleaningWorkshop) -> Submission:
     """The motion capture is off while the gripper closes."""
     lifted = next(s for s in shop.take.of(ITEM_POSE) if s.message.pose.position.z > 0.15)
     return _off(shop, lifted.time_ns * 1e-9 - 4.0, 4.0)
 
 
-@HARNESS.ruining("order", "the site's motion capture is at fault", role="creator")
+@HARNESS.ruining("order", role="creator", ruling="void", doubts="the site's motion capture")
 def the_plug_pulled_on_the_way_to_the_bin(shop: CleaningWorkshop) -> Submission:
     """The creator pulls the plug of its own motion capture while the robot carries the item."""
     return _off(shop, middle_s(shop.take, 0.45), 4.0)
 
 
-@HARNESS.ruining("dropped", "the bin itrash is at fault", role="bystander")
+@HARNESS.ruining("dropped", role="bystander", ruling="void", doubts="the bin itrash")
 def the_bin_unplugged_before_the_drop(shop: CleaningWorkshop) -> Submission:
     """The bin says what it was shown, and nothing more."""
     return shop.submitted(shop.take.without("bin/drop"))
 
 
-@HARNESS.ruining("not_given_up", "did not answer", role="bystander")
+@HARNESS.ruining("not_given_up", "did not answer", role="bystander", ruling="void", doubts="the bin itrash")
 def the_bin_unplugged_before_the_showing(shop: CleaningWorkshop) -> Submission:
     """The bin does not say what it is shown, and the robot gives up."""
     shown_s = shop.take.of("bin/classification")[0].time_ns * 1e-9
@@ -504,7 +650,7 @@ def the_bin_unplugged_before_the_showing(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(gives_up(shop.take.without("bin/classification"), share, "no_answer"))
 
 
-@HARNESS.ruining("not_given_up", "is full", role="bystander")
+@HARNESS.ruining("not_given_up", "is full", role="bystander", ruling="void", doubts="the bin itrash")
 def the_compartment_filled_meanwhile(shop: CleaningWorkshop) -> Submission:
     """Somebody fills the compartment while the robot carries the item to it."""
     take = told(shop.take, "bin/classification", full=True).without("bin/drop")
@@ -519,26 +665,30 @@ def _stolen(shop: CleaningWorkshop, role: str) -> Submission:
     return shop.submitted(shop.take, devices=registered(role, **revoked))
 
 
-@HARNESS.ruining("witnessed", "revoked as compromised", role="bystander")
+@HARNESS.ruining(
+    "witnessed", "revoked as compromised", role="bystander", ruling="void", doubts="the site's motion capture"
+)
 def the_motion_captures_key_stolen(shop: CleaningWorkshop) -> Submission:
     """Its owner finds out before the proof is submitted: nobody can tell who signed."""
     return _stolen(shop, "mocap")
 
 
-@HARNESS.ruining("bin_witnessed", "revoked as compromised", role="bystander")
+@HARNESS.ruining(
+    "bin_witnessed", "revoked as compromised", role="bystander", ruling="void", doubts="the bin itrash"
+)
 def the_bins_key_stolen(shop: CleaningWorkshop) -> Submission:
     """The same with the bin's."""
     return _stolen(shop, "bin")
 
 
-@HARNESS.ruining("signer", "revoked as compromised", role="bystander")
+@HARNESS.ruining("signer", "revoked as compromised", role="bystander", ruling="given_up")
 def the_robots_key_stolen(shop: CleaningWorkshop) -> Submission:
     """The same with the robot's, in the middle of its work."""
     revoked = {"revoked": middle_s(shop.take), "revoked_because": "compromised"}
     return shop.submitted(shop.take, devices=registered("robot", **revoked))
 
 
-@HARNESS.ruining("presented", "the site is at fault", role="bystander")
+@HARNESS.ruining("presented", role="bystander", ruling="void", doubts="the site")
 def another_robot_claims_the_showing_where_nobody_sees(shop: CleaningWorkshop) -> Submission:
     """At a site without motion capture another robot presents itself while this one shows its item."""
     blind = without_mocap(shop.take, ITEM)

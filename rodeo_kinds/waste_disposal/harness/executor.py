@@ -665,7 +665,13 @@ def motion_capture_of_the_executor(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, devices=registered("mocap", owner=EXECUTOR))
 
 
-@HARNESS.forgery("witnessed", "registered no motion capture of this site", role="executor")
+@HARNESS.forgery(
+    "witnessed",
+    "registered no motion capture of this site",
+    role="executor",
+    ruling="void",
+    doubts="the site",
+)
 def motion_capture_of_another_room(shop: CleaningWorkshop) -> Submission:
     """The signing motion capture is registered under another name."""
     return shop.submitted(shop.take, devices=registered("mocap", name="mocap2"))
@@ -1221,7 +1227,7 @@ def another_picture(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take.edited(PICTURE, lambda s: with_fields(s, data=nicer)))
 
 
-@HARNESS.forgery("pictured", "no picture", role="holder of two keys")
+@HARNESS.forgery("pictured", "no picture", role="holder of two keys", ruling="void", doubts="the bin itrash")
 def the_hash_of_an_empty_picture(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key signs the hash of nothing, and nothing is in the proof."""
     empty = shop.take.edited(PICTURE, lambda s: with_fields(s, data=np.zeros(0, np.uint8)))
@@ -1236,21 +1242,31 @@ def a_picture_that_nobody_has(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(told(shop.take, "bin/classification", earlier=[more]))
 
 
-@HARNESS.forgery("classified", "before the grasp", role="holder of two keys")
+@HARNESS.forgery(
+    "classified", "before the grasp", role="holder of two keys", ruling="void", doubts="the bin itrash"
+)
 def a_picture_of_another_task(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key combined a picture of the item before this one."""
     more = {"image_sha256": "0x" + sha256(b"the last item").hexdigest(), "taken_s": shop.take.start_s}
     return shop.submitted(told(shop.take, "bin/classification", earlier=[more]))
 
 
-@HARNESS.forgery("pictured", "the rules do not list", role="holder of two keys")
+@HARNESS.forgery(
+    "pictured", "the rules do not list", role="holder of two keys", ruling="void", doubts="the bin itrash"
+)
 def the_word_of_its_own_network(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key asked a network that says what its owner likes."""
     own = "0x" + sha256(b"a network that calls everything plastic").hexdigest()
     return shop.submitted(told(shop.take, "bin/classification", model_sha256=own))
 
 
-@HARNESS.forgery("pictured", "the network that it names says paper", role="holder of two keys")
+@HARNESS.forgery(
+    "pictured",
+    "the network that it names says paper",
+    role="holder of two keys",
+    ruling="void",
+    doubts="the bin itrash",
+)
 def the_word_of_nobodys_network(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key calls paper cardboard, in the name of the listed network."""
     cardboard = {"item_class": "cardboard", "probabilities": {"cardboard": 1.0}}
@@ -1263,7 +1279,7 @@ def a_feather(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(told(shop.take, "bin/drop", weight_n=0.01))
 
 
-@HARNESS.forgery("weight", "50.0 N", role="executor")
+@HARNESS.forgery("weight", "50.0 N", role="executor", ruling="void", doubts="whoever dropped it")
 def a_brick(shop: CleaningWorkshop) -> Submission:
     """The bin measured five kilograms."""
     return shop.submitted(told(shop.take, "bin/drop", weight_n=50.0))

@@ -55,6 +55,18 @@ def pushed(take: Take, begin_s: float, by_m: float) -> Take:
     return edited_between(take, ITEM_POSE, begin_s, math.inf, lambda s: displaced(s, y=by_m))
 
 
+def kicked(take: Take, begin_s: float, by_m: float) -> Take:
+    """The same, and the gripper goes there with it."""
+    lies = take.of(ITEM_POSE)[0].message.pose.position
+
+    def swing(sample: Sample) -> Sample:
+        x_m, y_m = lies.x, lies.y + by_m * (sample.time_ns * 1e-9 > begin_s)
+        at = replace(sample.message.pose.position, x=x_m, y=y_m, z=lies.z + 0.1)
+        return with_fields(sample, pose=replace(sample.message.pose, position=at))
+
+    return edited_between(pushed(take, begin_s, by_m), GRIPPER_POSE, begin_s - 0.5, begin_s + 0.5, swing)
+
+
 def _hidden(take: Take, begin_s: float, lasts_s: float) -> Take:
     return edited_between(take, ITEM_POSE, begin_s, begin_s + lasts_s, lambda _: None)
 
@@ -66,7 +78,7 @@ def assigned(take: Take, before_s: float) -> dict[str, Any]:
 # -- what lay there is not found -------------------------------------------------------------------------
 
 
-@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor", ruling="given_up")
 def not_found_behind_its_own_arm(shop: CleaningWorkshop) -> Submission:
     """The robot's arm hides the item for 3.2 seconds. Then the robot says that nothing is there."""
     take = waits(shop.take)
@@ -94,7 +106,7 @@ def not_found_under_a_towel_from_the_arrival_on(shop: CleaningWorkshop) -> Submi
 def kicked_by_four_centimetres(shop: CleaningWorkshop) -> Submission:
     """The robot kicks the item, and says that it could not grasp it."""
     take = waits(shop.take)
-    return shop.submitted(gives_up(pushed(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed"))
+    return shop.submitted(gives_up(kicked(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed"))
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
@@ -122,7 +134,7 @@ def pushed_away_before_a_late_recording(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(moved, **assigned(take, 60.0))
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor")
+@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
 def pushed_away_right_after_the_assignment(shop: CleaningWorkshop) -> Submission:
     """The same within the 28 seconds that a recording may take to begin: for a tenth of the price."""
     take = waits(shop.take)
@@ -130,7 +142,7 @@ def pushed_away_right_after_the_assignment(shop: CleaningWorkshop) -> Submission
     return shop.submitted(moved, **assigned(take, 28.0))
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor")
+@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
 def pushed_away_before_the_first_statement(shop: CleaningWorkshop) -> Submission:
     """The item is pushed away in the first twelve seconds, and the statements of that time are left out."""
     take = waits(shop.take)
@@ -143,7 +155,7 @@ def pushed_away_before_the_first_statement(shop: CleaningWorkshop) -> Submission
     return shop.submitted(moved, witnesses=Witnesses(edit=edit))
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor")
+@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
 def pushed_away_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
     """The task's place was wrong by chance, and one statement of the motion capture is missing."""
     take = waits(shop.take)
@@ -172,19 +184,19 @@ def _lies_elsewhere(
     )
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor")
+@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
 def pushed_away_before_it_bids(shop: CleaningWorkshop) -> Submission:
     """The robot pushes the item of an open task, and has it assigned half a minute later."""
     return _lies_elsewhere(shop, 40, 120.0, 3.0)
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor")
+@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
 def pushed_away_within_the_slack_of_clocks(shop: CleaningWorkshop) -> Submission:
     """The item is pushed right after the assignment, and comes to rest before the recording begins."""
     return _lies_elsewhere(shop, 1, 120.0, 4.0)
 
 
-@HARNESS.forgery("not_given_up", "since when", role="executor")
+@HARNESS.forgery("not_given_up", "since when", role="executor", ruling="void", doubts="nobody")
 def nothing_found_in_a_recording_that_nobody_heard(shop: CleaningWorkshop) -> Submission:
     """The item lay elsewhere for long, but motion capture lists no seal of the recording."""
     return _lies_elsewhere(shop, 600, 120.0, 3.0, hears=lambda _: False)
@@ -206,7 +218,7 @@ def nothing_found_in_one_of_two_recordings(shop: CleaningWorkshop) -> Submission
 # -- by whom, and before or after what is seen -----------------------------------------------------------
 
 
-@HARNESS.forgery("not_given_up", "before the recording", role="executor")
+@HARNESS.forgery("not_given_up", "before the recording", role="executor", ruling="void", doubts="nobody")
 def pushed_before_the_recording_and_not_grasped(shop: CleaningWorkshop) -> Submission:
     """The robot pushes the item, begins its recording 28 seconds after the assignment, and cannot grasp."""
     take = waits(shop.take)
@@ -214,7 +226,7 @@ def pushed_before_the_recording_and_not_grasped(shop: CleaningWorkshop) -> Submi
     return shop.submitted(moved, **assigned(take, 28.0))
 
 
-@HARNESS.forgery("not_given_up", "before the recording", role="executor")
+@HARNESS.forgery("not_given_up", "before the recording", role="executor", ruling="void", doubts="nobody")
 def kicked_just_before_the_recording(shop: CleaningWorkshop) -> Submission:
     """The same by four centimetres, three seconds after the assignment."""
     take = waits(shop.take)
@@ -270,13 +282,13 @@ def _without_a_key(
     return shop.submitted(take or shop.take, devices=registered("robot", **revoked))
 
 
-@HARNESS.forgery("signer", "superseded while it recorded", role="executor")
+@HARNESS.forgery("signer", "superseded while it recorded", role="executor", ruling="given_up")
 def its_own_key_superseded(shop: CleaningWorkshop) -> Submission:
     """The executor gives its robot another key in the middle of the work, so that people decide."""
     return _without_a_key(shop, "superseded", 0.5)
 
 
-@HARNESS.forgery("signer", "revoked as compromised", role="executor")
+@HARNESS.forgery("signer", "revoked as compromised", role="executor", ruling="given_up")
 def its_own_key_reported_stolen(shop: CleaningWorkshop) -> Submission:
     """It says in the middle of the work that its robot's key was stolen."""
     return _without_a_key(shop, "compromised", 0.5)
@@ -298,9 +310,9 @@ def its_own_key_superseded_while_it_mimes(shop: CleaningWorkshop) -> Submission:
 def its_own_key_reported_stolen_after_a_kick(shop: CleaningWorkshop) -> Submission:
     """The robot kicks the item, gives up, and its owner says that its key had been stolen before."""
     take = waits(shop.take)
-    kicked = gives_up(pushed(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed")
+    moved = gives_up(kicked(take, take.start_s + 9.0, 0.04), 1.0, "grasp_failed")
     revoked = {"revoked": take.start_s + 5.0, "revoked_because": "compromised"}
-    return shop.submitted(kicked, devices=registered("robot", **revoked))
+    return shop.submitted(moved, devices=registered("robot", **revoked))
 
 
 # -- a full compartment ------------------------------------------------------------------------------------
@@ -327,7 +339,7 @@ def a_full_bin_is_shown_what_a_person_brings(shop: CleaningWorkshop) -> Submissi
     return shop.submitted(_full(beside))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor")
+@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
 def filled_before_it_is_brought(shop: CleaningWorkshop) -> Submission:
     """The executor has the compartment filled, and carries the item to it: delivery is the work."""
     return shop.submitted(_full(shop.take))
@@ -359,7 +371,7 @@ def a_bin_that_is_long_full_is_shown_anything(shop: CleaningWorkshop) -> Submiss
     return _long_assigned(shop, _long_full(_full(resting(shop.take, ITEM_POSE, 0))))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor")
+@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
 def a_bin_that_is_long_full_is_shown_another_class(shop: CleaningWorkshop) -> Submission:
     """The robot brings the item, and a person holds something of a full class into the picture."""
     others = {"item_class": "trash", "compartment": "grey"}
@@ -367,7 +379,7 @@ def a_bin_that_is_long_full_is_shown_another_class(shop: CleaningWorkshop) -> Su
     return _long_assigned(shop, _long_full(take))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor")
+@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
 def emptied_and_filled_again(shop: CleaningWorkshop) -> Submission:
     """A bin that was full is emptied, and filled by an accomplice. What it said of that is left out."""
 
@@ -377,13 +389,13 @@ def emptied_and_filled_again(shop: CleaningWorkshop) -> Submission:
     return _long_assigned(shop, _long_full(_full(shop.take), "bin/removal"), edit=edit)
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor")
+@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
 def emptied_and_filled_again_openly(shop: CleaningWorkshop) -> Submission:
     """The same, and the statement is in the recording."""
     return _long_assigned(shop, _long_full(_full(shop.take), "bin/removal"))
 
 
-@HARNESS.forgery("not_given_up", "is full", role="executor")
+@HARNESS.forgery("not_given_up", "is full", role="executor", ruling="void", doubts="the bin itrash")
 def a_full_bin_for_the_price(shop: CleaningWorkshop) -> Submission:
     """The same, and the robot drops the item all the same after it has given up."""
     full = told(shop.take, "bin/classification", full=True)
@@ -470,7 +482,7 @@ def dropped_beside_a_bin_that_says_nothing(shop: CleaningWorkshop) -> Submission
     return shop.submitted(take.without("bin/drop"))
 
 
-@HARNESS.forgery("order", "the site's motion capture is at fault", role="executor")
+@HARNESS.forgery("order", role="executor", ruling="void", doubts="the site's motion capture")
 def carried_by_a_person_while_the_plug_is_pulled(shop: CleaningWorkshop) -> Submission:
     """An accomplice pulls the plug and carries the item. On chain nobody can tell that from an accident."""
     return _off(shop, shop.take, 0.45, 6.0)

@@ -62,13 +62,13 @@ def a_pin_that_is_off(shop: CleaningWorkshop) -> Submission:
     return _place(shop, x_m=float(PLACE["x_m"]) + 0.3)
 
 
-@HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
+@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
 def a_place_that_is_no_number(shop: CleaningWorkshop) -> Submission:
     """The coordinates of the place are NaN."""
     return _place(shop, x_m=nan)
 
 
-@HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
+@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
 def a_place_in_words(shop: CleaningWorkshop) -> Submission:
     """The coordinates of the place are text."""
     return _place(shop, x_m="over there")
@@ -80,7 +80,7 @@ def an_item_that_is_not_there(shop: CleaningWorkshop) -> Submission:
     return _place(shop, item_id="item99")
 
 
-@HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
+@HARNESS.forgery("cleaning_topics", role="creator", ruling="void", doubts="the task's creator")
 def no_item_at_all(shop: CleaningWorkshop) -> Submission:
     """A task without an item, so that any item would do."""
     return _place(shop, item_id=None)
@@ -124,7 +124,9 @@ def _letter(shop: CleaningWorkshop, photo: bytes) -> Submission:
     return Submission(chain_record.model_copy(update={"task": task}), path)
 
 
-@HARNESS.forgery("judged_by_people", role="creator")
+@HARNESS.forgery(
+    "judged_by_people", role="creator", ruling="void", doubts="none: the oracle has no checks for this work"
+)
 def a_friends_letter(shop: CleaningWorkshop) -> Submission:
     """A kind of work without checks, done by a friend who submits a photo of anything."""
     return _letter(shop, _PHOTO)
@@ -170,13 +172,13 @@ def a_drop_by_a_stranger(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, witnesses=Witnesses(bin=STRANGER))
 
 
-@HARNESS.forgery("bin_witnessed", "open bus", role="bystander")
+@HARNESS.forgery("bin_witnessed", "open bus", role="bystander", ruling="void", doubts="the bin itrash")
 def a_drop_by_message(shop: CleaningWorkshop) -> Submission:
     """Invented presence, load and picture on an open bus: the bin signs them correctly."""
     return shop.submitted(shop.take, witnesses=Witnesses(bin_inputs="open_bus"))
 
 
-@HARNESS.forgery("witnessed", "open bus", role="bystander")
+@HARNESS.forgery("witnessed", "open bus", role="bystander", ruling="void", doubts="the site's motion capture")
 def motion_by_message(shop: CleaningWorkshop) -> Submission:
     """The same with the poses that motion capture signs."""
     return shop.submitted(shop.take, witnesses=Witnesses(mocap_inputs="open_bus"))
@@ -262,7 +264,7 @@ def a_judge_that_seals(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, device=JUDGE)
 
 
-@HARNESS.forgery("dropped", "the bin itrash is at fault", role="judge")
+@HARNESS.forgery("dropped", role="judge", ruling="void", doubts="the bin itrash")
 def a_verdict_in_the_recording(shop: CleaningWorkshop) -> Submission:
     """The recording has no drop, but an accepting verdict of this task among its events."""
     verdict = noted(shop.take, event="Ruled", task_id=BINDING.task_id, ruling="accepted")
@@ -276,13 +278,25 @@ def a_rejection_in_the_recording(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(said(shop.take, verdict))
 
 
-@HARNESS.forgery("witnessed", "two different statements", role="holder of two keys")
+@HARNESS.forgery(
+    "witnessed",
+    "two different statements",
+    role="holder of two keys",
+    ruling="void",
+    doubts="the site's motion capture",
+)
 def motion_of_two_minds(shop: CleaningWorkshop) -> Submission:
     """One owner has robot and motion capture: one number is signed twice, with and without the item."""
     return shop.restated(shop.take, signed_twice("mocap.motion", 20, MOCAP, tracks={}))
 
 
-@HARNESS.forgery("bin_witnessed", "two different statements", role="holder of two keys")
+@HARNESS.forgery(
+    "bin_witnessed",
+    "two different statements",
+    role="holder of two keys",
+    ruling="void",
+    doubts="the bin itrash",
+)
 def a_drop_of_two_minds(shop: CleaningWorkshop) -> Submission:
     """One owner has robot and bin: one number is signed twice, for two robots."""
     return shop.restated(shop.take, signed_twice("bin.drop", 1, BIN, claimants=[]))

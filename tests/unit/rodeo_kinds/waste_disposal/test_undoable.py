@@ -19,6 +19,7 @@ from rodeo_testing.workshop import resting, told
 from tests.unit.conftest import Judge, failed
 
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
+GRIPPER_POSE = "mocap/panther1/gripper/pose"
 LIES = (4.6, 1.2)
 """Where item1 lies, which the film's robot finds."""
 LAY_LONG = Witnesses(lay=("item1", 100))
@@ -95,7 +96,10 @@ def test_what_the_site_does_not_have_is_given_back_and_not_handed_in(
         pytest.param(lambda take: take, 4.0, "not_found", id="the robot never went there"),
         pytest.param(lambda take: take.without(ITEM_POSE), 4.0, "not_found", id="nor, and nobody saw it"),
         pytest.param(
-            lambda take: elsewhere(take, ITEM_POSE, 99.0, 2.0, 2.0), 0.0, "not_found", id="it took it"
+            lambda take: elsewhere(elsewhere(take, ITEM_POSE, 99.0, 2.0, 3.0), GRIPPER_POSE, 99.0, 2.0, 3.0),
+            0.0,
+            "not_found",
+            id="it took it",
         ),
     ],
 )
@@ -113,10 +117,7 @@ def test_an_item_that_somebody_else_took_meanwhile_is_for_people_to_decide(
     gone = elsewhere(cleaning, ITEM_POSE, 99.0, 2.0, begins_s=1.0)
     take = given_up(elsewhere(gone, ROBOT_POSE, 1.2, -2.0))
     report = judge(take, posted(take))
-    assert (report.outcome, report.fault) == ("undecided", "whoever took it"), report.reason
-
-
-GRIPPER_POSE = "mocap/panther1/gripper/pose"
+    assert (report.outcome, report.fault) == ("undecided", "whoever moved it"), report.reason
 
 
 def lifted(take: Take, topic: str, begins_s: float, lasts_s: float = 99.0, aside_m: float = 0.0) -> Take:
@@ -153,11 +154,12 @@ def test_what_the_robots_own_gripper_lifts_nobody_else_took(cleaning: Take, judg
     stands = standing(cleaning)
     gripped = lifted(lifted(stands, ITEM_POSE, 6.0), GRIPPER_POSE, 6.0)
     handed_on = lifted(lifted(stands, ITEM_POSE, 6.0), GRIPPER_POSE, 6.0, lasts_s=0.8)
-    thrown = lifted(stands, ITEM_POSE, 6.0, lasts_s=0.7, aside_m=1.0)
+    thrown = lifted(lifted(stands, ITEM_POSE, 6.0, 0.7, aside_m=1.0), GRIPPER_POSE, 6.0, lasts_s=0.3)
     covered = elsewhere(lifted(stands, ITEM_POSE, 6.0), ITEM_POSE, 7.0, 0.0).edited(
         ITEM_POSE, lambda s: None if 5.5 < s.time_ns * 1e-9 - cleaning.start_s < 6.5 else s
     )
-    pushed = lifted(elsewhere(stands, ITEM_POSE, 99.0, 0.1, begins_s=5.0), ITEM_POSE, 6.0, aside_m=1.0)
+    swung = elsewhere(elsewhere(stands, ITEM_POSE, 99.0, 0.1, 5.0), GRIPPER_POSE, 99.0, 0.1, 5.0)
+    pushed = lifted(swung, ITEM_POSE, 6.0, aside_m=1.0)
     for change in (gripped, handed_on, thrown, covered, pushed):
         take = given_up(change, after_s=13.0)
         report = judge(take, posted(take))
