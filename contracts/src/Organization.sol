@@ -389,7 +389,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         bytes32 wantedRules
     ) external view returns (IMatchingPolicy, bytes32, KindId, uint32, uint32) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
-        Kind memory rules = _admit(kind, creator);
+        Kind storage rules = _admit(kind, creator);
         if (executionWindow < rules.minWindow || executionWindow > rules.maxWindow) {
             revert InvalidWindow(kind, executionWindow, rules.minWindow, rules.maxWindow);
         }
@@ -509,7 +509,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         revert RulesNotCurrent(kind, wanted);
     }
 
-    function _requireVerdictWindow(bytes32 kind, Kind memory rules, uint32 window) private pure {
+    function _requireVerdictWindow(bytes32 kind, Kind storage rules, uint32 window) private view {
         (uint32 min, uint32 max) = (rules.minVerdictWindow, rules.maxVerdictWindow);
         if (min < rules.judgesWindow) min = rules.judgesWindow;
         uint32 longest = rules.auditWindow < rules.maxCase ? rules.maxCase - rules.auditWindow : 0;

@@ -43,25 +43,24 @@ contract Providers is IProviders {
         uint32 number;
     }
 
-    /// @notice Attempts without a proof, since the last accepted one, after which a proven provider falls asleep. Its services
+    /// @dev Attempts without a proof, since the last accepted one, after which a proven provider falls asleep. Its services
     /// are then paused, each as it misses one. So a provider that is not there does not take every attempt of every task.
-    uint256 public constant MAX_MISSED = 3;
-    /// @notice How long a provider rests that is not proven, s. It doubles each time until a proof is accepted. A proven one
+    uint256 private constant MAX_MISSED = 3;
+    /// @dev How long a provider rests that is not proven, s. It doubles each time until a proof is accepted. A proven one
     /// that falls asleep may wake up at once the first time, and waits as long from the second time on.
-    uint256 public constant COOL_DOWN = 10 minutes;
-    /// @notice From this time on the wait does not grow: 21 hours.
-    uint256 public constant MAX_NAPS = 8;
-    /// @notice How long the bond of a provider that is not proven stays locked after it last gave work back or missed it, s.
-    uint256 public constant BOND_DELAY = 24 hours;
-    /// @notice Accepted attempts that prove a provider: for two creators at least, or all for the organization. Kept in two
+    uint256 private constant COOL_DOWN = 10 minutes;
+    /// @dev From this time on the wait does not grow: 21 hours.
+    uint256 private constant MAX_NAPS = 8;
+    /// @dev How long the bond of a provider that is not proven stays locked after it last gave work back or missed it, s.
+    uint256 private constant BOND_DELAY = 24 hours;
+    /// @dev Accepted attempts that prove a provider: for two creators at least, or all for the organization. Kept in two
     /// bits.
-    uint16 public constant PROOFS = 3;
-    /// @notice Days after which work counts half for the reputation of its provider.
-    uint256 public constant HALF_LIFE = 90;
-    /// @notice Grades of reputation by which waiting services are compared. More would mean more lines, and each new
+    uint16 private constant PROOFS = 3;
+    /// @dev Days after which work counts half for the reputation of its provider.
+    uint256 private constant HALF_LIFE = 90;
+    /// @dev Grades of reputation by which waiting services are compared. More would mean more lines, and each new
     /// one costs the first service in it two words.
-    uint256 public constant GRADES = 8;
-
+    uint256 private constant GRADES = 8;
     /// @dev IOrganization's, whose services are its operators'.
     bytes32 private constant OPERATOR_ROLE = keccak256("OPERATOR_ROLE");
     /// @dev A newcomer counts as if it had done work for so many tokens well, and as much badly.
@@ -137,7 +136,7 @@ contract Providers is IProviders {
 
     /// @inheritdoc IProviders
     function note(Ended calldata e) external onlyServiceManager returns (Profile memory profile) {
-        profile = _note(e);
+        _note(e, profile);
         bool aside = e.outcome == Outcome.Pending;
         if (!aside && !_costs(e.outcome, profile.proven)) return profile;
         Agreement storage a = _agreements[e.serviceId];
@@ -158,7 +157,7 @@ contract Providers is IProviders {
         onlyServiceManager
         returns (Profile memory profile)
     {
-        profile = _note(e);
+        _note(e, profile);
         Agreement storage a = _agreements[e.serviceId];
         if (penalty != 0) --a.open;
         bool costs = _costs(e.outcome, profile.proven);
@@ -334,7 +333,7 @@ contract Providers is IProviders {
     }
 
     /// @dev An attempt goes into its provider's record.
-    function _note(Ended calldata e) private returns (Profile memory profile) {
+    function _note(Ended calldata e, Profile memory profile) private {
         Provider storage p = _providers[e.provider];
         uint16 flags = p.flags;
         bool before = _isProven(flags);

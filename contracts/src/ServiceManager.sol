@@ -10,6 +10,7 @@ import {
     Free,
     Hire,
     IServiceManager,
+    MAX_SERVICES,
     Release,
     Service,
     ServiceState
@@ -59,12 +60,8 @@ contract ServiceManager is IServiceManager {
         mapping(uint64 key => Line) line;
     }
 
-    /// @notice Services that a provider may have at a time: so many tasks it holds at most. The organization answers
-    /// for its own.
-    uint256 public constant MAX_SERVICES = 8;
-    /// @notice Services of a line at which a match looks.
-    uint256 public constant MAX_LOOKS = 4;
-
+    /// @dev Services of a line at which a match looks.
+    uint256 private constant MAX_LOOKS = 4;
     /// @dev Bits of Line.latest.
     uint256 private constant LATEST = 192;
 
@@ -252,9 +249,10 @@ contract ServiceManager is IServiceManager {
         if (outcome == Outcome.Completed) turn = turn.withCompleted();
         else if (outcome == Outcome.Rejected) turn = turn.withRejected();
         else if (outcome == Outcome.Expired || outcome == Outcome.AbandonedLate) turn = turn.withExpired();
-        Profile memory p = providers.note(Ended(serviceId, taskId, s.provider, creator, outcome, value));
+        r.provider = s.provider;
+        Profile memory p = providers.note(Ended(serviceId, taskId, r.provider, creator, outcome, value));
         if (p.earned) {
-            _setProven(s.provider, true);
+            _setProven(r.provider, true);
             turn = turn.withProven(true);
         }
         (r.payout, r.penalty) = (p.payout, p.penalty);
@@ -268,7 +266,7 @@ contract ServiceManager is IServiceManager {
         s.turn = turn;
         if (s.state == ServiceState.Retired) (r.bond,) = _leave(serviceId, s);
         r.available = s.state == ServiceState.Active && !p.rests;
-        if (r.available && !_mayWait(s)) {
+        if (r.available && !_mayWait(turn, r.provider)) {
             r.available = false;
             emit ServiceStoodBack(serviceId);
         }
@@ -289,7 +287,7 @@ contract ServiceManager is IServiceManager {
         bool retired = s.state == ServiceState.Retired;
         Profile memory p =
             providers.conclude(Ended(serviceId, taskId, provider, creator, outcome, value), penalty, retired);
-        (r.payout, r.penalty, r.bond) = (p.payout, p.penalty, p.bond);
+        (r.provider, r.payout, r.penalty, r.bond) = (provider, p.payout, p.penalty, p.bond);
         if (outcome == Outcome.Completed) s.turn = s.turn.withCompleted();
         else if (outcome == Outcome.Rejected) s.turn = s.turn.withRejected();
         if (p.earned) _setProven(provider, true);
@@ -609,7 +607,7 @@ contract ServiceManager is IServiceManager {
 
     /// @dev Give an available service that is in no line its next task, or let it wait, or stand back.
     function _offer(ServiceId serviceId, Record storage s) private {
-        if (_mayWait(s)) tasks.onServiceFree(serviceId);
+        if (_mayWait(s.turn, s.provider)) tasks.onServiceFree(serviceId);
         else emit ServiceStoodBack(serviceId);
     }
 
@@ -639,12 +637,11 @@ contract ServiceManager is IServiceManager {
 
     /// @dev Whether a service that neither waits nor works may wait: one of a provider that is not proven stands back while
     /// the provider rests, or another one of it waits or works.
-    function _mayWait(Record storage s) private view returns (bool) {
-        if (s.turn.isProven()) return true;
-        address provider = s.provider;
+    function _mayWait(Turn turn, address provider) private view returns (bool) {
+        if (turn.isProven()) return true;
         for (uint256 live = _live[provider]; live != 0; live >>= 32) {
-            Turn turn = _services[unpackService(uint32(live))].turn;
-            if (turn.place() != 0 || turn.taskId() != NO_TASK) return false;
+            Turn other = _services[unpackService(uint32(live))].turn;
+            if (other.place() != 0 || other.taskId() != NO_TASK) return false;
         }
         return !providers.rests(provider);
     }
@@ -684,7 +681,7 @@ contract ServiceManager is IServiceManager {
 
     /// @dev Whether it can be given a task: it waits, or may.
     function _isFree(Record storage s) private view returns (bool) {
-        return _isAvailable(s) && (s.turn.place() != 0 || _mayWait(s));
+        return _isAvailable(s) && (s.turn.place() != 0 || _mayWait(s.turn, s.provider));
     }
 
     /// @dev Whether a task may be offered to the service that has passed these providers.

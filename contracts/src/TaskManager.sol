@@ -17,6 +17,7 @@ import {Hire, IServiceManager, Release} from "./interfaces/IServiceManager.sol";
 import {
     Cause,
     Fault,
+    IMPOSSIBLE_SHARE,
     ITaskManager,
     Judged,
     Ruling,
@@ -68,18 +69,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint88 referencePrice;
     }
 
-    /// @notice Of attempts that count. With those that do not they fit in four bits.
-    uint8 public constant MAX_ATTEMPTS = 7;
+    /// @dev Of attempts that count. With those that do not they fit in four bits.
+    uint8 private constant MAX_ATTEMPTS = 7;
 
-    /// @inheritdoc ITaskManager
-    uint256 public constant IMPOSSIBLE_SHARE = 10;
-
-    /// @notice How long a task that only proven providers are offered waits for one, s. Then anybody may give it to a service
+    /// @dev How long a task that only proven providers are offered waits for one, s. Then anybody may give it to a service
     /// of another (see matchTask): an active one of a proven provider may be too dear, or busy for long, or be there for show.
-    uint256 public constant PATIENCE = 1 hours;
-
-    /// @notice The gas of a payment.
-    uint256 public constant PAYMENT_GAS = Payments.GAS;
+    uint256 private constant PATIENCE = 1 hours;
 
     /// @dev Makes the word of a service's proofs when the service is made, so that no task pays for it.
     bytes32 private constant NO_PROOF = bytes32(uint256(1));
@@ -197,8 +192,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _requireAttempt(taskId, t, attempt);
         bytes32 proof = _proof(taskId, t);
         if (proofHash != proof) revert ProofMismatch(taskId, proof, proofHash);
-        judged = Judged(t.creator, t.serviceId, t.kindId, uint40(t.time), t.state == TaskState.Ruled);
-        _say(taskId, t, Standing(proofHash, ruling, amount, until, 0, afterRemoval), fault, report);
+        (judged.creator, judged.kindId) = (t.creator, t.kindId);
+        (judged.submitted, judged.ruled) = (uint40(t.time), t.state == TaskState.Ruled);
+        judged.provider =
+            _say(taskId, t, Standing(proofHash, ruling, amount, until, 0, afterRemoval), fault, report);
     }
 
     /// @inheritdoc ITaskManager
@@ -266,6 +263,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         onlyServiceManager
     {
         _workers[serviceId] = Worker(provider, NO_PROOF);
+        _totals.held += uint120(bond);
         _take(provider, bond);
     }
 
@@ -362,6 +360,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         (_totals.tasks, _totals.asks) = (number, address(policy) != address(0));
         taskId = TaskId.wrap(number);
         (t.creator, t.reward) = (creator, request.reward.toUint88());
+        _totals.held += uint120(t.reward);
         (t.executionWindow, t.verdictWindow) = (request.executionWindow, request.verdictWindow);
         (t.maxAttempts, t.state) = (request.maxAttempts, TaskState.Open);
         emit TaskRegistered(
@@ -495,19 +494,22 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev A ruling stands now, or is done at once.
-    function _say(TaskId taskId, Record memory t, Standing memory s, Fault fault, bytes32 report) private {
+    /// @return provider whose attempt it is about
+    function _say(TaskId taskId, Record memory t, Standing memory s, Fault fault, bytes32 report)
+        private
+        returns (address provider)
+    {
         if (s.ruling != Ruling.Void) fault = Fault.Nobody;
         emit Ruled(taskId, t.attempt, s.proofHash, s.ruling, fault, s.amount, s.until, report);
-        if (s.until != 0) _stand(taskId, t, s);
-        else _finish(taskId, t, s.ruling, s.amount);
+        return s.until != 0 ? _stand(taskId, t, s) : _finish(taskId, t, s.ruling, s.amount);
     }
 
     /// @dev A ruling stands now. With the first one the service is free, but for its penalty.
-    function _stand(TaskId taskId, Record memory t, Standing memory s) private {
+    function _stand(TaskId taskId, Record memory t, Standing memory s) private returns (address provider) {
         if (t.state == TaskState.Ruled) {
             s.penalty = _standing[taskId].penalty;
             _standing[taskId] = s;
-            return;
+            return _workers[t.serviceId].executor;
         }
         t.state = TaskState.Ruled;
         _tasks.save(taskId, t, _unit);
@@ -515,6 +517,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         s.penalty = uint96(r.penalty);
         _standing[taskId] = s;
         _pay(r.payout, r.bond);
+        return r.provider;
     }
 
     /// @dev Nobody has ruled, or who did may no more: void until the case ends, and at once if it has ended.
@@ -526,14 +529,22 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev A ruling is done, whether it stood before or not.
-    function _finish(TaskId taskId, Record memory t, Ruling ruling, uint256 amount) private {
-        if (ruling == Ruling.Accepted) _settle(taskId, t, amount, Outcome.Completed);
-        else if (ruling == Ruling.Impossible) _settle(taskId, t, t.price / IMPOSSIBLE_SHARE, Outcome.Unjudged);
-        else if (ruling == Ruling.Rejected) _failAttempt(taskId, t, Cause.Rejected);
-        else _failAttempt(taskId, t, ruling == Ruling.GivenUp ? Cause.GivenUp : Cause.Void);
+    function _finish(TaskId taskId, Record memory t, Ruling ruling, uint256 amount)
+        private
+        returns (address provider)
+    {
+        if (ruling == Ruling.Accepted) return _settle(taskId, t, amount, Outcome.Completed);
+        if (ruling == Ruling.Impossible) {
+            return _settle(taskId, t, t.price / IMPOSSIBLE_SHARE, Outcome.Unjudged);
+        }
+        if (ruling == Ruling.Rejected) return _failAttempt(taskId, t, Cause.Rejected);
+        return _failAttempt(taskId, t, ruling == Ruling.GivenUp ? Cause.GivenUp : Cause.Void);
     }
 
-    function _settle(TaskId taskId, Record memory t, uint256 amount, Outcome outcome) private {
+    function _settle(TaskId taskId, Record memory t, uint256 amount, Outcome outcome)
+        private
+        returns (address provider)
+    {
         bool stood = t.state == TaskState.Ruled;
         _end(taskId, t, TaskState.Settled);
         uint256 refund = t.reward - amount;
@@ -544,6 +555,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint120 sent = _send(0, r.payout, amount + r.bond);
         sent = _send(sent, t.creator, refund);
         _totals.held -= sent;
+        return r.provider;
     }
 
     function _end(TaskId taskId, Record memory t, TaskState state) private {
@@ -552,7 +564,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
-    function _failAttempt(TaskId taskId, Record memory t, Cause cause) private {
+    function _failAttempt(TaskId taskId, Record memory t, Cause cause) private returns (address provider) {
         (ServiceId serviceId, uint256 price) = (t.serviceId, t.price);
         bool stood = t.state == TaskState.Ruled;
         // slither-disable-next-line uninitialized-local
@@ -568,6 +580,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         sent = _send(sent, address(organization), r.penalty);
         if (last) sent = _send(sent, t.creator, t.reward);
         if (sent != 0) _totals.held -= sent;
+        return r.provider;
     }
 
     /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
@@ -586,7 +599,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _match(taskId, t, passed);
     }
 
-    /// @dev All of `amount` arrives, or nothing happened.
+    /// @dev All of `amount`, which is held from now on, arrives, or nothing happened.
     function _take(address from, uint256 amount) private {
         if (amount == 0) return;
         uint256 before = token.balanceOf(address(this));
@@ -595,7 +608,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         token.safeTransferFrom(from, address(this), amount);
         uint256 received = token.balanceOf(address(this)) - before;
         if (received != amount) revert WrongAmountReceived(amount, received);
-        _totals.held += uint120(amount);
     }
 
     function _pay(address to, uint256 amount) private {
@@ -620,12 +632,16 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     function _get(TaskId taskId) private view returns (Record memory t) {
-        t = _progress(taskId);
+        _load(taskId, t);
         _tasks.loadConditions(t);
     }
 
     /// @dev The task without its conditions, which members of Record say of themselves.
     function _progress(TaskId taskId) private view returns (Record memory t) {
+        _load(taskId, t);
+    }
+
+    function _load(TaskId taskId, Record memory t) private view {
         _tasks.load(taskId, _unit, t);
         if (t.state == TaskState.None) revert UnknownTask(taskId);
     }

@@ -21,10 +21,10 @@ import {weigh} from "./types/Weight.sol";
 contract TaskQueues is ITaskQueues {
     using WeightTree for WeightTree.Tree;
 
-    /// @notice Tasks at which a service that became free looks in a queue.
-    uint256 public constant MAX_LOOKS = 4;
-    /// @notice Tasks that name somebody, after which a creator has a share of voids.
-    uint256 public constant MIN_NAMED = 4;
+    /// @dev Tasks at which a service that became free looks in a queue.
+    uint256 private constant MAX_LOOKS = 4;
+    /// @dev Tasks that name somebody, after which a creator has a share of voids.
+    uint256 private constant MIN_NAMED = 4;
 
     /// @dev A creator's tasks that named somebody: both numbers are halved from time to time, so that later ones count more.
     struct Namings {

@@ -8,7 +8,7 @@ import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {IProviders, Terms} from "../src/interfaces/IProviders.sol";
-import {Fault, Ruling, TaskRequest} from "../src/interfaces/ITaskManager.sol";
+import {Fault, IMPOSSIBLE_SHARE, Ruling, TaskRequest} from "../src/interfaces/ITaskManager.sol";
 import {Finding} from "../src/interfaces/IJudge.sol";
 import {RoleJudge} from "../src/judges/RoleJudge.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
@@ -95,7 +95,7 @@ contract SettlementSymbolic is Test {
     /// @dev What cannot be done is paid the share for its trouble.
     function check_impossibleWorkIsPaidItsShare(uint96 amount, uint96 bond, uint96 penalty) public {
         _proven(bond, penalty);
-        uint256 share = PRICE / tasks.IMPOSSIBLE_SHARE();
+        uint256 share = PRICE / IMPOSSIBLE_SHARE;
         bool done = _says(JUDGE, Ruling.Impossible, amount);
         assert(done == (amount == 0));
         if (done) _assertPaid(share, REWARD - share, 0, bond, bond);

@@ -6,7 +6,7 @@ import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {Vm} from "forge-std/Vm.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IProviders} from "../src/interfaces/IProviders.sol";
-import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {IServiceManager, MAX_SERVICES, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Fault, Hire, ITaskManager, TaskRequest, TaskState, Ruling} from "../src/interfaces/ITaskManager.sol";
 import {Cause, ITaskQueues} from "../src/interfaces/ITaskQueues.sol";
 import {Units} from "../src/libraries/Units.sol";
@@ -338,11 +338,11 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_oneProviderHoardsWithManyServices() public {
-        uint256 max = services.MAX_SERVICES();
-        for (uint256 i = 0; i < max; ++i) {
+        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
             offer(stranger, 0);
         }
-        bytes memory refusal = abi.encodeWithSelector(IServiceManager.TooManyServices.selector, stranger, max);
+        bytes memory refusal =
+            abi.encodeWithSelector(IServiceManager.TooManyServices.selector, stranger, MAX_SERVICES);
         vm.expectRevert(refusal);
         offer(stranger, 0);
         // One that retires at work still holds its task.
@@ -353,15 +353,14 @@ contract AttackTest is Fixture {
         submit(taskId);
         judge(taskId, true);
         offer(stranger, 0);
-        for (uint256 i = 0; i <= max; ++i) {
+        for (uint256 i = 0; i <= MAX_SERVICES; ++i) {
             vm.prank(admin);
             organization.registerService(CLEANING, 1 ether, 0, true, "");
         }
     }
 
     function test_attack_freeServicesInFrontOfAnHonestOneTakeEveryAttempt() public {
-        uint256 max = services.MAX_SERVICES();
-        for (uint256 i = 0; i < max; ++i) {
+        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
             offer(stranger, 0);
         }
         offer(robot1, 80 ether);
@@ -379,7 +378,7 @@ contract AttackTest is Fixture {
             }
         }
         assertEq(taken, 1, "and then it rests");
-        assertEq(services.service(serviceNo(max + 1)).completed, 10);
+        assertEq(services.service(serviceNo(MAX_SERVICES + 1)).completed, 10);
     }
 
     function test_attack_aSwitchedOffRobotTakesEveryAttempt() public {

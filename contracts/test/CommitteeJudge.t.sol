@@ -26,7 +26,7 @@ contract CommitteeJudgeTest is Committee {
         vm.expectEmit(address(tasks));
         emit ITaskManager.Ruled(taskId, 1, PROOF, Ruling.Accepted, Fault.Nobody, 80 ether, 0, REPORT);
         vm.expectEmit(address(committee));
-        emit ICommitteeJudge.VotesCounted(taskId, 1, RULES, 7);
+        emit ICommitteeJudge.VotesCounted(taskId, RULES, 7);
         vm.prank(stranger);
         committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
         assertState(taskId, TaskState.Settled);
@@ -41,7 +41,7 @@ contract CommitteeJudgeTest is Committee {
             all = abi.encodePacked(all, sign(judgeKeys[3 - i], vote));
         }
         vm.expectEmit(address(committee));
-        emit ICommitteeJudge.VotesCounted(taskId, 1, RULES, ALL);
+        emit ICommitteeJudge.VotesCounted(taskId, RULES, ALL);
         committee.postVotes(vote, REPORT_URI, all);
     }
 
@@ -356,6 +356,38 @@ contract CommitteeJudgeTest is Committee {
         assertState(vote.taskId, TaskState.Settled);
     }
 
+    function test_attack_aCommitteeDecidesAsTheAuditorsWhatItsJudgePassedOn() public {
+        CommitteeJudge above = committeeJudge(address(0));
+        for (uint256 i = 2; i < 5; ++i) {
+            seatIn(above, judges[i], judgeKeys[i], judges[i]);
+        }
+        Finding memory vote = accepting(submitted());
+        (vote.ruling, vote.amount) = (Ruling.None, 0);
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        vm.startPrank(admin);
+        above.setQuorum(CLEANING, 2, 3, 0, 7);
+        organization.setAuditors(above);
+        organization.removeJudge(organization.numberOf(CLEANING));
+        vm.stopPrank();
+        vote = accepting(vote.taskId);
+        bytes memory last = _signAbove(above, 4, vote);
+        bytes memory votes = abi.encodePacked(_signAbove(above, 2, vote), last);
+        vm.expectRevert(abi.encodeWithSelector(IJudge.PassedOnBefore.selector, vote.taskId, 1));
+        above.postVotes(vote, REPORT_URI, votes);
+        // Those who did not pass it on decide.
+        above.postVotes(vote, REPORT_URI, abi.encodePacked(_signAbove(above, 3, vote), last));
+        assertState(vote.taskId, TaskState.Settled);
+    }
+
+    function _signAbove(CommitteeJudge above, uint256 judge, Finding memory vote)
+        private
+        view
+        returns (bytes memory)
+    {
+        (bytes32 r, bytes32 vs) = vm.signCompact(judgeKeys[judge], above.digestOf(vote));
+        return abi.encodePacked(r, vs);
+    }
+
     // -- rotation -------------------------------------------------------------------------------------------
 
     function test_absentJudgesAreReplacedByTheNextInLine() public {
@@ -575,7 +607,7 @@ contract CommitteeJudgeTest is Committee {
             all = abi.encodePacked(all, sign(keys[i - 1], vote));
         }
         vm.expectEmit(address(committee));
-        emit ICommitteeJudge.VotesCounted(vote.taskId, 1, RULES, type(uint64).max);
+        emit ICommitteeJudge.VotesCounted(vote.taskId, RULES, type(uint64).max);
         committee.postVotes(vote, REPORT_URI, all);
     }
 

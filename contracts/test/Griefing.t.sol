@@ -218,7 +218,7 @@ contract GriefingTest is Fixture {
         ServiceId honest = offer(_newcomer(5), PRICE);
         assertState(taskId, TaskState.Open);
         assertEq(tasks.task(taskId).deadline, 0, "no window runs");
-        vm.warp(queued + tasks.PATIENCE());
+        vm.warp(queued + 1 hours);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ServiceDoesNotFit.selector, taskId, honest));
         tasks.matchTask(taskId, honest);
         skip(1);
@@ -243,7 +243,7 @@ contract GriefingTest is Fixture {
         }
         ServiceId honest = offer(_newcomer(5), PRICE);
         assertState(taskId, TaskState.Open);
-        skip(tasks.PATIENCE() + 1);
+        skip(1 hours + 1);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ServiceDoesNotFit.selector, taskId, serviceNo(1)));
         tasks.matchTask(taskId, serviceNo(1));
         tasks.matchTask(taskId, honest);

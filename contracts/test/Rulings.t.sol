@@ -524,7 +524,7 @@ contract RulingsTest is Fixture {
             try auditorJudge.rule{gas: gas}(f, "report") {
                 break;
             } catch (bytes memory reason) {
-                if (bytes4(reason) == RoleJudge.TooLittleGas.selector) ++refused;
+                if (bytes4(reason) == IJudge.TooLittleGas.selector) ++refused;
             }
         }
         assertGt(refused, 0);

@@ -469,7 +469,6 @@ class QuorumChanged(Event):
 @dataclass(frozen=True)
 class VotesCounted(Event):
     task_id: int
-    attempt: int
     rules: bytes
     seats: int
 

@@ -22,8 +22,8 @@ contract BudgetVotes {
 
     /// @notice Credits of one identity in one round.
     uint256 public constant CREDITS = 100;
-    /// @notice Recipients of one round. A voter pays the gas of a loop over them.
-    uint256 public constant MAX_RECIPIENTS = 16;
+    /// @dev Recipients of one round. A voter pays the gas of a loop over them.
+    uint256 private constant MAX_RECIPIENTS = 16;
 
     IOrganization public immutable organization;
     /// @notice The contract MemberVotes, which knows the identities.
@@ -121,7 +121,6 @@ contract BudgetVotes {
     }
 
     /// @notice Returns a round as it is now. Reverts with UnknownRound.
-    /// @param roundId its number
     function roundOf(uint256 roundId) external view returns (Round memory) {
         return _get(roundId);
     }

@@ -29,10 +29,10 @@ contract OrganizationGovernor is
     GovernorVotesQuorumFraction,
     GovernorTimelockControl
 {
-    /// @notice No member decides alone.
-    uint256 public constant MIN_QUORUM = 2;
-    /// @notice A quorum of fewer members is a majority: a percentage of so few would be one or two of them.
-    uint256 public constant SMALL_ORGANIZATION = 10;
+    /// @dev No member decides alone.
+    uint256 private constant MIN_QUORUM = 2;
+    /// @dev A quorum of fewer members is a majority: a percentage of so few would be one or two of them.
+    uint256 private constant SMALL_ORGANIZATION = 10;
 
     IOrganization private immutable _organization;
 

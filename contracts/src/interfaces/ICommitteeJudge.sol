@@ -33,9 +33,10 @@ interface ICommitteeJudge is IJudge {
     event JudgeSeated(uint8 indexed seat, address indexed key, address indexed owner);
     event JudgeKeyChanged(uint8 indexed seat, address indexed oldKey, address indexed key);
     event QuorumChanged(bytes32 indexed kind, uint8 votes, uint8 panel, uint32 rotation, uint64 seats);
+    /// @notice Follows the ruling, whose event ITaskManager.Ruled has the attempt.
     /// @param rules by which the judges say that they judged
     /// @param seats one bit for each seat that voted
-    event VotesCounted(TaskId indexed taskId, uint8 attempt, bytes32 rules, uint64 seats);
+    event VotesCounted(TaskId indexed taskId, bytes32 rules, uint64 seats);
 
     error InvalidSeat(address key, address owner);
     error AlreadySeated(address key);
@@ -110,7 +111,6 @@ interface ICommitteeJudge is IJudge {
     /// @notice Returns whether one of these seats is `account`'s, by its key or its owner, as the seats and the organization's
     /// registry of devices know them.
     /// @param seats one bit for each seat
-    /// @param account any account
     function includes(uint64 seats, address account) external view returns (bool);
 
     /// @notice Returns the key of a seat; 0 where nobody sits.

@@ -63,7 +63,6 @@ interface IDeviceRegistry {
     error InvalidRoot(address device, uint64 day, bytes32 root, uint64 today);
 
     /// @notice See IOrganization.registerDevice. Only the organization.
-    /// @param device_ address of its key
     /// @param role what it is, ASCII: robot, bin, meter, mocap
     /// @param owner who answers for it
     /// @param name on its site, ASCII
@@ -81,29 +80,24 @@ interface IDeviceRegistry {
     ) external;
 
     /// @notice How often the key's signature was used: the next one has to name this number.
-    /// @param device_ address of its key
     function deviceNonce(address device_) external view returns (uint256);
 
     /// @notice See IOrganization.revokeDevice. Only the organization.
-    /// @param device_ address of its key
     /// @param reason Compromised: what it signed before counts no more either
     function revokeDevice(address device_, Revocation reason) external;
 
     /// @notice Fix what the device signed on a day, today or earlier. Once per day. Only an operator or the device's
     /// owner.
-    /// @param device_ address of its key
     /// @param day days since 1970-01-01 (UTC)
     /// @param root hash of the log of that day
     /// @param uri where the log lies
     function postRoot(address device_, uint64 day, bytes32 root, string calldata uri) external;
 
     /// @notice The root of the statements that the device signed on `day`; 0 if none was posted.
-    /// @param device_ address of its key
     /// @param day days since 1970-01-01 (UTC)
     function rootOf(address device_, uint64 day) external view returns (bytes32);
 
     /// @notice The device's record. Reverts with UnknownDevice.
-    /// @param device_ address of its key
     function device(address device_) external view returns (Device memory);
 
     /// @notice The key that has `name` in `role` now; 0 if none has.

@@ -45,6 +45,8 @@ interface IJudge {
     error JudgeIsParty(TaskId taskId, address account);
     /// @notice An auditor decides nothing that itself, its owner or a device of the same owner has passed on.
     error JudgeIsAuditor(TaskId taskId, address account);
+    /// @notice A judge that was removed may need so much to answer, and the caller left less.
+    error TooLittleGas(uint256 needed);
     error NotAdministrator(address account);
 
     function tasks() external view returns (ITaskManager);
@@ -54,7 +56,6 @@ interface IJudge {
 
     /// @notice Returns whether `account` was among those who passed on the task's last attempt that was passed on, or has the
     /// same owner as one of them. It decides nothing of it.
-    /// @param taskId the task
     /// @param account who wants to decide it
     function hasPassedOn(TaskId taskId, address account) external view returns (bool);
 

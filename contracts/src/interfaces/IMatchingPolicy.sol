@@ -29,7 +29,6 @@ interface IMatchingPolicy {
     /// @param queues where tasks wait
     /// @param services the contract that knows the service
     /// @param kindId the number of what it does
-    /// @param serviceId the service
     /// @param price what it is paid, in the token's smallest unit
     /// @return taskId an open task of this kind that names nobody, has not passed the service's provider, and whose reward is at
     /// least `price`

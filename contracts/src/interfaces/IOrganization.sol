@@ -208,7 +208,6 @@ interface IOrganization {
     /// @notice Send on what reached the task manager or this contract by mistake, and nothing else: of the token of
     /// the organization what neither escrow, bonds nor anybody's `pendingPayments` accounts for, of any other token all.
     /// @param token_ the contract that it is of
-    /// @param to who gets it
     function rescueTokens(IERC20 token_, address to) external;
 
     /// @notice Set the terms of services that are registered from now on. Those that are there keep their terms.
@@ -306,7 +305,6 @@ interface IOrganization {
     function deposit(uint256 amount) external;
 
     /// @notice Pay `amount` out of the treasury. What is in escrow is out of reach.
-    /// @param to who gets it
     /// @param amount in the token's smallest unit
     function withdraw(address to, uint256 amount) external;
 
@@ -314,7 +312,6 @@ interface IOrganization {
 
     /// @notice Pay a share of an amount that the administrator had members split (BudgetVotes): it counts on no budget.
     /// Only a contract can have ALLOCATOR_ROLE.
-    /// @param to who gets it
     /// @param amount in the token's smallest unit
     function payShare(address to, uint256 amount) external;
 

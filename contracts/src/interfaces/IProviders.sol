@@ -144,7 +144,6 @@ interface IProviders {
     error NotOrganization(address caller);
 
     /// @notice A provider offers a service. Only the service manager. Reverts with ProviderIsAsleep.
-    /// @param provider who
     /// @param serviceId the service, whose number is the provider's, too, if it is its first
     /// @param terms what it agrees to
     /// @return number of the provider
@@ -156,12 +155,10 @@ interface IProviders {
 
     /// @notice An attempt has ended. It may cost its penalty, which is set aside if the attempt is Pending. Only the service
     /// manager.
-    /// @param ended the attempt
     /// @return profile what is known of the provider then
     function note(Ended calldata ended) external returns (Profile memory profile);
 
     /// @notice The case of an attempt is over that was Pending. Only the service manager.
-    /// @param ended the attempt
     /// @param penalty what was set aside for it
     /// @param retired whether the service has retired
     /// @return profile what is known of the provider then
@@ -170,8 +167,6 @@ interface IProviders {
         returns (Profile memory profile);
 
     /// @notice A service has retired: its bond is to be returned. Only the service manager.
-    /// @param serviceId the service
-    /// @param provider whose it is
     /// @return bond how much; 0 if it has none any more
     /// @return until when, if it is locked; else 0
     function takeBond(ServiceId serviceId, address provider) external returns (uint96 bond, uint256 until);
@@ -183,20 +178,16 @@ interface IProviders {
     function setNamers(ServiceId serviceId, Namers namers, uint8 maxVoids) external;
 
     /// @notice A task has named the provider and waits for it. Only the service manager.
-    /// @param provider who
     function setHired(address provider) external;
 
     /// @notice The provider takes part again. Only the service manager. Reverts with ProviderIsAwake or ProviderIsAsleep.
-    /// @param provider who
     function wake(address provider) external;
 
     /// @notice Forgive the provider its failures. Only the service manager. Reverts with BondExhausted.
     /// @param serviceId a service of the provider, whose bond has to cover another penalty
-    /// @param provider who
     function forgive(ServiceId serviceId, address provider) external;
 
     /// @notice The organization vouches for the provider, or does no longer. Only the service manager.
-    /// @param provider who
     /// @param vouched whether it does
     /// @return changed whether it is proven now and was not before, or the other way round
     function vouch(address provider, bool vouched) external returns (bool changed);
@@ -216,54 +207,42 @@ interface IProviders {
 
     /// @notice Returns whether an account is proven: three of its attempts at tasks of others were accepted, for two creators at
     /// least, or all for the organization, or the organization vouches for it, as it does for members.
-    /// @param account any account
     function isProven(address account) external view returns (bool);
 
     /// @notice Reverts with ProviderIsAsleep or BondExhausted unless the service may become active.
-    /// @param serviceId the service
-    /// @param provider whose it is
     function requireReady(ServiceId serviceId, address provider) external view;
 
     /// @notice Reverts with NotNamable or TooManyVoids unless the creator may post a task that names the service. Whoever is
     /// related to the provider may.
-    /// @param serviceId its number
     /// @param creator who posts the task
     /// @param voids how many of 100 tasks of the creator that named somebody ended void
     function requireNamable(ServiceId serviceId, address creator, uint256 voids) external view;
 
     /// @notice Returns what a service agreed to.
-    /// @param serviceId its number
     function agreementOf(ServiceId serviceId) external view returns (Agreement memory);
 
     /// @notice Returns whether a provider is not proven and has to rest.
-    /// @param provider who
     function rests(address provider) external view returns (bool);
 
     /// @notice Returns until when a provider rests, or when one that fell asleep may wake up; 0 for others.
-    /// @param provider who
     function asleepUntil(address provider) external view returns (uint256);
 
     /// @notice Returns until when the bonds of a provider stay locked that is not proven and has given work back or missed it,
     /// whatever was accepted since then; in the past for others.
-    /// @param provider who
     function lockedUntil(address provider) external view returns (uint256);
 
     /// @notice Returns the reputation of a provider, 0 .. 63, see IServiceManager.Service, its grade by which waiting services
     /// are compared, and its failures in a row.
-    /// @param provider who
     function recordOf(address provider)
         external
         view
         returns (uint64 reputation, uint64 grade, uint8 failures);
 
     /// @notice Returns who is paid what the contracts owe an account.
-    /// @param account any account
     function payoutOf(address account) external view returns (address);
 
     /// @notice Returns whether two accounts are the same, or one owns the other, or somebody owns both, as the organization's
     /// registry of devices knows.
-    /// @param account any account
-    /// @param other any other
     function areRelated(address account, address other) external view returns (bool);
 
     /// @notice Returns the first of `accounts` that would profit from a ruling: that is the creator or the provider, or is

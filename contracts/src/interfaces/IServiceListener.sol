@@ -10,13 +10,10 @@ import {ServiceId} from "../types/ServiceId.sol";
 interface IServiceListener {
     /// @notice Give an available service the next open task that it can do, or let it wait. Only the service
     /// manager.
-    /// @param serviceId the service
     function onServiceFree(ServiceId serviceId) external;
 
     /// @notice A service is registered: remember who does its tasks, and take its bond, for which the provider approved this
     /// contract before. Only the service manager.
-    /// @param serviceId the service
-    /// @param provider whose service it is
     /// @param bond in the token's smallest unit
     function enter(ServiceId serviceId, address provider, uint256 bond) external;
 

@@ -7,6 +7,9 @@ import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 import {IProviders, Namers, Outcome} from "./IProviders.sol";
 
+/// @dev Services that a provider may have at a time: so many tasks it holds at most. The organization answers for its own.
+uint256 constant MAX_SERVICES = 8;
+
 /// @notice A task names nobody, so that the policy chooses, or one service, or one provider.
 enum Hire {
     None,
@@ -72,11 +75,13 @@ struct Service {
     uint8 maxVoids;
 }
 
+/// @param provider whose service it was
 /// @param payout who is paid: the provider's payout address
 /// @param available whether the provider wants another task; it waits in its line for it if it was given a place there
 /// @param penalty taken from the bond for the attempt that ended, or set aside
 /// @param bond to be returned, because the service retired while it was at work
 struct Release {
+    address provider;
     address payout;
     bool available;
     uint256 penalty;
@@ -192,19 +197,15 @@ interface IServiceManager {
     function wakeUp() external;
 
     /// @notice Returns a service as it is now. Reverts with UnknownService.
-    /// @param serviceId its number
     function service(ServiceId serviceId) external view returns (Service memory);
 
     /// @notice Returns the account that does the service's tasks. It never changes. Reverts with UnknownService.
-    /// @param serviceId its number
     function providerOf(ServiceId serviceId) external view returns (address);
 
     /// @notice Returns what a service that is free asks for.
-    /// @param serviceId its number
     function wants(ServiceId serviceId) external view returns (Free memory);
 
     /// @notice Returns how tasks know the provider of a service.
-    /// @param serviceId its number
     /// @return number of the provider: that of its first service
     /// @return proven whether it is proven
     /// @return isOffered whether tasks for proven providers may be offered to it: it is one, or there is none
@@ -237,7 +238,6 @@ interface IServiceManager {
         returns (ServiceId serviceId);
 
     /// @notice Give the service no new task until it is reinstated. A running task continues. Only the organization.
-    /// @param serviceId its number
     function suspend(ServiceId serviceId) external;
 
     /// @notice Suspend all services of a provider. Those of the organization itself stay. Only the organization.
@@ -250,7 +250,6 @@ interface IServiceManager {
     function vouch(address provider, bool vouched) external;
 
     /// @notice End a suspension, and forgive the provider its failures. Only the organization.
-    /// @param serviceId its number
     function reinstate(ServiceId serviceId) external;
 
     /// @notice Give a task to a service, if it is available, of this kind, and not too expensive. Only the task
@@ -276,7 +275,6 @@ interface IServiceManager {
     ) external returns (ServiceId taker, address provider, uint256 price, bool accepted);
 
     /// @notice End the service's task. Only the task manager, which pays what this returns, and places the service.
-    /// @param serviceId the service that did the task
     /// @param outcome how the attempt ended
     /// @param value what the service was paid, or would have been, in the token's smallest unit: so much the outcome
     /// counts for the reputation of its provider
@@ -289,7 +287,6 @@ interface IServiceManager {
     /// @notice The case of an attempt is over whose service was released before. Only the task manager, which pays what this
     /// returns.
     /// @param serviceId the service that made the attempt
-    /// @param taskId the task
     /// @param outcome Completed, Rejected, GivenUp, Void or Unjudged
     /// @param value as for release
     /// @param creator as for release
@@ -305,7 +302,6 @@ interface IServiceManager {
     ) external returns (Release memory);
 
     /// @notice Let an available service wait behind the others of its kind. Only the task manager.
-    /// @param serviceId its number
     /// @param place its place among the waiting services; a higher number than any before
     function enqueue(ServiceId serviceId, uint40 place) external;
 }

@@ -21,7 +21,8 @@ struct ChallengeRequest {
 /// @title Calls of TaskManager, and challenges, that somebody else sends, and pays the gas for.
 /// @notice The participant signs what it wants (EIP-712). Anybody sends it, and TaskManager treats the signer as the
 /// caller: its allowance pays, its membership counts, it is the creator or the executor. A contract signs by ERC-1271.
-/// A request that fails changes nothing and may be sent again until its deadline.
+/// A request that fails changes nothing and may be sent again until its `deadline`, in block time. Its `nonce` is any number that
+/// the signer has neither used nor revoked; 256 neighbours share one word of storage.
 interface ISignedRequests {
     /// @notice A task was registered by a request. Follows the events of the task.
     event RequestUsed(address indexed signer, uint256 indexed nonce, TaskId indexed taskId, address relayer);
@@ -34,10 +35,7 @@ interface ISignedRequests {
 
     /// @notice Register the task that its creator signed. The creator, not the caller, pays the reward, and has
     /// approved TaskManager for it.
-    /// @param creator who signed
     /// @param request the task
-    /// @param nonce any number that the creator has not used; 256 neighbours share one word of storage
-    /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of RegisterTask: 65 bytes, or what the creator's contract takes for one
     /// @return taskId the number of the task, counted from 1
     function registerTaskFor(
@@ -50,10 +48,7 @@ interface ISignedRequests {
 
     /// @notice Cancel the open task whose creator signed this. A task is cancelled once, so this uses up no nonce, as
     /// submitProofFor does not: an attempt has one proof. The signer can revoke the nonce.
-    /// @param creator who signed
     /// @param taskId an open task of the creator
-    /// @param nonce any number that the creator has neither used nor revoked
-    /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of CancelTask
     function cancelTaskFor(
         address creator,
@@ -64,11 +59,8 @@ interface ISignedRequests {
     ) external;
 
     /// @notice Accept the task, as its executor signed.
-    /// @param executor who signed
     /// @param taskId the task that the executor is assigned
     /// @param attempt the running attempt
-    /// @param nonce any number that the executor has neither used nor revoked
-    /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of AcceptTask
     function acceptTaskFor(
         address executor,
@@ -81,11 +73,8 @@ interface ISignedRequests {
 
     /// @notice Give the task back, as its executor signed. Whether that is free depends on when this is sent: a deadline
     /// within the grace period leaves no choice to the relayer.
-    /// @param executor who signed
     /// @param taskId the task that the executor is assigned
     /// @param attempt the running attempt
-    /// @param nonce any number that the executor has neither used nor revoked
-    /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of AbandonTask
     function abandonTaskFor(
         address executor,
@@ -97,13 +86,10 @@ interface ISignedRequests {
     ) external;
 
     /// @notice Submit the proof that the executor signed.
-    /// @param executor who signed
     /// @param taskId the task that the executor does
     /// @param attempt the running attempt
     /// @param proofHash SHA-256 of the recording
     /// @param uri where it can be fetched; only in the event
-    /// @param nonce any number that the executor has neither used nor revoked
-    /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of SubmitProof
     function submitProofFor(
         address executor,
@@ -118,10 +104,7 @@ interface ISignedRequests {
 
     /// @notice Challenge a ruling, as a party to the task or a judge signed. The challenger, not the caller, pays the stake,
     /// and has approved the judge's contract for it.
-    /// @param challenger who signed
     /// @param request the ruling, and the contract that is to hear this
-    /// @param nonce any number that the challenger has neither used nor revoked
-    /// @param deadline until when the request is valid, block time in seconds
     /// @param signature of Challenge
     function challengeFor(
         address challenger,

@@ -9,6 +9,9 @@ import {IServiceListener} from "./IServiceListener.sol";
 import {Hire} from "./IServiceManager.sol";
 import {Cause, ITaskQueues} from "./ITaskQueues.sol";
 
+/// @dev The part of the price that an executor is paid for a task that is impossible: one in so many.
+uint256 constant IMPOSSIBLE_SHARE = 10;
+
 /// @notice Ruled: a ruling on the proof stands until its time is over, and another one may replace it.
 enum TaskState {
     None,
@@ -104,7 +107,7 @@ struct Task {
 /// @param ruled whether a ruling stood before
 struct Judged {
     address creator;
-    ServiceId serviceId;
+    address provider;
     KindId kindId;
     uint40 submitted;
     bool ruled;
@@ -193,7 +196,7 @@ interface ITaskManager is IServiceListener {
     /// @notice The organization's policy reverted or chose an unfit service, and the task waits (see matchTask); or a service
     /// became free, the policy reverted or chose an unfit task for it, and this one, the oldest, took that one's place.
     event PolicyFailed(TaskId indexed taskId);
-    /// @notice The token refused the transfer, or wanted more gas than PAYMENT_GAS; the amount is kept until
+    /// @notice The token refused the transfer, or wanted more gas than Payments.GAS; the amount is kept until
     /// `withdrawPayments`, so that it holds up nobody else.
     event PaymentDeferred(address indexed account, uint256 amount);
     event PaymentCollected(address indexed account, uint256 amount);
@@ -265,7 +268,6 @@ interface ITaskManager is IServiceListener {
     /// @notice The task's judge rules on the proof, from its submission to the end of the case: the verdict window and,
     /// after it, the audit window. Only the judge that the organization had for the kind when the task was posted; if
     /// it has lost that right, the organization's auditors.
-    /// @param taskId the task
     /// @param attempt the attempt that was judged
     /// @param proofHash the proof that was judged
     /// @param ruling what the judge says
@@ -292,7 +294,6 @@ interface ITaskManager is IServiceListener {
 
     /// @notice Anyone ends an attempt whose execution window has passed, or that its executor did not accept in the
     /// grace period. The task queues again, or fails and its creator is refunded.
-    /// @param taskId a task that is assigned
     function expireTask(TaskId taskId) external;
 
     /// @notice Anyone gives an open task to a service that fits: it is free, affordable, and has not had the task before. What
@@ -303,11 +304,9 @@ interface ITaskManager is IServiceListener {
     function matchTask(TaskId taskId, ServiceId serviceId) external;
 
     /// @notice Returns the ruling that stands; all zero unless the task is Ruled.
-    /// @param taskId the task
     function standing(TaskId taskId) external view returns (Standing memory);
 
     /// @notice Returns a task as it is now. Reverts with UnknownTask.
-    /// @param taskId its number
     function task(TaskId taskId) external view returns (Task memory);
 
     /// @notice Anyone has the amount paid that the token refused to transfer before. The account's payout address gets
@@ -318,10 +317,6 @@ interface ITaskManager is IServiceListener {
     /// @notice Returns the amount that the token refused to transfer.
     /// @param account who is owed it
     function pendingPayments(address account) external view returns (uint256);
-
-    /// @notice The part of the price that an executor is paid for a task that is impossible: one in so many.
-    // solhint-disable-next-line func-name-mixedcase
-    function IMPOSSIBLE_SHARE() external view returns (uint256);
 
     /// @notice Returns the trusted forwarder: it says for whom it calls, and has verified that participant's signature.
     function signedRequests() external view returns (address);
@@ -334,23 +329,19 @@ interface ITaskManager is IServiceListener {
 
     /// @notice Name the judge of tasks with this number, and what their attempts count at most. Only the organization, with the
     /// same judge for each number.
-    /// @param kindId the number
     /// @param judge the contract that rules
     /// @param referencePrice see IOrganization.setWindows
     function recordJudge(KindId kindId, address judge, uint96 referencePrice) external;
 
     /// @notice From now on the judge of this number rules no more, and what it said and is not concluded is void until
     /// the case ends. Only the organization.
-    /// @param kindId the number
     function removeJudge(KindId kindId) external;
 
     /// @notice Returns whether the judge of this number was removed.
-    /// @param kindId the number
     function isRemoved(KindId kindId) external view returns (bool);
 
     /// @notice Send on what reached this contract by mistake. Only the organization.
     /// @param token_ the contract that it is of
-    /// @param to who gets it
     /// @return amount how much there was; of the payment token what exceeds `held`
     function rescue(IERC20 token_, address to) external returns (uint256 amount);
 }

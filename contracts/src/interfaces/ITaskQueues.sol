@@ -36,15 +36,12 @@ interface ITaskQueues {
     error TooLittleGas(uint256 needed);
 
     /// @notice Let a task wait in its queue. Only the task manager.
-    /// @param taskId the task
-    /// @param kindId the number of its kind
     /// @param named the service that it names, or the address of the provider that it names as a number; 0 for nobody
     /// @param reward what it pays at most, in the token's smallest unit
     /// @param list the providers that it has passed
     function put(TaskId taskId, KindId kindId, uint160 named, uint256 reward, Passed list) external;
 
     /// @notice Take a task out of its queue. Only the task manager.
-    /// @param taskId the task
     /// @param kindId as for put
     /// @param named as for put
     /// @param tried whether it has had an attempt: before the first it has passed nobody
@@ -53,7 +50,6 @@ interface ITaskQueues {
 
     /// @notice Take the next task of a service that is free out of its queue: of those that name nobody the one that the policy
     /// chooses, or the oldest; but an older one that names the service, or its provider, goes first. Only the task manager.
-    /// @param serviceId the service
     /// @param asks whether the policy is asked
     /// @return taskId 0 if there is none
     /// @return list the providers that it has passed
@@ -63,7 +59,6 @@ interface ITaskQueues {
     /// @notice An attempt has failed. It does not count if it was given back in the grace period or before it was accepted, if
     /// nobody accepted it in that, or if a proven provider gave it up: its provider goes on the task's list, and a task that
     /// names somebody ends. Only the task manager.
-    /// @param taskId the task
     /// @param serviceId whose attempt it was
     /// @param cause why it failed
     /// @param creator who posted the task
@@ -87,7 +82,6 @@ interface ITaskQueues {
         returns (ServiceId named);
 
     /// @notice Returns the providers that a task has passed.
-    /// @param taskId the task
     function passed(TaskId taskId) external view returns (Passed);
 
     /// @notice Returns the oldest open task that pays enough, names nobody, and may be offered to this service, among the first

@@ -12,11 +12,10 @@ import {TaskId} from "../types/TaskId.sol";
 import {Judge} from "./Judge.sol";
 
 contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
-    /// @notice As many as Quorum.seats has bits.
-    uint256 public constant MAX_JUDGES = 64;
-    /// @notice Each day another judge is the first in line.
-    uint256 public constant TURN = 1 days;
-
+    /// @dev As many as Quorum.seats has bits.
+    uint256 private constant MAX_JUDGES = 64;
+    /// @dev Each day another judge is the first in line.
+    uint256 private constant TURN = 1 days;
     /// @dev r, and s with its parity: EIP-2098.
     uint256 private constant SIGNATURE_BYTES = 64;
     bytes32 private constant POSSESSION_TYPEHASH = keccak256("Possession(address key,address owner)");
@@ -91,7 +90,7 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         Judged memory a = _find(finding, reportUri, 0);
         uint64 voters = _count(finding, a, _quorumFor(a.kindId), signatures);
         _remember(finding, voters);
-        emit VotesCounted(finding.taskId, finding.attempt, finding.rulesHash, voters);
+        emit VotesCounted(finding.taskId, finding.rulesHash, voters);
     }
 
     /// @inheritdoc IJudge
@@ -104,8 +103,13 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
     function votersOf(Finding calldata f, bytes calldata signatures) external view returns (uint64) {
         Task memory a = _case(f.taskId);
         // Nobody asks here whether a ruling stands.
-        Judged memory judged =
-            Judged(a.creator, a.serviceId, a.kindId, uint40(a.deadline - a.verdictWindow), false);
+        Judged memory judged = Judged(
+            a.creator,
+            _services.providerOf(a.serviceId),
+            a.kindId,
+            uint40(a.deadline - a.verdictWindow),
+            false
+        );
         return _count(f, judged, _requireQuorum(organization.kindNumbered(a.kindId)), signatures);
     }
 
@@ -214,7 +218,7 @@ contract CommitteeJudge is ICommitteeJudge, Judge, EIP712 {
         assembly ("memory-safe") {
             mstore(accounts, known)
         }
-        _requireNoParty(f.taskId, a.serviceId, a.creator, accounts);
+        _requireMayJudge(f, a, accounts);
     }
 
     /// @dev Whose signature comes first; 0, which is no judge's, where it is nobody's. Refuses the second signature that

@@ -8,7 +8,7 @@ import {ICommitteeJudge, Quorum, Seat} from "../interfaces/ICommitteeJudge.sol";
 import {IDisputeJudge, Instance, InstanceRuling} from "../interfaces/IDisputeJudge.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization, MAX_CASE, MAX_KINDS, MIN_WINDOW} from "../interfaces/IOrganization.sol";
-import {Ruling, Task} from "../interfaces/ITaskManager.sol";
+import {IMPOSSIBLE_SHARE, Ruling, Task} from "../interfaces/ITaskManager.sol";
 import {Relayed} from "../libraries/Relayed.sol";
 import {Payments} from "../libraries/Payments.sol";
 import {Texts} from "../libraries/Texts.sol";
@@ -46,14 +46,14 @@ contract DisputeJudge is IDisputeJudge, Judge {
         uint128 open;
     }
 
-    /// @notice A committee, the one above it, and one appeal: as many as a Case has rulings.
-    uint256 public constant MAX_INSTANCES = 3;
-    /// @notice Two of them, and as long for the answers, are a case.
-    uint32 public constant MAX_WINDOW = 7 days;
+    /// @dev A committee, the one above it, and one appeal: as many as a Case has rulings.
+    uint256 private constant MAX_INSTANCES = 3;
+    /// @dev Two of them, and as long for the answers, are a case.
+    uint32 private constant MAX_WINDOW = 7 days;
     /// @notice A stake stands for so many times as much that open rulings pay.
     uint256 public constant STAKE_COVERS = 10;
-    /// @notice How long a judge's stake can still be lost after it was announced to leave: as long as a case may last.
-    uint32 public constant UNBONDING = 30 days;
+    /// @dev How long a judge's stake can still be lost after it was announced to leave: as long as a case may last.
+    uint32 private constant UNBONDING = 30 days;
 
     IERC20 private immutable _token;
     /// @dev For `challenge` alone.
@@ -293,7 +293,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     {
         uint8 number = c.count;
         if (f.ruling != Ruling.None) {
-            uint96 paid = f.ruling == Ruling.Impossible ? uint96(price / tasks.IMPOSSIBLE_SHARE()) : f.amount;
+            uint96 paid = f.ruling == Ruling.Impossible ? uint96(price / IMPOSSIBLE_SHARE) : f.amount;
             if (number + 1 < all.length) {
                 until = block.timestamp + all[number].window;
                 _lock(all[number], voters, paid);

@@ -3,13 +3,12 @@ pragma solidity ^0.8.28;
 
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
-import {IOrganization} from "../interfaces/IOrganization.sol";
+import {IOrganization, JUDGE_GAS} from "../interfaces/IOrganization.sol";
 import {IProviders} from "../interfaces/IProviders.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
 import {Fault, ITaskManager, Judged, Ruling, Task, TaskState} from "../interfaces/ITaskManager.sol";
 import {Texts} from "../libraries/Texts.sol";
 import {ADMINISTRATOR_ROLE} from "../types/Roles.sol";
-import {ServiceId} from "../types/ServiceId.sol";
 import {TaskId} from "../types/TaskId.sol";
 
 /// @notice All judges have this in common: whom they judge for, who is a party, how they report, and to whom they pass on
@@ -115,14 +114,38 @@ abstract contract Judge is IJudge {
         return IAccessControl(address(organization)).hasRole(role, account);
     }
 
+    /// @dev None of those who have ruled is a party, or has passed on what it decides.
+    /// @param accounts who judged, by all keys and owners
+    function _requireMayJudge(Finding calldata f, Judged memory a, address[] memory accounts) internal view {
+        _requireNoParty(f.taskId, a.provider, a.creator, accounts);
+        // Only what is Ruled was passed on: most rulings do not ask.
+        if (!a.ruled) return;
+        IJudge judge = organization.judgeNumbered(a.kindId);
+        if (address(judge) == address(this)) return;
+        for (uint256 i = 0; i < accounts.length; ++i) {
+            _requireNotPassedOn(judge, f, accounts[i]);
+        }
+    }
+
     /// @dev A party judges nothing, nor does whoever owns one or has the same owner.
-    /// @param serviceId of the provider
     /// @param accounts who judges
-    function _requireNoParty(TaskId taskId, ServiceId serviceId, address creator, address[] memory accounts)
+    function _requireNoParty(TaskId taskId, address provider, address creator, address[] memory accounts)
         internal
         view
     {
-        address party = _providers.partyAmong(accounts, _services.providerOf(serviceId), creator);
+        address party = _providers.partyAmong(accounts, provider, creator);
         if (party != address(0)) revert JudgeIsParty(taskId, party);
+    }
+
+    /// @dev Auditors rule here on what a removed judge said. Who passed the case on as that judge decides nothing of it. The
+    /// judge may answer anything by now, and holds up nobody who gives it its gas.
+    function _requireNotPassedOn(IJudge judge, Finding calldata f, address account) private view {
+        bytes memory question = abi.encodeCall(IJudge.hasPassedOn, (f.taskId, account));
+        (bool said, bytes memory answer) = address(judge).staticcall{gas: JUDGE_GAS}(question);
+        // It had 63 of 64 parts of what was left: less than JUDGE_GAS, if the rest is as little as this.
+        if (!said && gasleft() < JUDGE_GAS / 63) revert TooLittleGas(JUDGE_GAS);
+        if (said && answer.length == 32 && abi.decode(answer, (uint256)) == 1) {
+            revert PassedOnBefore(f.taskId, f.attempt);
+        }
     }
 }

@@ -2,9 +2,8 @@
 pragma solidity ^0.8.28;
 
 import {Finding, IJudge} from "../interfaces/IJudge.sol";
-import {IOrganization, JUDGE_GAS, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
+import {IOrganization, MAX_CASE, MIN_WINDOW} from "../interfaces/IOrganization.sol";
 import {Judged, Task} from "../interfaces/ITaskManager.sol";
-import {KindId} from "../types/KindId.sol";
 import {Judge} from "./Judge.sol";
 
 /// @title One account decides, of those that have a role in the organization.
@@ -15,7 +14,6 @@ contract RoleJudge is Judge {
     bytes32 public immutable role;
 
     error NotInRole(address account, bytes32 role);
-    error TooLittleGas(uint256 needed);
 
     constructor(IOrganization organization_, bytes32 role_, address next_) Judge(organization_, next_) {
         role = role_;
@@ -27,9 +25,7 @@ contract RoleJudge is Judge {
     function rule(Finding calldata finding, string calldata reportUri) external {
         _requireRole();
         Judged memory a = _find(finding, reportUri, 0);
-        _requireNoParty(finding.taskId, a.serviceId, a.creator, _caller());
-        // Only what is Ruled was passed on: most rulings do not ask.
-        if (a.ruled) _requireNotPassedOn(a.kindId, finding);
+        _requireMayJudge(finding, a, _caller());
         _remember(finding, uint160(msg.sender));
     }
 
@@ -40,7 +36,7 @@ contract RoleJudge is Judge {
     function ruleFor(IJudge judge, Finding calldata finding, string calldata reportUri) external {
         _requireRole();
         Task memory a = _case(finding.taskId);
-        _requireNoParty(finding.taskId, a.serviceId, a.creator, _caller());
+        _requireNoParty(finding.taskId, _services.providerOf(a.serviceId), a.creator, _caller());
         if (judge.hasPassedOn(finding.taskId, msg.sender)) revert JudgeIsAuditor(finding.taskId, msg.sender);
         judge.ruleForNext(finding, reportUri);
     }
@@ -53,20 +49,6 @@ contract RoleJudge is Judge {
     /// @inheritdoc Judge
     function _isAmong(uint248 by, address account) internal view override returns (bool) {
         return _providers.areRelated(account, address(uint160(by)));
-    }
-
-    /// @dev Auditors rule here on what a removed judge said. Who passed the case on as that judge decides nothing of it. The
-    /// judge may answer anything by now, and holds up nobody who gives it its gas.
-    function _requireNotPassedOn(KindId number, Finding calldata f) private view {
-        IJudge judge = organization.judgeNumbered(number);
-        if (address(judge) == address(this)) return;
-        bytes memory question = abi.encodeCall(IJudge.hasPassedOn, (f.taskId, msg.sender));
-        (bool said, bytes memory answer) = address(judge).staticcall{gas: JUDGE_GAS}(question);
-        // It had 63 of 64 parts of what was left: less than JUDGE_GAS, if the rest is as little as this.
-        if (!said && gasleft() < JUDGE_GAS / 63) revert TooLittleGas(JUDGE_GAS);
-        if (said && answer.length == 32 && abi.decode(answer, (uint256)) == 1) {
-            revert PassedOnBefore(f.taskId, f.attempt);
-        }
     }
 
     function _requireRole() private view {

@@ -173,7 +173,7 @@ contract DisputesInvariants is Instances {
     }
 
     function _takeWhatHasLeft() private {
-        skip(disputes.UNBONDING() + 1);
+        skip(30 days + 1);
         for (uint8 seat = 0; seat < 3; ++seat) {
             (,, uint256 leaving,) = disputes.stakeOf(committee, seat);
             uint256 before = coin.balanceOf(judges[seat]);

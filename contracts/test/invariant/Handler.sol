@@ -11,7 +11,7 @@ import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Finding, IJudge} from "../../src/interfaces/IJudge.sol";
 import {Kind, MAX_RULES, Windows} from "../../src/interfaces/IOrganization.sol";
-import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
+import {MAX_SERVICES, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {IProviders, Outcome, Terms} from "../../src/interfaces/IProviders.sol";
 import {
     Fault,
@@ -64,6 +64,8 @@ contract Handler is CommonBase, StdUtils, Numbers {
     bytes32 private constant CHARGING = "battery_charging";
     /// @dev So many different rules are named; more than may be current.
     uint256 private constant RULES = 12;
+    /// @dev Services of a line, and tasks of a queue, at which a match looks.
+    uint256 private constant MAX_LOOKS = 4;
     uint256 private constant NO_LIMIT = type(uint256).max;
     bytes32 private constant PROOF = "relayed";
     uint8 private constant ACCEPTED = 1;
@@ -447,8 +449,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
             expected[provider] -= terms.bond;
             ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, false, autoAccept);
         } catch {
-            bool right = _live(provider) < _services.MAX_SERVICES() && asleepUntil[provider] == 0
-                && !_suspended[provider];
+            bool right = _live(provider) < MAX_SERVICES && asleepUntil[provider] == 0 && !_suspended[provider];
             if (right) violation = "a service could not be offered";
             return;
         }
@@ -459,13 +460,13 @@ contract Handler is CommonBase, StdUtils, Numbers {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
         Terms memory terms = _organization.terms();
         if (_services.serviceCount() > 2 || terms.bond != 0) return;
-        for (uint256 i = 0; i <= _services.MAX_SERVICES(); ++i) {
+        for (uint256 i = 0; i <= MAX_SERVICES; ++i) {
             vm.prank(provider);
             try _services.registerService(CLEANING, 0, 0, true, "") returns (ServiceId serviceId) {
                 ghost[serviceId] = Ghost(0, 0, terms.maxFailures, false, true);
             } catch {}
         }
-        if (_live(provider) > _services.MAX_SERVICES()) violation = "a provider has too many services";
+        if (_live(provider) > MAX_SERVICES) violation = "a provider has too many services";
     }
 
     /// @dev Services of a provider that take tasks, will, or do one.
@@ -578,7 +579,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
         for (TaskId id = taskNo(1); _exists(id); id = following(id)) {
             if (_hasPassed(id, provider)) ++tasks;
         }
-        return count >= _services.MAX_LOOKS() || tasks >= _services.MAX_LOOKS();
+        return count >= MAX_LOOKS || tasks >= MAX_LOOKS;
     }
 
     function _hasPassed(TaskId taskId, address provider) private view returns (bool) {
