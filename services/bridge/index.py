@@ -40,7 +40,8 @@ from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert
 from services.bridge.errors import IndexUnusable
-from services.bridge.projection import ORACLES, Projection
+from services.bridge.projection import ORACLES
+from services.bridge.projection.projection import Projection
 from services.bridge.rows import Rows, roll_back
 
 log = logging.getLogger(__name__)
@@ -118,12 +119,12 @@ class Index:
         currency: Currency = IEC,
     ) -> None:
         """`currency` is what the contracts pay with."""
-        self._currency = currency
+        self._currency, self._contracts = currency, dict(contracts)
         self._identity = {
             "version": schema.version(),
             "chain_id": chain_id,
             "genesis_hash": genesis_hash,
-            "contracts": dict(contracts),
+            "contracts": self._contracts,
         }
         self.genesis_hash = genesis_hash
         self._url = url
@@ -235,7 +236,7 @@ class Index:
         with self._engine.begin() as connection:
             last = connection.scalar(_NEWEST_SEQ) or 0
             rows = Rows(self._engine, connection)
-            projection = Projection(rows, self._identity["contracts"], self._currency)  # type: ignore[arg-type]
+            projection = Projection(rows, self._contracts, self._currency)
             projection.prepare(timed.log for timed in logs)
             for seq, timed in enumerate(logs, start=last + 1):
                 rows.block, rows.undoable = timed.log.block, timed.log.block > final

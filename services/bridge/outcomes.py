@@ -23,7 +23,7 @@ from services.bridge.errors import JournalUnwritable, TransactionDropped
 from services.bridge.journal import Entry
 from services.bridge.node import Call
 from services.bridge.orders import PATIENCE_S, Job, Orders, Reply
-from services.bridge.projection import operation_key, proposal_key
+from services.bridge.projection import hex_of, proposal_key
 from services.bridge.signer import Signer
 
 log = logging.getLogger(__name__)
@@ -395,7 +395,7 @@ class Outcomes:
                 elif isinstance(event, events.ProposalCreated):
                     reply["proposal"] = self._index.proposal_number(proposal_key(event.proposal_id))
                 elif isinstance(event, events.CallScheduled):
-                    reply["proposal"] = self._index.proposal_number(operation_key(event.id))
+                    reply["proposal"] = self._index.proposal_number(hex_of(event.id))
         return reply
 
     def _event(self, one: dict[str, Any]) -> Event | None:

@@ -18,7 +18,7 @@ from rodeo.chain.types import ZERO_ADDRESS, Event
 from services.bridge import schema
 from services.bridge.errors import IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
-from services.bridge.projection import parse_task_text
+from services.bridge.projection.tasks import parse_task_text
 
 GENESIS = "0x" + "01" * 32
 CONTRACTS = {"TaskManager": "0x" + "aa" * 20}
