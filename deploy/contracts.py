@@ -404,17 +404,13 @@ def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> di
     return found
 
 
-def _missing_rules(
-    site: Site, client: ChainClient, administrator: LocalAccount, known: Sequence[str]
-) -> Iterator[tuple[LocalAccount, Call]]:
-    """What has to be sent, and by whom, until the organization is set up as the site file says. `known` are
-    hashes that were current before."""
-    calls = client.organization_calls
+def _roles(site: Site, client: ChainClient, administrator: str) -> list[tuple[Role, str | None]]:
+    """Accounts that get a role at first; None where one is not known."""
     roles = [
-        (Role.OPERATOR, administrator.address),
-        (Role.TREASURER, administrator.address),
+        (Role.OPERATOR, administrator),
+        (Role.TREASURER, administrator),
         (Role.ORACLE, None if site.oracles else _told(site, ORACLE)),
-        (Role.AUDITOR, administrator.address),
+        (Role.AUDITOR, administrator),
     ]
     if client.deployment.has_timelock:
         # So that proposals set the prices of the organization's services.
@@ -422,12 +418,30 @@ def _missing_rules(
     if client.deployment.decides_by_vote:
         # It pays what members have split, and nothing else.
         roles.append((Role.ALLOCATOR, client.deployment.address("BudgetVotes")))
-    if (former := _former_oracle(site, client)) is not None:
-        yield administrator, calls.revoke_role(Role.ORACLE, former)
     guardian = site.governance.guardian
     elsewhere = keystores.wallets_elsewhere(site)
     told = None if guardian is None else elsewhere.get(guardian) or _told(site, guardian)
-    roles.append((Role.GUARDIAN, told))
+    return [*roles, (Role.GUARDIAN, told)]
+
+
+def _missing_devices(site: Site, client: ChainClient) -> Iterator[Call]:
+    for keystore, (device_role, name) in keystores.device_names(site).items():
+        device = _told(site, keystore)
+        if device is not None and not _is_registered(client, device):
+            owner = _owner(site, client, device_role, name)
+            if signature := _possession(site, client, keystore, owner):
+                yield client.organization_calls.register_device(device, device_role, owner, name, *signature)
+
+
+def _missing_rules(
+    site: Site, client: ChainClient, administrator: LocalAccount, known: Sequence[str]
+) -> Iterator[tuple[LocalAccount, Call]]:
+    """What has to be sent, and by whom, until the organization is set up as the site file says. `known` are
+    hashes that were current before."""
+    calls = client.organization_calls
+    if (former := _former_oracle(site, client)) is not None:
+        yield administrator, calls.revoke_role(Role.ORACLE, former)
+    roles = _roles(site, client, administrator.address)
     for role, account in _roles_to_grant(client, roles):
         yield administrator, calls.grant_role(role, account)
     for spenders, limit in site.governance.budgets.items():
@@ -441,12 +455,8 @@ def _missing_rules(
     for kind in kinds_of(site).values():
         for call in _missing_kind(site, client, administrator.address, kind, known):
             yield administrator, call
-    for keystore, (device_role, name) in keystores.device_names(site).items():
-        device = _told(site, keystore)
-        if device is not None and not _is_registered(client, device):
-            owner = _owner(site, client, device_role, name)
-            if signature := _possession(site, client, keystore, owner):
-                yield administrator, calls.register_device(device, device_role, owner, name, *signature)
+    for call in _missing_devices(site, client):
+        yield administrator, call
     for account in _unproven(site, client):
         yield administrator, calls.vouch_for(account, True)
     for robot in site.robots:

@@ -962,16 +962,8 @@ def _check_variable(variable: str) -> None:
         model = inner
 
 
-def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """What the TOML file at `path` and those that it extends say. Raises ConfigError."""
-    path = path.resolve()
-    if path in seen:
-        raise ConfigError("the site file extends itself", path=str(path))
-    try:
-        tables = tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"cannot read the site file: {reason}", path=str(path)) from error
+def _resolve_paths(path: Path, tables: dict[str, Any]) -> None:
+    """Relative paths are resolved against the site file that sets them."""
     match tables:
         case {"chain": {"secret_file": str(secret_file)} as chain}:
             chain["secret_file"] = _beside(path, "secret_file", secret_file, home=True)
@@ -988,6 +980,19 @@ def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         match one:
             case {"camera": {"source": "folder", "address": str(folder)} as camera}:
                 camera["address"] = _beside(path, "address", folder)
+
+
+def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """What the TOML file at `path` and those that it extends say. Raises ConfigError."""
+    path = path.resolve()
+    if path in seen:
+        raise ConfigError("the site file extends itself", path=str(path))
+    try:
+        tables = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"cannot read the site file: {reason}", path=str(path)) from error
+    _resolve_paths(path, tables)
     base = tables.pop("extends", None)
     if base is None:
         return tables

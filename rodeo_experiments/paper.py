@@ -100,24 +100,12 @@ def fitted(figures: Figures, calibrated: Figures, from_w: float, to_w: float) ->
 
 
 def _rows(figures: Figures) -> list[Row]:
-    run, robot = figures.run, figures.run.robots[0]
-    gain = CLEANINGS * REWARD_IEC - CHARGES * CHARGE_IEC
-    cleaning = figures.execution_min(figures.cleanings)
-    charging = figures.execution_min(figures.charges)
-    total = [
-        ((task.settled or 0.0) - (task.assigned or 0.0)) / 60 for task in figures.settled(figures.cleanings)
-    ]
-    balance_start, balance_end = figures.balance(robot, figures.started_s), figures.balance(robot)
-    by_gain, by_balance = figures.funded(figures.gains(robot)), figures.funded(figures.day_ends(robot))
-    hours = figures.hours_per_charge
+    parts = (_counts, _money, _times, _funded, _costs)
+    return [row for part in parts for row in part(figures)]
+
+
+def _counts(figures: Figures) -> list[Row]:
     results = figures.results()
-    charging_per_day = [
-        median(
-            figures.execution_min([task for task in figures.charges if _day(figures, task.settled) == day])
-        )
-        for day in range(run.days)
-    ]
-    gas = {step: median(one.gas_used or 0 for one in found) for step, found in figures.steps.items()}
     return [
         Row("Cleanings paid", f"{CLEANINGS}", f"{CLEANINGS}", f"{len(figures.settled(figures.cleanings))}"),
         Row("Charges paid", f"{CHARGES}", f"{CHARGES}", f"{len(figures.settled(figures.charges))}"),
@@ -131,6 +119,17 @@ def _rows(figures: Figures) -> list[Row]:
             "–",
             ", ".join(str(results[f"tasks_{end}"]) for end in ("rejected", "void", "expired")),
         ),
+    ]
+
+
+_GAIN = CLEANINGS * REWARD_IEC - CHARGES * CHARGE_IEC
+"""What the paper's robot earned, IEC."""
+
+
+def _money(figures: Figures) -> list[Row]:
+    robot, results = figures.run.robots[0], figures.results()
+    balance_start, balance_end = figures.balance(robot, figures.started_s), figures.balance(robot)
+    return [
         Row("Reward of a cleaning (IEC)", f"{REWARD_IEC}", f"{REWARD_IEC}", _price(figures.cleanings)),
         Row("Price of a charge (IEC)", f"{CHARGE_IEC}", f"{CHARGE_IEC}", _price(figures.charges)),
         Row(
@@ -139,21 +138,34 @@ def _rows(figures: Figures) -> list[Row]:
         Row(
             "Robot's balance at the end (IEC)",
             f"{END_IEC:,}",
-            f"{START_IEC + gain:,}",
+            f"{START_IEC + _GAIN:,}",
             f"{balance_end:,.0f}",
         ),
         Row(
             "Robot's gain (IEC)",
             f"{END_IEC - START_IEC:+,}",
-            f"{gain:+,}",
+            f"{_GAIN:+,}",
             f"{balance_end - balance_start:+,.0f}",
         ),
         Row(
             "Organization's balance (IEC)",
             f"{START_IEC:,} at the start",
-            f"{START_IEC - gain:+,} at the end",
+            f"{START_IEC - _GAIN:+,} at the end",
             f"{results['organization_start_iec']:,.0f} to {results['organization_end_iec']:,.0f}",
         ),
+    ]
+
+
+def _times(figures: Figures) -> list[Row]:
+    cleaning, charging = map(figures.execution_min, (figures.cleanings, figures.charges))
+    total = [
+        ((task.settled or 0.0) - (task.assigned or 0.0)) / 60 for task in figures.settled(figures.cleanings)
+    ]
+    days = (
+        [one for one in figures.charges if _day(figures, one.settled) == n] for n in range(figures.run.days)
+    )
+    charging_per_day = [median(figures.execution_min(of_day)) for of_day in days]
+    return [
         Row(
             "Cleaning, assignment to proof (min)",
             _with_range(CLEANING_MIN, CLEANING_RANGE_MIN),
@@ -196,26 +208,45 @@ def _rows(figures: Figures) -> list[Row]:
             f"{24 * DAYS / CHARGES:.1f} on average",
             _spread(figures.intervals_h),
         ),
-        Row("Hours per charge", f"{HOURS_PER_CHARGE}, assumed", "–", f"{_number(hours)}, measured"),
+        Row(
+            "Hours per charge",
+            f"{HOURS_PER_CHARGE}, assumed",
+            "–",
+            f"{_number(figures.hours_per_charge)}, measured",
+        ),
+    ]
+
+
+def _funded(figures: Figures) -> list[Row]:
+    robot, hours = figures.run.robots[0], figures.hours_per_charge
+    by_gain, by_balance = figures.funded(figures.gains(robot)), figures.funded(figures.day_ends(robot))
+    return [
         Row(
             "Funded charges by day, of the day's gain",
             ", ".join(map(str, FUNDED)),
-            f"{gain // CHARGE_IEC} in all",
+            f"{_GAIN // CHARGE_IEC} in all",
             _list(by_gain),
         ),
         Row(
             "Funded charges by day, of the balance",
             ", ".join(map(str, FUNDED)),
-            f"{(START_IEC + gain) // CHARGE_IEC} on the last",
+            f"{(START_IEC + _GAIN) // CHARGE_IEC} on the last",
             _list(by_balance),
         ),
         Row(
             "Funded hours by day, of the day's gain",
             ", ".join(str(HOURS_PER_CHARGE * one) for one in FUNDED),
-            f"{gain // CHARGE_IEC * HOURS_PER_CHARGE} in all",
+            f"{_GAIN // CHARGE_IEC * HOURS_PER_CHARGE} in all",
             ", ".join(_number(one * hours) for one in by_gain),
         ),
         Row("Change of the balance at night (IEC)", "0", "–", _nights(figures)),
+    ]
+
+
+def _costs(figures: Figures) -> list[Row]:
+    results = figures.results()
+    gas = {step: median(one.gas_used or 0 for one in found) for step, found in figures.steps.items()}
+    return [
         Row("Energy bought (kWh)", "not told", "–", f"{figures.energy_kwh:.2f}"),
         Row("Electricity per charge (EUR)", "not told", "–", _eur(results["eur_per_charge"])),
         Row("Electricity per cleaning (EUR)", "not told", "–", _eur(results["eur_per_cleaning"])),

@@ -8,7 +8,7 @@ import json
 import math
 import re
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from decimal import Decimal
 from pathlib import Path
@@ -43,6 +43,10 @@ _LIMITS = (
 )
 
 
+_Local = Callable[[float | None], str]
+"""Time (s) -> how a table shows it."""
+
+
 def write_tables(figures: Figures, experiment: ExperimentConfig, folder: Path) -> None:
     """tasks.csv, transfers.csv, battery.csv, charges.csv, transactions.csv."""
     run = figures.run
@@ -51,31 +55,7 @@ def write_tables(figures: Figures, experiment: ExperimentConfig, folder: Path) -
     def local(time_s: float | None) -> str:
         return "" if time_s is None else f"{datetime.fromtimestamp(time_s, zone_):%Y-%m-%dT%H:%M:%S%z}"
 
-    arrivals = {one.task_id: one for one in run.arrivals}
-    _csv(
-        folder / "tasks.csv",
-        "id kind state verdict attempts creator executor reward_iec paid_iec arrived registered assigned "
-        "proof_submitted settled execution_min reason",
-        (
-            [
-                task.id,
-                task.kind,
-                task.state,
-                task.verdict or "",
-                task.attempt,
-                task.creator_name or task.creator,
-                task.executor_name or task.executor or "",
-                task.reward_iec,
-                task.paid_iec,
-                local(arrivals[task.id].time_s) if task.id in arrivals else "",
-                *map(local, (task.registered, task.assigned, task.proof_submitted, task.settled)),
-                "" if task.proof_submitted is None or task.assigned is None
-                else f"{(task.proof_submitted - task.assigned) / 60:.3f}",
-                task.reason or "",
-            ]
-            for task in run.tasks
-        ),
-    )  # fmt: skip
+    _write_tasks(run, folder, local)
     _csv(
         folder / "transfers.csv",
         "time from to amount_iec reason task tx_hash",
@@ -112,21 +92,43 @@ def write_tables(figures: Figures, experiment: ExperimentConfig, folder: Path) -
             for one in figures.flows
         ),
     )
+    _write_transactions(run, experiment, folder, local)
+
+
+def _write_tasks(run: Run, folder: Path, local: _Local) -> None:
+    arrivals = {one.task_id: one for one in run.arrivals}
+    _csv(
+        folder / "tasks.csv",
+        "id kind state verdict attempts creator executor reward_iec paid_iec arrived registered assigned "
+        "proof_submitted settled execution_min reason",
+        (
+            [
+                task.id,
+                task.kind,
+                task.state,
+                task.verdict or "",
+                task.attempt,
+                task.creator_name or task.creator,
+                task.executor_name or task.executor or "",
+                task.reward_iec,
+                task.paid_iec,
+                local(arrivals[task.id].time_s) if task.id in arrivals else "",
+                *map(local, (task.registered, task.assigned, task.proof_submitted, task.settled)),
+                "" if task.proof_submitted is None or task.assigned is None
+                else f"{(task.proof_submitted - task.assigned) / 60:.3f}",
+                task.reason or "",
+            ]
+            for task in run.tasks
+        ),
+    )  # fmt: skip
+
+
+def _write_transactions(run: Run, experiment: ExperimentConfig, folder: Path, local: _Local) -> None:
     prices = experiment.gas_prices
     named = [re.sub(r"\W+", "_", one.name.lower()) for one in prices]
     _csv(
         folder / "transactions.csv",
-        " ".join(
-            [
-                "time",
-                "step",
-                "sender",
-                "gas",
-                *(f"{name}_eth {name}_eur" for name in named),
-                "tasks",
-                "tx_hash",
-            ]
-        ),
+        " ".join(["time step sender gas", *(f"{name}_eth {name}_eur" for name in named), "tasks tx_hash"]),
         (
             [
                 local(one.time_s),

@@ -80,16 +80,21 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 """
 
 
-def generated() -> dict[str, str]:
-    """File in this folder -> what is in it."""
+def _entries() -> list[tuple[str, Any]]:
+    """(contract, entry of its ABI) of all that is generated."""
     contracts = {one.name: one.abi for one in map(artifacts.load, (*artifacts.CONTRACTS, "DisputeJudge"))}
     entries = [(name, entry) for name, abi in contracts.items() for entry in abi]
-    entries += [
+    return entries + [
         (name, entry)
         for name, used in OF_GOVERNANCE.items()
         for entry in artifacts.load(name).abi
         if entry.get("name") in used
     ]
+
+
+def generated() -> dict[str, str]:
+    """File in this folder -> what is in it."""
+    entries = _entries()
     functions = [
         (contract, entry)
         for contract, entry in entries

@@ -186,6 +186,32 @@ def _place(spec: mujoco.MjSpec, name: str, pose: Pose2) -> mujoco.MjsBody:
 
 
 def _add_room(spec: mujoco.MjSpec, lab: LabConfig) -> None:
+    _add_textures(spec)
+    length_m, width_m = lab.size_m
+    world = spec.worldbody
+    world.add_geom(
+        name=FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[length_m * 2, width_m * 2, 1],
+        pos=[length_m / 2, width_m / 2, 0],
+        contype=FIXED,
+        conaffinity=0,
+        material="floor",
+        friction=[0.8, 0.005, 0.0001],
+    )
+    half = lab.wall_thickness_m / 2
+    height_m, full = lab.wall_height_m, lab.wall_thickness_m
+    for x, y, size in (
+        (length_m / 2, -half, (length_m + 2 * full, full)),
+        (length_m / 2, width_m + half, (length_m + 2 * full, full)),
+        (-half, width_m / 2, (full, width_m)),
+        (length_m + half, width_m / 2, (full, width_m)),
+    ):
+        _box(world, (*size, height_m), (x, y, height_m / 2))
+    _add_lights(spec, lab)
+
+
+def _add_textures(spec: mujoco.MjSpec) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -211,27 +237,10 @@ def _add_room(spec: mujoco.MjSpec, lab: LabConfig) -> None:
     )
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
 
-    length_m, width_m = lab.size_m
-    world = spec.worldbody
-    world.add_geom(
-        name=FLOOR,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[length_m * 2, width_m * 2, 1],
-        pos=[length_m / 2, width_m / 2, 0],
-        contype=FIXED,
-        conaffinity=0,
-        material="floor",
-        friction=[0.8, 0.005, 0.0001],
-    )
-    half = lab.wall_thickness_m / 2
-    height_m, full = lab.wall_height_m, lab.wall_thickness_m
-    for x, y, size in (
-        (length_m / 2, -half, (length_m + 2 * full, full)),
-        (length_m / 2, width_m + half, (length_m + 2 * full, full)),
-        (-half, width_m / 2, (full, width_m)),
-        (length_m + half, width_m / 2, (full, width_m)),
-    ):
-        _box(world, (*size, height_m), (x, y, height_m / 2))
+
+def _add_lights(spec: mujoco.MjSpec, lab: LabConfig) -> None:
+    """Lights, and the camera that shows the whole room."""
+    (length_m, width_m), world = lab.size_m, spec.worldbody
     world.add_light(
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=[length_m / 2, width_m / 2, 4],

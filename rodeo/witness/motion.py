@@ -266,6 +266,14 @@ class Track:
     """Times after the first pose, up to the last statement, over which nothing is signed."""
 
 
+def _times(statement: Motion, body: str, offset_us: Array) -> Array:
+    """When the poses of `body` were seen. Raises BadStatement."""
+    time_us = statement.start_us + offset_us
+    if (np.diff(time_us) <= 0).any() or time_us[-1] > statement.end_us:
+        raise BadStatement("the times of a track do not fit its statement", seq=statement.seq, body=body)
+    return time_us
+
+
 def track(statements: Sequence[Motion], body: str) -> Track | None:
     """The signed motion of `body` in `statements`, which are in the order of `seq`; None if it is in none.
 
@@ -288,11 +296,7 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
         rests = bool(times) and statement.resting.get(body) == signed_in
         if body in statement.tracks:
             offset_us, position_m, quaternion = next(unpacked)
-            time_us = statement.start_us + offset_us
-            if (np.diff(time_us) <= 0).any() or time_us[-1] > statement.end_us:
-                raise BadStatement(
-                    "the times of a track do not fit its statement", seq=statement.seq, body=body
-                )
+            time_us = _times(statement, body, offset_us)
             if not rests:
                 unseen += _holes(time_us, position_m)
             if times and signed_in and not rests:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from eth_utils import is_address, to_checksum_address
 
 from rodeo import keystores
@@ -10,6 +13,7 @@ from rodeo.chain.deployment import Deployment
 from rodeo.chain.types import ZERO_ADDRESS, Policy
 from rodeo.config import Site, oracle_names
 from rodeo.dao import cannot_do, most_offers
+from rodeo.strict_json import Json
 from services.bridge.errors import UnknownParticipant
 
 ORGANIZATION = "organization"
@@ -81,6 +85,11 @@ class Names:
         """The policy's name in small letters; its address where it is none of ours."""
         ours = {self._contracts[policy]: policy.name.lower() for policy in Policy}
         return ours.get(address, address)
+
+    def judge_of(self, number: Mapping[str, Any] | None) -> Json:
+        """The judge of a kind, and whether it still judges."""
+        known = number or {"judge": ZERO_ADDRESS, "removed": False}
+        return {"judge": self.judge(known["judge"]), "removed": known["removed"]}
 
     def judge(self, address: str) -> str:
         """`oracle` for the contracts of oracles, `auditor`, `none`, or the address of another contract."""

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
-
-from eth_typing import HexStr
-from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
 from rodeo.chain.client import ChainClient
-from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, WHY, described, shares
 from rodeo.chain.reputation import Work
-from rodeo.chain.types import ZERO_ADDRESS, Role
+from rodeo.chain.types import Role
 from rodeo.currency import Currency
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
     Account,
-    BudgetVoteFilters,
     EventRange,
     HistoryRange,
-    ProposalFilters,
     RootFilters,
     ServiceFilters,
     TaskFilters,
@@ -36,6 +28,7 @@ from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery, UnknownTask
 from services.bridge.index import Page
 from services.bridge.names import ORGANIZATION, Names
+from services.bridge.organization import OrganizationQueries
 
 MAX_BUCKETS = 2_000
 
@@ -69,9 +62,7 @@ class Queries:
             "history": self._history,
             "devices": self._devices,
             "roots": self._roots,
-            "organization": self._organization,
-            "proposals": self._proposals,
-            "budget_votes": self._budget_votes,
+            **OrganizationQueries(chain, names, client, self._balances).table(),
             "chain": self._chain,
             "events": self._events,
         }
@@ -108,7 +99,7 @@ class Queries:
         return self._task_json(row, self._index.numbers())
 
     def _task_json(self, row: Mapping[str, Any], numbers: Mapping[int, Mapping[str, Any]]) -> Json:
-        who = self._judge_of(numbers.get(row["number"]))
+        who = self._names.judge_of(numbers.get(row["number"]))
         judge = {"judge": who["judge"], "judge_removed": who["removed"]}
         return task_json(row, self._names, self._currency) | judge
 
@@ -341,158 +332,6 @@ class Queries:
         rows, total = self._index.roots(device, Page(wanted.limit, wanted.offset))
         return {"roots": rows, "total": total}
 
-    def _organization(self, _request: Request) -> Json:
-        address = self._names.addresses[ORGANIZATION]
-        numbers, voids = self._index.numbers(), Counter[str]()
-        recent = self._index.recent_voids(LAST_RULINGS)
-        for by_fault in self._index.voids().values():
-            voids.update(by_fault)
-        return {
-            "address": address,
-            "treasury_iec": self._iec(self._balances([address])[address]),
-            "policy": self._names.policy(self._index.setting("policy") or self._client.policy()),
-            "kinds": [
-                {
-                    **{key: row[key] for key in _OF_KIND},
-                    **self._judge_of(numbers.get(row["number"])),
-                    "judge_stake_iec": self._iec(row["judge_stake"]),
-                    "reference_price_iec": self._iec(row["reference_price"]),
-                }
-                for row in self._index.all_kinds()
-            ],
-            "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
-            "auditors": self._names.judge(self._index.setting("auditors") or ZERO_ADDRESS),
-            "members_only": bool(self._index.setting("members_only")),
-            "suspended_providers": [
-                {"address": address, "name": self._names.name(address)}
-                for address, row in sorted(self._index.providers().items())
-                if row["suspended"]
-            ],
-            "budgets": {
-                role: budget
-                for role in (Role.OPERATOR, Role.TREASURER)
-                if (budget := self._index.setting(f"budget {role}")) is not None and budget["period_s"]
-            },
-            "paused_until_s": self._index.setting("paused_until_s") or 0,
-            "judges": [self._judge_json(row, row["name"]) for row in self._index.judges()],
-            "committees": [
-                {
-                    "name": committee,
-                    "judges": [
-                        self._judge_json(row, self._names.name(row["key"]))
-                        for row in self._index.challenge_judges(committee)
-                    ],
-                    "kinds": [
-                        {
-                            **{key: row[key] for key in ("kind", "votes", "seats")},
-                            "judge_stake_iec": self._iec(row["judge_stake"]),
-                        }
-                        for row in self._index.challenge_kinds(committee)
-                    ],
-                }
-                for committee in self._deployment.committees[1:]
-            ],
-            "voids": dict(voids),
-            "many_voids": bool(counted_voids(*recent.get(None, (0, {})), of_a_creator=False)),
-            "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
-            "delay_s": self._client.decision_delay_s() if self._deployment.has_timelock else 0,
-            "roles": {
-                role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
-                for role, holders in self._index.roles().items()
-            },
-            "contracts": self._deployment.contracts,
-        }
-
-    def _judge_of(self, number: Mapping[str, Any] | None) -> Json:
-        """The judge of a kind, and whether it still judges."""
-        known = number or {"judge": ZERO_ADDRESS, "removed": False}
-        return {"judge": self._names.judge(known["judge"]), "removed": known["removed"]}
-
-    def _judge_json(self, row: Mapping[str, Any], name: str | None) -> Json:
-        return {
-            **{key: row[key] for key in ("seat", "key", "owner", "leaving_until_s")},
-            "name": name,
-            "owner_name": self._names.name(row["owner"]),
-            "stake_iec": self._iec(row["stake"]),
-            "leaving_iec": self._iec(row["leaving"]),
-        }
-
-    def _proposals(self, request: Request) -> Json:
-        wanted = validate(ProposalFilters, request.parameters)
-        rows, total = self._index.proposals(Page(wanted.limit, wanted.offset))
-        return {"proposals": [self._proposal_json(row) for row in rows], "total": total}
-
-    def _proposal_json(self, row: Mapping[str, Any]) -> Json:
-        calls = list(zip(row["targets"], row["calldatas"], strict=True))
-        if not self._deployment.decides_by_vote:
-            calls = [call for call in calls if call[0] != WHY]  # the description
-        return {
-            **{key: row[key] for key in ("number", "id", "proposer", "description")},
-            "proposer_name": self._names.name(row["proposer"]),
-            "calls": [
-                asdict(described(self._deployment, target, to_bytes(hexstr=data))) for target, data in calls
-            ],
-            # What has ended stays so; the rest changes with time.
-            "state": row["ended"] or self._proposal_state(row["id"]),
-            "created_s": row["created"],
-            "vote_end_s": row["vote_end"],
-            "ready_s": row["ready"],
-            "votes": {support: row[support] for support in SUPPORT},
-            "ballots": [
-                {
-                    "voter": one["voter"],
-                    "voter_name": self._names.name(one["voter"]),
-                    "support": one["support"],
-                    "weight": one["weight"],
-                }
-                for one in row["ballots"]
-            ],
-        }
-
-    def _proposal_state(self, key: str) -> str:
-        if self._deployment.decides_by_vote:
-            return self._client.proposal_state(int(key, 16))
-        return self._client.operation_state(to_bytes(hexstr=HexStr(key)))
-
-    def _budget_votes(self, request: Request) -> Json:
-        wanted = validate(BudgetVoteFilters, request.parameters)
-        rows, total = self._index.budget_votes(Page(wanted.limit, wanted.offset), wanted.number)
-        now_s = self._client.voting_time_s() if rows else 0
-        return {"budget_votes": [self._budget_vote_json(row, now_s) for row in rows], "total": total}
-
-    def _budget_vote_json(self, row: Mapping[str, Any], now_s: int) -> Json:
-        owed = shares(row["amount"], row["votes"])
-        each = list(zip(row["recipients"], row["votes"], owed, row["paid"], strict=True))
-        open_or_ended = "open" if now_s < row["end"] else "ended"
-        is_paid = any(owed) and all(paid is not None for _, _, share, paid in each if share)
-        return {
-            "number": row["number"],
-            "state": "paid" if is_paid else open_or_ended,
-            "amount_iec": self._iec(row["amount"]),
-            "opened_s": row["opened"],
-            "end_s": row["end"],
-            "credits": BUDGET_CREDITS,
-            "recipients": [
-                {
-                    "address": address,
-                    "name": self._names.name(address),
-                    "votes": votes,
-                    "share_iec": self._iec(share),
-                    "paid_iec": None if paid is None else self._iec(int(paid)),
-                }
-                for address, votes, share, paid in each
-            ],
-            "ballots": [
-                {
-                    "voter": one["voter"],
-                    "voter_name": self._names.name(one["voter"]),
-                    "votes": one["votes"],
-                    "credits_used": sum(votes * votes for votes in one["votes"]),
-                }
-                for one in row["ballots"]
-            ],
-        }
-
     def _chain(self, _request: Request) -> Json:
         position = self._index.position
         return {
@@ -554,25 +393,6 @@ def transaction_json(row: Mapping[str, Any], names: Names) -> Json:
         }
     return {key: row[key] for key in ("tx_hash", "block", "time_s", "events", "task_ids")} | cost
 
-
-_OF_KIND = (
-    "kind",
-    "allowed",
-    "number",
-    "min_window_s",
-    "max_window_s",
-    "grace_s",
-    "min_verdict_window_s",
-    "max_verdict_window_s",
-    "audit_window_s",
-    "judges_window_s",
-    "max_case_s",
-    "rules_sha256",
-    "votes",
-    "panel",
-    "rotation_s",
-    "seats",
-)
 
 _KEPT_OF_SERVICE = ("number", "waits_as_proven")
 """Columns of a service that no answer has."""

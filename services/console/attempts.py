@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from rodeo.messages import DaoEvent, Fault
 
@@ -60,60 +61,57 @@ def happened(events: Iterable[DaoEvent]) -> list[DaoEvent]:
     return list(kept.values())
 
 
+def _submitted(event: DaoEvent, _last: Attempt) -> dict[str, Any]:
+    args = event.args
+    return {"submitted_s": event.time_s, "proof_sha256": args["proof_hash"], "proof_uri": args["uri"]}
+
+
+def _reported(event: DaoEvent, _last: Attempt) -> dict[str, Any]:
+    """It comes before its ruling."""
+    said = {"reason": event.args["reason"], "report_uri": event.args["report_uri"]}
+    return {**said, "report_sha256": None, "verdict_tx": event.tx_hash}
+
+
+def _ruled(event: DaoEvent, last: Attempt) -> dict[str, Any]:
+    args, report = event.args, dict[str, Any]()
+    if last.report_sha256 is None and last.verdict_tx == event.tx_hash:
+        report = {"report_sha256": args["report"]}
+    elif args["report"] != last.report_sha256:  # nobody has ruled, or a judge that reports nothing
+        report = dict.fromkeys(("reason", "report_sha256", "report_uri", "verdict_tx"))
+    final, ruling = not int(args["until"]), args["ruling"]
+    stands = {"verdict": ruling, "standing": None} if final else {"verdict": None, "standing": ruling}
+    return {**report, **stands, "fault": args["fault"]}
+
+
+def _ended(event: DaoEvent, last: Attempt) -> dict[str, Any]:
+    ended = {"ended_s": event.time_s, "paid_iec": event.args.get("paid_iec"), "standing": None}
+    cause = event.args.get("cause", "")
+    if (expiry := _EXPIRED.get(cause)) is not None:
+        return {**ended, "verdict": "expired", "reason": expiry}
+    if (given_back := _ABANDONED.get(cause)) is not None:
+        return {**ended, "verdict": "abandoned", "reason": given_back}
+    return {**ended, "verdict": last.verdict or last.standing}
+
+
+_CHANGES: dict[str, Callable[[DaoEvent, Attempt], dict[str, Any]]] = {
+    "ProofSubmitted": _submitted,
+    "Reported": _reported,
+    "PassedOn": lambda _event, _last: {"passed_on": True},
+    "TaskPassed": lambda _event, _last: {"counts": False},
+    "Ruled": _ruled,
+    **dict.fromkeys(("TaskSettled", "TaskFailed", "TaskRequeued"), _ended),
+}
+"""Event -> what it changes in the attempt that runs."""
+
+
 def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
     """In order; `events` are those of one task in order."""
     made: list[Attempt] = []
     for event in happened(events):
-        args = event.args
         if event.name == "TaskAssigned":
-            made.append(Attempt(args["attempt"], args["executor"], event.time_s))
-        elif not made:
-            continue
-        elif event.name == "ProofSubmitted":
-            made[-1] = replace(
-                made[-1], submitted_s=event.time_s, proof_sha256=args["proof_hash"], proof_uri=args["uri"]
-            )
-        elif event.name == "Reported":  # comes before its ruling
-            made[-1] = replace(
-                made[-1],
-                reason=args["reason"],
-                report_sha256=None,
-                report_uri=args["report_uri"],
-                verdict_tx=event.tx_hash,
-            )
-        elif event.name == "PassedOn":
-            made[-1] = replace(made[-1], passed_on=True)
-        elif event.name == "TaskPassed":
-            made[-1] = replace(made[-1], counts=False)
-        elif event.name == "Ruled":
-            if made[-1].report_sha256 is None and made[-1].verdict_tx == event.tx_hash:
-                made[-1] = replace(made[-1], report_sha256=args["report"])
-            elif (
-                args["report"] != made[-1].report_sha256
-            ):  # nobody has ruled, or a judge that reports nothing
-                made[-1] = replace(
-                    made[-1], reason=None, report_sha256=None, report_uri=None, verdict_tx=None
-                )
-            final = not int(args["until"])
-            made[-1] = replace(
-                made[-1],
-                verdict=args["ruling"] if final else None,
-                standing=None if final else args["ruling"],
-                fault=args["fault"],
-            )
-        elif event.name in ("TaskSettled", "TaskFailed", "TaskRequeued"):
-            last = made[-1]
-            made[-1] = replace(
-                last,
-                ended_s=event.time_s,
-                paid_iec=args.get("paid_iec"),
-                verdict=last.verdict or last.standing,
-                standing=None,
-            )
-            if (expiry := _EXPIRED.get(args.get("cause", ""))) is not None:
-                made[-1] = replace(made[-1], verdict="expired", reason=expiry)
-            if (given_back := _ABANDONED.get(args.get("cause", ""))) is not None:
-                made[-1] = replace(made[-1], verdict="abandoned", reason=given_back)
+            made.append(Attempt(event.args["attempt"], event.args["executor"], event.time_s))
+        elif made and (change := _CHANGES.get(event.name)) is not None:
+            made[-1] = replace(made[-1], **change(event, made[-1]))
     return made
 
 

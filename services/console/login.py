@@ -6,6 +6,8 @@ import asyncio
 import ipaddress
 import time
 from collections import defaultdict, deque
+from collections.abc import Callable
+from functools import partial
 from html import escape
 from pathlib import Path
 from string import Template
@@ -60,21 +62,45 @@ class Throttle:
         self._failures.pop(key, None)
 
 
+def _page(organization: str, status: int, next_path: str, name: str = "", problem: str = "") -> HTMLResponse:
+    notice = f'<p class="problem" role="alert">{escape(problem)}</p>' if problem else ""
+    texts = {"organization": organization, "next": next_path, "name": name}
+    values = {key: escape(text) for key, text in texts.items()}
+    return HTMLResponse(_PAGE.substitute(values, notice=notice), status)
+
+
+def _logged_in(guard: Guard, token: str, path: str) -> Response:
+    response = RedirectResponse(path, 303)
+    response.set_cookie(guard.cookie, token, path="/", httponly=True, secure=guard.secure, samesite="strict")
+    return response
+
+
+def _add_links(
+    routes: APIRouter, accounts: Accounts, guard: Guard, page: Callable[..., HTMLResponse]
+) -> None:
+    # A link is /login/link#TOKEN. Browsers send what is behind # to nobody: it is in no log and no Referer.
+    # The page's script takes it out of the address, and posts it.
+    @routes.get("/login/link")
+    async def show_link() -> Response:
+        return HTMLResponse(_LINK_PAGE)
+
+    @routes.post("/login/link")
+    async def log_in_by_link(request: Request, token: str = Form(max_length=64, default="")) -> Response:
+        if not guard.is_local or not _is_loopback(request):
+            return page(403, "/", problem="Links work only on the machine where the console runs.")
+        try:
+            opened = await run_in_threadpool(accounts.log_in_by_link, token)
+        except LoginRefused:
+            return page(401, "/", problem=f"This link was used, or is too old. {_NEW_LINK}")
+        return _logged_in(guard, opened, "/")
+
+
 def router(accounts: Accounts, guard: Guard, organization: str) -> APIRouter:
     """GET and POST /login and /login/link, POST /logout."""
     routes = APIRouter(include_in_schema=False)
     pairs, addresses = Throttle(PAIR_FAILURES, WINDOW_S), Throttle(ADDRESS_FAILURES, WINDOW_S)
     hashing = asyncio.Semaphore(_HASHES_AT_ONCE)
-
-    def page(status: int, next_path: str, name: str = "", problem: str = "") -> HTMLResponse:
-        notice = f'<p class="problem" role="alert">{escape(problem)}</p>' if problem else ""
-        values = {
-            "organization": escape(organization),
-            "next": escape(next_path),
-            "name": escape(name),
-            "notice": notice,
-        }
-        return HTMLResponse(_PAGE.substitute(values), status)
+    page = partial(_page, organization)
 
     @routes.get("/login")
     async def show(request: Request, next: str = "/") -> Response:
@@ -108,30 +134,9 @@ def router(accounts: Accounts, guard: Guard, organization: str) -> APIRouter:
             return page(401, local_path(next), name, "The name or the passphrase is wrong. Try again.")
         pairs.succeeded(pair)
         addresses.succeeded(address)
-        return logged_in(token, local_path(next))
+        return _logged_in(guard, token, local_path(next))
 
-    def logged_in(token: str, path: str) -> Response:
-        response = RedirectResponse(path, 303)
-        response.set_cookie(
-            guard.cookie, token, path="/", httponly=True, secure=guard.secure, samesite="strict"
-        )
-        return response
-
-    # A link is /login/link#TOKEN. Browsers send what is behind # to nobody: it is in no log and no Referer.
-    # The page's script takes it out of the address, and posts it.
-    @routes.get("/login/link")
-    async def show_link() -> Response:
-        return HTMLResponse(_LINK_PAGE)
-
-    @routes.post("/login/link")
-    async def log_in_by_link(request: Request, token: str = Form(max_length=64, default="")) -> Response:
-        if not guard.is_local or not _is_loopback(request):
-            return page(403, "/", problem="Links work only on the machine where the console runs.")
-        try:
-            opened = await run_in_threadpool(accounts.log_in_by_link, token)
-        except LoginRefused:
-            return page(401, "/", problem=f"This link was used, or is too old. {_NEW_LINK}")
-        return logged_in(opened, "/")
+    _add_links(routes, accounts, guard, page)
 
     @routes.post("/logout")
     async def log_out(request: Request) -> Response:

@@ -99,13 +99,14 @@ def make_api(console: Console) -> FastAPI:
         fields = {".".join(map(str, one["loc"])): one["msg"] for one in error.errors()}
         return problem(422, "invalid_request", "a field is wrong", {"fields": fields})
 
-    _questions(api, console, Caller)
+    _questions_about_tasks(api, console, Caller)
+    _questions_about_the_site(api, console, Caller)
     for action in ACTIONS.values():
         _offer(api, console, action, Caller)
     return api
 
 
-def _questions(api: FastAPI, console: Console, caller: Any) -> None:
+def _questions_about_tasks(api: FastAPI, console: Console, caller: Any) -> None:
     queries = console.queries
 
     @api.get("/tasks")
@@ -146,6 +147,10 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
     def proof(copy: Annotated[Path, Depends(_copy_of_proof(console, caller))]) -> FileResponse:
         """Its proof, a sealed recording."""
         return FileResponse(copy, filename=copy.name, media_type="application/octet-stream")
+
+
+def _questions_about_the_site(api: FastAPI, console: Console, caller: Any) -> None:
+    queries = console.queries
 
     @api.get("/processes")
     def processes(_user: caller) -> list[Json]:

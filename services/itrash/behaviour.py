@@ -9,8 +9,6 @@ Its callers feed it and carry out the actions that it returns. Everything it mus
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -22,6 +20,7 @@ from rodeo.lab.drop import WATCHED_S
 from rodeo.vision.classification import UNKNOWN, Classification, combined
 from rodeo.witness.statement import MAX_CLAIMANTS, MAX_LOOKS, Claimant, Look
 from services.itrash.load import LOAD_LIMITS, Cell, LoadCell, LoadLimits, Step
+from services.itrash.presence import Presence
 
 
 class State(StrEnum):
@@ -215,6 +214,40 @@ class _Seen:
     answer: Classification
 
 
+class _Showing:
+    """Robots that said that they will show something, and the other angles that they were asked for."""
+
+    def __init__(self, memory: Memory, limits: BinLimits) -> None:
+        self._memory, self._limits = memory, limits
+
+    def presented(self, claimant: Claimant, time_s: float, grasped_s: float = 0.0) -> None:
+        """A robot says that it will show something next, which it took hold of at `grasped_s`."""
+        others = [one for one in self._memory.presented if one.claimant.address != claimant.address]
+        newest = Presented(claimant=claimant, at_s=time_s, grasped_s=grasped_s)
+        self._memory.presented = [newest, *others][:MAX_CLAIMANTS]
+
+    def named(self, time_s: float) -> list[Presented]:
+        """The robots that presented themselves a moment ago, the newest first."""
+        since_s = time_s - self._limits.presented_s
+        return [one for one in self._memory.presented if one.at_s >= since_s]
+
+    def may_ask(self, named: Collection[Presented]) -> bool:
+        """Whether none of them was asked for as many angles as there are. Any of them may show the item: if
+        one had to be the newest, two could take turns."""
+        angles = self._limits.angles - 1
+        for one in named:
+            asked = self._memory.asked.get(one.recording, [])
+            if asked.count(one.grasped_s) >= angles or len(asked) >= angles * self._limits.grasps:
+                return False
+        return True
+
+    def asks(self, named: Collection[Presented]) -> None:
+        asked = self._memory.asked
+        for one in named:
+            asked[one.recording] = [*asked.pop(one.recording, []), one.grasped_s]
+        self._memory.asked = dict(list(asked.items())[-_RECORDINGS:])
+
+
 class Bin:
     """The state machine. Not thread-safe: one thread feeds it."""
 
@@ -226,15 +259,13 @@ class Bin:
         load_limits: LoadLimits = LOAD_LIMITS,
     ) -> None:
         self.memory = memory
-        self._config = config
-        self._limits = limits
+        self._config, self._limits = config, limits
+        self.showing = _Showing(memory, limits)
         for name in config.compartments:
             memory.cells.setdefault(name, Cell())
         self._least_n = load_limits.step_n
         self._cells = {name: LoadCell(memory.cells[name], load_limits) for name in config.compartments}
-        self._ranges: deque[tuple[float, float]] = deque()
-        """(time, distance) since something is present."""
-        self._absent_since_s: float | None = None
+        self._presence = Presence(config.presence_range_m, limits.still_s, limits.still_m, limits.deaf_s)
         self._look = 0
         """Photos taken from this angle."""
         self._angle = 0
@@ -247,12 +278,7 @@ class Bin:
         """Whether what is looked at cannot be what the pending classification is about."""
         self._held_after: State | None = None
         """What the drop was after which the thing that is looked at is held in view, if it is."""
-        self._still_since_s: float | None = None
-        """Since when what is present keeps its distance."""
         self._retry_at_s = 0.0
-        self._heard_s = -math.inf
-        self._hearing_since_s = -math.inf
-        """When the presence sensor was first heard since the start or since it was silent."""
         if memory.state in (State.ITEM_SEEN, State.CLASSIFYING):
             # Nothing was said about that item yet; it is looked at again if it is still there.
             memory.state = State.ITEM_SEEN if memory.pending else State.IDLE
@@ -271,7 +297,7 @@ class Bin:
         """Whether the next reading may lead to an action although it is no other than the last. Nothing that
         is awaited comes of an empty view and of weights at rest."""
         looks = self.memory.state in (State.ITEM_SEEN, State.CLASSIFYING)
-        return looks or bool(self._ranges) or any(cell.restless for cell in self._cells.values())
+        return looks or self._presence.is_there or any(cell.restless for cell in self._cells.values())
 
     @property
     def loads_n(self) -> dict[str, float | None]:
@@ -285,14 +311,6 @@ class Bin:
             name: max(load_n or 0.0, 0.0) / self._config.full_at_n for name, load_n in self.loads_n.items()
         }
 
-    # -- who shows something ---------------------------------------------------------------------------
-
-    def presented(self, claimant: Claimant, time_s: float, grasped_s: float = 0.0) -> None:
-        """A robot says that it will show something next, which it took hold of at `grasped_s`."""
-        others = [one for one in self.memory.presented if one.claimant.address != claimant.address]
-        newest = Presented(claimant=claimant, at_s=time_s, grasped_s=grasped_s)
-        self.memory.presented = [newest, *others][:MAX_CLAIMANTS]
-
     # -- sensors ---------------------------------------------------------------------------------------
 
     def presence(self, range_m: float, time_s: float) -> list[Action]:
@@ -302,54 +320,48 @@ class Bin:
         return [*map(self._sign, over), *self._sense(range_m, time_s)]
 
     def _sense(self, range_m: float, time_s: float) -> list[Action]:
-        if abs(time_s - self._heard_s) > self._limits.deaf_s:
-            self._hearing_since_s = time_s
-        self._heard_s = time_s
-        present = range_m <= self._config.presence_range_m
-        absent_s = 0.0 if self._absent_since_s is None else time_s - self._absent_since_s
-        if present:
-            self._absent_since_s = None
-            self._ranges.append((time_s, range_m))
-        else:
-            self._ranges.clear()
-            if self._absent_since_s is None:
-                self._absent_since_s = time_s
-        still = self._still(time_s)
-        if not still:
-            self._still_since_s = None
-        elif self._still_since_s is None:
-            self._still_since_s = time_s - self._limits.still_s
-
-        state, since_s, limits = self.memory.state, self.memory.since_s, self._limits
-        if state is State.AWAITING_DROP and self._timed_out(time_s):
+        self._presence.reading(range_m, time_s)
+        if self.memory.state is State.AWAITING_DROP and self._timed_out(time_s):
             self.memory.pending = None
             self._enter(State.TIMED_OUT, time_s)
-        elif state in (State.TIMED_OUT, State.FULL):
-            if absent_s >= limits.gone_s:
-                self._enter(State.IDLE, time_s)
-        elif state in (State.CONFIRMED, State.WRONG_COMPARTMENT):
-            if not present and min(absent_s, time_s - since_s) >= limits.done_gone_s:
-                self._enter(State.IDLE, time_s)
-            elif self._still_since_s is not None and since_s <= self._still_since_s <= time_s - limits.held_s:
-                self._see_item(time_s, absent_s, held_after=state)
-        elif state is State.ITEM_SEEN and not present:
-            if absent_s >= limits.gone_s:
-                self._enter(State.AWAITING_DROP if self.memory.pending else State.IDLE, time_s)
-        elif present and (
-            state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= limits.again_gone_s)
-        ):
-            self._another = absent_s >= limits.another_gone_s or self._grasped_anew(time_s)
-            self._see_item(time_s, absent_s)
+        elif self._presence.is_there:
+            self._sense_item(time_s)
+        else:
+            self._sense_nothing(time_s)
         if (
             self.memory.state is State.ITEM_SEEN
-            and still
+            and self._presence.still_since_s is not None
             and time_s >= self._retry_at_s
             # What fell before anybody looked belongs to the item before this one.
-            and self._weighed(self._hearing_since_s, time_s)
+            and self._weighed(self._presence.hearing_since_s, time_s)
         ):
             self._enter(State.CLASSIFYING, time_s)
             return [TakePhoto(after_s=time_s)]
         return []
+
+    def _sense_item(self, time_s: float) -> None:
+        state, since_s, limits = self.memory.state, self.memory.since_s, self._limits
+        absent_s, still_since_s = self._presence.absent_s, self._presence.still_since_s
+        if state in (State.TIMED_OUT, State.FULL):
+            if absent_s >= limits.gone_s:
+                self._enter(State.IDLE, time_s)
+        elif state in (State.CONFIRMED, State.WRONG_COMPARTMENT):
+            if still_since_s is not None and since_s <= still_since_s <= time_s - limits.held_s:
+                self._see_item(time_s, absent_s, held_after=state)
+        elif state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= limits.again_gone_s):
+            self._another = absent_s >= limits.another_gone_s or self._grasped_anew(time_s)
+            self._see_item(time_s, absent_s)
+
+    def _sense_nothing(self, time_s: float) -> None:
+        absent_s, since_s = self._presence.absent_s, self.memory.since_s
+        if self.memory.state in (State.TIMED_OUT, State.FULL):
+            if absent_s >= self._limits.gone_s:
+                self._enter(State.IDLE, time_s)
+        elif self.memory.state in (State.CONFIRMED, State.WRONG_COMPARTMENT):
+            if min(absent_s, time_s - since_s) >= self._limits.done_gone_s:
+                self._enter(State.IDLE, time_s)
+        elif self.memory.state is State.ITEM_SEEN and absent_s >= self._limits.gone_s:
+            self._enter(State.AWAITING_DROP if self.memory.pending else State.IDLE, time_s)
 
     def photo(self, classification: Classification, image_sha256: str, time_s: float) -> list[Action]:
         """What the classifier says of the photo that was asked for."""
@@ -374,7 +386,7 @@ class Bin:
             return []
         compartment = self._config.compartment_for(found.label, found.told)
         self.memory.classifications += 1
-        named = self._named(time_s)
+        named = self.showing.named(time_s)
         self._shown_by = named[0] if named else None
         *earlier, last = (one.look for one in self._seen)
         record = ClassificationRecord(
@@ -389,10 +401,10 @@ class Bin:
             claimants=tuple(one.claimant for one in named),
             shown_s=last.taken_s,
             earlier=tuple(earlier),
-            another_angle=unsure and self._angle + 1 < self._limits.angles and self._may_ask(named),
+            another_angle=unsure and self._angle + 1 < self._limits.angles and self.showing.may_ask(named),
         )
         if record.another_angle:
-            self._asks(named)
+            self.showing.asks(named)
         self.memory.pending = None if record.full else record
         self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
         return [self._sign(record)]
@@ -427,7 +439,7 @@ class Bin:
             pending = self.memory.pending
             expected = None if pending is None else pending.compartment
             fell = sorted(grown, key=lambda name: (name == expected, grown[name].delta_n))
-            if not self._weighed(self._hearing_since_s, time_s, but=fell):
+            if not self._weighed(self._presence.hearing_since_s, time_s, but=fell):
                 return []
         else:
             fell = [max(grown, key=lambda name: grown[name].delta_n)]
@@ -460,7 +472,7 @@ class Bin:
 
         A cell that says nothing is not waited for for ever.
         """
-        if time_s - max(until_s, self._hearing_since_s) > self._limits.weigh_s:
+        if time_s - max(until_s, self._presence.hearing_since_s) > self._limits.weigh_s:
             return True
         return all(cell.memory.seen_s > until_s for name, cell in self._cells.items() if name not in but)
 
@@ -475,27 +487,6 @@ class Bin:
     def _unseen(self, step: Step) -> bool:
         """Whether it may have happened while nobody looked."""
         return step.time_s - step.after_s > self._limits.shaken_s
-
-    def _named(self, time_s: float) -> list[Presented]:
-        """The robots that presented themselves a moment ago, the newest first."""
-        since_s = time_s - self._limits.presented_s
-        return [one for one in self.memory.presented if one.at_s >= since_s]
-
-    def _may_ask(self, named: Collection[Presented]) -> bool:
-        """Whether none of them was asked for as many angles as there are. Any of them may show the item: if
-        one had to be the newest, two could take turns."""
-        angles = self._limits.angles - 1
-        for one in named:
-            asked = self.memory.asked.get(one.recording, [])
-            if asked.count(one.grasped_s) >= angles or len(asked) >= angles * self._limits.grasps:
-                return False
-        return True
-
-    def _asks(self, named: Collection[Presented]) -> None:
-        asked = self.memory.asked
-        for one in named:
-            asked[one.recording] = [*asked.pop(one.recording, []), one.grasped_s]
-        self.memory.asked = dict(list(asked.items())[-_RECORDINGS:])
 
     def _removal(self, compartment: str, step: Step) -> Attest:
         return self._sign(
@@ -566,14 +557,14 @@ class Bin:
         pending = self.memory.pending
         if pending is None or not pending.another_angle or not self._seen or self._another:
             return False
-        named, before = self._named(time_s), self._shown_by
+        named, before = self.showing.named(time_s), self._shown_by
         if not named or before is None:
             return not named and before is None and absent_s <= self._limits.turned_s
         return named[0].recording == before.recording
 
     def _grasped_anew(self, time_s: float) -> bool:
         """Whether who showed something last has taken hold of it again since."""
-        named, before = self._named(time_s), self._shown_by
+        named, before = self.showing.named(time_s), self._shown_by
         if not named or before is None or named[0].recording != before.recording:
             return False
         return named[0].grasped_s != before.grasped_s
@@ -587,13 +578,3 @@ class Bin:
         self._held_after = held_after
         self._retry_at_s = time_s
         self._enter(State.ITEM_SEEN, time_s)
-
-    def _still(self, time_s: float) -> bool:
-        """Whether what is present has kept its distance for `still_s`."""
-        start_s = time_s - self._limits.still_s
-        while len(self._ranges) >= 2 and self._ranges[1][0] <= start_s:
-            self._ranges.popleft()
-        if not self._ranges or self._ranges[0][0] > start_s:
-            return False
-        distances_m = [distance_m for _, distance_m in self._ranges]
-        return max(distances_m) - min(distances_m) <= self._limits.still_m

@@ -147,7 +147,7 @@ class Itrash:
         )
         now_s = self._process.clock.now_s()
         with self._lock:
-            self._bin.presented(claimant, now_s, statement.grasped_s)
+            self._bin.showing.presented(claimant, now_s, statement.grasped_s)
         log.info("%s presents itself for task %d", device.name, statement.task_id)
 
     # -- sensors ---------------------------------------------------------------------------------------

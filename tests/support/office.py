@@ -66,7 +66,7 @@ class Office:
             self.index.apply(logs, Position(number, block["hash"].to_0x_hex(), block["timestamp"]))
 
     def proposals(self) -> list[dict[str, Any]]:
-        return list(self.queries._proposals(Request("state/proposals", {}, {}))["proposals"])
+        return list(self.queries.answer("proposals", Request("state/proposals", {}, {}))["proposals"])
 
     def state(self, number: int) -> str:
         return str(next(one["state"] for one in self.proposals() if one["number"] == number))

@@ -355,21 +355,7 @@ class ServicesPage:
 
     # -- rules -----------------------------------------------------------------------------------------
 
-    def _draw_rules(self, organization: queries.Organization) -> None:
-        terms = organization.terms
-        failures = terms.max_failures
-        with facts():
-            fact("Chosen by", POLICIES.get(organization.policy, organization.policy))
-            fact("Open to", "members only" if organization.members_only else "everybody")
-            fact("Bond", iec(terms.bond_iec))
-            fact("Penalty for a failure", iec(terms.penalty_iec))
-            fact("Suspended after", f"{failures} failures in a row" if failures else "never")
-            if voids := voids_in_words(organization.voids):
-                fact(
-                    "Void attempts",
-                    partial(Text, "span", voids, "alarming") if organization.many_voids else voids,
-                    "wrap",
-                )
+    def _draw_kinds(self, organization: queries.Organization) -> None:
         table(
             "Kinds of work",
             [
@@ -392,37 +378,24 @@ class ServicesPage:
                 for one in organization.kinds
             ],
         )
-        if organization.judges:
-            table(
-                "Oracles that have to agree",
-                [("Oracle", ""), ("Works for", ""), ("Stake", "number"), ("Key", "wide-only")],
-                [
-                    (
-                        one.name or str(one.seat),
-                        party(one.owner_name, one.owner),
-                        _stake(one, organization.stake_needed(one)),
-                        partial(hash_text, one.key),
-                    )
-                    for one in organization.judges
-                ],
-            )
-        for number, committee in enumerate(organization.committees):
-            table(
-                "Judges of the appeal" if number else "Judges of challenges",
-                [
-                    ("Judge of the appeal" if number else "Judge of challenges", ""),
-                    ("Stake", "number"),
-                    ("Key", "wide-only"),
-                ],
-                [
-                    (
-                        one.name or str(one.seat),
-                        _stake(one, committee.stake_needed(one)),
-                        partial(hash_text, one.key),
-                    )
-                    for one in committee.judges
-                ],
-            )
+
+    def _draw_rules(self, organization: queries.Organization) -> None:
+        terms = organization.terms
+        failures = terms.max_failures
+        with facts():
+            fact("Chosen by", POLICIES.get(organization.policy, organization.policy))
+            fact("Open to", "members only" if organization.members_only else "everybody")
+            fact("Bond", iec(terms.bond_iec))
+            fact("Penalty for a failure", iec(terms.penalty_iec))
+            fact("Suspended after", f"{failures} failures in a row" if failures else "never")
+            if voids := voids_in_words(organization.voids):
+                fact(
+                    "Void attempts",
+                    partial(Text, "span", voids, "alarming") if organization.many_voids else voids,
+                    "wrap",
+                )
+        self._draw_kinds(organization)
+        _draw_judges(organization)
         if user().has(Role.ADMINISTRATOR):
             with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
@@ -615,6 +588,40 @@ class ServicesPage:
             },
             "Do it",
             change,
+        )
+
+
+def _draw_judges(organization: queries.Organization) -> None:
+    if organization.judges:
+        table(
+            "Oracles that have to agree",
+            [("Oracle", ""), ("Works for", ""), ("Stake", "number"), ("Key", "wide-only")],
+            [
+                (
+                    one.name or str(one.seat),
+                    party(one.owner_name, one.owner),
+                    _stake(one, organization.stake_needed(one)),
+                    partial(hash_text, one.key),
+                )
+                for one in organization.judges
+            ],
+        )
+    for number, committee in enumerate(organization.committees):
+        table(
+            "Judges of the appeal" if number else "Judges of challenges",
+            [
+                ("Judge of the appeal" if number else "Judge of challenges", ""),
+                ("Stake", "number"),
+                ("Key", "wide-only"),
+            ],
+            [
+                (
+                    one.name or str(one.seat),
+                    _stake(one, committee.stake_needed(one)),
+                    partial(hash_text, one.key),
+                )
+                for one in committee.judges
+            ],
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from decimal import Decimal
 from functools import partial
+from typing import Any
 
 from nicegui import ui
 from nicegui.events import UploadEventArguments
@@ -256,45 +257,11 @@ class AuditorDesk:
     @on_page
     async def _open(self, task: Task) -> None:
         """Show the evidence and ask for a verdict; the form stays until it is given or it is closed."""
-        statement: Statement | None = None
-        if self._console.kinds.by_people(task.kind):
-            try:
-                statement = await ask(self._console.queries.statement, task)
-            except RodeoError as error:
-                fail(error)
-        known: list[str] = []
-        if statement is not None:
-            try:
-                known = (await ask(self._console.queries.review, task)).lines()
-            except RodeoError as error:
-                known = [f"Cannot load the proof's details: {explain(error)}"]
+        statement, known = await self._evidence(task)
 
         async def answer() -> None:
-            said: str = ruling.value
-            accepted = said == "accepted"
-            text, paid = (reason.value or "").strip(), (amount.value or "").strip()
-            if not text:
-                ui.notify("Give a reason: the executor reads it", type="warning")
+            if (request := await _confirmed(task, *(one.value for one in inputs))) is None:
                 return
-            tenth = iec((task.price_iec or Decimal(0)) / 10)  # IMPOSSIBLE_SHARE of the contract
-            lines = [
-                ("Task", f"{task.id} · {kind(task.kind)}"),
-                ("Ruling", MEANINGS[said]),
-                ("Reason", text),
-                ("Agreed price", iec(task.price_iec)),
-                (
-                    "Paid to the executor",
-                    f"{paid} IEC" if accepted else tenth if said == "impossible" else iec(0),
-                ),
-            ]
-            if said == "void":
-                lines.insert(2, ("Whose doing", FAULTS[fault.value]))
-            if not await confirm("Rule on this work?", lines, "Rule", danger=not accepted):
-                return
-            request = {"task_id": task.id, "ruling": said, "reason": text}
-            request |= {"fault": fault.value} if said == "void" else {}
-            if accepted and task.price_iec:
-                request["amount_iec"] = paid
             if await act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
                 dialog.submit(True)
 
@@ -304,23 +271,13 @@ class AuditorDesk:
             if task.standing is not None:
                 stands = _due(task).removeprefix(" · ")
                 notice(f"{stands[:1].upper()}{stands[1:]}.")
-            if statement is None:
-                notice("The proof holds no statement to show. The task's page has the recording.")
-            else:
-                Text("p", f"“{statement.note}”", "wrap")
-                for number, photo in enumerate(statement.photos, start=1):
-                    source = f"data:image/{photo_format(photo)};base64,{base64.b64encode(photo).decode()}"
-                    image = ui.element("img").props(f'alt="Photo {number} of the work"')
-                    image.props["src"] = source
-                    image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
-            with ui.element("ul").classes("list").props('aria-label="Known facts about the proof"'):
-                for line in known:
-                    Text("li", line, "soft wrap")
+            _draw_evidence(statement, known)
             ruling = ui.select(MEANINGS, value="accepted", label="Ruling").props("outlined dense")
             fault = ui.select({**FAULTS}, value="nobody", label="Whose doing it is").props("outlined dense")
             amount = ui.input("Pay (IEC)", value=f"{task.price_iec or 0:f}").props("outlined dense")
             reason = ui.input("Why?").props("outlined dense maxlength=500")
-            for one in (ruling, fault, amount, reason):
+            inputs = (ruling, fault, amount, reason)
+            for one in inputs:
                 one.style("width: 100%")
             fault.bind_visibility_from(ruling, "value", value="void")
             amount.bind_visibility_from(ruling, "value", value="accepted")
@@ -328,3 +285,60 @@ class AuditorDesk:
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
                 ui.button("Rule", on_click=answer).props("unelevated")
         await dialog
+
+    async def _evidence(self, task: Task) -> tuple[Statement | None, list[str]]:
+        """A person's statement, and what is known about the proof."""
+        if not self._console.kinds.by_people(task.kind):
+            return None, []
+        try:
+            statement = await ask(self._console.queries.statement, task)
+        except RodeoError as error:
+            fail(error)
+            return None, []
+        if statement is None:
+            return None, []
+        try:
+            return statement, (await ask(self._console.queries.review, task)).lines()
+        except RodeoError as error:
+            return statement, [f"Cannot load the proof's details: {explain(error)}"]
+
+
+def _draw_evidence(statement: Statement | None, known: list[str]) -> None:
+    if statement is None:
+        notice("The proof holds no statement to show. The task's page has the recording.")
+    else:
+        Text("p", f"“{statement.note}”", "wrap")
+        for number, photo in enumerate(statement.photos, start=1):
+            source = f"data:image/{photo_format(photo)};base64,{base64.b64encode(photo).decode()}"
+            image = ui.element("img").props(f'alt="Photo {number} of the work"')
+            image.props["src"] = source
+            image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
+    with ui.element("ul").classes("list").props('aria-label="Known facts about the proof"'):
+        for line in known:
+            Text("li", line, "soft wrap")
+
+
+async def _confirmed(
+    task: Task, said: str, fault: Any, amount: str | None, reason: str | None
+) -> dict[str, object] | None:
+    """The request to judge a task, once the auditor has confirmed it."""
+    accepted = said == "accepted"
+    text, paid = (reason or "").strip(), (amount or "").strip()
+    if not text:
+        ui.notify("Give a reason: the executor reads it", type="warning")
+        return None
+    tenth = iec((task.price_iec or Decimal(0)) / 10)  # IMPOSSIBLE_SHARE of the contract
+    lines = [
+        ("Task", f"{task.id} · {kind(task.kind)}"),
+        ("Ruling", MEANINGS[said]),
+        ("Reason", text),
+        ("Agreed price", iec(task.price_iec)),
+        ("Paid to the executor", f"{paid} IEC" if accepted else tenth if said == "impossible" else iec(0)),
+    ]
+    if said == "void":
+        lines.insert(2, ("Whose doing", FAULTS[fault]))
+    if not await confirm("Rule on this work?", lines, "Rule", danger=not accepted):
+        return None
+    request: dict[str, object] = {"task_id": task.id, "ruling": said, "reason": text}
+    request |= {"fault": fault} if said == "void" else {}
+    return request | ({"amount_iec": paid} if accepted and task.price_iec else {})

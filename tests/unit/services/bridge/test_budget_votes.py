@@ -71,7 +71,7 @@ class Members(Office):
 
     def budget_votes(self, **parameters: Any) -> list[dict[str, Any]]:
         wanted = {name: str(value) for name, value in parameters.items()}
-        found = self.queries._budget_votes(Request("state/budget_votes", wanted, b""))
+        found = self.queries.answer("budget_votes", Request("state/budget_votes", wanted, b""))
         return list(found["budget_votes"])
 
     def shown(self, number: int) -> dict[str, Any]:

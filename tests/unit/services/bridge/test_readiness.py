@@ -1,7 +1,7 @@
 """When an index does not count as current, and what a bridge does as time passes."""
 
 import threading
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +11,8 @@ import pytest
 from rodeo.chain.errors import ContractReverted, RpcFailed
 from rodeo.config import Site
 from rodeo.rulings import GRACE_S
+from services.bridge.ends import End, Ends, late_verdicts, many_voids, own_rulings, send_end
 from services.bridge.index import Position
-from services.bridge.process import Bridge, _End, _end, late_verdicts, many_voids, own_rulings
 from services.bridge.readiness import Probe, why_late
 from tests.support.site import write_site
 from tests.support.tasks import UNTIL_S, ruled
@@ -40,7 +40,7 @@ def test_a_bridge_concludes_the_rulings_that_pay_executors_whose_keys_it_has() -
     tasks = ruled(1, executor="0x01"), ruled(2, executor="0x02"), ruled(3, "rejected", executor="0x01")
     rows, due_s = [one.model_dump() for one in tasks], UNTIL_S + GRACE_S
     assert own_rulings(rows, {"0x01": "alice"}, UNTIL_S + 1) == ([], due_s)
-    assert own_rulings(rows, {"0x01": "alice"}, due_s + 1) == ([_End("alice", "conclude", 1)], None)
+    assert own_rulings(rows, {"0x01": "alice"}, due_s + 1) == ([End("alice", "conclude", 1)], None)
     assert own_rulings(rows, {"0x03": "carol"}, due_s + 1) == ([], None)
 
 
@@ -51,8 +51,9 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
     clock = SimpleNamespace(now_s=lambda: UNTIL_S + GRACE_S + 1)
     told: Any = SimpleNamespace(site=site, name="bridge.own", stop=threading.Event(), clock=clock)
     told.concern = concerns.__setitem__
-    bridge = Bridge(told)
-    bridge._accounts = {"panther1": SimpleNamespace(address="0x01")}  # type: ignore[dict-item]
+    accounts: Any = {"panther1": SimpleNamespace(address="0x01")}
+    threads = {"panther1": ThreadPoolExecutor(max_workers=1)}
+    ends = Ends(told, lambda: None, lambda: accounts, threads)
     sent: list[Any] = []
 
     def execute(*command: Any) -> Future[Any]:
@@ -72,7 +73,7 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
     wallets = {"panther1": SimpleNamespace(execute=execute)}
     handback = SimpleNamespace(can_do=lambda _name, _kind: True)
     attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets, handback=handback)
-    assert bridge._expire_overdue(attachment) is None
+    assert ends.expire_overdue(attachment) is None
     assert sent == [("conclude", {"task_id": 7})]
     assert "task 7" in concerns["verdicts"]
     assert "1 of the last 9 rulings on tasks of this site are void" in concerns["voids"]
@@ -86,7 +87,7 @@ def test_whoever_concludes_a_ruling_after_somebody_else_warns_nobody(
         raise ContractReverted(code, {})
 
     wallet: Any = SimpleNamespace(execute=refuse)
-    assert _end(wallet, _End("organization", "settle_stakes", 7, 2)) is None
+    assert send_end(wallet, End("organization", "settle_stakes", 7, 2)) is None
     assert bool(caplog.records) == (code == "NotAuthorized")
 
 

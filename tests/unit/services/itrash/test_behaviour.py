@@ -795,8 +795,8 @@ def claimant(name: str, recording: str = "cd") -> Claimant:
 def test_classification_and_drop_name_the_robot_that_presented_itself() -> None:
     bench = Bench()
     bench.run(2.0)
-    bench.bin.presented(claimant("panther1", "ab"), bench.time_s)
-    bench.bin.presented(claimant("panther1"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther1", "ab"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther1"), bench.time_s)
     bench.labels = ["plastic"]
     bench.run(5.0, SHOWN_M)
     bench.run(3.0)
@@ -810,8 +810,8 @@ def test_classification_and_drop_name_the_robot_that_presented_itself() -> None:
 def test_of_two_robots_that_present_themselves_the_bin_names_both() -> None:
     bench = Bench()
     bench.run(2.0)
-    bench.bin.presented(claimant("panther1"), bench.time_s)
-    bench.bin.presented(claimant("panther2"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther1"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther2"), bench.time_s)
     bench.labels = ["plastic"]
     bench.run(5.0, SHOWN_M)
     (classified,) = bench.attested
@@ -822,11 +822,11 @@ def test_of_two_robots_that_present_themselves_the_bin_names_both() -> None:
 def test_who_presented_itself_long_ago_or_for_another_item_is_not_named() -> None:
     bench = Bench()
     bench.run(2.0)
-    bench.bin.presented(claimant("panther1"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther1"), bench.time_s)
     bench.run(130.0)
     bench.labels = ["plastic"]
     bench.run(5.0, SHOWN_M)
-    bench.bin.presented(claimant("panther1"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther1"), bench.time_s)
     bench.run(3.0)
     bench.drop("yellow")
     bench.run(5.0)
@@ -948,20 +948,20 @@ def test_what_another_robot_shows_is_not_combined_with_what_was_shown_before() -
     bench = Looks(seen(0.55))
     other = Claimant(device="b", address="0x" + "22" * 20, recording="0x" + "33" * 32, task_id=9, attempt=1)
     bench.show()
-    bench.bin.presented(other, bench.time_s)
+    bench.bin.showing.presented(other, bench.time_s)
     assert [look.taken_s > bench.time_s - 8 for look in bench.show().earlier] == [True, True]
 
 
 def test_what_a_robot_shows_that_began_again_is_not_combined_with_pictures_of_its_last_recording() -> None:
     bench = Looks(seen(0.55))
-    bench.bin.presented(claimant("panther1", "ab"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther1", "ab"), bench.time_s)
     bench.show()
-    bench.bin.presented(claimant("panther1", "cd"), bench.time_s)
+    bench.bin.showing.presented(claimant("panther1", "cd"), bench.time_s)
     assert [look.taken_s > bench.time_s - 8 for look in bench.show().earlier] == [True, True]
 
 
 def present(bench: Bench, name: str, grasped_s: float = 0.0, recording: str = "cd") -> None:
-    bench.bin.presented(claimant(name, recording), bench.time_s, grasped_s)
+    bench.bin.showing.presented(claimant(name, recording), bench.time_s, grasped_s)
 
 
 def test_what_a_robot_grasped_anew_is_not_combined_with_pictures_from_before_the_grasp() -> None:
