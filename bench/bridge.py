@@ -34,10 +34,13 @@ from rodeo.chain.encoding import Call
 from rodeo.chain.logs import Log
 from rodeo.chain.types import ZERO_ADDRESS
 from rodeo.clock import WallClock
+from rodeo.commands.services import RegisterService
+from rodeo.commands.tasks import RegisterTask
+from rodeo.commands.treasury import Transfer
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.endpoint import free_port
-from rodeo.messages import RegisterService, RegisterTask, Transfer, Vote
+from rodeo.messages import Vote
 from services.bridge.follower import MAX_BLOCKS
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.oracle.votes import Votes

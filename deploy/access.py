@@ -6,7 +6,7 @@
     a robot's mind         commands the body in that namespace, and takes orders for that robot, no other's
     a device               speaks through the process that has its key
     a wallet               takes from the process that works for it, and from operator and console, the
-                           commands that `COMMANDS` lists for them, and no others
+                           commands that are declared for them (`rodeo.commands`), and no others
     a motion               is asked for by the process that `_CALLERS` names, and by operator and console
 
 What the rules do not allow is denied.
@@ -19,6 +19,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from rodeo import topics
+from rodeo.commands import COMMANDS
+from rodeo.commands.people import PEOPLE
 from rodeo.config import BRIDGE, Site, agent_process, body_identity
 from rodeo.dao import ORGANIZATION
 from rodeo.keystores import MOCAP_NAME
@@ -27,9 +29,6 @@ from rodeo.processes import processes_of
 from rodeo.serving import served_by
 from rodeo.tls import OPERATOR
 from rodeo.topics import BODY, TOPICS, Form, Plane, Topic
-
-_PEOPLE = (OPERATOR, "console")
-"""Processes that speak for people, and may ask for everything."""
 
 _CALLERS: dict[str, str] = {
     topics.NAVIGATE_TO_POSE.key: "robot_agent",
@@ -49,42 +48,20 @@ _CALLERS: dict[str, str] = {
 _ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
 """A second writer: bin and dock have frames, too."""
 
-_SELLS = {"register_service", "update_service", "agree", "abandon_task", "submit_proof", "conclude"}
-
-_OFFICE = {
-    *("register_task", "cancel_task", "register_service", "update_service", "agree", "set_namers"),
-    *("match_task", "accept_task", "submit_proof", "rule", "challenge", "conclude", "settle_stakes"),
-    *("register_device", "revoke_device", "allow_kind", "remove_judge", "retire_rules"),
-    *("suspend_provider", "reinstate_provider", "suspend_service", "reinstate_service"),
-    *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
-    *("admit", "dismiss", "vouch", "deposit", "withdraw", "rescue_tokens"),
-    *("cast_vote", "queue_proposal", "execute_proposal", "cancel_proposal"),
-    *("cast_budget_vote", "pay_budget_share"),
-}
-"""What people do on the command line and in the console alike."""
-
-COMMANDS: dict[str, set[str]] = {
-    "robot_agent": {*_SELLS, "accept_task", "register_task", "raise_reward", "set_payout"},
-    "charger": {*_SELLS, "post_root"},
-    "itrash": {"post_root"},
-    "robot_sim": {"post_root"},
-    "oracle": {"rule", "post_votes"},
-    "console": _OFFICE,
-    OPERATOR: {
-        *_OFFICE,
-        *("abandon_task", "raise_reward", "post_votes", "sign_vote", "set_payout"),
-        *("sign", "relay", "allow_payments", "revoke_request"),
-        *("grant_role", "revoke_role", "hand_over", "set_delay", "propose", "open_budget_vote"),
-        *("change_judge_key", "seat_judge", "unseat_judge", "set_quorum"),
-        *("deposit_stake", "announce_withdrawal", "withdraw_stake"),
-    },
-}
-"""Process -> the commands that its code sends to the wallets it works for (`_wallets_of`). A test derives the
-same table from the code."""
+_SIGNED_FOR_PEOPLE = {"sign", "sign_vote"}
+"""What the operator asks of wallets and is no command of its own: a signature."""
 
 _SIGNS_ITSELF = ("prepare", "broadcast", "sign")
 """What `rodeo.dao.Participant` sends for a wallet whose key is elsewhere: the program that has it connects as
 the operator."""
+
+
+def commands_of(job: str) -> set[str]:
+    """The commands that the process's code sends to the wallets it works for (`_wallets_of`). A test derives
+    the same from the code."""
+    declared = {name for name, model in COMMANDS.items() if job in model.declared.senders}
+    return declared | (_SIGNED_FOR_PEOPLE if job == OPERATOR else set())
+
 
 _EVERYBODY = "every process"
 _LISTEN = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
@@ -154,14 +131,14 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
                 yield topics.COMMAND.name(org=site.org, participant=participant, command=command)
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
-        if asked and (process in _PEOPLE or _CALLERS.get(topic.key, _job(process)) == _job(process)):
+        if asked and (process in PEOPLE or _CALLERS.get(topic.key, _job(process)) == _job(process)):
             yield from _asked_keys(site, topic, process)
 
 
 def _commands_of(site: Site, process: str) -> Iterator[tuple[str, str]]:
     """Each participant and command that the process may send to the participant's wallet; `*` for all
     participants."""
-    yield from itertools.product(_wallets_of(site, process), COMMANDS.get(_job(process), ()))
+    yield from itertools.product(_wallets_of(site, process), commands_of(_job(process)))
     if process == OPERATOR:
         elsewhere = [one.name for one in site.participants if one.address is not None]
         yield from itertools.product(elsewhere, _SIGNS_ITSELF)
@@ -169,7 +146,7 @@ def _commands_of(site: Site, process: str) -> Iterator[tuple[str, str]]:
 
 def _wallets_of(site: Site, process: str) -> list[str]:
     """Participants for whom the process works; `*` for all."""
-    if process in _PEOPLE:
+    if process in PEOPLE:
         return ["*"]
     if (job := _job(process)) in ("robot_agent", "oracle"):
         return _own(site, process, "robot" if job == "robot_agent" else "oracle")

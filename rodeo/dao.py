@@ -13,6 +13,11 @@ from pydantic import BaseModel, ConfigDict
 
 from rodeo import queries, signed_requests, topics
 from rodeo.bus import Bus
+from rodeo.commands import Command
+from rodeo.commands.judging import Conclude
+from rodeo.commands.relaying import Sign, Signable
+from rodeo.commands.services import Agree, RegisterService, UpdateService
+from rodeo.commands.tasks import AbandonTask, AcceptTask, RaiseReward, SubmitProof
 from rodeo.config import Site, oracle_names
 from rodeo.errors import (
     BusError,
@@ -27,24 +32,14 @@ from rodeo.evidence.seal import Binding
 from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
     LIVE_STATES,
-    AbandonTask,
-    AcceptTask,
-    Agree,
+    ORGANIZATION,
     Broadcast,
-    Command,
-    Conclude,
     Message,
     Mined,
     Prepare,
     Prepared,
-    RaiseReward,
-    RegisterService,
-    Sign,
-    Signable,
     SignedRequest,
-    SubmitProof,
     Task,
-    UpdateService,
 )
 from rodeo.queries import A, Offer, Query
 from rodeo.rulings import LOST_RACES, STATES, due_s
@@ -54,9 +49,6 @@ if TYPE_CHECKING:
 
 _LOOK_WALL_S = 2.0
 """Wall time after which the index is asked for a task again without an event."""
-
-ORGANIZATION = "organization"
-"""The participant that speaks for the organization: its operator's wallet."""
 
 
 def cannot_do(site: Site, participant: str, kind: str) -> str:

@@ -13,23 +13,23 @@ from typing import Any
 from pydantic import BaseModel
 
 from rodeo import kinds, queries, topics
+from rodeo.commands import COMMANDS, Command
+from rodeo.commands.declare import example_of
+from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, OTHER, SIGNED, VOTE
+from rodeo.commands.judging import SignVote
+from rodeo.commands.relaying import Sign
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.seal import Binding, SealHead
 from rodeo.messages import (
-    COMMANDS,
     Broadcast,
     ClockHold,
     ClockMark,
-    Command,
     DaoEvent,
     Dispute,
     Prepare,
-    Relay,
     SealedVote,
-    Sign,
     SignedRequest,
     SignedVote,
-    SignVote,
     Standing,
     Status,
     Task,
@@ -62,17 +62,15 @@ STATEMENTS: tuple[type[Header], ...] = (
     Receipt,
 )
 
-_ADDRESS, _OTHER = "0x" + "1f" * 20, "0x" + "2e" * 20
-_DIGEST, _BEFORE = "0x" + "3d" * 32, "0x" + "4c" * 32
 _TASK = {
     "id": 7,
     "kind": "window_cleaning",
     "state": "assigned",
     "attempt": 1,
     "max_attempts": 3,
-    "creator": _OTHER,
+    "creator": OTHER,
     "creator_name": "organization",
-    "executor": _ADDRESS,
+    "executor": ADDRESS,
     "executor_name": "panther1",
     "service_id": 2,
     "reward_iec": "100",
@@ -86,76 +84,49 @@ _TASK = {
     "execution_window_s": 7200,
     "grace_s": 180,
     "verdict_window_s": 172800,
-    "nonce": _DIGEST,
+    "nonce": DIGEST,
 }
-_CLAIMANT = {"device": "panther1", "address": _ADDRESS, "recording": _DIGEST, "task_id": 7, "attempt": 1}
-_HEAD = {"device": "panther1", "address": _ADDRESS, "chain": _DIGEST, "index": 12, "digest": _BEFORE}
+_CLAIMANT = {"device": "panther1", "address": ADDRESS, "recording": DIGEST, "task_id": 7, "attempt": 1}
+_HEAD = {"device": "panther1", "address": ADDRESS, "chain": DIGEST, "index": 12, "digest": BEFORE}
 _HEADER = {
     "chain_id": 31337,
-    "task_manager": _OTHER,
-    "organization": _ADDRESS,
+    "task_manager": OTHER,
+    "organization": ADDRESS,
     "seq": 42,
-    "previous": _BEFORE,
+    "previous": BEFORE,
     "time_s": 1795320100.2,
     "heads": [_HEAD],
     "inputs": "closed_bus",
 }
 _BIN = {"device": "itrash", "claimants": [_CLAIMANT]}
 _FELL = {"compartment": "yellow", "weight_n": 0.294, "after_s": 1795320120.4, "settled_s": 1795320121.1}
-_CHARGE = {"task_id": 8, "attempt": 1, "recording": _DIGEST, "begin_wh": 12345.0, "register_wh": 12347.5}
-
-_VOTE = {
-    "task_id": 7,
-    "attempt": 1,
-    "proof_sha256": _DIGEST,
-    "report_sha256": _BEFORE,
-    "rules_sha256": _DIGEST,
-    "ruling": "accepted",
-    "amount_iec": "100",
-    "reason": "accepted",
-}
-_SIGNED = {
-    "request": {
-        "typed_data": {
-            "types": {"EIP712Domain": [], "CancelTask": []},
-            "primaryType": "CancelTask",
-            "domain": {
-                "name": "RODEO SignedRequests",
-                "version": "1",
-                "chainId": 1337,
-                "verifyingContract": _ADDRESS,
-            },
-            "message": {"creator": _OTHER, "taskId": "7", "nonce": "5", "deadline": "1795406500"},
-        },
-        "signature": "0x" + "5b" * 65,
-    },
-}
+_CHARGE = {"task_id": 8, "attempt": 1, "recording": DIGEST, "begin_wh": 12345.0, "register_wh": 12347.5}
 
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
-    Attestation: {"payload": {"type": "bin.removal"}, "signer": _ADDRESS, "signature": "0x" + "5b" * 65},
+    Attestation: {"payload": {"type": "bin.removal"}, "signer": ADDRESS, "signature": "0x" + "5b" * 65},
     Head: _HEAD,
     Claimant: _CLAIMANT,
     Binding: {
         "chain_id": 31337,
-        "task_manager": _OTHER,
-        "organization": _ADDRESS,
+        "task_manager": OTHER,
+        "organization": ADDRESS,
         "device": "panther1",
         "task_id": 7,
         "attempt": 1,
-        "executor": _ADDRESS,
-        "nonce": _DIGEST,
+        "executor": ADDRESS,
+        "nonce": DIGEST,
     },
     SealHead: {
         "type": "recording.seal",
         "version": 1,
         "chain_id": 31337,
-        "task_manager": _OTHER,
-        "organization": _ADDRESS,
+        "task_manager": OTHER,
+        "organization": ADDRESS,
         "device": "panther1",
-        "recording": _DIGEST[2:],
+        "recording": DIGEST[2:],
         "index": 12,
         "messages": 1904,
-        "hash": _BEFORE[2:],
+        "hash": BEFORE[2:],
         "previous": "6a" * 32,
         "time_ns": "1795320100200000000",
     },
@@ -177,9 +148,9 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "probabilities": {"metal": 0.98, "glass": 0.02},
         "compartment": "yellow",
         "full": False,
-        "image_sha256": _DIGEST,
-        "model_sha256": _BEFORE,
-        "thresholds_sha256": _DIGEST,
+        "image_sha256": DIGEST,
+        "model_sha256": BEFORE,
+        "thresholds_sha256": DIGEST,
         "shown_s": 1795320100.0,
     },
     Drop: {
@@ -194,16 +165,16 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     },
     Correction: {
         "chain_id": 31337,
-        "task_manager": _OTHER,
-        "organization": _ADDRESS,
+        "task_manager": OTHER,
+        "organization": ADDRESS,
         "type": "bin.correction",
         "bin": "itrash",
-        "image_sha256": _DIGEST,
+        "image_sha256": DIGEST,
         "class": "glass",
     },
-    Judged: {"address": _OTHER, "name": "anna", "items": 9, "right": 7},
+    Judged: {"address": OTHER, "name": "anna", "items": 9, "right": 7},
     Pictured: {
-        "image_sha256": _DIGEST,
+        "image_sha256": DIGEST,
         "class": "metal",
         "shown_s": 1767225600.0,
         "corrections": {"anna": "glass"},
@@ -223,7 +194,7 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "type": "robot.presentation",
         "device": "panther1",
         "bin": "itrash",
-        "recording": _DIGEST,
+        "recording": DIGEST,
         "task_id": 7,
         "attempt": 1,
         "grasped_s": 1767225580.0,
@@ -249,8 +220,8 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "type": "robot.receipt",
         "device": "panther1",
         "meter": "dock1",
-        "meter_address": _OTHER,
-        "record": _DIGEST,
+        "meter_address": OTHER,
+        "record": DIGEST,
         "soc": 0.41,
         "reason": "step",
     },
@@ -261,24 +232,24 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "name": "TaskAssigned",
         "block": 118,
         "log_index": 2,
-        "tx_hash": _DIGEST,
+        "tx_hash": DIGEST,
         "time_s": 1795320001.0,
         "task_id": 7,
         "args": {"task_id": 7, "service_id": 2, "attempt": 1},
-        "chain": _BEFORE,
+        "chain": BEFORE,
     },
     Standing: {"ruling": "accepted", "fault": "nobody", "amount_iec": "100", "until": 1795327201.0},
     Dispute: {
         "instance": 0,
         "until": 1795327201.0,
-        "challenger": _OTHER,
+        "challenger": OTHER,
         "stake_iec": "50",
         "because": "the item lies beside the bin",
     },
-    Vote: _VOTE,
+    Vote: VOTE,
     SealedVote: {"task_id": 7, "attempt": 1, "signature": "0x" + "5b" * 64},
     SignedVote: {
-        "vote": _VOTE,
+        "vote": VOTE,
         "report_uri": "https://store.example/" + "4c" * 32 + ".json",
         "signature": "0x" + "5b" * 64,
     },
@@ -302,85 +273,10 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     },
     Prepare: {"command": "cancel_task", "request": {"task_id": 7}},
     Sign: {"command": "cancel_task", "request": {"task_id": 7}, "valid_s": 3600},
-    Relay: {"signed": _SIGNED},
     Broadcast: {"raw": "0x02f8b2", "request_id": "cancel-7", "content_sha256": "7a" * 32},
 }
-"""Examples of the models whose fields need more than `_VALUES`."""
+"""Examples of what is no command."""
 
-_VALUES: dict[str, Any] = {
-    "kind": "window_cleaning",
-    "reward_iec": "100",
-    "params": {"window": "north"},
-    "task_id": 7,
-    "attempt": 1,
-    "proof_sha256": _DIGEST,
-    "proof_uri": "https://store.example/" + "3d" * 32 + ".mcap",
-    "ruling": "accepted",
-    "amount_iec": "100",
-    "reason": "accepted",
-    "report_sha256": _BEFORE,
-    "report_uri": "https://store.example/" + "4c" * 32 + ".json",
-    "vote": _VOTE,
-    "signatures": ["0x" + "5b" * 64, "0x" + "6c" * 64],
-    "signature": "0x" + "5b" * 64,
-    "price_iec": "40",
-    "payout": _OTHER,
-    "service_id": 2,
-    "to": "panther1",
-    "device": _ADDRESS,
-    "role": "robot",
-    "owner": "panther1",
-    "name": "panther1",
-    "day": 20779,
-    "root": _DIGEST,
-    "uri": "https://store.example/" + "3d" * 32 + ".json",
-    "rules_sha256": "0x" + _DIGEST.removeprefix("0x"),
-    "policy": "lowest_price",
-    "bond_iec": "50",
-    "penalty_iec": "20",
-    "max_failures": 2,
-    "enabled": True,
-    "period_s": 86_400,
-    "duration_s": 3600,
-    "account": "alice",
-    "token": "0x5FbDB2315678afecb367f032d93F642f64180aa3",
-    "request_id": "post-item1",
-    "judge": "anna",
-    "key": _ADDRESS,
-    "command": "set_terms",
-    "request": {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2},
-    "description": "a bond, so that robots take only what they can do",
-    "nonce": 4711,
-    "proposal": 3,
-    "delay_s": 172_800,
-    "votes": 3,
-    "judges": ["anna", "bert", "carl", "dora"],
-    "support": "for",
-    "recipients": ["panther1", "alice"],
-    "budget_vote": 0,
-    "recipient": "panther1",
-}
-_SHOWN: dict[str, tuple[str, ...]] = {
-    "register_task": ("params", "request_id"),
-    "rule": ("amount_iec",),
-    "update_service": ("price_iec",),
-    "allow_kind": ("judge", "rules_sha256"),
-    "set_budget": ("amount_iec", "period_s"),
-    "propose": ("request",),
-    "seat_judge": ("owner",),
-    "set_quorum": ("judges",),
-    "set_terms": ("bond_iec", "penalty_iec", "max_failures"),
-}
-"""Optional fields that the example of a command has, too."""
-_OWN: dict[str, dict[str, Any]] = {
-    "set_budget": {"role": "treasurer"},
-    "cast_budget_vote": {"votes": {"panther1": 6, "alice": 8}},
-    "allow_kind": {"judge": "oracle"},
-    "challenge": {"reason": "the item lies beside the bin"},
-    "revoke_device": {"reason": "superseded"},
-    "grant_role": {"role": "auditor"},
-    "revoke_role": {"role": "auditor"},
-}
 _PARAMETERS: dict[str, dict[str, Any]] = {
     "tasks": {"state": "open,assigned", "limit": 10},
     "services": {"kind": "window_cleaning"},
@@ -391,15 +287,6 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "roots": {"limit": 10},
     "events": {"after": 31},
 }
-
-
-def example_of(model: type[BaseModel], command: str = "") -> dict[str, Any]:
-    """A valid payload of this model: what it requires and what makes sense of it. Raises KeyError."""
-    if model in EXAMPLES:
-        return EXAMPLES[model]
-    wanted = [name for name, field in model.model_fields.items() if field.is_required()]
-    values: dict[str, Any] = _VALUES | _OWN.get(command, {})
-    return {name: values[name] for name in (*wanted, *_SHOWN.get(command, ()))}
 
 
 def parameters_of(what: str) -> dict[str, Any]:
@@ -431,7 +318,7 @@ def _payloads() -> str:
         "",
     ]
     for name, command in COMMANDS.items():
-        parts += _section(name, command, example_of(command, name), without=Command)
+        parts += _section(name, command, example_of(command), without=Command)
     parts += ["The next sections list the `params` of a task, for each kind that comes with RODEO:", ""]
     for name in kinds.installed():
         kind = kinds.load(name)
@@ -446,7 +333,7 @@ def _payloads() -> str:
         "",
     ]
     parts += _section("sign", Sign, EXAMPLES[Sign])
-    parts += _section("SignedRequest", SignedRequest, _SIGNED)
+    parts += _section("SignedRequest", SignedRequest, SIGNED)
     parts += [
         "A judge who decides about a challenge signs a vote for `post_votes`. The answer is a SignedVote:",
         "",
@@ -537,12 +424,10 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
 def _section(
     title: str, model: type[BaseModel], example: dict[str, Any] | None, without: type[BaseModel] | None = None
 ) -> list[str]:
-    own = [
-        line
-        for line in inspect.cleandoc(model.__dict__.get("__doc__") or "").split("\n\n")[0].split("\n")
-        if line
-    ]
-    parts = [f"#### {title}", "", *own, *([""] if own else [])]
+    text = inspect.cleandoc(model.__dict__.get("__doc__") or "")
+    if not issubclass(model, Command):
+        text = text.split("\n\n")[0]
+    parts = [f"#### {title}", "", *([*text.split("\n"), ""] if text else [])]
     table = _table(model, without)
     if len(table) > 2:
         parts += [*table, ""]
@@ -567,7 +452,7 @@ def _table(model: type[BaseModel], without: type[BaseModel] | None = None) -> li
         alias = field.alias or name
         shape = _shape(schema["properties"][alias], schema.get("$defs", {}))
         needed = "yes" if field.is_required() else ""
-        rows.append(f"| `{alias}` | {shape} | {needed} | {meanings.get(name, '')} |")
+        rows.append(f"| `{alias}` | {shape} | {needed} | {field.description or meanings.get(name, '')} |")
     return rows
 
 

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from decimal import Decimal
 from typing import Any
 
 from rodeo import keys, secp256k1, typed_data
 from rodeo.chain.abi import Fault, Finding, Ruling
 from rodeo.chain.types import hex_bytes
 from rodeo.currency import Currency, InvalidAmount
-from rodeo.messages import Rule, Vote
+from rodeo.messages import Vote
 
 _TYPES = {
     "Finding": [
@@ -56,21 +55,18 @@ def possession(key: keys.Signer, owner: str, chain_id: int, committee: str) -> t
     return raw[:32], raw[32:]
 
 
-def finding(vote: Vote | Rule, currency: Currency, rules_sha256: str | None = None) -> Finding:
-    """What the contracts are told. `rules_sha256`: by what was judged where `vote` does not say it.
-
-    Raises InvalidAmount.
-    """
+def finding(vote: Vote, currency: Currency) -> Finding:
+    """What the contracts are told. Raises InvalidAmount."""
     ruling = Ruling.NONE if vote.ruling == "undecided" else Ruling[vote.ruling.upper()]
     return Finding(
         task_id=vote.task_id,
         attempt=vote.attempt,
         proof_hash=hex_bytes(vote.proof_sha256),
         report_hash=hex_bytes(vote.report_sha256),
-        rules_hash=hex_bytes(vote.rules_sha256 or rules_sha256),
+        rules_hash=hex_bytes(vote.rules_sha256),
         ruling=ruling,
         fault=Fault[vote.fault.upper()],
-        amount=currency.to_units(vote.amount_iec or Decimal(0)),
+        amount=currency.to_units(vote.amount_iec),
         reason=vote.reason,
     )
 

@@ -21,29 +21,11 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
-from rodeo_cli.proposals import propose, send
+from rodeo_cli.proposals import send
 from rodeo_cli.tasks import ParticipantOption
 from services.console.formatting import party, split_in_words
 
 NumberArgument = Annotated[int, typer.Argument(min=0, help="Its number: `rodeo organization budget-votes`.")]
-
-
-@propose.command("budget-vote")
-@reports_errors
-def budget_vote(
-    amount_iec: Annotated[str, typer.Argument(metavar="AMOUNT", help="What is split, in IEC.")],
-    recipients: Annotated[
-        list[str], typer.Argument(metavar="RECIPIENT...", help="Participants' names or addresses, each once.")
-    ],
-    duration_s: Annotated[
-        int, typer.Option("--duration", min=60, help="How long members may vote, in seconds.")
-    ] = 3 * 24 * 3600,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Let the members split an amount of the treasury. It begins when the proposal is executed."""
-    fields = {"recipients": recipients, "amount_iec": amount_iec, "duration_s": duration_s}
-    send(site, participant, "open_budget_vote", "", **fields)
 
 
 def budget_votes(

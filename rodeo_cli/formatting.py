@@ -116,7 +116,7 @@ def options_of(command: Callable[..., Any]) -> dict[str, str]:
     for name, hint in get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
             if isinstance(info, ArgumentInfo):
-                called[name] = name.upper()
+                called[name] = (info.metavar or name.upper()).removesuffix("...")
             elif isinstance(info, OptionInfo):
                 # Typer takes the first spelling for a default until the command is built.
                 declared = [one for one in (info.default, *(info.param_decls or ())) if isinstance(one, str)]

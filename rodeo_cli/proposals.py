@@ -29,8 +29,6 @@ from rodeo_cli.layout import Row
 from rodeo_cli.tasks import ParticipantOption
 from services.console.formatting import calls_in_words
 
-ProposalArgument = Annotated[int, typer.Argument(help="Its number: `rodeo organization proposals`.")]
-
 propose = typer.Typer(
     help="Propose what the organization should do. Options of `propose` come first.",
     no_args_is_help=True,
@@ -119,28 +117,7 @@ def price(
     send(site, participant, "update_service", "", **fields)
 
 
-@propose.command("hand-over")
 @reports_errors
-def hand_over(
-    account: Annotated[str, typer.Argument(help="Who proposes from then on: a participant or an address.")],
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Let another key propose and cancel in place of the administrator's, where no members decide."""
-    send(site, participant, "hand_over", "", account=account)
-
-
-@propose.command("delay")
-@reports_errors
-def delay(
-    seconds: Annotated[int, typer.Argument(min=1, help="From a proposal, or decision, to its execution.")],
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Change the delay of everything that is proposed later."""
-    send(site, participant, "set_delay", "", delay_s=seconds)
-
-
 def proposals(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
     """List what was proposed and what became of it, the newest first."""
     with connected(site) as (loaded, bus):
@@ -171,51 +148,3 @@ def when(one: queries.Proposal, site: Site) -> str:
     if one.state in ("queued", "waiting", "ready") and one.ready_s is not None:
         return f"not before {moment(one.ready_s, site)}"
     return ""
-
-
-def vote(
-    number: ProposalArgument,
-    support: Annotated[str, typer.Argument(help="for, against or abstain.")],
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Vote on a proposal as a member. A vote cannot be changed."""
-    done = f"{participant} voted {support} on proposal {number}."
-    send(site, participant, "cast_vote", done, proposal=number, support=support)
-
-
-def queue(
-    number: ProposalArgument,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Start the delay of a proposal that succeeded."""
-    done = f"Proposal {number} can be executed after the delay: `rodeo organization proposals` says when."
-    send(site, participant, "queue_proposal", done, proposal=number)
-
-
-def execute(
-    number: ProposalArgument,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Do what was decided or proposed, after the delay. Anybody may."""
-    send(site, participant, "execute_proposal", f"Proposal {number} is executed.", proposal=number)
-
-
-def cancel(
-    number: ProposalArgument,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Withdraw a proposal of the administrator before it is executed."""
-    send(site, participant, "cancel_proposal", f"Proposal {number} is cancelled.", proposal=number)
-
-
-def register(organization: typer.Typer, proposable: dict[str, Any]) -> None:
-    """Add these commands to `organization`, and its own that can be proposed to `propose`."""
-    for name, command in proposable.items():
-        propose.command(name)(command)
-    organization.add_typer(propose, name="propose")
-    for command in (proposals, vote, queue, execute, cancel):
-        organization.command(command.__name__)(reports_errors(command))

@@ -27,11 +27,13 @@ from deploy.launcher import Launcher
 from rodeo import queries, topics, wallets
 from rodeo.bus import Bus, DaoEvents, heard_status
 from rodeo.chance import generator
+from rodeo.commands.tasks import RegisterTask
+from rodeo.commands.treasury import Deposit
 from rodeo.config import ExperimentConfig, Site
 from rodeo.dao import Participant
 from rodeo.files import replace_file
 from rodeo.kinds import kinds_of, providing_energy
-from rodeo.messages import DaoEvent, Deposit, RegisterTask
+from rodeo.messages import DaoEvent
 from rodeo.person.statement import Executor, judge
 from rodeo.readings import unknown_charge, unknown_power
 from rodeo.ros2.node import Node

@@ -41,6 +41,11 @@ _MOST_NESTED = 4
 may hold thousands."""
 
 
+def proposal_key(proposal_id: int) -> str:
+    """How the index writes the governor's number of a proposal."""
+    return f"0x{proposal_id:064x}"
+
+
 @dataclass(frozen=True)
 class Proposed:
     """What a proposal consists of; its number on chain is made of these."""

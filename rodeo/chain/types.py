@@ -87,6 +87,12 @@ def hex_bytes(value: str | None) -> bytes:
     return bytes(32) if value is None else bytes.fromhex(value.removeprefix("0x"))
 
 
+def halves(signature: str) -> tuple[bytes, bytes]:
+    """r, and s with its parity (EIP-2098)."""
+    raw = hex_bytes(signature)
+    return raw[:32], raw[32:]
+
+
 def kind_to_bytes32(kind: str) -> bytes:
     """ASCII, padded with zeros on the right. Raises ValueError when it does not fit or is not ASCII."""
     encoded = kind.encode("ascii")

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from rodeo.clock import Clock
+from rodeo.commands.judging import Rule
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import RequestError
@@ -29,7 +30,7 @@ from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
 from rodeo.keys import Signer
 from rodeo.kinds import kinds_of
-from rodeo.messages import Fault, Rule, Ruling, Task
+from rodeo.messages import Fault, Ruling, Task
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.strict_json import plain

@@ -6,12 +6,12 @@ import logging
 import threading
 
 from rodeo import queries
+from rodeo.commands.devices import PostRoot
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.store import Store
-from rodeo.messages import PostRoot
 from rodeo.witness.days import Unposted, day_of
 from rodeo.witness.witness import Witness
 

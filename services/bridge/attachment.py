@@ -15,13 +15,13 @@ from rodeo import keystores, wallets
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import DeploymentMismatch
+from rodeo.commands.desk import Desk
 from rodeo.config import WalletLimits
 from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
 from rodeo.messages import DaoEvent
 from rodeo.process import Process
 from services.bridge.chain import Chain
-from services.bridge.commands import Wallet
 from services.bridge.continuity import Continuity, open_journal
 from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
@@ -33,6 +33,7 @@ from services.bridge.node import Node
 from services.bridge.queries import Queries
 from services.bridge.readiness import Probe
 from services.bridge.transactions import Transactions
+from services.bridge.wallet import Wallet
 
 log = logging.getLogger(__name__)
 
@@ -166,19 +167,13 @@ class Opener:
         self, held: Chain, names: Names, transactions: Transactions, store: Store
     ) -> dict[str, Wallet]:
         made, currency = dict[str, Wallet](), held.deployment.currency
+        economy, kinds = self._site.economy, kinds_of(self._site)
         for name in self._names:
             limits = Limits(self._config.limits.get(name, WalletLimits()), currency)
             transactions.orders.add(name, names.keys[name], self.accounts.get(name), limits)
-            made[name] = Wallet(
-                participant=name,
-                client=ChainClient(self._site.chain.url, held.deployment),
-                transactions=transactions,
-                index=held.index,
-                names=names,
-                store=store,
-                economy=self._site.economy,
-                kinds=kinds_of(self._site),
-            )
+            own = ChainClient(self._site.chain.url, held.deployment)
+            desk = Desk(name, own, held.index, names, store, economy, kinds, limits.has_daily_iec)
+            made[name] = Wallet(desk, transactions)
         return made
 
     def _open_journal(

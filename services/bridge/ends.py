@@ -19,9 +19,9 @@ from rodeo.messages import Standing
 from rodeo.process import Process
 from rodeo.verdicts import FAULTS, LAST_RULINGS, counted_voids
 from services.bridge.attachment import Attachment
-from services.bridge.commands import Wallet
 from services.bridge.names import ORGANIZATION
 from services.bridge.offers import Update, due_updates
+from services.bridge.wallet import Wallet
 
 log = logging.getLogger(__name__)
 

@@ -5,39 +5,7 @@
     │   ├── UnknownCommand        no such command
     │   ├── UnknownQuery          no such query
     │   ├── RequestIdReused       the same request_id with another content
-    │   ├── UnknownKind           the organization does not accept this kind of work
-    │   ├── UnknownTask
-    │   ├── UnknownService
-    │   ├── ProviderWithoutService
-    │   ├── CannotDo              the participant has nothing that does this kind of work
-    │   ├── AlreadyOffered        the participant has a service of this kind
-    │   ├── UnknownParticipant
-    │   ├── NotAJudge             the judge judges no kind of work, nobody made it one, or others judge this
-    │   ├── InvalidQuorum         the votes are not more than half of a panel of a kind's judges
-    │   ├── InsufficientFunds     the wallet has less than the command needs
-    │   ├── RewardBelowPrice      every service on offer costs more
     │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
-    │   ├── DailyLimitReached     the wallet has reached its daily spending limit
-    │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
-    │   ├── NoVotes               an administrator decides here, and members do not vote
-    │   ├── HasToBeProposed       the administrator is a timelock, which does nothing at once
-    │   ├── ActsAtOnce            the administrator's key proposes nothing
-    │   ├── MembersDecide         no key alone may do this where members decide
-    │   ├── UnknownProposal
-    │   ├── AlreadyProposed       the account has proposed the same calls with the same words
-    │   ├── UnexpectedProposalState  its delay runs, or it was executed or cancelled
-    │   ├── UnknownBudgetVote
-    │   ├── UnexpectedBudgetVoteState  members vote still, or no more
-    │   ├── NotARecipient         nobody can vote for this account, or pay it its share
-    │   ├── NoCredits             the account was no member before the budget vote was opened, or is none now
-    │   ├── TooFewCredits         these votes cost more than a member has
-    │   ├── NothingToPay          the recipient got no votes, or was paid its share
-    │   ├── KindWithoutQuorum     nobody said how many oracles have to agree about this kind
-    │   ├── NoDispute             no ruling stands that can be challenged
-    │   ├── CannotSign            the participant signs nothing for others to send
-    │   ├── NoPermit              the payment token takes no signed permits
-    │   ├── NotSigned             the request to be sent for somebody lacks a signature
-    │   ├── OtherContracts        it was signed for other contracts or another chain
     │   ├── WalletElsewhere       the participant signs for itself: prepare and broadcast
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
@@ -68,139 +36,8 @@ class RequestIdReused(RequestError):
     """The request_id was used before for a request with another content."""
 
 
-class UnknownKind(RequestError):
-    """The organization does not accept this kind of work."""
-
-
-class UnknownTask(RequestError):
-    """No such task was ever registered."""
-
-
-class KindWithoutChecks(RequestError):
-    """The oracle has no checks for this kind: people judge it."""
-
-
-class KindWithoutRules(RequestError):
-    """An oracle judges by rules that everybody can name."""
-
-
-class RulesNotCurrent(RequestError):
-    """No task of this kind is posted under these rules; `details["current"]` are those that may be named."""
-
-
-class UnknownService(RequestError):
-    """No such service was ever registered."""
-
-
-class ProviderWithoutService(RequestError):
-    """A task names a provider that offers no work of its kind."""
-
-
-class CannotDo(RequestError):
-    """The participant has nothing that does this kind of work: its service would let every task pass."""
-
-
-class AlreadyOffered(RequestError):
-    """The participant has a service of this kind, which can be changed."""
-
-
-class UnknownParticipant(RequestError):
-    """Neither a participant of this site nor an address."""
-
-
-class NotAJudge(RequestError):
-    """The committee's judge judges no kind of work, or the participant is no judge, or the task has another
-    sort of judge."""
-
-
-class StakeTooLow(RequestError):
-    """A judge has not deposited what its vote needs."""
-
-
-class KindWithoutQuorum(RequestError):
-    """Several oracles judge in this organization, and nobody said how many have to agree about this kind."""
-
-
-class InvalidQuorum(RequestError):
-    """The votes of a kind are more than half of its panel, which has at most as many judges as the kind."""
-
-
-class InsufficientFunds(RequestError):
-    """The wallet has less than the command needs."""
-
-
-class RewardBelowPrice(RequestError):
-    """Every service of this kind costs more than the reward."""
-
-
 class FeeTooHigh(RequestError):
     """The chain asks for more than the wallet's limits allow."""
-
-
-class DailyLimitReached(RequestError):
-    """The wallet has spent what its limits allow in a day."""
-
-
-class CannotRaise(RequestError):
-    """The reward of this task cannot be raised by this participant, now or to this amount."""
-
-
-class AssignmentChanged(RequestError):
-    """The task is not assigned as it was when the work was done: another nonce binds another proof."""
-
-
-class NoVotes(RequestError):
-    """This organization has an administrator, and its members do not vote."""
-
-
-class HasToBeProposed(RequestError):
-    """The organization's administrator is a timelock: it does this after a proposal and a delay, and no key
-    does it at once."""
-
-
-class ActsAtOnce(RequestError):
-    """The key that administers this organization acts at once, and proposes nothing."""
-
-
-class MembersDecide(RequestError):
-    """The members decide in this organization: no key alone may do this."""
-
-
-class UnknownProposal(RequestError):
-    """No such proposal was ever made."""
-
-
-class AlreadyProposed(RequestError):
-    """Members vote on the same calls with the same words of the same member once only."""
-
-
-class UnexpectedProposalState(RequestError):
-    """The delay of the administrator's proposal runs, or it was executed or cancelled before."""
-
-
-class UnknownBudgetVote(RequestError):
-    """No such budget vote was ever opened."""
-
-
-class UnexpectedBudgetVoteState(RequestError):
-    """Members vote until the end of a budget vote, and shares are paid from then on."""
-
-
-class NotARecipient(RequestError):
-    """The account gets no share of this budget vote, or can get none."""
-
-
-class NoCredits(RequestError):
-    """An account that was no member before the budget vote was opened, or is none any more, has no credits
-    in it."""
-
-
-class TooFewCredits(RequestError):
-    """The squares of the votes add up to more credits than a member has."""
-
-
-class NothingToPay(RequestError):
-    """The recipient got no votes, or was paid its share."""
 
 
 class WalletElsewhere(RequestError):
@@ -209,26 +46,6 @@ class WalletElsewhere(RequestError):
 
 class NotThisWallets(RequestError):
     """What is to be broadcast was not signed by this participant's key for this chain and these contracts."""
-
-
-class NoDispute(RequestError):
-    """No ruling stands that can be challenged."""
-
-
-class CannotSign(RequestError):
-    """The participant's wallet signs nothing for others to send."""
-
-
-class NoPermit(RequestError):
-    """The payment token takes no signed permits (ERC-2612): its owner approves the contracts by itself."""
-
-
-class NotSigned(RequestError):
-    """A request to be sent for somebody lacks a signature, or has one that cannot be one."""
-
-
-class OtherContracts(RequestError):
-    """What somebody signed is for other contracts, or for another chain."""
 
 
 class BridgeNotReady(RodeoError):

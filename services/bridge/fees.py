@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from rodeo.commands.errors import DailyLimitReached
 from rodeo.config import WalletLimits
 from rodeo.currency import ETHER, Currency
-from services.bridge.errors import DailyLimitReached, FeeTooHigh
+from services.bridge.errors import FeeTooHigh
 
 GAS_MARGIN = 1.25
 """Gas that a transaction is offered, as a multiple of the estimate, which another one may outdate before this

@@ -14,8 +14,8 @@ from typing import Any
 
 from rodeo.errors import RodeoError
 from services.bridge.chain import Chain
-from services.bridge.commands import Wallet
 from services.bridge.names import Names
+from services.bridge.wallet import Wallet
 
 log = logging.getLogger(__name__)
 

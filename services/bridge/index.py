@@ -33,6 +33,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import DBAPIError
 
 from rodeo.chain import events
+from rodeo.chain.artifacts import ORACLES
 from rodeo.chain.logs import Log
 from rodeo.currency import IEC, Currency
 from rodeo.messages import LIVE_STATES, DaoEvent, Ruling
@@ -40,7 +41,6 @@ from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert
 from services.bridge.errors import IndexUnusable
-from services.bridge.projection import ORACLES
 from services.bridge.projection.projection import Projection
 from services.bridge.rows import Rows, roll_back
 

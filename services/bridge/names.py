@@ -11,10 +11,10 @@ from rodeo import keystores
 from rodeo.chain import artifacts
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.types import ZERO_ADDRESS, Policy
+from rodeo.commands.errors import UnknownParticipant
 from rodeo.config import Site, oracle_names
 from rodeo.dao import cannot_do, most_offers
 from rodeo.strict_json import Json
-from services.bridge.errors import UnknownParticipant
 
 ORGANIZATION = "organization"
 

@@ -15,6 +15,7 @@ from rodeo.chain.errors import (
     InvalidAnswer,
     TransactionFailed,
 )
+from rodeo.chain.governance import proposal_key
 from rodeo.chain.logs import UnlikeOurs, decode_event, event_topics
 from rodeo.chain.types import Event
 from rodeo.errors import RodeoError
@@ -23,7 +24,7 @@ from services.bridge.errors import JournalUnwritable, TransactionDropped
 from services.bridge.journal import Entry
 from services.bridge.node import Call
 from services.bridge.orders import PATIENCE_S, Job, Orders, Reply
-from services.bridge.projection import hex_of, proposal_key
+from services.bridge.projection import hex_of
 from services.bridge.signer import Signer
 
 log = logging.getLogger(__name__)

@@ -26,6 +26,7 @@ from rodeo.chain.errors import (
     RateLimited,
     RpcFailed,
 )
+from rodeo.commands.errors import UnknownParticipant
 from rodeo.config import BRIDGE, Site, bridge_process, bridge_wallets
 from rodeo.deploying import deployment_under_way
 from rodeo.errors import KeystoreMissing, RodeoError, WalletError
@@ -34,18 +35,12 @@ from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.process import Process
 from rodeo.serving import served_by
 from services.bridge.attachment import Attachment, Opener
-from services.bridge.commands import KNOWN
 from services.bridge.contradiction import contradiction
 from services.bridge.ends import Ends
-from services.bridge.errors import (
-    BridgeNotReady,
-    ChainReorganized,
-    JournalDamaged,
-    JournalIncomplete,
-    UnknownParticipant,
-)
+from services.bridge.errors import BridgeNotReady, ChainReorganized, JournalDamaged, JournalIncomplete
 from services.bridge.heads import POLL_MIN_S, SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
 from services.bridge.readiness import why_late
+from services.bridge.wallet import KNOWN
 
 log = logging.getLogger(__name__)
 

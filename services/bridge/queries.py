@@ -9,6 +9,7 @@ from rodeo.bus import Request, validate
 from rodeo.chain.client import ChainClient
 from rodeo.chain.reputation import Work
 from rodeo.chain.types import Role
+from rodeo.commands.errors import UnknownTask
 from rodeo.currency import Currency
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
@@ -25,7 +26,7 @@ from rodeo.redaction import shown
 from rodeo.strict_json import Json
 from rodeo.verdicts import LAST_RULINGS, counted_voids
 from services.bridge.chain import Chain
-from services.bridge.errors import UnknownQuery, UnknownTask
+from services.bridge.errors import UnknownQuery
 from services.bridge.index import Page
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.organization import OrganizationQueries

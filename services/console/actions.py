@@ -5,61 +5,25 @@ Pages and the REST interface call `Actions.perform` and nothing else that change
 
 from __future__ import annotations
 
+import inspect
 import logging
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import Base64Bytes, BaseModel, Field, StringConstraints
+from pydantic import Base64Bytes, BaseModel, Field, StringConstraints, create_model
 
-from rodeo import keystores, messages, topics
+from rodeo import keystores, topics
 from rodeo.bus import Bus, validate
 from rodeo.clock import Clock
+from rodeo.commands import COMMANDS
+from rodeo.commands.tasks import RegisterTask
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, NoResponder, RodeoError
 from rodeo.kinds import Kinds
-from rodeo.messages import (
-    Admit,
-    AllowKind,
-    CancelProposal,
-    CancelTask,
-    CastBudgetVote,
-    CastVote,
-    Conclude,
-    Deposit,
-    Dismiss,
-    ExecuteProposal,
-    Fault,
-    Id,
-    MatchTask,
-    Message,
-    PauseTasks,
-    PayBudgetShare,
-    Payment,
-    QueueProposal,
-    RegisterDevice,
-    RegisterService,
-    RegisterTask,
-    ReinstateProvider,
-    ReinstateService,
-    RemoveJudge,
-    RescueTokens,
-    ResumeTasks,
-    RetireRules,
-    RevokeDevice,
-    Ruling,
-    SetBudget,
-    SetMembersOnly,
-    SetPolicy,
-    SetTerms,
-    SettleStakes,
-    SuspendProvider,
-    SuspendService,
-    UpdateService,
-    Vouch,
-    Withdraw,
-)
+from rodeo.messages import Fault, Id, Message, Payment, Ruling
 from rodeo.person.statement import MAX_NOTE_CHARACTERS, MAX_PHOTOS, Executor, judge
 from rodeo.strict_json import Json
 from services.console.accounts import (
@@ -85,27 +49,6 @@ Passphrase = Annotated[str, StringConstraints(min_length=MIN_PASSPHRASE, max_len
 
 class RobotRequest(Message):
     robot: Name
-
-
-class OfferService(RegisterService):
-    participant: Name = ORGANIZATION
-    """The provider: an operator speaks for the organization, an executor for themselves."""
-
-
-class ChangeService(UpdateService):
-    participant: Name = ORGANIZATION
-
-
-class AgreeForService(messages.Agree):
-    participant: Name = ORGANIZATION
-
-
-class SetServiceNamers(messages.SetNamers):
-    participant: Name = ORGANIZATION
-
-
-class Challenge(messages.Challenge):
-    participant: Name = ORGANIZATION
 
 
 class NewUser(Message):
@@ -256,12 +199,8 @@ def _of_organization(command: str) -> Perform:
     return lambda actions, _user, request: actions.command(ORGANIZATION, command, request)
 
 
-def _of_participant(command: str) -> Perform:
-    def perform(
-        actions: Actions,
-        user: User,
-        request: OfferService | ChangeService | AgreeForService | SetServiceNamers | Challenge,
-    ) -> Json:
+def _of_provider(command: str) -> Perform:
+    def perform(actions: Actions, user: User, request: Any) -> Json:
         if not speaks_for(user, request.participant):
             raise Forbidden("your account may not act for this participant", participant=request.participant)
         return actions.command(request.participant, command, request)
@@ -364,63 +303,34 @@ def _revoke_token(actions: Actions, user: User, request: TokenId) -> Json:
 
 _ADMINISTRATOR = frozenset({Role.ADMINISTRATOR})
 _OPERATOR = frozenset({Role.OPERATOR})
-_TREASURER = frozenset({Role.TREASURER})
 _EXECUTOR = frozenset({Role.EXECUTOR})
 _AUDITOR = frozenset({Role.AUDITOR})
-_PROVIDER = frozenset({Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR})
-"""Roles that speak for a wallet: the organization's or their own."""
 _ANYBODY: frozenset[Role] = frozenset()
 
 
-def _command(name: str, summary: str, model: type[BaseModel], roles: frozenset[Role]) -> Action:
-    """A command of the organization to the bridge under its own name."""
-    return Action(name, summary, model, roles, _of_organization(name))
+_RUNS = {
+    "organization": _of_organization,
+    "provider": _of_provider,
+    "member": _of_member,
+    "anybody": _of_anybody,
+}
+
+
+def _declared() -> Iterator[Action]:
+    """The commands that are declared for the console, each under its own name."""
+    for name, model in COMMANDS.items():
+        if (console := model.declared.console) is None:
+            continue
+        summary = re.split(r"\.(?:\s|$)", inspect.cleandoc(model.__doc__ or ""))[0].replace("\n", " ")
+        body = model
+        if console.wallet == "provider":  # an operator speaks for the organization, an executor for itself
+            body = create_model(model.__name__, __base__=model, participant=(Name, ORGANIZATION))
+        yield Action(name, summary, body, frozenset(map(Role, console.roles)), _RUNS[console.wallet](name))
 
 
 _TABLE = (
+    *_declared(),
     Action("post_task", "Post a task; its reward goes into escrow", RegisterTask, _OPERATOR, _post_task),
-    _command("cancel_task", "Cancel a task that is not assigned; refund its reward", CancelTask, _OPERATOR),
-    Action("challenge", "Challenge a ruling while it stands; this takes a stake", Challenge, _PROVIDER,
-           _of_participant("challenge")),
-    Action("conclude", "Do what a ruling says that stands, when its time is over", Conclude, _PROVIDER,
-           _of_anybody("conclude")),
-    Action("settle_stakes", "Free and pay the stakes of a challenged attempt that is over", SettleStakes,
-           _PROVIDER, _of_anybody("settle_stakes")),
-    _command("match_task", "Match an open task with a service, or as the policy chooses", MatchTask,
-             _OPERATOR),
-    Action("register_service", "Offer a service", OfferService, _PROVIDER,
-           _of_participant("register_service")),
-    Action("update_service", "Price, pause, resume or retire a service", ChangeService, _PROVIDER,
-           _of_participant("update_service")),
-    Action("agree", "Agree that a service gets tasks under the present judge of its kind", AgreeForService,
-           _PROVIDER, _of_participant("agree")),
-    Action("set_namers", "Whose tasks may name a service", SetServiceNamers, _PROVIDER,
-           _of_participant("set_namers")),
-    _command("suspend_provider", "Suspend a provider and its services", SuspendProvider, _ADMINISTRATOR),
-    _command("reinstate_provider", "Let a suspended provider offer services again", ReinstateProvider,
-             _ADMINISTRATOR),
-    _command("suspend_service", "Suspend a service", SuspendService, _ADMINISTRATOR),
-    _command("reinstate_service", "Reinstate a suspended service", ReinstateService, _ADMINISTRATOR),
-    _command("register_device", "Let a key sign evidence", RegisterDevice, _ADMINISTRATOR),
-    _command("revoke_device", "Revoke a key", RevokeDevice, _ADMINISTRATOR),
-    _command("allow_kind", "Allow or forbid a kind of work; who judges it", AllowKind, _ADMINISTRATOR),
-    _command("remove_judge", "Remove the judge of a kind at once and for good", RemoveJudge, _ADMINISTRATOR),
-    _command("retire_rules", "Post no more tasks under these rules of a kind", RetireRules, _ADMINISTRATOR),
-    _command("rescue_tokens", "Send on tokens that were sent to the contracts by mistake", RescueTokens,
-             _ADMINISTRATOR),
-    _command("set_policy", "How a service is chosen for a task", SetPolicy, _ADMINISTRATOR),
-    _command("set_terms", "Bond, penalty and how many failures suspend", SetTerms, _ADMINISTRATOR),
-    _command("set_members_only", "Admit everybody, or members only", SetMembersOnly, _ADMINISTRATOR),
-    _command("set_budget", "What a role may take out of the treasury in a period", SetBudget,
-             _ADMINISTRATOR),
-    _command("pause_tasks", "Take no new tasks for a while, as a guardian", PauseTasks, _ADMINISTRATOR),
-    _command("resume_tasks", "End a pause of new tasks", ResumeTasks, _ADMINISTRATOR),
-    _command("admit", "Make somebody a member", Admit, _ADMINISTRATOR),
-    _command("dismiss", "End a membership", Dismiss, _ADMINISTRATOR),
-    _command("vouch", "Vouch for a provider, so that it is proven without work, or no longer", Vouch,
-             _ADMINISTRATOR),
-    _command("deposit", "Pay from the key's own account into the treasury", Deposit, _TREASURER),
-    _command("withdraw", "Pay out of the treasury", Withdraw, _TREASURER),
     Action("pause_robot", "Pause a robot: it finishes its attempt, then waits", RobotRequest, _OPERATOR,
            _of_robot("pause")),
     Action("resume_robot", "Resume a paused or stopped robot", RobotRequest, _OPERATOR,
@@ -433,17 +343,6 @@ _TABLE = (
     Action("submit_work", "Submit a note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),
     Action("judge", "Rule on a proof that waits for an auditor", Judge, _AUDITOR, _judge),
-    Action("cast_vote", "Vote on a proposal as a member; once and for all", CastVote, _EXECUTOR,
-           _of_member("cast_vote")),
-    Action("cast_budget_vote", "Vote as a member on who gets how much of a budget", CastBudgetVote, _EXECUTOR,
-           _of_member("cast_budget_vote")),
-    Action("queue_proposal", "Start the delay of a proposal that succeeded", QueueProposal, _PROVIDER,
-           _of_anybody("queue_proposal")),
-    Action("execute_proposal", "Do what was decided or proposed, after the delay", ExecuteProposal, _PROVIDER,
-           _of_anybody("execute_proposal")),
-    _command("cancel_proposal", "Withdraw what the administrator proposed", CancelProposal, _ADMINISTRATOR),
-    Action("pay_budget_share", "Pay a recipient its share after the end of a budget vote", PayBudgetShare,
-           _PROVIDER, _of_anybody("pay_budget_share")),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),

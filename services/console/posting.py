@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from rodeo.commands.tasks import RegisterTask
 from rodeo.config import Site
 from rodeo.kinds import Kinds
-from rodeo.messages import RegisterTask, Task
+from rodeo.messages import Task
 from rodeo.queries import Offer
 from services.console.formatting import iec, party
 

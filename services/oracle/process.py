@@ -30,6 +30,7 @@ from rodeo import queries
 from rodeo.bus import DaoEvents
 from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_listed, acts_unspent
 from rodeo.checks.report import Check, Report
+from rodeo.commands.judging import Rule
 from rodeo.config import Site, oracle_process
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
@@ -39,7 +40,7 @@ from rodeo.files import replace_file, writing
 from rodeo.foreign_text import in_words
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, Rule, Task, Vote
+from rodeo.messages import DaoEvent, Task, Vote
 from rodeo.process import Process, repeated
 from rodeo.serving import served_by
 from services.oracle import worker

@@ -25,11 +25,12 @@ from rodeo import queries, topics, votes
 from rodeo.budget import CheckBudget
 from rodeo.bus import Bus, decode_json, validate
 from rodeo.clock import Clock
+from rodeo.commands.judging import PostVotes
 from rodeo.config import Site, votes_needed
 from rodeo.dao import Participant
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
 from rodeo.keys import Signer
-from rodeo.messages import PostVotes, SealedVote, Task, Vote
+from rodeo.messages import SealedVote, Task, Vote
 
 log = logging.getLogger(__name__)
 

@@ -12,13 +12,14 @@ from typing import Protocol
 from rodeo import queries
 from rodeo.charging import dock_of, order_wh
 from rodeo.clock import Clock
+from rodeo.commands.tasks import RegisterTask
 from rodeo.config import Site
 from rodeo.dao import ORGANIZATION, dock_offers
 from rodeo.errors import ConfigError
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.lab.layout import dock_parking
-from rodeo.messages import RegisterTask, Task
+from rodeo.messages import Task
 from rodeo.queries import Offer
 from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.receipts import Receipts

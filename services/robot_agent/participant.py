@@ -6,9 +6,11 @@ from collections.abc import Iterable
 from decimal import Decimal
 
 from rodeo import queries
+from rodeo.commands.services import SetPayout, UpdateService
+from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant
 from rodeo.errors import MalformedAnswer
-from rodeo.messages import RegisterTask, SetPayout, Task, UpdateService
+from rodeo.messages import Task
 from rodeo.robot.errors import CapReached
 
 _AHEAD = ("open", "assigned", "submitted")

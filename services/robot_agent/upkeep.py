@@ -12,11 +12,12 @@ from typing import Any
 
 from rodeo import topics
 from rodeo.clock import Clock
+from rodeo.commands.tasks import RegisterTask
 from rodeo.config import MaintenanceConfig, Site
 from rodeo.errors import DiskFull, RemoteError
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.layout import dock_parking
-from rodeo.messages import RegisterTask, Task
+from rodeo.messages import Task
 from rodeo.robot.behaviour import Estimate
 from rodeo.robot.energy import DETOUR, Consumption, EnergyMeter, battery_suffices
 from rodeo.robot.errors import CapReached

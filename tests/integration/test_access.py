@@ -18,7 +18,7 @@ import pytest
 import zenoh
 from eth_account import Account
 
-from deploy.access import COMMANDS, everybody
+from deploy.access import commands_of, everybody
 from deploy.certificates import ensure_certificates
 from rodeo import tls, topics
 from rodeo.bus import Bus
@@ -35,7 +35,7 @@ from rodeo.witness.witness import Witness, unverified_seal
 from rodeo_testing import answers
 from rodeo_testing.assignments import BINDING
 from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
-from services.bridge.commands import KNOWN
+from services.bridge.wallet import KNOWN
 from services.robot_sim.sessions import BodySessions
 from tests.support.site import RunningSite, free_port, write_site
 
@@ -182,13 +182,17 @@ def test_a_wallet_takes_from_each_certificate_the_commands_that_its_process_send
     for name in set(everybody(running.site)) - {"bridge"}:
         job, _, robot = name.partition(".")
         own = people | {"oracle": ("oracle",), "robot_agent": (robot,)}
-        allowed = set(itertools.product(own.get(job, ("organization",)), COMMANDS.get(job, ())))
+        allowed = set(itertools.product(own.get(job, ("organization",)), commands_of(job)))
         for participant, command in sorted(allowed):
             key = f"{wallet}/{participant}/{command}"
             assert voices[name].query(key) == {"key": key}
         refused = set(itertools.product((*wallets, "*"), {*KNOWN, "*", "**"})) - allowed
         for key in ("rodeo/**", *(f"{wallet}/{participant}/{command}" for participant, command in refused)):
-            if job in people and key.startswith(f"{wallet}/*/") and key.rpartition("/")[2] in COMMANDS[job]:
+            if (
+                job in people
+                and key.startswith(f"{wallet}/*/")
+                and key.rpartition("/")[2] in commands_of(job)
+            ):
                 continue  # a person's command to everybody, which no bridge carries out
             with pytest.raises(NoResponder):
                 voices[name].query(key)

@@ -20,21 +20,14 @@ from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
 from rodeo import keystores
+from rodeo.commands.relaying import RevokeRequest
+from rodeo.commands.services import RegisterService, SetPayout, UpdateService
+from rodeo.commands.tasks import CancelTask, RegisterTask, SubmitProof
+from rodeo.commands.treasury import Transfer
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, RemoteError
 from rodeo.instance import GAVE_UP, PARENT_VARIABLE
-from rodeo.messages import (
-    CancelTask,
-    RegisterService,
-    RegisterTask,
-    RevokeRequest,
-    SetPayout,
-    SignedRequest,
-    SubmitProof,
-    Transfer,
-    TypedSignature,
-    UpdateService,
-)
+from rodeo.messages import SignedRequest, TypedSignature
 from rodeo_testing.waiting import HANG_S
 from tests.support import command
 from tests.support.dao import PARAMS, Dao

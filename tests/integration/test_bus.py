@@ -9,6 +9,7 @@ import pytest
 import zenoh
 
 from rodeo.bus import Bus, Handler, Request
+from rodeo.commands.treasury import Transfer
 from rodeo.errors import (
     BusUnavailable,
     InvalidRequest,
@@ -17,7 +18,6 @@ from rodeo.errors import (
     QueryTimeout,
     RemoteError,
 )
-from rodeo.messages import Transfer
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import RunningSite, free_port
 

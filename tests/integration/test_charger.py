@@ -15,10 +15,12 @@ import pytest
 
 from rodeo import keystores, queries, topics
 from rodeo.checks.readings import unpack
+from rodeo.commands.judging import Rule
+from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant, dock_offers
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
-from rodeo.messages import RegisterTask, Rule, Task
+from rodeo.messages import Task
 from rodeo.metering import STEP_WH
 from rodeo.witness.statement import MeterRecord, Receipt, parse
 from rodeo_testing.dock import TARGET_SOC, Buyer, Hardware

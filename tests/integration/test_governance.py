@@ -14,8 +14,8 @@ from playwright.sync_api import Page, expect
 from typer.testing import CliRunner
 
 from rodeo import wallets
+from rodeo.commands.governance import CastBudgetVote
 from rodeo.dao import Participant
-from rodeo.messages import CastBudgetVote
 from rodeo_cli import app
 from services.console.roles import Role
 from tests.support.browser import chromium

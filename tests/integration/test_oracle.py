@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 
 from rodeo import wallets
 from rodeo.checks.report import Report
+from rodeo.commands.devices import PostRoot
 from rodeo.currency import IEC
 from rodeo.dao import Participant
 from rodeo.evidence.attestation import attest
 from rodeo.evidence.copies import Copies
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
-from rodeo.messages import PostRoot
 from rodeo.witness.days import DayLog, day_of
 from rodeo.witness.statement import Scope
 from rodeo_cli import app

@@ -13,9 +13,10 @@ from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
 from rodeo import keystores
+from rodeo.commands.relaying import AllowPayments
+from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant
 from rodeo.errors import RemoteError
-from rodeo.messages import AllowPayments, RegisterTask
 from rodeo_cli.formatting import iec
 from rodeo_testing.waiting import HANG_S
 from tests.support import command

@@ -11,10 +11,11 @@ from eth_account.signers.local import LocalAccount
 from rodeo import wallets
 from rodeo.bus import Request
 from rodeo.chain.encoding import Call
-from services.bridge.commands import Wallet
+from rodeo.commands.desk import Desk
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.bridge.names import Names
 from services.bridge.queries import Queries
+from services.bridge.wallet import Wallet, parse
 from tests.support.organization import CHAIN_ID, GENESIS_S, Organization
 
 
@@ -37,14 +38,13 @@ class Office:
 
     def wallet(self, who: str) -> Wallet:
         unused: Any = SimpleNamespace()
-        return Wallet(
-            who, self.client, unused, self.index, self.names, unused, self.organization.site.economy, unused
-        )
+        economy = self.organization.site.economy
+        return Wallet(Desk(who, self.client, self.index, self.names, unused, economy, unused), unused)
 
     def command(self, who: str, name: str, **fields: Any) -> None:
         """Checked and built as the bridge does it, and sent."""
         wallet = self.wallet(who)
-        for order in wallet._orders(name, *wallet._parse(name, fields)):
+        for order in wallet.orders(parse(name, fields)):
             self.send(who, order.call)
 
     def propose(

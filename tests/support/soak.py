@@ -20,16 +20,13 @@ from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
+from rodeo.commands import Command
+from rodeo.commands.judging import Rule
+from rodeo.commands.services import RegisterService
+from rodeo.commands.tasks import RegisterTask, SubmitProof
+from rodeo.commands.treasury import Transfer
 from rodeo.errors import BusError, RemoteError, RodeoError
-from rodeo.messages import (
-    Command,
-    DaoEvent,
-    RegisterService,
-    RegisterTask,
-    Rule,
-    SubmitProof,
-    Transfer,
-)
+from rodeo.messages import DaoEvent
 from services.bridge.index import UNDONE
 from tests.support.index import index_differences
 from tests.support.site import RunningSite, write_site

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from rodeo import queries
+from rodeo.commands.services import RegisterService
 from rodeo.dao import Participant
 from rodeo.errors import MalformedAnswer
-from rodeo.messages import RegisterService
 from rodeo_testing import answers
 
 

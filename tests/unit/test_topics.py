@@ -9,7 +9,8 @@ import pytest
 from pydantic import BaseModel
 
 from rodeo import payloads, queries, topics
-from rodeo.messages import COMMANDS
+from rodeo.commands import COMMANDS
+from rodeo.commands.declare import example_of
 from rodeo.payloads import keys_page
 from rodeo.ros2 import definitions
 from rodeo.topics import TOPICS, Form, Plane, robot_interface
@@ -174,7 +175,7 @@ def test_the_page_for_who_brings_a_robot_lists_the_robots_part_of_the_table() ->
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_example_of_a_command_is_valid(name: str) -> None:
-    COMMANDS[name].model_validate(payloads.example_of(COMMANDS[name], name))
+    COMMANDS[name].model_validate(example_of(COMMANDS[name]))
 
 
 @pytest.mark.parametrize("model", payloads.EXAMPLES)
@@ -191,12 +192,6 @@ def test_every_command_and_statement_has_its_part_of_the_page(page: str) -> None
     titles = {line.removeprefix("#### ") for line in page.splitlines() if line.startswith("#### ")}
     assert {*COMMANDS, "prepare", "broadcast", *queries.QUERIES} <= titles
     assert {model.__name__ for model in payloads.STATEMENTS} <= titles
-
-
-def test_the_page_knows_the_commands_that_the_bridge_knows_and_what_each_takes() -> None:
-    from services.bridge.commands import _COMMANDS
-
-    assert {name: model for name, (model, _build) in _COMMANDS.items()} == COMMANDS
 
 
 def test_what_a_field_means_is_read_from_the_model(page: str) -> None:

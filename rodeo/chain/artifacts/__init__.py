@@ -28,6 +28,8 @@ CONTRACTS = (
 COMMITTEES = ("OracleCommittee", "DisputeCommittee", "AppealCommittee")
 """The judges, one after the other, if rulings can be challenged: as many as the organization has."""
 
+ORACLES = COMMITTEES[0]
+
 DISPUTES = (*COMMITTEES[1:], "DisputeJudge")
 """Contracts that an organization has, too, if rulings can be challenged; without an appeal two of them."""
 

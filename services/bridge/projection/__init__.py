@@ -9,11 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rodeo.chain import artifacts
 from rodeo.chain.logs import Log
 from rodeo.chain.types import Event
-
-ORACLES = artifacts.COMMITTEES[0]
 
 
 @dataclass(frozen=True)
@@ -28,11 +25,6 @@ class At:
 
 Table = Mapping[type[Event], Callable[[Any, At], object]]
 """Event -> function that takes it in."""
-
-
-def proposal_key(proposal_id: int) -> str:
-    """How the index writes the governor's number of a proposal."""
-    return f"0x{proposal_id:064x}"
 
 
 def hex_of(value: bytes) -> str:

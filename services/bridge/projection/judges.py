@@ -7,9 +7,10 @@ from typing import Any
 
 from rodeo.chain import artifacts, events
 from rodeo.chain.abi import Ruling
+from rodeo.chain.artifacts import ORACLES
 from rodeo.currency import Currency
 from services.bridge import schema
-from services.bridge.projection import ORACLES, At, Table
+from services.bridge.projection import At, Table
 from services.bridge.projection.kinds import Kinds
 from services.bridge.rows import Rows
 

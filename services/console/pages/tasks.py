@@ -13,9 +13,10 @@ from nicegui import ui
 
 from rodeo import queries
 from rodeo.bus import validate
+from rodeo.commands.tasks import RegisterTask
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
-from rodeo.messages import RegisterTask, Task
+from rodeo.messages import Task
 from rodeo.person.pace import runs_fast
 from rodeo.strict_json import Json
 from services.console.formatting import exact, explain, iec, kind, moment, party

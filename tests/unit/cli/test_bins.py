@@ -20,7 +20,7 @@ PICTURE = "0x" + "12" * 32
 
 @pytest.mark.parametrize(
     ("words", "named"),
-    [(("glass", "--picture", "0x1234"), "--picture"), (("g" * 33, "--picture", PICTURE), "ITEM_CLASS")],
+    [(("glass", "--picture", "0x1234"), "--picture"), (("g" * 33, "--picture", PICTURE), "CLASS")],
 )
 def test_what_nobody_can_sign_is_refused_by_its_option(
     words: tuple[str, ...], named: str, monkeypatch: pytest.MonkeyPatch

@@ -21,10 +21,16 @@ from rodeo.chain.errors import ContractReverted
 from rodeo.chain.translation import why_unanswered
 from rodeo.charging import ChargingParams
 from rodeo.checks.report import Check, Report, at_most, equal, skipped
+from rodeo.commands import Command
+from rodeo.commands.devices import RegisterDevice
+from rodeo.commands.judging import Challenge
+from rodeo.commands.organization import AllowKind, SetTerms
+from rodeo.commands.tasks import RegisterTask
+from rodeo.commands.treasury import Deposit
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo.person.pace import running_out_s
-from rodeo_cli import app, common, disputes, formatting, organization, robot, tasks
+from rodeo_cli import app, common, disputes, formatting, forms, organization, robot, tasks
 from rodeo_cli import report as report_command
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
@@ -42,30 +48,35 @@ def told(model: type[BaseModel], data: dict[str, Any], command: Callable[..., An
     return formatting.explain(answer, formatting.options_of(command))
 
 
+def form_of(model: type[Command]) -> Callable[..., Any]:
+    assert model.declared.line is not None
+    return forms.form(model, model.declared.line)
+
+
 @pytest.mark.parametrize(
     ("model", "data", "command", "says"),
     [
         (CleaningParams, {}, tasks.create, ["pass --item-id ITEM_ID"]),
         (ChargingParams, {"robot": "r", "dock": "d"}, tasks.create, ["pass --soc-from SOC_FROM"]),
         (
-            messages.RegisterTask,
+            RegisterTask,
             {"kind": "No Kind", "reward_iec": "ten", "max_attempts": 999},
             tasks.create,
             ["KIND: ", "--reward: enter an amount of IEC", "--max-attempts: "],
         ),
-        (messages.AllowKind, {"kind": "sweeping"}, organization.kind, ["--judge is needed"]),
+        (AllowKind, {"kind": "sweeping"}, form_of(AllowKind), ["--judge is needed"]),
         (
-            messages.AllowKind,
+            AllowKind,
             {"kind": "sweeping", "judge": "auditor", "min_verdict_window_s": 60},
-            organization.kind,
+            form_of(AllowKind),
             ["--min-verdict-window and --max-verdict-window go together"],
         ),
-        (messages.SetTerms, {"bond_iec": "-5"}, organization.terms, ["--bond: "]),
-        (messages.Deposit, {"amount_iec": "0"}, organization.deposit, ["AMOUNT: "]),
+        (SetTerms, {"bond_iec": "-5"}, form_of(SetTerms), ["--bond: "]),
+        (Deposit, {"amount_iec": "0"}, form_of(Deposit), ["AMOUNT: "]),
         (
-            messages.RegisterDevice,
+            RegisterDevice,
             {"device": "0x1"},
-            organization.register_device,
+            form_of(RegisterDevice),
             ["ADDRESS: ", "pass --owner OWNER"],
         ),
     ],
@@ -165,7 +176,7 @@ def test_a_robots_state_is_told_in_words() -> None:
 
 def test_a_challenge_needs_a_reason() -> None:
     data = {"task_id": 1, "reason": " "}
-    assert "--reason: give a reason" in told(messages.Challenge, data, disputes.challenge)
+    assert "--reason: give a reason" in told(Challenge, data, disputes.challenge)
 
 
 def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:
@@ -322,4 +333,5 @@ def test_the_options_of_every_command_are_told_as_its_help_tells_them(leaf: tupl
         node = node.commands[part]
     spelled = {spelling for one in node.params for spelling in (*one.opts, *one.secondary_opts)}
     for parameter, told in formatting.options_of(inspect.unwrap(command)).items():
-        assert told in spelled or told == parameter.upper(), (name, told)
+        metavars = {(one.metavar or "").removesuffix("...") for one in node.params}
+        assert told in spelled | metavars or told == parameter.upper(), (name, told)

@@ -17,7 +17,7 @@ from rodeo.checks.rules import rules_hash
 from rodeo.config import Site
 from rodeo.kinds import kinds_of, load
 from rodeo.votes import possession
-from rodeo_cli import app, organization
+from rodeo_cli import app, forms, organization
 from rodeo_testing import answers
 from tests.support.site import LAB
 
@@ -41,7 +41,7 @@ def test_a_kind_is_announced_with_the_networks_and_rates_of_the_site_file(
     listing: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sent: dict[str, Any] = {}
-    monkeypatch.setattr(organization, "send", lambda *_args, **fields: sent.update(fields))
+    monkeypatch.setattr(forms, "send", lambda *_args, **fields: sent.update(fields))
     done = CliRunner().invoke(
         app, ["organization", "kind", name, "--judge", "oracle", "--site", str(listing)]
     )

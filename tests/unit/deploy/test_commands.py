@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from deploy.access import COMMANDS, access_control, everybody
+from deploy.access import access_control, commands_of, everybody
+from rodeo.commands import COMMANDS
 from rodeo.config import JudgeConfig, OtherBridgeConfig, ParticipantConfig, Site
 from rodeo.lab.config import Pose2, RobotConfig
-from services.bridge.commands import KNOWN
+from services.bridge.wallet import KNOWN
 from tests.support.site import LAB
 
 ROOT = Path(__file__).parents[3]
@@ -82,8 +83,8 @@ def shared() -> dict[str, set[str]]:
     sends: dict[str, set[str]] = {}
     uses: dict[str, set[str]] = {}
     for path in sorted((ROOT / "rodeo").rglob("*.py")):
-        if path.parent.name == "chain" or path.name == "payloads.py":
-            continue  # what a contract is called with, and documentation
+        if path.parent.name in ("chain", "commands") or path.name == "payloads.py":
+            continue  # what a contract is called with, declarations, and documentation
         units: dict[str, ast.AST] = {}
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef) and node.name == "Participant":
@@ -112,9 +113,15 @@ def sent_by(process: str) -> set[str]:
     return found
 
 
+def made_for(process: str) -> set[str]:
+    """Commands whose line, or action, is made from their declaration."""
+    made = {"operator": "line", "console": "console"}.get(process, "")
+    return {name for name, model in COMMANDS.items() if made and getattr(model.declared, made)}
+
+
 @pytest.mark.parametrize("process", CODE)
 def test_a_process_may_send_the_commands_that_its_code_sends_and_no_others(process: str) -> None:
-    assert sent_by(process) == COMMANDS.get(process, set())
+    assert sent_by(process) | made_for(process) == commands_of(process)
 
 
 def test_the_shared_package_sends_commands_where_it_is_known_to() -> None:
@@ -186,7 +193,7 @@ def test_every_other_command_of_every_wallet_is_refused(site: Site) -> None:
             key = zenoh.KeyExpr(f"rodeo/{site.org}/wallet/{wallet}/{command}")
             return any(one.includes(key) for one in allowed)
 
-        commands = COMMANDS.get(name.partition(".")[0], set())
+        commands = commands_of(name.partition(".")[0])
         for wallet, command in itertools.product(site_wallets(site), sorted(KNOWN)):
             expected = command in commands and wallet in own_wallets(site, name)
             expected |= name == "operator" and wallet == "outside" and command in SIGNS_ITSELF

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from eth_account import Account
 
+from rodeo.commands.devices import PostRoot
 from rodeo.config import Site
 from rodeo.errors import NoResponder, RemoteError
 from rodeo.evidence.errors import BadAttestation, BadStatement, StoreUnavailable
 from rodeo.evidence.store import Store
-from rodeo.messages import PostRoot
 from rodeo.queries import A, Query
 from rodeo.witness import roots
 from rodeo.witness.chain import WitnessChain

@@ -17,10 +17,7 @@ from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
 from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, shares
 from rodeo.chain.translation import decode_revert
-from rodeo.config import BudgetConfig, GovernanceConfig, ParticipantConfig
-from rodeo.errors import InvalidRequest
-from rodeo.messages import OpenBudgetVote
-from services.bridge.errors import (
+from rodeo.commands.errors import (
     AlreadyProposed,
     HasToBeProposed,
     InsufficientFunds,
@@ -32,6 +29,10 @@ from services.bridge.errors import (
     UnexpectedBudgetVoteState,
     UnknownBudgetVote,
 )
+from rodeo.commands.governance import OpenBudgetVote
+from rodeo.config import BudgetConfig, GovernanceConfig, ParticipantConfig
+from rodeo.errors import InvalidRequest
+from services.bridge.wallet import parse
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, founded
 
@@ -282,13 +283,13 @@ def test_a_member_cannot_end_the_proposals_of_others_by_proposing_the_same_first
     """The governor knows a proposal by its calls and words, and whoever proposed it first may cancel it."""
     fields = {"command": "set_members_only", "request": {"enabled": True}, "description": "mine"}
     wallet = members.wallet("alice")
-    (seen,) = wallet._orders("propose", *wallet._parse("propose", fields))
+    (seen,) = wallet.orders(parse("propose", fields))
     with pytest.raises(ContractReverted) as refused:
         members.send("bob", seen.call)
     assert refused.value.name == "GovernorRestrictedProposer"
     members.send("alice", seen.call)
     shown = members.proposals()[0]
-    assert (shown["description"], shown["proposer"]) == ("mine", wallet.key_address)
+    assert (shown["description"], shown["proposer"]) == ("mine", wallet.desk.key_address)
     # Bob's own proposal in the same words is another one.
     assert members.propose("set_members_only", {"enabled": True}, "mine", who="bob") == shown["number"] + 1
 

@@ -14,10 +14,11 @@ from rodeo.chain.abi import Windows
 from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
 from rodeo.chain.deployment import Deployment
+from rodeo.commands.desk import Desk
+from rodeo.commands.errors import KindWithoutQuorum, KindWithoutRules, NoDispute, NotAJudge, UnknownKind
 from rodeo.currency import IEC
-from services.bridge.commands import Wallet
-from services.bridge.errors import KindWithoutQuorum, KindWithoutRules, NoDispute, NotAJudge, UnknownKind
 from services.bridge.names import Names
+from services.bridge.wallet import parse
 
 NAMES = (*artifacts.CONTRACTS, *artifacts.DISPUTES)
 ADDRESSES = {name: to_checksum_address(f"0x{place:040x}") for place, name in enumerate(NAMES, 1)}
@@ -78,12 +79,11 @@ def called(
     )
     unused: Any = SimpleNamespace()
     kinds: Any = SimpleNamespace(by_people=lambda _kind: False, get=lambda _kind: None)
-    wallet = Wallet("alice", client, unused, index, unused, unused, unused, kinds)
-    wallet.names = Names.__new__(Names)
-    wallet.names._contracts, wallet.names._addresses = deployment.contracts, {}
-    command, build = wallet._parse(name, request)
+    names = Names.__new__(Names)
+    names._contracts, names._addresses = deployment.contracts, {}
+    desk = Desk("alice", client, index, names, unused, unused, kinds)
     contracts = {address: contract for contract, address in ADDRESSES.items()}
-    return [(contracts[call.to], call.name) for call in build(wallet, command)]
+    return [(contracts[call.to], call.name) for call in parse(name, request).calls(desk)]
 
 
 def test_a_ruling_goes_to_the_judge_that_the_task_was_posted_under() -> None:

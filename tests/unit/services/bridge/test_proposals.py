@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 from eth_utils import to_bytes
@@ -18,11 +18,8 @@ from rodeo.chain.client import ChainClient, connect
 from rodeo.chain.errors import ContractReverted
 from rodeo.chain.governance import WHY
 from rodeo.chain.types import Role, TimelockRole
-from rodeo.config import GovernanceConfig, ParticipantConfig
-from rodeo.errors import InvalidRequest
-from rodeo.messages import CancelProposal, HandOver, Proposable
-from services.bridge.commands import _OF_ADMINISTRATOR
-from services.bridge.errors import (
+from rodeo.commands import COMMANDS
+from rodeo.commands.errors import (
     ActsAtOnce,
     HasToBeProposed,
     MembersDecide,
@@ -30,6 +27,9 @@ from services.bridge.errors import (
     UnexpectedProposalState,
     UnknownProposal,
 )
+from rodeo.commands.governance import CancelProposal, HandOver
+from rodeo.config import GovernanceConfig, ParticipantConfig
+from rodeo.errors import InvalidRequest
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, Organization, founded, running_chain
 
@@ -265,19 +265,21 @@ def test_where_nothing_is_proposed_or_members_decide_the_bridge_says_so(tmp_path
             update={"contracts": {**office.client.deployment.contracts, **VOTING}}
         )
         client: Any = SimpleNamespace(deployment=decided)
-        wallet = replace(office.wallet("panther1"), client=client)
+        desk = replace(office.wallet("panther1").desk, client=client)
         with pytest.raises(MembersDecide):
-            wallet._hand_over(HandOver(account="panther1"))
+            HandOver(account="panther1").calls(desk)
         known: Any = SimpleNamespace(proposal=lambda _number: {"number": 1, "id": "0x01"})
         with pytest.raises(MembersDecide):
-            replace(wallet, index=known)._cancel_proposal(CancelProposal(proposal=1))
+            CancelProposal(proposal=1).calls(replace(desk, index=known))
         office.index.close()
 
 
 def test_what_only_the_administrator_may_do_has_to_be_proposed() -> None:
-    assert set(get_args(Proposable)) - _OF_ADMINISTRATOR == {
+    declared = [model.declared for model in COMMANDS.values()]
+    assert {one.name for one in declared if one.proposable and not one.of_administrator} == {
         "change_judge_key",
         "remove_judge",
         "resume_tasks",
         "update_service",
     }
+    assert all(one.proposable for one in declared if one.of_administrator)

@@ -10,12 +10,13 @@ from eth_account import Account
 
 from rodeo import signed_requests, typed_data
 from rodeo.chain.encoding import Call
+from rodeo.commands.desk import Desk
+from rodeo.commands.errors import NoPermit, NotSigned, OtherContracts
+from rodeo.commands.relaying import Requests
 from rodeo.errors import InvalidRequest
 from rodeo.messages import SignedRequest, TypedSignature
 from rodeo.signed_requests import AbandonTask, AcceptTask, CancelTask, Challenge, Said, SubmitProof
-from services.bridge.commands import Wallet
-from services.bridge.errors import NoPermit, NotSigned, OtherContracts
-from services.bridge.relaying import Requests
+from services.bridge.wallet import Wallet, parse
 
 ROBOT = Account.from_key("0x" + "01" * 32)
 CONTRACT = "0x" + "11" * 20
@@ -38,7 +39,7 @@ def wallet() -> Wallet:
         calls=SimpleNamespace(submit_proof_for=called, cancel_task_for=called),
     )
     index: Any = SimpleNamespace(task=lambda _task_id: {"nonce": NONCE})
-    return Wallet("bob", client, unused, index, unused, unused, unused, unused)
+    return Wallet(Desk("bob", client, index, unused, unused, unused, unused), unused)
 
 
 def signed(said: Said) -> dict[str, Any]:
@@ -59,13 +60,13 @@ def test_a_proof_that_is_sent_for_somebody_is_known_by_its_task_and_assignment(w
         nonce=1,
         deadline=2_000_000_000,
     )
-    (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(proof)}))
+    (order,) = wallet.orders(parse("relay", {"signed": signed(proof)}))
     assert (order.task_id, order.attempt, order.assignment) == (7, 2, NONCE)
 
 
 def test_what_is_no_proof_is_sent_again_whatever_becomes_of_its_task(wallet: Wallet) -> None:
     cancelled = CancelTask(creator=ROBOT.address, task_id=7, nonce=1, deadline=2_000_000_000)
-    (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(cancelled)}))
+    (order,) = wallet.orders(parse("relay", {"signed": signed(cancelled)}))
     assert (order.task_id, order.attempt, order.assignment) == (7, None, None)
 
 
@@ -99,7 +100,7 @@ def test_what_no_contract_takes_is_an_invalid_request(wallet: Wallet, field: str
     domain = signed_requests.domain("RODEO SignedRequests", 1, CONTRACT)
     typed = {"primaryType": "RegisterTask", "domain": domain, "message": message}
     with pytest.raises(InvalidRequest) as refused:
-        wallet._orders("relay", *wallet._parse("relay", {"signed": {"request": {"typed_data": typed}}}))
+        wallet.orders(parse("relay", {"signed": {"request": {"typed_data": typed}}}))
     assert list(refused.value.details["fields"]) == [f"request.{field}"]
 
 
@@ -173,12 +174,12 @@ def test_a_permit_is_sent_once_and_not_after_another_one_of_its_wallet() -> None
 
 
 def test_an_acceptance_and_a_return_are_sent_as_what_they_are(wallet: Wallet) -> None:
-    calls: Any = wallet.client.calls
+    calls: Any = wallet.desk.client.calls
     calls.accept_task_for = lambda *told: Call(CONTRACT, "0x", f"accept{told[:4]}")  # type: ignore[arg-type]
     calls.abandon_task_for = lambda *told: Call(CONTRACT, "0x", f"abandon{told[:4]}")  # type: ignore[arg-type]
     for kind, name in ((AcceptTask, "accept"), (AbandonTask, "abandon")):
         said = kind(executor=ROBOT.address, task_id=7, attempt=2, nonce=5, deadline=2_000_000_000)
-        (order,) = wallet._orders("relay", *wallet._parse("relay", {"signed": signed(said)}))
+        (order,) = wallet.orders(parse("relay", {"signed": signed(said)}))
         assert order.call.name == f"{name}{(ROBOT.address, 7, 2, 5)}" and order.task_id == 7
 
 
@@ -219,5 +220,5 @@ def test_attack_a_challenge_is_sent_to_no_contract_that_only_its_signer_knows(wa
     """Whatever that does, the sender would pay its gas."""
     for judge in ("0x" + "33" * 20, CONTRACT):
         with pytest.raises(OtherContracts) as refused:
-            wallet._orders("relay", *wallet._parse("relay", {"signed": signed(challenge(judge))}))
+            wallet.orders(parse("relay", {"signed": signed(challenge(judge))}))
         assert refused.value.details == {"judge": judge, "expected": JUDGE}

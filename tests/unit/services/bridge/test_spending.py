@@ -9,11 +9,15 @@ from typing import Any
 
 import pytest
 
+from rodeo.commands import COMMANDS
+from rodeo.commands.desk import Desk
+from rodeo.commands.errors import DailyLimitReached
+from rodeo.commands.tasks import RaiseReward
 from rodeo.config import WalletLimits
 from rodeo.currency import ETHER, IEC
-from services.bridge.commands import _COMMANDS, Wallet
-from services.bridge.errors import DailyLimitReached, FeeTooHigh
+from services.bridge.errors import FeeTooHigh
 from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Limits, Market
+from services.bridge.wallet import Wallet, parse
 
 ALICE, BOB, COIN = ("0x" + digit * 40 for digit in "123")
 FIVE = {"amount_iec": "5"}
@@ -32,7 +36,7 @@ SPENDS: dict[str, list[tuple[dict[str, Any], int]]] = {
     "withdraw": [({"to": "bob", **FIVE}, 5)],
     # Its owner, who may be anybody, has it back.
     "deposit_stake": [({"judge": "anna", **FIVE}, 5)],
-    "challenge": [({"task_id": 1, "reason": "no"}, 20)],
+    "challenge": [({"task_id": 3, "reason": "no"}, 20)],
     # The contract takes what the terms say when it is mined, up to what the command agrees to.
     "register_service": [
         ({"kind": "sweeping", "price_iec": "9"}, 30),
@@ -80,13 +84,22 @@ class Node:
         return 8 * 10**18
 
     def task(self, task_id: int) -> Any:
-        return {"reward": 40 * 10**18, "state": {1: "open", 2: "cancelled"}[task_id]}
+        return {
+            "id": task_id,
+            "kind": "sweeping",
+            "reward": 40 * 10**18,
+            "state": {1: "open", 2: "cancelled", 3: "ruled"}[task_id],
+            "dispute": {"instance": 0},
+        }
+
+    def instances(self, _kind: str) -> Any:
+        return [SimpleNamespace(stake=20 * 10**18)] * 2
 
     def setting(self, _name: str) -> Any:
         return {"bond_iec": "30"}
 
 
-def wallet(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> Wallet:
+def wallet(**limits: Any) -> Wallet:
     unused: Any = SimpleNamespace()
     node: Any = Node()
     sent: list[Any] = []
@@ -103,14 +116,13 @@ def wallet(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> Wallet:
     signer = SimpleNamespace(check_spending=lambda order: checked.check_day((0, 0), order.spends, 0))
     transactions: Any = SimpleNamespace(orders=orders, signer=signer)
     names: Any = SimpleNamespace(addresses={"alice": ALICE, "bob": BOB}, payout={"alice": COIN}.get)
-    monkeypatch.setattr(Wallet, "_disputed", lambda *_: None)
-    monkeypatch.setattr(Wallet, "_stake", lambda *_: 20 * 10**18)
-    return Wallet("alice", node, transactions, node, names, unused, unused, unused)
+    desk = Desk("alice", node, node, names, unused, unused, unused, checked.has_daily_iec)
+    return Wallet(desk, transactions)
 
 
 def test_each_command_counts_or_is_listed_as_free() -> None:
     """Whoever adds a command decides here."""
-    assert SPENDS.keys() | FREE | UNBOUNDED == _COMMANDS.keys()
+    assert SPENDS.keys() | FREE | UNBOUNDED == COMMANDS.keys()
     assert not SPENDS.keys() & FREE
 
 
@@ -118,46 +130,40 @@ def test_each_command_counts_or_is_listed_as_free() -> None:
     ("name", "request_", "iec"),
     [(name, request, iec) for name, rows in SPENDS.items() for request, iec in rows],
 )
-def test_what_leaves_the_wallet_counts(
-    monkeypatch: pytest.MonkeyPatch, name: str, request_: dict[str, Any], iec: int
-) -> None:
-    one = wallet(monkeypatch)
-    assert one._spends(one._parse(name, request_)[0]) == iec * 10**18
+def test_what_leaves_the_wallet_counts(name: str, request_: dict[str, Any], iec: int) -> None:
+    assert parse(name, request_).spends(wallet().desk) == iec * 10**18
 
 
 @pytest.mark.parametrize("name", sorted(FREE))
-def test_what_costs_nothing_counts_nothing(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    assert wallet(monkeypatch)._spends(_COMMANDS[name][0].model_construct()) == 0
+def test_what_costs_nothing_counts_nothing(name: str) -> None:
+    assert COMMANDS[name].model_construct().spends(wallet().desk) == 0
 
 
 def test_what_members_decide_is_not_their_proposers(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = wallet(monkeypatch)
     monkeypatch.setattr(Node.deployment, "decides_by_vote", True)
-    assert one._spends(one._parse("propose", RESCUE)[0]) == 0
+    assert parse("propose", RESCUE).spends(wallet().desk) == 0
 
 
-def test_a_wallet_with_a_daily_limit_names_no_payout_address_of_its_own_accord(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_wallet_with_a_daily_limit_names_no_payout_address_of_its_own_accord() -> None:
     """Whoever is named is paid everything from then on."""
-    limited, free = wallet(monkeypatch, daily_iec=60), wallet(monkeypatch)
+    limited, free = wallet(daily_iec=60), wallet()
     for payout, ours in (("bob", False), ("0x" + "9" * 40, False), ("alice", True), (COIN, True)):
-        command, _ = limited._parse("set_payout", {"payout": payout})
-        assert free._spends(command) == 0
+        command = parse("set_payout", {"payout": payout})
+        assert command.spends(free.desk) == 0
         if ours:
-            assert limited._spends(command) == 0
+            assert command.spends(limited.desk) == 0
         else:
             with pytest.raises(DailyLimitReached) as refused:
-                limited._spends(command)
+                command.spends(limited.desk)
             assert refused.value.details == {"participant": "alice", "payout": payout}
 
 
 def test_a_task_stays_posted_where_the_limit_does_not_allow_the_higher_reward(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    one = wallet(monkeypatch, daily_iec=4)
+    one = wallet(daily_iec=4)
     cancel, post = (SimpleNamespace(name=name) for name in ("cancel_task", "register_task"))
-    monkeypatch.setitem(_COMMANDS, "raise_reward", (_COMMANDS["raise_reward"][0], lambda *_: [cancel, post]))
+    monkeypatch.setattr(RaiseReward, "calls", lambda *_: [cancel, post])
     with pytest.raises(DailyLimitReached):
         one.execute("raise_reward", {"task_id": 1, "reward_iec": "45"})
     assert one.transactions.orders.sent == []  # type: ignore[attr-defined]

@@ -10,11 +10,10 @@ import pytest
 from pydantic import ValidationError
 
 from rodeo.chain.abi import Windows
+from rodeo.commands.organization import AllowKind
 from rodeo.currency import IEC
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S, VERDICT_WINDOWS_S
-from rodeo.messages import AllowKind
-from services.bridge.commands import Wallet
 
 ON_CHAIN = {
     "min_window_s": 600,
@@ -36,14 +35,14 @@ def windows(
 ) -> list[tuple[str, Windows, int]]:
     """What `setWindows` is called with, if at all, where the chain has `there`."""
     calls: Any = SimpleNamespace(set_windows=lambda *given: given)
-    wallet: Any = SimpleNamespace(
+    desk: Any = SimpleNamespace(
         index=SimpleNamespace(kind=lambda _kind: there),
         kinds=SimpleNamespace(get=lambda _kind: declared),
         client=SimpleNamespace(organization_calls=calls),
-        _currency=IEC,
+        currency=IEC,
     )
     command = AllowKind.model_validate({"kind": "dusting", "judge": "auditor", **said})
-    return Wallet._windows(wallet, command)  # type: ignore[return-value]
+    return command._windows(desk)  # type: ignore[return-value]
 
 
 def test_a_kind_gets_the_windows_that_it_declares_and_keeps_them() -> None:

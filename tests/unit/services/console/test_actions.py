@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from rodeo.messages import (
+from rodeo.commands.governance import (
     CancelProposal,
     CastBudgetVote,
     CastVote,

@@ -7,8 +7,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from rodeo import payloads
-from rodeo.messages import COMMANDS, Command
+from rodeo.commands import COMMANDS, Command
+from rodeo.commands.declare import example_of
 from services.console.accounts import User
 from services.console.actions import ACTIONS, Actions
 from services.console.roles import Role
@@ -30,7 +30,7 @@ def sent() -> str:
         lines.append(f"{action.name}: {', '.join(sorted(action.roles)) or 'everybody'}")
         if (command := COMMANDS.get(action.name)) is None or not issubclass(action.model, Command):
             continue
-        example = payloads.example_of(command, action.name)
+        example = example_of(command)
         action.run(actions, alice, action.model.model_validate(example))
         if "participant" in action.model.model_fields:
             action.run(actions, alice, action.model.model_validate(example | {"participant": "alice"}))

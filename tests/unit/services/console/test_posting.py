@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from rodeo.commands.tasks import RegisterTask
 from rodeo.config import Site
 from rodeo.kinds import kinds_of
-from rodeo.messages import RegisterTask
 from rodeo.queries import Offer
 from services.console import posting
 from tests.support.site import LAB

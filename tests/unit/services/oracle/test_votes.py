@@ -16,10 +16,11 @@ from eth_utils.abi import function_signature_to_4byte_selector
 from rodeo import queries, topics, votes
 from rodeo.chain.translation import decode_revert
 from rodeo.clock import WallClock
+from rodeo.commands.judging import PostVotes
 from rodeo.config import JudgeConfig, Site
 from rodeo.currency import IEC
 from rodeo.errors import RemoteError
-from rodeo.messages import PostVotes, SealedVote, Vote
+from rodeo.messages import SealedVote, Vote
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
 from services.oracle.votes import REPEAT_S, Votes

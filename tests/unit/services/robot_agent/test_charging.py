@@ -10,10 +10,10 @@ import pytest
 
 from rodeo import queries
 from rodeo.charging import ChargingParams
+from rodeo.commands.tasks import RegisterTask
 from rodeo.config import Site
 from rodeo.dao import ORGANIZATION
 from rodeo.lab.layout import dock_parking, on_contacts
-from rodeo.messages import RegisterTask
 from rodeo.robot.memory import Memory
 from services.robot_agent.charging import Charging, left_s
 from tests.support.site import LAB

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
+from rodeo.commands.tasks import RegisterTask
 from rodeo.config import MaintenanceConfig, Site
 from rodeo.errors import RemoteError
-from rodeo.messages import RegisterTask, Task
+from rodeo.messages import Task
 from rodeo.rewards import Rise
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.upkeep import Upkeep

@@ -1,22 +1,24 @@
-"""Requests that one wallet signs and another one sends (decision 55)."""
+"""Requests that one wallet signs and another one sends (decision 55), and the commands about them."""
 
 from __future__ import annotations
 
 import secrets
-from typing import TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from eth_utils import keccak
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from rodeo import signed_requests, typed_data
 from rodeo.bus import validate
 from rodeo.chain.abi import ChallengeRequest
-from rodeo.chain.client import ChainClient
-from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
+from rodeo.commands.declare import Command, NameOf, Subject, command
+from rodeo.commands.errors import NoPermit, NotSigned, OtherContracts
+from rodeo.commands.examples import SIGNED
 from rodeo.errors import InvalidRequest
-from rodeo.messages import SignedRequest, TypedSignature
+from rodeo.messages import Message, SignedRequest, TypedSignature
 from rodeo.signed_requests import (
+    UNLIMITED,
     AbandonTask,
     AcceptTask,
     CancelTask,
@@ -27,7 +29,12 @@ from rodeo.signed_requests import (
     SubmitProof,
     Typed,
 )
-from services.bridge.errors import NoPermit, NotSigned, OtherContracts
+
+if TYPE_CHECKING:
+    from rodeo.chain.client import ChainClient
+    from rodeo.chain.encoding import Call
+    from rodeo.commands.desk import Desk
+    from rodeo.signed_requests import Said
 
 _NONCE_BYTES = 6
 """So that JSON numbers hold a nonce in every language."""
@@ -38,6 +45,65 @@ _VERSIONS = ("1", "2")
 """Versions of tokens that take permits: OpenZeppelin's, and Circle's USDC."""
 
 Model = TypeVar("Model", bound=BaseModel)
+
+
+Signable = Annotated[str, NameOf(lambda one: one.signable)]
+"""A command that somebody else may send."""
+
+
+class Sign(Message):
+    """Sign a command for somebody else to send with `relay`, who pays its gas. Nothing is sent.
+    `revoke_request` takes it back until it is sent, and `valid_s` ends it. Of requests with the same
+    `request_id` one at most posts, accepts or gives back a task, or challenges a ruling."""
+
+    command: Signable
+    request: dict[str, Any] = Field(default_factory=dict)
+    valid_s: Annotated[int, Field(ge=60, le=30 * 86_400)] = Field(
+        86_400, description="For so long it may be sent, s of block time."
+    )
+
+
+@command("operator")
+class Relay(Command):
+    """Send what another participant has signed, and pay its gas. What fails changes nothing, and may be sent
+    again."""
+
+    signed: SignedRequest = Field(examples=[SIGNED])
+
+    def calls(self, desk: Desk) -> list[Call]:
+        return Requests(desk.client).calls(self.signed)
+
+    def subject(self, desk: Desk) -> Subject:
+        said = Requests(desk.client).read(self.signed)
+        task_id = getattr(said, "task_id", None)
+        if not isinstance(said, signed_requests.SubmitProof):
+            return Subject(task_id)
+        task = desk.index.task(said.task_id)
+        return Subject(task_id, said.attempt, None if task is None else task["nonce"])
+
+
+@command("operator")
+class AllowPayments(Command):
+    """Let the contracts take rewards and bonds from this wallet, of any amount. The first payment that the
+    wallet sends does it, too. A wallet whose requests others send needs it if the token takes no permits."""
+
+    def calls(self, desk: Desk) -> list[Call]:
+        calls = desk.escrow_approval(UNLIMITED // 2 + 1)
+        if not calls:
+            raise InvalidRequest("the contracts may take payments of any amount already")
+        return calls
+
+
+@command("operator")
+class RevokeRequest(Command):
+    """Make signed requests void that were not sent yet, whatever they are about."""
+
+    nonce: Annotated[int, Field(ge=0, lt=2**256)] = Field(
+        description="That of the requests.", examples=[4711]
+    )
+
+    def calls(self, desk: Desk) -> list[Call]:
+        return [desk.client.calls.revoke_request(self.nonce)]
 
 
 class Requests:
