@@ -97,6 +97,18 @@ def dock_offers(offers: list[Offer], site: Site) -> dict[str, Offer]:
     return {dock.name: one for dock, one in zip(site.docks, live, strict=False)}
 
 
+def acceptance(task: Task) -> AcceptTask:
+    """The command by which its executor agrees to do an assigned task."""
+    request_id = f"accept-{task.id}-{task.attempt}-{task.nonce}"
+    return AcceptTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
+
+
+def abandonment(task: Task) -> AbandonTask:
+    """The command by which its executor gives it back."""
+    request_id = f"abandon-{task.id}-{task.attempt}-{task.nonce}"
+    return AbandonTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
+
+
 class Assignment(BaseModel):
     """One attempt at a task, as no other chain, contracts or assignment has it.
 
@@ -276,15 +288,11 @@ class Participant:
     def accept_task(self, task: Task) -> None:
         """Agree to do an assigned task; nothing where this participant has agreed before."""
         if not task.accepted:
-            request_id = f"accept-{task.id}-{task.attempt}-{task.nonce}"
-            request = AcceptTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
-            self.command("accept_task", request)
+            self._say(acceptance(task))
 
     def abandon_task(self, task: Task) -> None:
         """Give an assigned task back."""
-        request_id = f"abandon-{task.id}-{task.attempt}-{task.nonce}"
-        request = AbandonTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
-        self.command("abandon_task", request)
+        self._say(abandonment(task))
 
     def raise_reward(self, task_id: int, reward_iec: Decimal) -> int:
         """Post an open task of one's own again for more; returns its new ID. Done again it gives the same."""
@@ -328,6 +336,9 @@ class Participant:
         if problem is not None:
             raise problem
         return min((at_s for at_s in due.values() if at_s is not None and at_s >= now_s), default=None)
+
+    def _say(self, request: Command) -> Mined:
+        return self.command(request.declared.name, request)
 
     def command(self, name: str, request: Command) -> Mined:
         """Send a transaction through the bridge and wait for its receipt (at most 30 s of wall time)."""

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from rodeo import kinds, queries, topics
 from rodeo.commands import COMMANDS, Command
 from rodeo.commands.declare import example_of
-from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, OTHER, SIGNED, VOTE
+from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, OTHER, PREPARE, SIGN, SIGNED, VOTE
 from rodeo.commands.judging import SignVote
 from rodeo.commands.relaying import Sign
 from rodeo.evidence.attestation import Attestation
@@ -271,8 +271,8 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "works": 5,
         "resting": False,
     },
-    Prepare: {"command": "cancel_task", "request": {"task_id": 7}},
-    Sign: {"command": "cancel_task", "request": {"task_id": 7}, "valid_s": 3600},
+    Prepare: PREPARE,
+    Sign: SIGN,
     Broadcast: {"raw": "0x02f8b2", "request_id": "cancel-7", "content_sha256": "7a" * 32},
 }
 """Examples of what is no command."""

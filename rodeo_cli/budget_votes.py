@@ -21,7 +21,6 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
-from rodeo_cli.proposals import send
 from rodeo_cli.tasks import ParticipantOption
 from services.console.formatting import party, split_in_words
 
@@ -69,31 +68,6 @@ def _given(one: queries.BudgetVote, member: str) -> str:
     return f"{member} has given {ballot.credits_used} of {one.credits} credits: {votes}"
 
 
-def vote_budget(
-    number: NumberArgument,
-    votes: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RECIPIENT=VOTES...", help="For example alice=6 bob=8: 36 and 64 of your 100 credits."
-        ),
-    ],
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Vote on who gets how much, as a member: n votes cost n * n credits. Voting again replaces the votes."""
-    given: dict[str, int] = {}
-    for one in votes:
-        who, _, number_of = one.rpartition("=")
-        if not who or not (number_of.isascii() and number_of.isdecimal()):
-            raise InvalidRequest("write RECIPIENT=VOTES with a whole number of votes", given=one)
-        if who in given:
-            raise InvalidRequest("a recipient is named twice", given=one)
-        given[who] = int(number_of)
-    spent = sum(one * one for one in given.values())
-    done = f"{participant} voted in budget vote {number}, with {spent} credits."
-    send(site, participant, "cast_budget_vote", done, budget_vote=number, votes=given)
-
-
 def pay_budget(
     number: NumberArgument,
     site: SiteOption = DEFAULT_SITE,
@@ -129,5 +103,5 @@ def pay_budget(
 
 def register(organization: typer.Typer) -> None:
     """Add these commands to `organization`."""
-    for command in (budget_votes, vote_budget, pay_budget):
+    for command in (budget_votes, pay_budget):
         organization.command(command.__name__.replace("_", "-"))(reports_errors(command))

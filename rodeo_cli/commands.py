@@ -9,6 +9,7 @@ from rodeo_cli import (
     demo,
     disputes,
     experiment,
+    forms,
     kinds,
     organization,
     people,
@@ -42,11 +43,10 @@ tasks.tasks.command()(people.abandon)
 tasks.tasks.command()(people.submit)
 tasks.tasks.command()(people.review)
 tasks.tasks.command()(people.judge)
-tasks.tasks.command()(disputes.conclude)
 tasks.services.command()(people.offer)
-tasks.tasks.add_typer(disputes.disputes, name="dispute")
-app.add_typer(tasks.tasks, name="task")
-app.add_typer(tasks.services, name="service")
+tasks.tasks.add_typer(disputes.disputes, name="dispute", cls=forms.group("task dispute"))
+app.add_typer(tasks.tasks, name="task", cls=forms.group("task"))
+app.add_typer(tasks.services, name="service", cls=forms.group("service"))
 app.add_typer(organization.organization, name="organization")
 app.add_typer(robot.robots, name="robot")
 app.add_typer(bins.bins, name="bin")

@@ -28,7 +28,6 @@ from rodeo_cli.common import (
     write_file,
 )
 from rodeo_cli.formatting import iec
-from rodeo_cli.tasks import ParticipantOption, SignOption, ValidOption, sign_into
 
 disputes = typer.Typer(
     help="Challenge a ruling while it stands, and decide about a challenge.", no_args_is_help=True
@@ -51,56 +50,6 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
         task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
     dispute = _dispute(task)
     print_facts(dispute, as_json, () if as_json else _told(loaded, task, dispute))
-
-
-@disputes.command("challenge")
-@reports_errors
-def challenge(
-    task_id: int,
-    reason: Annotated[str, typer.Option(help="Why the ruling is wrong.")],
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-    sign: SignOption = None,
-    valid_s: ValidOption = 600,
-) -> None:
-    """Have the judges of challenges decide. This takes a stake, which is lost if the ruling is right. A party
-    may take over what a judge has challenged. What was signed with --sign challenges this ruling alone."""
-    with connected(site) as (loaded, bus):
-        request = {"task_id": task_id, "reason": reason}
-        if sign is not None:
-            sign_into(loaded, bus, participant, "challenge", request, valid_s, sign)
-            return
-        send_command(loaded, bus, participant, "challenge", **request)
-    say(f"{participant} challenged the ruling on task {task_id}.")
-
-
-@disputes.command("settle")
-@reports_errors
-def settle(
-    task_id: int,
-    attempt: Annotated[int | None, typer.Option(min=1, help="By default the last one.")] = None,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Free and pay the stakes of a challenged attempt that is over. Anybody may."""
-    with connected(site) as (loaded, bus):
-        number = attempt or queries.ask(bus, loaded.org, queries.TASK, id=task_id).attempt
-        send_command(loaded, bus, participant, "settle_stakes", task_id=task_id, attempt=number)
-    say(f"The stakes of attempt {number} at task {task_id} are settled.")
-
-
-@reports_errors
-def conclude(
-    task_id: int,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-) -> None:
-    """Do what the ruling says that stands, once its time is over. Where nobody has ruled by the deadline, the
-    attempt becomes void. Anybody may."""
-    with connected(site) as (loaded, bus):
-        send_command(loaded, bus, participant, "conclude", task_id=task_id)
-        task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
-    say(f"Task {task_id} is {task.state}.")
 
 
 @disputes.command("vote")

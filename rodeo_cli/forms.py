@@ -12,10 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 import typer
 from typer.core import TyperGroup
 
+from rodeo import queries
 from rodeo.durations import span
-from rodeo_cli.common import DEFAULT_SITE, SiteOption, reports_errors
+from rodeo.errors import InvalidRequest
+from rodeo_cli.common import DEFAULT_SITE, SiteOption, connected, reports_errors, say, send_command
 from rodeo_cli.proposals import send
-from rodeo_cli.tasks import ParticipantOption
+from rodeo_cli.tasks import (
+    ParticipantOption,
+    ProviderOption,
+    SignOption,
+    ValidOption,
+    change_service,
+    sign_into,
+)
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -25,7 +34,7 @@ if TYPE_CHECKING:
 
 Request = dict[str, Any]
 Completed = Mapping[str, Callable[[Path, Request], Request]]
-"""Command -> what adds to a request what is known on this site."""
+"""`Line.completed` -> what adds to a request what is known on this site."""
 
 
 def group(path: str, completed: Completed | None = None, proposes: bool = False) -> type[TyperGroup]:
@@ -53,12 +62,12 @@ def _made(path: str, completed: Completed, proposes: bool) -> dict[str, Any]:
     from rodeo.commands import COMMANDS
 
     made = typer.Typer()
-    for name, model in COMMANDS.items():
+    for model in COMMANDS.values():
         if (line := model.declared.line) is None:
             continue
         place, _, word = line.usage.partition(" {")[0].rpartition(" ")
         if place == path or (proposes and model.declared.proposable):
-            made.command(word)(form(model, line, completed.get(name)))
+            made.command(word)(form(model, line, completed.get(line.completed)))
     made.callback()(lambda: None)
     return dict(typer.main.get_group(made).commands)
 
@@ -68,21 +77,27 @@ def form(
 ) -> Callable[..., None]:
     """The function whose parameters Typer makes options and arguments of."""
 
-    def run(site: Path, participant: str, **given: Any) -> None:
-        request = given if complete is None else complete(site, given)
-        send(site, participant, model.declared.name, _done(line, request, participant), **request)
+    def run(site: Path, participant: str, sign: Path | None = None, valid_s: int = 0, **given: Any) -> None:
+        request = {key: _counted(one) if key in counted else one for key, one in given.items()}
+        if complete is not None:
+            request = complete(site, request)
+        _carry_out(model, line, site, participant, request, None if sign is None else (sign, valid_s))
 
     from rodeo.commands.declare import Command, arguments
 
     first = arguments(line)
+    counted = [key for key, one in model.model_fields.items() if get_origin(one.annotation) is dict]
     hints: dict[str, Any] = {}
     defaults: dict[str, Any] = {}
     own = [name for name in model.model_fields if name not in Command.model_fields]
     for name in dict.fromkeys([*first, *own]):
         field = model.model_fields[name]
         hints[name], defaults[name] = _parameter(name, field, line, is_argument=name in first)
-    hints |= {"site": SiteOption, "participant": ParticipantOption}
-    defaults |= {"site": DEFAULT_SITE, "participant": "organization"}
+    hints |= {"site": SiteOption, "participant": ProviderOption if line.of_provider else ParticipantOption}
+    defaults |= {"site": DEFAULT_SITE, "participant": None if line.of_provider else "organization"}
+    if model.declared.signable:
+        hints |= {"sign": SignOption, "valid_s": ValidOption}
+        defaults |= {"sign": None, "valid_s": line.valid_s}
     kind = inspect.Parameter.KEYWORD_ONLY
     run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [inspect.Parameter(name, kind, default=defaults[name], annotation=hints[name]) for name in hints]
@@ -92,12 +107,43 @@ def form(
     return reports_errors(run)
 
 
+def _carry_out(
+    model: type[Command],
+    line: Line,
+    site: Path,
+    participant: str,
+    request: Request,
+    signed: tuple[Path, int] | None,
+) -> None:
+    """Send it, or only sign it into a file that is good for some seconds, and say so."""
+    command = model.declared.name
+    sent: Request = {key: one for key, one in request.items() if one is not None}
+    words = request | {"participant": participant}
+    if signed is not None:
+        file, valid_s = signed
+        with connected(site) as (loaded, bus):
+            sign_into(loaded, bus, participant, command, sent, valid_s, file)
+    elif line.of_provider:
+        change_service(site, sent.pop("service_id"), participant, command, **sent)
+        say(_done(line, words))
+    elif line.shows_task:
+        with connected(site) as (loaded, bus):
+            send_command(loaded, bus, participant, command, **sent)
+            words["task"] = queries.ask(bus, loaded.org, queries.TASK, id=sent["task_id"])
+        say(_done(line, words))
+    else:
+        send(site, participant, command, _done(line, words), **sent)
+
+
 def _parameter(name: str, field: FieldInfo, line: Line, is_argument: bool) -> tuple[Any, Any]:
     """The type with its option or argument, and what is sent where nothing is given."""
     from rodeo.commands.declare import bare
 
-    default = inspect.Parameter.empty if field.is_required() else field.get_default(call_default_factory=True)
-    default = line.defaults.get(name, default)
+    default: Any = inspect.Parameter.empty
+    if name in line.defaults:
+        default = line.defaults[name]
+    elif not (is_argument or field.is_required()):
+        default = field.get_default(call_default_factory=True)
     if isinstance(default, Decimal):
         default = f"{default:f}"
     typed = _typed(field.annotation)
@@ -118,16 +164,33 @@ def _typed(annotation: Any) -> Any:
     if get_origin(annotation) in (Union, types.UnionType):
         (inner, *more) = [one for one in get_args(annotation) if one is not type(None)]
         return str if more else _typed(inner)
-    if get_origin(annotation) is list:
+    if get_origin(annotation) in (list, dict):  # of a dict, NAME=NUMBER each
         return list[str]
     return annotation if annotation in (bool, int) else str
 
 
-def _done(line: Line, request: Request, participant: str) -> str:
+def _done(line: Line, words: Request) -> str:
     """What is said once it is done."""
     from rodeo.commands.declare import bare
 
     if not isinstance(line.done, str):
-        return line.done(request)
-    spans = {bare(name): span(value) for name, value in request.items() if name.endswith("_s") and value}
-    return line.done.format(**request, **spans, participant=participant)
+        return line.done(words)
+    spans = {
+        bare(name): span(value)
+        for name, value in words.items()
+        if name.endswith("_s") and isinstance(value, int)
+    }
+    return line.done.format(**words, **spans)
+
+
+def _counted(given: list[str]) -> dict[str, int]:
+    """`alice=6 bob=8` as {"alice": 6, "bob": 8}. Raises InvalidRequest."""
+    counted: dict[str, int] = {}
+    for one in given:
+        who, _, number_of = one.rpartition("=")
+        if not who or not (number_of.isascii() and number_of.isdecimal()):
+            raise InvalidRequest("write RECIPIENT=VOTES with a whole number of votes", given=one)
+        if who in counted:
+            raise InvalidRequest("a recipient is named twice", given=one)
+        counted[who] = int(number_of)
+    return counted

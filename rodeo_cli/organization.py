@@ -47,7 +47,7 @@ def _with_installed_rules(site: Path, request: dict[str, Any]) -> dict[str, Any]
     return request | {"rules_sha256": rules}
 
 
-_COMPLETED = {"allow_kind": _with_installed_rules}
+_COMPLETED = {"installed_rules": _with_installed_rules}
 organization = typer.Typer(
     cls=forms.group("organization", _COMPLETED),
     help="Show and change the organization's rules, members, devices and treasury.",

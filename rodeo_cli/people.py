@@ -30,6 +30,10 @@ from rodeo_cli.formatting import iec
 from rodeo_cli.tasks import SignOption, ValidOption, sign_into
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rodeo.commands import Command
+    from rodeo.messages import Task
     from rodeo.person.statement import Executor
 
 AsOption = Annotated[
@@ -74,9 +78,11 @@ def accept(
     From then on it costs the person's bond a penalty not to submit it. After --sign, run this command again
     without it once somebody has sent the file: it opens the recording.
     """
+    from rodeo.dao import acceptance  # takes its time to import, as in _executor
+
     with connected(site) as (loaded, bus):
         if sign is not None:
-            _sign_attempt(loaded, bus, _name(loaded, participant), "accept_task", task_id, valid_s, sign)
+            _sign_attempt(loaded, bus, _name(loaded, participant), acceptance, task_id, valid_s, sign)
             return
         task = _executor(loaded, bus, participant).accept(task_id)
         left = time_left(loaded, bus, task.execution_deadline or 0.0)
@@ -99,12 +105,12 @@ def abandon(
     In the kind's grace period the attempt does not count, and a proven provider loses nothing. Others get no
     task for a while. Later it costs the penalty, if the task was accepted.
     """
-    from rodeo.dao import Participant  # takes its time to import, as in _executor
+    from rodeo.dao import Participant, abandonment  # take their time to import, as in _executor
 
     with connected(site) as (loaded, bus):
         name = _name(loaded, participant)
         if sign is not None:
-            _sign_attempt(loaded, bus, name, "abandon_task", task_id, valid_s, sign)
+            _sign_attempt(loaded, bus, name, abandonment, task_id, valid_s, sign)
             return
         executor = Participant(bus, loaded.org, name)
         executor.abandon_task(executor.task(task_id))
@@ -227,13 +233,20 @@ def _amount(text: str | None) -> Decimal | None:
 
 
 def _sign_attempt(
-    site: Site, bus: Bus, name: str, command: str, task_id: int, valid_s: int, file: Path
+    site: Site,
+    bus: Bus,
+    name: str,
+    command: Callable[[Task], Command],
+    task_id: int,
+    valid_s: int,
+    file: Path,
 ) -> None:
     """Have the executor's wallet sign it for the attempt that runs."""
     from rodeo.dao import Participant
 
-    attempt = Participant(bus, site.org, name).task(task_id).attempt
-    sign_into(site, bus, name, command, {"task_id": task_id, "attempt": attempt}, valid_s, file)
+    wanted = command(Participant(bus, site.org, name).task(task_id))
+    request = wanted.model_dump(mode="json", exclude_defaults=True, exclude={"request_id"})
+    sign_into(site, bus, name, wanted.declared.name, request, valid_s, file)
 
 
 def _name(site: Site, participant: str | None) -> str:

@@ -7,7 +7,7 @@ import textwrap
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -18,7 +18,7 @@ from rodeo.bus import Bus, DaoEvents, decode_json, validate
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
-from rodeo.messages import DaoEvent, Namers, SignedRequest, Task
+from rodeo.messages import DaoEvent, SignedRequest, Task
 from rodeo.person.photo_code import photo_code
 from rodeo.rewards import Rise
 from rodeo.verdicts import (
@@ -52,7 +52,6 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import iec, plain
 from rodeo_cli.layout import Row, printable
 from services.console.formatting import (
-    NAMERS,
     count,
     known_in_words,
     namers_in_words,
@@ -351,48 +350,6 @@ def _left(site: Site, bus: Bus, task: Task) -> str | None:
     return None if ends_s is None else time_left(site, bus, ends_s)
 
 
-@tasks.command("cancel")
-@reports_errors
-def cancel(
-    task_id: int,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ParticipantOption = "organization",
-    sign: SignOption = None,
-    valid_s: ValidOption = 86_400,
-) -> None:
-    """Cancel a task that is not assigned. Its reward is refunded."""
-    with connected(site) as (loaded, bus):
-        if sign is not None:
-            sign_into(loaded, bus, participant, "cancel_task", {"task_id": task_id}, valid_s, sign)
-            return
-        send_command(loaded, bus, participant, "cancel_task", task_id=task_id)
-    say(f"Task {task_id} is cancelled; {participant} got its reward back.")
-
-
-@tasks.command("match")
-@reports_errors
-def match(
-    task_id: int,
-    service: Annotated[
-        int | None, typer.Option(help="The service that gets it. By default the policy chooses again.")
-    ] = None,
-    site: SiteOption = DEFAULT_SITE,
-    participant: Annotated[str, typer.Option("--as", help="Whose wallet pays the gas.")] = "organization",
-) -> None:
-    """Give an open task to a service that is free, fits, and has not had it before. Anybody may.
-
-    The contracts look at a few services and tasks only, and may overlook some that fit.
-    """
-    with connected(site) as (loaded, bus):
-        request = {"task_id": task_id} if service is None else {"task_id": task_id, "service_id": service}
-        send_command(loaded, bus, participant, "match_task", **request)
-        task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
-    waits = (
-        "no service fits, so it still waits" if task.state == "open" else f"service {task.service_id} has it"
-    )
-    say(f"Task {task_id}: {waits}.")
-
-
 @tasks.command("relay")
 @reports_errors
 def relay(
@@ -530,7 +487,7 @@ def price(
     participant: ProviderOption = None,
 ) -> None:
     """Change a service's price. A task in progress keeps the old price."""
-    service = _change_service(site, service_id, participant, price_iec=price)
+    service = change_service(site, service_id, participant, price_iec=price)
     say(f"Service {service_id} will cost {iec(service['price_iec'])} from its next task on.")
 
 
@@ -540,7 +497,7 @@ def pause(
     service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
 ) -> None:
     """Take no new tasks. A task in progress continues."""
-    _change_service(site, service_id, participant, state="paused")
+    change_service(site, service_id, participant, state="paused")
     say(f"Service {service_id} is paused. Resume it with `rodeo service resume {service_id}`.")
 
 
@@ -550,7 +507,7 @@ def resume(
     service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
 ) -> None:
     """Take tasks again."""
-    _change_service(site, service_id, participant, state="active")
+    change_service(site, service_id, participant, state="active")
     say(f"Service {service_id} takes tasks again.")
 
 
@@ -563,48 +520,11 @@ def withdraw(
 
     Whoever is paid for the provider's work may do this, too, for instance when the provider's key is lost.
     """
-    _change_service(site, service_id, participant, state="retired")
+    change_service(site, service_id, participant, state="retired")
     say(f"Service {service_id} is withdrawn for good. Offer a new one with `rodeo service offer`.")
 
 
-@services.command("agree")
-@reports_errors
-def agree(
-    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
-) -> None:
-    """Agree that a service gets tasks that the present judge of its kind decides about.
-
-    Its bond then stands for them. Until then it gets only tasks that were posted under the judge before.
-    """
-    _change_service(site, service_id, participant, "agree")
-    say(f"Service {service_id} gets tasks under the present judge of its kind.")
-
-
-@services.command("set-namers")
-@reports_errors
-def set_namers(
-    service_id: ServiceArgument,
-    namers: Annotated[str, typer.Argument(help=f"{', '.join(get_args(Namers))}.")],
-    max_void_percent: Annotated[
-        int,
-        typer.Option(
-            "--max-void",
-            min=0,
-            max=100,
-            help="Refuse creators of whose tasks that named somebody more than this part (%) ended void. "
-            "0 refuses nobody.",
-        ),
-    ] = 0,
-    site: SiteOption = DEFAULT_SITE,
-    participant: ProviderOption = None,
-) -> None:
-    """Set whose tasks may name a service: those of proven creators (as at first), nobody's, or anybody's."""
-    said: dict[str, str | int] = {"namers": namers, "max_void_percent": max_void_percent}
-    _change_service(site, service_id, participant, "set_namers", **said)
-    say(f"Service {service_id}: {NAMERS.get(namers, namers)}.")
-
-
-def _change_service(
+def change_service(
     site: Path,
     service_id: int,
     participant: str | None,

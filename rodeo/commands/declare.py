@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
@@ -36,7 +37,17 @@ class Line:
     spelled: Mapping[str, str] = field(default_factory=dict)
     """Field -> its option or metavar, where that is not the field's name without its unit."""
     defaults: Mapping[str, Any] = field(default_factory=dict)
-    """Field -> what is sent if it is left out, where that is not the field's own default."""
+    """Field -> what is sent if it is left out, where that is not the field's own default, or it is an
+    argument: others are required."""
+    completed: str = ""
+    """What adds to the request what is known where it is typed, by the name that the command line has for
+    it."""
+    of_provider: bool = False
+    """The wallet is by default that of the service's provider."""
+    shows_task: bool = False
+    """`done` gets the task as it is then, as `task`."""
+    valid_s: int = 86_400
+    """Seconds for which a request may be sent that is only signed."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +109,9 @@ class Command(Message):
     def proposed(self, desk: Desk) -> list[Call]:
         """What a proposal of it calls once it is executed."""
         return self.calls(desk)
+
+    def sent(self, desk: Desk, reply: Future[dict[str, Any]]) -> None:
+        """Called once it is sent; its reply comes once it is mined."""
 
     def subject(self, desk: Desk) -> Subject:
         return Subject(getattr(self, "task_id", None))

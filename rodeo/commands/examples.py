@@ -32,3 +32,5 @@ SIGNED = {
         "signature": "0x" + "5b" * 65,
     },
 }
+SIGN = {"command": "cancel_task", "request": {"task_id": 7}, "valid_s": 3600}
+PREPARE = {"command": "cancel_task", "request": {"task_id": 7}}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, StringConstraints
@@ -232,16 +233,31 @@ class OpenBudgetVote(Command):
         return desk.currency.to_units(self.amount_iec)
 
 
-@command("operator", console=BY_MEMBER)
-class CastBudgetVote(Command):
-    """Say how many votes each recipient of a budget vote gets from this member. n votes cost n² of its 100
-    credits. Voting again before the end replaces all its votes."""
+def _budget_vote_in_words(said: Mapping[str, Any]) -> str:
+    spent = sum(votes * votes for votes in said["votes"].values())
+    return f"{said['participant']} voted in budget vote {said['budget_vote']}, with {spent} credits."
 
-    budget_vote: Id = Field(examples=[0])
+
+@command(
+    line=Line(
+        "organization vote-budget {budget_vote} {votes}",
+        _budget_vote_in_words,
+        spelled={"budget_vote": "NUMBER", "votes": "RECIPIENT=VOTES..."},
+    ),
+    console=BY_MEMBER,
+)
+class CastBudgetVote(Command):
+    """Vote on who gets how much, as a member: n votes cost n * n credits. Voting again replaces the votes.
+
+    A member has 100 credits in each budget vote.
+    """
+
+    budget_vote: Id = Field(description="Its number: `rodeo organization budget-votes`.", examples=[0])
     votes: Annotated[
         dict[Party, Annotated[int, Field(strict=True, ge=0, lt=2**32)]], Field(max_length=16)
     ] = Field(
-        description="Recipient -> a whole number of votes. Who is left out gets none.",
+        description="A whole number of votes for each recipient, for example alice=6 bob=8: 36 and 64 of the "
+        "credits. Who is left out gets none.",
         examples=[{"panther1": 6, "alice": 8}],
     )
 

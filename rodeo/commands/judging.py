@@ -10,13 +10,14 @@ from eth_utils import is_address, to_checksum_address
 from pydantic import Field, StringConstraints, model_validator
 
 from rodeo import signed_requests, votes
-from rodeo.chain.abi import Quorum
+from rodeo.chain.abi import Instance, Quorum
 from rodeo.chain.artifacts import ORACLES
 from rodeo.chain.types import halves, hex_bytes
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.errors import (
     CannotSign,
     InvalidQuorum,
+    KindWithoutQuorum,
     NoDispute,
     NotAJudge,
     StakeTooLow,
@@ -136,7 +137,15 @@ class PostVotes(Command):
         raise NotAJudge("nobody votes on this task: another contract judges it", judge=judge)
 
 
-@command("operator", console=BY_PROVIDER, signable=True)
+@command(
+    line=Line(
+        "task dispute challenge {task_id}",
+        "{participant} challenged the ruling on task {task_id}.",
+        valid_s=600,
+    ),
+    console=BY_PROVIDER,
+    signable=True,
+)
 class Challenge(Command):
     """Challenge the ruling that stands on a task, with a stake that is lost if the ruling is right. Creator,
     executor and judges may. A party may take over what a judge has challenged."""
@@ -176,7 +185,12 @@ class Challenge(Command):
         return _disputes(desk), self.spends(desk)
 
 
-@command("robot_agent", "charger", "operator", console=BY_ANYBODY)
+@command(
+    "robot_agent",
+    "charger",
+    line=Line("task conclude {task_id}", "Task {task_id} is {task.state}.", shows_task=True),
+    console=BY_ANYBODY,
+)
 class Conclude(Command):
     """Do what the ruling says that stands on a task, once its time is over. Where nobody has ruled by the
     deadline, the attempt becomes void. Anybody may."""
@@ -187,16 +201,20 @@ class Conclude(Command):
         return [desk.client.calls.conclude(self.task_id)]
 
 
-@command("operator", console=BY_ANYBODY)
+@command(
+    line=Line("task dispute settle {task_id}", "The stakes of task {task_id} are settled."),
+    console=BY_ANYBODY,
+)
 class SettleStakes(Command):
     """Free and pay the stakes of a challenged attempt that is over. Anybody may."""
 
     task_id: Id = Field(examples=[7])
-    attempt: Attempt = Field(description="By default the last one.", examples=[1])
+    attempt: Attempt | None = Field(None, description="By default the last one.", examples=[1])
 
     def calls(self, desk: Desk) -> list[Call]:
         _disputes(desk)
-        return [desk.client.dispute_calls.settle(self.task_id, self.attempt)]
+        attempt = self.attempt or int(desk.task(self.task_id)["attempt"])
+        return [desk.client.dispute_calls.settle(self.task_id, attempt)]
 
 
 @command(
@@ -346,6 +364,98 @@ class SetQuorum(Command):
         if self.rotation_s is not None:
             now = replace(now, rotation=self.rotation_s)
         return [_quorum_call(desk, self.kind, self.votes, seats, now, self.panel)]
+
+
+_Case = Annotated[int, Field(ge=60, le=7 * 86_400)]
+"""Part of a case in which a ruling can be challenged, or is decided about, s."""
+
+
+@command(
+    line=Line(
+        "organization instances {kind}",
+        "Later rulings on {kind} can be challenged as these instances say.",
+        spelled={
+            "windows_s": "--window",
+            "decisions_s": "--decision",
+            "stakes_iec": "--stake",
+            "judge_stakes_iec": "--judge-stake",
+        },
+    ),
+    console=BY_ADMINISTRATOR,
+    proposable=True,
+)
+class SetInstances(Command):
+    """Set which committees decide about challenges of rulings on a kind: one after the other, or none.
+
+    Each option is repeated for each committee. Cases that run keep what they began with. Each committee needs
+    its quorum for the kind first.
+    """
+
+    kind: Kind = Field(description="The kind of task.", examples=["window_cleaning"])
+    windows_s: list[_Case] = Field(
+        default_factory=list,
+        max_length=2,
+        description="How long a ruling of the committee before can be challenged, in seconds; repeat it.",
+        examples=[[3600]],
+    )
+    decisions_s: list[_Case] = Field(
+        default_factory=list,
+        max_length=2,
+        description="How long the committee may take, in seconds; after it the ruling stands. Repeat it.",
+        examples=[[86_400]],
+    )
+    stakes_iec: list[Payment] = Field(
+        default_factory=list,
+        max_length=2,
+        description="What a challenge costs whoever is wrong, in IEC: more for each later one. Repeat it.",
+        examples=[["20"]],
+    )
+    judge_stakes_iec: list[Iec] = Field(
+        default_factory=list,
+        max_length=2,
+        description="What each judge of the committee before must have at stake for its vote to count, in "
+        "IEC; 0 for none. Repeat it.",
+        examples=[["20"]],
+    )
+
+    @model_validator(mode="after")
+    def _says_all_of_each_committee(self) -> Self:
+        said = (self.windows_s, self.decisions_s, self.stakes_iec, self.judge_stakes_iec)
+        if len({len(one) for one in said}) > 1:
+            raise ValueError("window, decision, stake and judge stake go together: repeat all as often")
+        # A proposal is executed days later, so the contract's refusal would come late.
+        if self.stakes_iec != sorted(set(self.stakes_iec)):
+            raise ValueError("each later challenge costs more than the one before")
+        return self
+
+    def calls(self, desk: Desk) -> list[Call]:
+        _disputes(desk)
+        deployment, to_units = desk.client.deployment, desk.currency.to_units
+        committees = deployment.committees[: 1 + len(self.windows_s)]
+        if len(committees) <= len(self.windows_s):
+            raise InvalidRequest(
+                "this organization has fewer committees that decide about challenges",
+                committees=len(deployment.committees) - 1,
+            )
+        for committee in committees:
+            if not desk.client.quorum(self.kind, committee).votes:
+                raise KindWithoutQuorum(
+                    "say first which judges of the committee judge this kind",
+                    kind=self.kind,
+                    committee=committee,
+                )
+        # What an instance says of the next one: how it is challenged, and with which stakes.
+        challenged = [
+            *zip(self.windows_s, self.stakes_iec, self.judge_stakes_iec, strict=True),
+            (0, Decimal(0), Decimal(0)),
+        ]
+        instances = [
+            Instance(deployment.address(committee), window_s, decision_s, to_units(stake), to_units(own))
+            for committee, decision_s, (window_s, stake, own) in zip(
+                committees, [0, *self.decisions_s], challenged, strict=True
+            )
+        ]
+        return [desk.client.dispute_calls.set_instances(self.kind, instances)]
 
 
 @command(

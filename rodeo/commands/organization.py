@@ -61,7 +61,12 @@ def _allowed_in_words(said: Mapping[str, Any]) -> str:
 
 
 @command(
-    line=Line("organization kind {kind}", _allowed_in_words, spelled={"allowed": "--allow/--disallow"}),
+    line=Line(
+        "organization kind {kind}",
+        _allowed_in_words,
+        spelled={"allowed": "--allow/--disallow"},
+        completed="installed_rules",
+    ),
     console=BY_ADMINISTRATOR,
     proposable=True,
 )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from concurrent.futures import Future
 from decimal import Decimal
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -63,6 +65,9 @@ class RegisterService(Command):
         """The highest bond that the new service agrees to lock, wei."""
         most_iec = self.max_bond_iec
         return self._bond(desk) if most_iec is None else desk.currency.to_units(most_iec)
+
+    def sent(self, desk: Desk, reply: Future[dict[str, Any]]) -> None:
+        desk.offering[self.kind] = self.request_id, reply
 
     def _require_room_for(self, desk: Desk) -> None:
         kind = self.kind
@@ -127,18 +132,42 @@ class UpdateService(Command):
         return self.calls(desk)
 
 
-@command("robot_agent", "charger", "operator", console=BY_PROVIDER)
+@command(
+    "robot_agent",
+    "charger",
+    line=Line(
+        "service agree {service_id}",
+        "Service {service_id} gets tasks under the present judge of its kind.",
+        of_provider=True,
+    ),
+    console=BY_PROVIDER,
+)
 class Agree(Command):
-    """Agree that one's service gets tasks that the present judge of its kind decides about. Until then it
-    gets those that were posted under the judge before."""
+    """Agree that a service gets tasks that the present judge of its kind decides about.
 
-    service_id: Id = Field(examples=[2])
+    Its bond then stands for them. Until then it gets only tasks that were posted under the judge before.
+    """
+
+    service_id: Id = Field(description="The service, by its number in `rodeo service list`.", examples=[2])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.calls.agree(self.service_id)]
 
 
-@command("operator", console=BY_PROVIDER)
+def _namers_in_words(said: Mapping[str, Any]) -> str:
+    who = "proven creators" if said["namers"] == "proven" else said["namers"]
+    return f"Tasks of {who} may name service {said['service_id']}."
+
+
+@command(
+    line=Line(
+        "service set-namers {service_id} {namers}",
+        _namers_in_words,
+        spelled={"max_void_percent": "--max-void"},
+        of_provider=True,
+    ),
+    console=BY_PROVIDER,
+)
 class SetNamers(Command):
     """Set whose tasks may name a service: those of proven creators (as at first), nobody's, or anybody's."""
 

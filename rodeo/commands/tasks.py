@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from pydantic import Field
 from rodeo import signed_requests
 from rodeo.chain.abi import TaskRequest
 from rodeo.chain.types import ZERO_ADDRESS, hex_bytes
-from rodeo.commands.declare import Command, Subject, command
+from rodeo.commands.declare import Command, Line, Subject, command
 from rodeo.commands.errors import (
     AssignmentChanged,
     CannotRaise,
@@ -30,6 +31,15 @@ if TYPE_CHECKING:
     from rodeo.chain.encoding import Call
     from rodeo.commands.desk import Desk
     from rodeo.signed_requests import Said
+
+
+def _matched_in_words(said: Mapping[str, Any]) -> str:
+    task = said["task"]
+    waits = (
+        "no service fits, so it still waits" if task.state == "open" else f"service {task.service_id} has it"
+    )
+    return f"Task {task.id}: {waits}."
+
 
 MAX_TEXT_BYTES = 16 * 1024
 """Most bytes of parameters and description together: everybody keeps and lists them indefinitely."""
@@ -185,7 +195,11 @@ class RegisterTask(Command):
         return desk.client.task_manager, self.spends(desk)
 
 
-@command("operator", console=BY_OPERATOR, signable=True)
+@command(
+    line=Line("task cancel {task_id}", "Task {task_id} is cancelled; {participant} got its reward back."),
+    console=BY_OPERATOR,
+    signable=True,
+)
 class CancelTask(Command):
     """Cancel a task that is not assigned. Its reward is refunded."""
 
@@ -351,9 +365,17 @@ class ExpireTask(Command):
         return [desk.client.calls.expire_task(self.task_id)]
 
 
-@command("operator", console=BY_OPERATOR)
+@command(
+    line=Line(
+        "task match {task_id}", _matched_in_words, spelled={"service_id": "--service"}, shows_task=True
+    ),
+    console=BY_OPERATOR,
+)
 class MatchTask(Command):
-    """Give an open task to a service that is free, fits, and has not had it before. Anybody may."""
+    """Give an open task to a service that is free, fits, and has not had it before. Anybody may.
+
+    The contracts look at a few services and tasks only, and may overlook some that fit.
+    """
 
     task_id: Id = Field(examples=[7])
     service_id: Id | None = Field(

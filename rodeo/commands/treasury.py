@@ -92,7 +92,11 @@ class Withdraw(Command):
 
 
 @command(
-    line=Line("organization budget {role} {amount_iec}", _budget_in_words, defaults={"period_s": 86400}),
+    line=Line(
+        "organization budget {role} {amount_iec}",
+        _budget_in_words,
+        defaults={"amount_iec": "0", "period_s": 86400},
+    ),
     console=BY_ADMINISTRATOR,
     proposable=True,
 )

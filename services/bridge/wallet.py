@@ -19,7 +19,6 @@ from rodeo.commands.desk import Desk
 from rodeo.commands.errors import CannotSign
 from rodeo.commands.judging import SignVote
 from rodeo.commands.relaying import Requests, Sign, nonce_of
-from rodeo.commands.services import RegisterService
 from rodeo.messages import ORGANIZATION, Broadcast, Prepare, SignedRequest, TypedSignature
 from services.bridge.errors import NotThisWallets, UnknownCommand
 from services.bridge.journal import decoded
@@ -73,8 +72,7 @@ class Wallet:
         for first in before:
             self.transactions.orders.submit(first).result()
         sent = self.transactions.orders.submit(order)
-        if isinstance(command, RegisterService):
-            self.desk.offering[command.kind] = command.request_id, sent
+        command.sent(self.desk, sent)
         return sent
 
     def orders(self, command: Command) -> list[Order]:

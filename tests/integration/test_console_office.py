@@ -497,11 +497,17 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
     page = desk.page("ada")
     open_page(page, "/services")
     eva = row(page, "Participants", "eva")
-    for what, is_member in (("Admit somebody", True), ("Dismiss somebody", False)):
-        page.get_by_role("button", name="Membership").click()
+    for what, word, is_member in (
+        ("Make somebody a member", "Admit", True),
+        ("End a membership", "Dismiss", False),
+    ):
+        page.get_by_role("button", name="Other commands").click()
         choose(page, "What", what)
-        page.get_by_label("Who, unless it is for all").fill("eva")
-        answer(page, "Do it")
+        page.get_by_role("button", name="Go on").click()
+        page.get_by_label("Account").fill("eva")
+        page.get_by_role("button", name="Review").click()
+        page.get_by_role("button", name=word, exact=True).click()
+        expect(page.get_by_role("dialog")).to_have_count(0)
         shown = expect(eva.get_by_text("member"))
         shown.to_be_visible() if is_member else shown.to_have_count(0)
 
@@ -536,9 +542,9 @@ def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_t
         page.get_by_role("button", name=button, exact=True).click()
         page.get_by_label("Amount (IEC)").fill(amount)
         if to is not None:
-            page.get_by_label("To: a participant").fill(to)
-        page.get_by_role("button", name=f"Review the {button.lower()}").click()
-        page.get_by_role("button", name=re.compile(f"^(Deposit|Pay) {amount} IEC")).click()
+            page.get_by_role("dialog").get_by_label("To", exact=True).fill(to)
+        page.get_by_role("button", name="Review").click()
+        page.get_by_role("button", name=f"{button} {amount} IEC").click()
         expect(page.get_by_role("dialog")).to_have_count(0)
         expect(transfers.get_by_role("row").nth(1)).to_contain_text(amount)
     expect(page.get_by_text("EUR/kWh").first).to_be_visible()

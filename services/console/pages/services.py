@@ -30,6 +30,7 @@ from services.console.formatting import (
     voids_in_words,
     windows_in_words,
 )
+from services.console.pages.forms import choose_command
 from services.console.pages.frame import (
     Console,
     act,
@@ -59,13 +60,6 @@ from services.console.roles import Role
 
 _UNSAID = "unsaid"
 """The choice that is none."""
-_MEMBERSHIP = {
-    "admit": "is a member",
-    "dismiss": "is no member any more",
-    "suspend_provider": "is suspended, and its services are, too",
-    "reinstate_provider": "may offer services again",
-}
-_VOUCHED = {"vouch": "is proven: the organization vouches for it", "unvouch": "is vouched for no longer"}
 POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
@@ -401,8 +395,8 @@ class ServicesPage:
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
                 ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
                 ui.button("Times of a kind", on_click=self._change_times).props("outline dense")
-                ui.button("Remove a judge", on_click=self._remove_judge).props("outline dense")
-                ui.button("Membership", on_click=self._membership).props("outline dense")
+                more = partial(choose_command, self._console, Role.ADMINISTRATOR, self._refresh)
+                ui.button("Other commands", on_click=more).props("outline dense")
 
     def _kind_end(self, one: queries.KindRules) -> None:
         if not user().has(Role.ADMINISTRATOR):
@@ -420,29 +414,6 @@ class ServicesPage:
             ui.button("Rules", on_click=partial(self._change_hashes, one)).props(
                 f'flat dense aria-label="{label}"'
             )
-
-    @on_page
-    async def _remove_judge(self) -> None:
-        judged = {one.kind: one for one in self._organization.kinds if one.allowed and not one.removed}
-
-        async def remove(answer: dict[str, str]) -> bool:
-            name = answer["kind"]
-            lines = [
-                ("Judge", _judges(judged[name])),
-                ("What it said and is not concluded", "becomes void; auditors may replace it"),
-                ("After that", "the kind needs another judge"),
-            ]
-            title = f"Remove the judge of {kind(name)}?"
-            if not await confirm(title, lines, "Remove for good", danger=True):
-                return False
-            return await self._act("remove_judge", answer, f"The judge of {kind(name)} rules no more")
-
-        await ask_form(
-            "Remove the judge of a kind",
-            {"kind": Field("Kind of work", choices={name: kind(name) for name in judged})},
-            "Remove it",
-            remove,
-        )
 
     @on_page
     async def _change_hashes(self, one: queries.KindRules) -> None:
@@ -554,39 +525,6 @@ class ServicesPage:
                 "max_failures": Field("Failures in a row that suspend, 0 for never", before["max_failures"]),
             },
             "Change them",
-            change,
-        )
-
-    @on_page
-    async def _membership(self) -> None:
-        async def change(answer: dict[str, str]) -> bool:
-            what, account = answer["action"], answer["account"]
-            if what in _VOUCHED:
-                request: Json = {"account": account, "vouched": what == "vouch"}
-                return await self._act("vouch", request, f"{account} {_VOUCHED[what]}")
-            if what in _MEMBERSHIP:
-                return await self._act(what, {"account": account}, f"{account} {_MEMBERSHIP[what]}")
-            closed = what == "close"
-            done = "Only members may now take part" if closed else "Everybody may now take part"
-            return await self._act("set_members_only", {"enabled": closed}, done)
-
-        choices = {
-            "admit": "Admit somebody",
-            "dismiss": "Dismiss somebody",
-            "suspend_provider": "Suspend a provider",
-            "reinstate_provider": "Reinstate a provider",
-            "vouch": "Vouch for a provider",
-            "unvouch": "Vouch for a provider no longer",
-            "close": "Let only members in",
-            "open": "Let everybody in",
-        }
-        await ask_form(
-            "Membership",
-            {
-                "action": Field("What", choices=choices),
-                "account": Field("Who, unless it is for all: a participant or an address"),
-            },
-            "Do it",
             change,
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from functools import partial
 from typing import Any
 
@@ -14,11 +14,11 @@ from rodeo.errors import RodeoError
 from rodeo.strict_json import Json
 from rodeo.tariff import prices
 from services.console.actions import ORGANIZATION
-from services.console.formatting import count, exact, iec, moment, party, short
+from services.console.formatting import count, iec, moment, party, short
 from services.console.money import change, reason
+from services.console.pages.forms import buttons
 from services.console.pages.frame import (
     Console,
-    act,
     ask,
     follow_async,
     frame,
@@ -27,13 +27,10 @@ from services.console.pages.frame import (
     user,
 )
 from services.console.pages.widgets import (
-    Field,
     Link,
     Section,
     Text,
-    ask_form,
     card,
-    confirm,
     empty,
     fact,
     facts,
@@ -66,8 +63,7 @@ class TreasuryPage:
             Text("h1", "Treasury")
             ui.element("span").classes("grow")
             if user().has(Role.TREASURER):
-                ui.button("Deposit", icon="south_west", on_click=self._deposit).props("outline")
-                ui.button("Withdraw", icon="north_east", on_click=self._withdraw).props("outline")
+                buttons(console, Role.TREASURER, lambda: self._refresh())
         self._problem = problem_section()
         with ui.element("div").classes("grid tiles"):
             self._balance, self._escrow, self._earned, self._spent = (
@@ -191,57 +187,6 @@ class TreasuryPage:
     def _turn(self, event: Any) -> None:
         self._page = int(event.value)
         self._refresh()
-
-    # -- moving money ----------------------------------------------------------------------------------
-
-    async def _deposit(self) -> None:
-        async def pay(answer: dict[str, str]) -> bool:
-            if (amount := _amount(answer["amount_iec"])) is None:
-                return False
-            lines = [("Amount", exact(amount)), ("From", "the own account of the organization's key")]
-            return await confirm("Deposit?", lines, f"Deposit {exact(amount)}") and await self._act(
-                "deposit", {"amount_iec": str(amount)}, f"{iec(amount)} deposited"
-            )
-
-        await ask_form(
-            "Deposit into the treasury", {"amount_iec": Field("Amount (IEC)")}, "Review the deposit", pay
-        )
-
-    async def _withdraw(self) -> None:
-        async def pay(answer: dict[str, str]) -> bool:
-            if (amount := _amount(answer["amount_iec"])) is None:
-                return False
-            lines = [("Amount", exact(amount)), ("To", answer["to"])]
-            wallets = self._console.live.summary.wallets
-            balance = next((one.balance_iec for one in wallets if one.name == ORGANIZATION), None)
-            if balance is not None:
-                lines.append(("Treasury after", iec(balance - amount)))
-            done = f"{iec(amount)} paid to {short(answer['to'])}"
-            return await confirm("Withdraw?", lines, f"Pay {exact(amount)}") and await self._act(
-                "withdraw", {"amount_iec": str(amount), "to": answer["to"]}, done
-            )
-
-        fields = {
-            "amount_iec": Field("Amount (IEC)"),
-            "to": Field("To: a participant or an address"),
-        }
-        await ask_form("Withdraw from the treasury", fields, "Review the withdrawal", pay)
-
-    async def _act(self, name: str, request: Json, done: str) -> bool:
-        """Whether it was done."""
-        return await act(self._console, name, request, done) is not None
-
-
-def _amount(text: str) -> Decimal | None:
-    """What was entered; tells when it is no amount."""
-    try:
-        amount = Decimal(text.replace(",", "").strip())
-    except InvalidOperation:
-        amount = Decimal(0)
-    if amount.is_finite() and amount > 0:
-        return amount
-    ui.notify("Enter an amount of IEC above 0", type="warning")
-    return None
 
 
 def _why(transfer: queries.Transfer) -> None:

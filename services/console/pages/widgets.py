@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -212,8 +213,15 @@ class Field:
     several: bool = False
     """Any number of the choices; the answer has commas in between."""
     secret: bool = False
+    hint: str = ""
+    """A sentence below it."""
 
     def draw(self) -> Any:
+        """The entry, with its hint."""
+        entry = self._entry()
+        return entry.props(f"hint={json.dumps(self.hint)}") if self.hint else entry
+
+    def _entry(self) -> Any:
         if self.choices is None:
             entry: Any = ui.input(self.label, value=self.start, password=self.secret)
             return entry.props("autocomplete=new-password") if self.secret else entry

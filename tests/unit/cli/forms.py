@@ -59,6 +59,8 @@ organization announce-withdrawal anna 5
 organization withdraw-stake anna
 organization quorum painting 2
 organization quorum painting 2 --judge anna --judge bert --panel 2 --rotation 60
+organization instances painting
+organization instances painting --window 3600 --decision 86400 --stake 20 --judge-stake 10
 organization register-device {KEY} --role robot --owner panther1 --name panther1 --signature {SIGNATURE}
 organization revoke-device {KEY} --reason superseded
 organization vote 3 for
@@ -81,6 +83,7 @@ task match 7 --service 2
 task allow-payments --as alice
 task dispute challenge 7 --reason no
 task dispute settle 7 --attempt 1
+task dispute settle 7
 """
 """Command lines of everything that fills in a command of the organization, and no more."""
 

@@ -176,7 +176,7 @@ def test_a_robots_state_is_told_in_words() -> None:
 
 def test_a_challenge_needs_a_reason() -> None:
     data = {"task_id": 1, "reason": " "}
-    assert "--reason: give a reason" in told(Challenge, data, disputes.challenge)
+    assert "--reason: give a reason" in told(Challenge, data, form_of(Challenge))
 
 
 def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:

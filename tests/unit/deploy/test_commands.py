@@ -45,7 +45,7 @@ SIGNS_ITSELF = {"prepare", "broadcast", "sign"}
 
 
 def literals(tree: ast.AST) -> set[str]:
-    """Names of commands that `tree` passes to any function, or assigns to a variable."""
+    """Names of commands that `tree` makes, passes to any function, or assigns to a variable."""
     decorators = {id(one) for node in ast.walk(tree) for one in getattr(node, "decorator_list", ())}
     values: list[ast.expr] = []
     for node in ast.walk(tree):
@@ -55,7 +55,13 @@ def literals(tree: ast.AST) -> set[str]:
         elif isinstance(node, ast.Assign):
             values.append(node.value)
     chosen = [one for value in values for one in _chosen(value)]
-    return {str(one.value) for one in chosen if isinstance(one, ast.Constant) and one.value in KNOWN}
+    made = {
+        node.func.id
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    }
+    names = {str(one.value) for one in chosen if isinstance(one, ast.Constant) and one.value in KNOWN}
+    return names | {name for name, model in COMMANDS.items() if model.__name__ in made}
 
 
 def _chosen(value: ast.expr) -> Iterator[ast.expr]:
@@ -127,7 +133,7 @@ def test_a_process_may_send_the_commands_that_its_code_sends_and_no_others(proce
 def test_the_shared_package_sends_commands_where_it_is_known_to() -> None:
     assert shared().keys() == {
         *(".offer_service", ".accept_task", ".abandon_task", ".raise_reward", ".submit_proof"),
-        *(".conclude_rulings", "Executor", "judge", "DailyRoots", "Rulings"),
+        *(".conclude_rulings", "acceptance", "abandonment", "Executor", "judge", "DailyRoots", "Rulings"),
     }
 
 

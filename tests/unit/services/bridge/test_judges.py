@@ -17,6 +17,7 @@ from rodeo.chain.deployment import Deployment
 from rodeo.commands.desk import Desk
 from rodeo.commands.errors import KindWithoutQuorum, KindWithoutRules, NoDispute, NotAJudge, UnknownKind
 from rodeo.currency import IEC
+from rodeo.errors import InvalidRequest
 from services.bridge.names import Names
 from services.bridge.wallet import parse
 
@@ -65,7 +66,7 @@ def called(
         dispute_calls=DisputeJudgeCalls(deployment),
         committee_calls=lambda: CommitteeJudgeCalls(deployment, "OracleCommittee"),
         currency=IEC,
-        quorum=lambda _kind: SimpleNamespace(votes=votes),
+        quorum=lambda _kind, _committee="": SimpleNamespace(votes=votes),
         instances=lambda _kind: [SimpleNamespace(stake=1)] * instances,
     )
     index: Any = SimpleNamespace(
@@ -200,3 +201,52 @@ def test_what_concerns_providers_goes_to_the_contract_that_knows_them() -> None:
     assert called("set_namers", {"service_id": 1, "namers": "anybody"}) == [("Providers", "setNamers")]
     assert called("match_task", {"task_id": 1, "service_id": 2}) == [("TaskManager", "matchTask")]
     assert called("vouch", {"account": OTHER}) == [("Organization", "vouchFor")]
+
+
+INSTANCES = {
+    "kind": KIND,
+    "windows_s": [3600, 1800],
+    "decisions_s": [86_400, 43_200],
+    "stakes_iec": ["20", "40"],
+    "judge_stakes_iec": ["10", "5"],
+}
+
+
+def test_what_an_instance_says_of_the_next_one_is_told_with_the_one_before() -> None:
+    told: list[Any] = []
+    real = DisputeJudgeCalls.set_instances
+
+    def set_instances(self: DisputeJudgeCalls, kind: str, instances: list[Any]) -> Any:
+        told.extend(instances)
+        return real(self, kind, instances)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(DisputeJudgeCalls, "set_instances", set_instances)
+        assert called("set_instances", INSTANCES, votes=2) == [("DisputeJudge", "setInstances")]
+    iec = 10**18
+    assert [(one.window, one.decision, one.stake, one.judge_stake) for one in told] == [
+        (3600, 0, 20 * iec, 10 * iec),
+        (1800, 86_400, 40 * iec, 5 * iec),
+        (0, 43_200, 0, 0),
+    ]
+    assert [one.committee for one in told] == [ADDRESSES[name] for name in artifacts.COMMITTEES]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error"),
+    [
+        ({"stakes_iec": ["40", "20"]}, InvalidRequest),
+        ({"decisions_s": [86_400]}, InvalidRequest),
+    ],
+)
+def test_instances_that_the_contract_would_refuse_are_not_proposed(
+    wrong: dict[str, Any], error: type[Exception]
+) -> None:
+    with pytest.raises(error):
+        called("set_instances", INSTANCES | wrong, votes=2)
+
+
+def test_an_instance_needs_its_quorum_first() -> None:
+    with pytest.raises(KindWithoutQuorum) as refused:
+        called("set_instances", INSTANCES)
+    assert refused.value.details == {"kind": KIND, "committee": "OracleCommittee"}

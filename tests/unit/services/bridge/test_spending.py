@@ -66,7 +66,7 @@ FREE = {
     *("set_policy", "set_terms", "set_members_only", "set_budget", "pause_tasks", "resume_tasks"),
     *("admit", "dismiss", "vouch", "set_namers", "suspend_provider", "reinstate_provider", "suspend_service"),
     *("reinstate_service", "grant_role", "revoke_role", "change_judge_key", "seat_judge"),
-    *("unseat_judge", "set_quorum", "hand_over", "set_delay"),
+    *("unseat_judge", "set_quorum", "set_instances", "hand_over", "set_delay"),
 }
 """Commands by which nothing leaves the wallet."""
 

@@ -1,0 +1,96 @@
+"""A command of the organization is declared once, and named in at most one other file."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+from rodeo.commands import COMMANDS
+from rodeo_testing.waiting import HANG_S
+
+ROOT = Path(__file__).parents[2]
+DECLARED_IN, CONTRACT = "rodeo/commands/", "rodeo/chain/"
+APART = ("tests/", "bench/", "training/", "rodeo_testing/", DECLARED_IN, CONTRACT)
+"""Tests, and the declarations themselves with the contracts whose functions have the same names."""
+MEANS_ANOTHER = {
+    "transfer": (
+        "services/bridge/projection/tokens.py",
+        "services/console/money.py",
+        "services/console/pages/treasury.py",
+    ),
+    "deposit": (
+        *(
+            "services/bridge/projection/tokens.py",
+            "services/console/money.py",
+            "services/console/pages/treasury.py",
+        ),
+        "rodeo_experiments/results.py",
+    ),
+    "withdraw": ("rodeo_cli/tasks.py",),
+    "propose": ("rodeo_cli/organization.py",),
+}
+"""Word -> files in which it is the reason of a transfer, or a word of the command line."""
+IN_SEVERAL = {
+    "abandon_task": 2,
+    "agree": 2,
+    "conclude": 3,
+    "pay_budget_share": 2,
+    "post_votes": 2,
+    "register_service": 3,
+    "register_task": 9,
+    "rule": 2,
+    "set_payout": 2,
+    "update_service": 7,
+}
+"""Command -> how many files name it beside its declaration, where they are several: more than one process
+sends it in a way of its own. The numbers only shrink."""
+
+
+def files_that_name() -> dict[str, set[str]]:
+    listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True)
+    models = {model.__name__: name for name, model in COMMANDS.items()}
+    found: dict[str, set[str]] = defaultdict(set)
+    for path in listed.stdout.split():
+        if path.startswith(APART):
+            continue
+        source = ast.parse((ROOT / path).read_text())
+        declared = {
+            one.name
+            for node in ast.walk(source)
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rodeo.commands")
+            for one in node.names
+        }
+        for node in ast.walk(source):
+            match node:
+                case ast.Constant(value=str(name)) if name in COMMANDS:
+                    if path not in MEANS_ANOTHER.get(name, ()):
+                        found[name].add(path)
+                case ast.Name(id=name) if name in models and name in declared:
+                    found[models[name]].add(path)
+    return found
+
+
+def test_a_command_is_named_in_at_most_one_file_beside_its_declaration() -> None:
+    several = {name: len(files) for name, files in files_that_name().items() if len(files) > 1}
+    assert several == IN_SEVERAL, "declare what is made from a command, instead of naming it once more"
+    assert len(COMMANDS) - len(IN_SEVERAL) >= 55
+
+
+def test_every_command_says_what_it_is_for() -> None:
+    assert [name for name, model in COMMANDS.items() if not model.__dict__.get("__doc__")] == []
+
+
+def test_help_imports_no_command_that_it_does_not_show() -> None:
+    code = (
+        "import sys\n"
+        "from rodeo_cli import app\n"
+        "try:\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print('rodeo.commands' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=HANG_S, cwd=ROOT
+    )
+    assert done.stdout.splitlines()[-1] == "False"
