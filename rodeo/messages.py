@@ -338,6 +338,11 @@ while there is one with an active service of the kind. It ends with the eighth, 
 gave up."""
 
 
+PATIENCE_S = 3600
+"""For so long a task that only proven providers are offered waits for one. Then anybody may give it to
+another provider's service."""
+
+
 class Task(Message):
     id: int
     kind: str

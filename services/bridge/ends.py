@@ -20,7 +20,7 @@ from rodeo.process import Process
 from rodeo.verdicts import FAULTS, LAST_RULINGS, counted_voids
 from services.bridge.attachment import Attachment
 from services.bridge.names import ORGANIZATION
-from services.bridge.offers import Update, due_updates
+from services.bridge.offers import Match, Update, due_matches, due_updates
 from services.bridge.wallet import Wallet
 
 log = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ class Ends:
     ) -> None:
         self._process, self._clock, self._stop = process, process.clock, process.stop
         self._attached, self._accounts, self._threads = attached, accounts, threads
-        self._expiring: dict[End | Update, float] = {}
+        self._expiring: dict[End | Update | Match, float] = {}
         """What is done at the end of a time -> wall time (monotonic) before which it is not tried again."""
         self._changed = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="windows", daemon=True)
@@ -103,8 +103,9 @@ class Ends:
         self._process.concern("voids", many_voids(index.recent_voids(LAST_RULINGS), names.get))
         own, next_s = own_rulings(index.unconcluded(), here, now_s)
         updates, update_s = due_updates(index, here, attachment.handback.can_do, now_s)
-        due: list[End | Update] = [*own, *updates]
-        ends_s = [next_s, update_s]
+        matches, match_s = due_matches(index, here, attachment.handback.can_do, now_s)
+        due: list[End | Update | Match] = [*own, *updates, *matches]
+        ends_s = [next_s, update_s, match_s]
         if ORGANIZATION in self._threads:
             # Anyone may end a window; for the site the organization does.
             due += [End(ORGANIZATION, "conclude", task_id) for task_id in index.concludable(now_s)]
@@ -177,7 +178,7 @@ def own_rulings(
     return due, next_s
 
 
-def send_end(wallet: Wallet, end: End | Update) -> Future[Any] | None:
+def send_end(wallet: Wallet, end: End | Update | Match) -> Future[Any] | None:
     """A job of our own, whose failure nobody else would hear of. None where it was refused."""
     try:
         reply = wallet.execute(end.command, end.data)
@@ -191,12 +192,12 @@ def send_end(wallet: Wallet, end: End | Update) -> Future[Any] | None:
 
 _LOST_RACES = rulings.LOST_RACES | {
     *("no_case", "window_not_over", "wrong_attempt", "deadline_not_passed"),
-    *("provider_is_asleep", "bond_is_locked", "service_is_retired"),
+    *("provider_is_asleep", "bond_is_locked", "service_is_retired", "service_does_not_fit"),
 }
 """Codes of refusals where somebody else was faster, or the chain's clock is behind the site's."""
 
 
-def _warn(error: BaseException | None, end: End | Update) -> None:
+def _warn(error: BaseException | None, end: End | Update | Match) -> None:
     if error is not None:
         is_lost = isinstance(error, RodeoError) and error.code in _LOST_RACES
         level = logging.INFO if is_lost else logging.WARNING

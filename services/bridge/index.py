@@ -359,6 +359,13 @@ class Index:
         """The tasks that somebody has to do now."""
         return self._rows(select(schema.tasks).where(schema.tasks.c.state == "assigned"))
 
+    def open_to_all(self) -> list[Row]:
+        """The tasks that wait for anybody, the oldest first."""
+        tasks = schema.tasks.c
+        anybody = tasks.requested_service_id.is_(None) & tasks.requested_provider.is_(None)
+        found = select(schema.tasks).where(tasks.state == "open", anybody)
+        return self._rows(found.order_by(tasks.id))
+
     def overdue(self, now_s: float) -> list[int]:
         """Ids of the tasks that were assigned and whose execution window ended before `now_s`."""
         tasks = schema.tasks.c
@@ -454,6 +461,12 @@ class Index:
         services = schema.services.c
         idle = (services.state == "active") & services.task_id.is_(None) & (services.place == 0)
         return self._rows(select(schema.services).where(idle).order_by(services.id))
+
+    def waiting(self) -> list[Row]:
+        """Active services that wait for a task."""
+        services = schema.services.c
+        waits = (services.state == "active") & (services.place > 0)
+        return self._rows(select(schema.services).where(waits).order_by(services.place))
 
     def locked_bonds(self) -> list[Row]:
         """Services that are over and whose bond was not returned yet."""

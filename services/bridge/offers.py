@@ -1,14 +1,19 @@
-"""Which services of this bridge's participants are put into line again, and which bonds are fetched.
+"""What this bridge's participants send so that their services have work, and to have their bonds back.
 
 A provider that is not proven waits or works with one service at a time, and rests after work that it gave
 back or missed. The contracts let its other services stand back until it activates one again. The bond of one
-that it withdrew meanwhile stays locked for a day."""
+that it withdrew meanwhile stays locked for a day.
+
+A match on chain looks at the first few tasks and services only, and a task that several providers gave back
+waits for a proven one. What is overlooked so the provider of a service that fits gives to that service."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
+from rodeo.messages import PATIENCE_S, PROVEN_FROM
+from rodeo.rulings import GRACE_S
 from services.bridge.index import Index
 
 Row = Mapping[str, Any]
@@ -64,3 +69,48 @@ def due_updates(
         if name is not None and is_over(providers[service["provider"]]["bond_locked_until"]):
             due.append(Update(name, service["id"], "retired"))
     return due, min(ends_s, default=None)
+
+
+class Match(NamedTuple):
+    """A task that its sender's service fits, and that waits."""
+
+    wallet: str
+    task_id: int
+    service_id: int
+
+    @property
+    def command(self) -> str:
+        return "match_task"
+
+    @property
+    def data(self) -> dict[str, Any]:
+        return {"task_id": self.task_id, "service_id": self.service_id}
+
+
+def due_matches(
+    index: Index, here: Mapping[str, str], can_do: Callable[[str, str], bool], now_s: float
+) -> tuple[list[Match], float | None]:
+    """What `here` (address -> name) send now for their services that wait, and when the next is due. Where
+    the contracts match by themselves they have done so after GRACE_S."""
+    tasks = index.open_to_all()
+    if not tasks:
+        return [], None
+    providers = index.providers()
+    waiting = [one for one in index.waiting() if one["provider"] in here]
+    due: list[Match] = []
+    starts_s: list[float] = []
+    for task in tasks:
+        passed = {one["provider"] for one in task["passed"]}
+        for service in waiting:
+            provider = service["provider"]
+            fits = service["number"] == task["number"] and service["price"] <= task["reward"]
+            if not fits or provider in passed or not can_do(here[provider], service["kind"]):
+                continue
+            proven = providers[provider]["earned"] or providers[provider]["vouched"]
+            wait_s = GRACE_S if proven or len(passed) < PROVEN_FROM else PATIENCE_S
+            if task["opened"] + wait_s < now_s:
+                due.append(Match(here[provider], task["id"], service["id"]))
+                waiting.remove(service)
+                break
+            starts_s.append(task["opened"] + wait_s)
+    return due, min(starts_s, default=None)

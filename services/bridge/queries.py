@@ -400,6 +400,7 @@ _KEPT_OF_SERVICE = ("number", "waits_as_proven")
 
 _KEPT_OF_TASK = (
     "text",
+    "opened",
     "ended",
     "number",
     "audit_window_s",

@@ -128,6 +128,7 @@ tasks = Table(
     Column("description", Written, nullable=False),
     Column("text", Written, nullable=False, doc="lower case; what a search looks through"),
     Column("registered", Float, nullable=False),
+    Column("opened", Float, nullable=False, doc="since when it waits, or waited last"),
     Column("accepted", Boolean, doc="the executor of the running attempt agreed to it"),
     Column("assigned", Float),
     Column("proof_submitted", Float),

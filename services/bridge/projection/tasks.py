@@ -86,6 +86,7 @@ class Tasks:
             description=description,
             text=event.params.lower(),
             registered=at.time_s,
+            opened=at.time_s,
         )
 
     def _assigned(self, event: events.TaskAssigned, at: At) -> None:
@@ -184,7 +185,12 @@ class Tasks:
     def _requeued(self, event: events.TaskRequeued, at: At) -> None:
         verdict = self._fail_attempt(event.task_id, event.cause, at.time_s)
         self._change(
-            event.task_id, **_WITHOUT_RULING, **dict.fromkeys(_OF_ASSIGNMENT), **verdict, state="open"
+            event.task_id,
+            **_WITHOUT_RULING,
+            **dict.fromkeys(_OF_ASSIGNMENT),
+            **verdict,
+            state="open",
+            opened=at.time_s,
         )
 
     def _failed(self, event: events.TaskFailed, at: At) -> None:

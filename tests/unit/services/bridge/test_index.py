@@ -639,6 +639,20 @@ def test_a_newcomer_waits_with_one_service_and_rests_after_it_gave_a_task_back(c
     assert places(chain) == [2, 0] and stands_back(chain) == [2]
 
 
+def test_a_task_waits_since_it_was_posted_or_its_last_attempt_ended(chain: Chain) -> None:
+    def waiting() -> tuple[list[tuple[int, float]], list[int]]:
+        tasks = [(row["id"], row["opened"]) for row in chain.index.open_to_all()]
+        return tasks, [row["id"] for row in chain.index.waiting()]
+
+    chain.block(registered(), registered(2), registered(3), offered(), time_s=1_000)
+    chain.block(events.ServiceRequested(2, 1), events.ProviderRequested(3, ROBOT), time_s=1_000)
+    assert waiting() == ([(1, 1_000)], [1]), "the others name somebody"
+    chain.block(assigned(), time_s=1_050)
+    assert waiting() == ([], [])
+    chain.block(events.TaskPassed(1, 1, False), events.TaskRequeued(1, 1, Cause.ABANDONED), time_s=1_100)
+    assert waiting() == ([(1, 1_100)], [1])
+
+
 def test_an_accepted_proof_ends_a_rest_and_frees_the_bonds(chain: Chain) -> None:
     chain.block(registered(), offered(), SECOND, events.ServiceStoodBack(2), assigned(), proved())
     chain.block(events.ProviderRests(ROBOT, 1_700))

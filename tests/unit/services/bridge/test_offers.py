@@ -1,10 +1,16 @@
-"""The bridge puts services into line again that stood back, and fetches bonds that were locked."""
+"""The bridge puts services into line again that stood back, fetches bonds that were locked, and gives its
+participants' services what the contracts overlooked."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from services.bridge.offers import Update, due_updates
+import pytest
+
+from rodeo.messages import PATIENCE_S
+from rodeo.rulings import GRACE_S
+from services.bridge.offers import Match, Update, due_matches, due_updates
 
 HERE = {"0x01": "alice"}
 
@@ -60,3 +66,56 @@ def test_a_locked_bond_is_fetched_when_it_is_free() -> None:
     found, next_s = due(501.0, engaged=True, locked=True, bond_locked_until=500)
     assert (found, next_s) == ([Update("alice", 4, "retired")], None)
     assert found[0].command == "update_service" and found[0].data == {"service_id": 4, "state": "retired"}
+
+
+OTHERS = [{"provider": f"0x1{number}", "gave_up": False} for number in range(4)]
+
+
+class Market:
+    """A task for 40 that waits since 1,000, and alice's service at 30, unless a test says otherwise."""
+
+    def __init__(self, *, passed: int = 0, earned: bool = False, tasks: int = 1, **service: Any) -> None:
+        self._passed, self._earned, self._tasks, self._service = passed, earned, tasks, service
+
+    def open_to_all(self) -> list[dict[str, Any]]:
+        common = {"number": 1, "reward": 40, "opened": 1_000.0, "passed": OTHERS[: self._passed]}
+        return [common | {"id": number} for number in range(1, self._tasks + 1)]
+
+    def waiting(self) -> list[dict[str, Any]]:
+        mine = {"id": 7, "provider": "0x01", "kind": "waste_disposal", "number": 1, "price": 30}
+        return [mine | {"id": 6, "provider": "0x02"}, mine | self._service]
+
+    def providers(self) -> dict[str, Any]:
+        return {name: {"earned": self._earned, "vouched": False} for name in ("0x01", "0x02", "0x10")}
+
+
+def matches(now_s: float, able: bool = True, **said: Any) -> tuple[list[Match], float | None]:
+    index: Any = Market(**said)
+    return due_matches(index, HERE | {"0x10": "bob"}, lambda _name, _kind: able, now_s)
+
+
+def test_a_service_that_waits_is_given_what_the_contracts_overlooked() -> None:
+    first_s = 1_000 + GRACE_S
+    assert matches(first_s) == ([], first_s)
+    found, next_s = matches(first_s + 1, tasks=2)
+    assert (found, next_s) == ([Match("alice", 1, 7)], None)
+    assert found[0].command == "match_task" and found[0].data == {"task_id": 1, "service_id": 7}
+
+
+def test_who_is_not_proven_takes_after_an_hour_what_no_proven_provider_took() -> None:
+    """The contract says how long that is."""
+    source = Path(__file__).parents[4] / "contracts/src/TaskManager.sol"
+    assert "uint256 public constant PATIENCE = 1 hours;" in source.read_text() and PATIENCE_S == 3600
+    first_s = 1_000 + PATIENCE_S
+    assert matches(first_s, passed=4) == ([], first_s)
+    assert matches(first_s + 1, passed=4) == ([Match("alice", 1, 7)], None)
+    assert matches(1_001 + GRACE_S, passed=4, earned=True) == ([Match("alice", 1, 7)], None)
+
+
+@pytest.mark.parametrize(
+    "unfit", [{"price": 41}, {"number": 2}, {"provider": "0x02"}, {"provider": "0x10", "passed": 1}]
+)
+def test_what_does_not_fit_is_not_sent(unfit: dict[str, Any]) -> None:
+    """Dearer than the reward, of another judge, of somebody else's, and of who had the task before."""
+    assert matches(100_000, **unfit) == ([], None)
+    assert matches(100_000, able=False) == ([], None)
