@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.contracts import ETH_EUR, GAS_GWEI, euros, griefing
+from bench.contracts import ETH_EUR, GAS_GWEI, STEPS, griefing, table
 
 PAGE = (Path(__file__).parents[2] / "docs/reference/contracts.md").read_text()
 
@@ -17,9 +17,11 @@ FIGURES = {
     "griefing_honest_income_permille_fcfs": 950.0,
     "griefing_honest_income_permille_lowest_price": 910.0,
     "griefing_match_gas_max_fcfs": 240_000.0,
-    "newcomer_first_task_h": 6.0,
+    "newcomer_first_task_h_fcfs": 6.0,
+    "newcomer_first_task_h_lowest_price": 5.0,
     "gas_register": 90_000.0,
 }
+FIGURES |= {f"proven_{name}": 3 * value for name, value in FIGURES.items() if name.startswith("griefing")}
 
 
 def test_the_worst_of_all_policies_is_told_with_each() -> None:
@@ -27,6 +29,7 @@ def test_the_worst_of_all_policies_is_told_with_each() -> None:
     assert told["griefing_tasks_failed"] == 3.0 and told["griefing_tasks_failed_fcfs"] == 1.0
     assert told["griefing_honest_income_share"] == 0.91 and told["griefing_delay_p95_min"] == 12.0
     assert told["griefing_match_gas_max"] == 240_000.0 and told["newcomer_first_task_h"] == 6.0
+    assert told["proven_griefing_tasks_failed"] == 9.0, "apart from those of accounts that are not proven"
     assert told["gas_register"] == 90_000.0 and not any("permille" in name for name in told)
 
 
@@ -40,9 +43,7 @@ def test_what_gas_costs_is_gas_times_the_assumed_prices() -> None:
     assert f"One ETH is {ETH_EUR:,.0f} EUR here." in words
     for network, gwei in GAS_GWEI.items():
         assert f"{gwei:g} gwei on {network}" in words
-    table = PAGE.split("| step | gas | Ethereum, EUR | Arbitrum One, EUR | Base, EUR |\n", 1)[1]
-    for row in table.split("\n\n", 1)[0].splitlines()[1:]:
-        _, gas, *prices = [cell.strip("* ") for cell in row.strip("|").split("|")]
-        for network, price in zip(GAS_GWEI, prices, strict=True):
-            decimals = len(price.partition(".")[2])
-            assert price == f"{euros(int(gas.replace(',', '')), network):.{decimals}f}", row
+    shown = "| step | gas |" + PAGE.split("| step | gas |", 1)[1].split("\n\n", 1)[0]
+    rows = [row.split(" | ") for row in shown.splitlines()[2:]]
+    gas = {STEPS[step.removeprefix("| ")]: float(figure.replace(",", "")) for step, figure, *_ in rows}
+    assert table(gas) == shown, "as `python -m bench.contracts` writes it"
