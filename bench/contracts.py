@@ -5,8 +5,8 @@ do.
 step (`gas_register`, `gas_proof`, `gas_verdict`) are those of the ten thousandth task.
 `contracts/bench/Griefing.t.sol` measures attackers of a grid under each matching policy; `griefing_...`
 without a policy's name is the worst of all, and `proven_griefing_...` is of accounts that proved themselves
-before. `founding` is what `rodeo site prepare` sends to an empty chain. `python -m bench.contracts` writes the
-table of docs/reference/contracts.md from `out/bench.json`."""
+before. `founding` is what `rodeo site prepare` sends to an empty chain. `python -m bench.contracts` writes
+the table of docs/reference/contracts.md from `out/bench.json`."""
 
 from __future__ import annotations
 
