@@ -58,8 +58,14 @@ contract DecimalsInvariants is Fixture {
     }
 
     /// forge-config: default.invariant.runs = 16
-    /// @notice Who works, at which price, and what that makes of its reputation does not depend on the decimals.
-    function invariant_decimalsChangeNothingButAmounts() public view {
+    /// @notice What holds after each call. One campaign asks for all of it: others would make the same calls again.
+    function invariant_everythingHolds() public view {
+        _decimalsChangeNothingButAmounts();
+        _onlyTokensThatHaveCentsAndFitAreTaken();
+    }
+
+    /// @dev Who works, at which price, and what that makes of its reputation does not depend on the decimals.
+    function _decimalsChangeNothingButAmounts() private view {
         Twin memory first = _twins[0];
         for (uint256 i = 1; i < _twins.length; ++i) {
             Twin memory other = _twins[i];
@@ -81,9 +87,8 @@ contract DecimalsInvariants is Fixture {
         }
     }
 
-    /// forge-config: default.invariant.runs = 16
-    /// @notice An organization pays in a token with 2 to 18 decimals, and in no other.
-    function invariant_onlyTokensThatHaveCentsAndFitAreTaken() public view {
+    /// @dev An organization pays in a token with 2 to 18 decimals, and in no other.
+    function _onlyTokensThatHaveCentsAndFitAreTaken() private view {
         assertEq(_wronglyFounded, 0, "founded");
         assertEq(_wronglyRefused, 0, "refused");
     }

@@ -160,8 +160,15 @@ contract GovernanceInvariants is Fixture {
         targetContract(address(_handler));
     }
 
-    /// @notice An identity has one vote or none, and whoever is no member has none.
-    function invariant_anIdentityHasOneVote() public view {
+    /// @notice What holds after each call. One campaign asks for all of it: others would make the same calls again.
+    function invariant_everythingHolds() public view {
+        _anIdentityHasOneVote();
+        _votesAreTheLastBallots();
+        _theTreasuryIsSplitByVotesAlone();
+    }
+
+    /// @dev An identity has one vote or none, and whoever is no member has none.
+    function _anIdentityHasOneVote() private view {
         for (uint256 i = 0; i < _handler.ACCOUNTS(); ++i) {
             address account = _handler.account(i);
             uint256 votes = _members.getPastVotes(account, block.timestamp - 1);
@@ -170,8 +177,8 @@ contract GovernanceInvariants is Fixture {
         }
     }
 
-    /// @notice Each identity's last ballot counts once, and none is larger than its credits.
-    function invariant_votesAreTheLastBallots() public view {
+    /// @dev Each identity's last ballot counts once, and none is larger than its credits.
+    function _votesAreTheLastBallots() private view {
         for (uint256 roundId = 0; roundId < _handler.roundCount(); ++roundId) {
             BudgetVotes.Round memory round = _rounds.roundOf(roundId);
             assertEq(round.votes[0], _handler.expectedVotes(roundId, 0));
@@ -180,8 +187,8 @@ contract GovernanceInvariants is Fixture {
         }
     }
 
-    /// @notice The treasury loses what the votes say, and nothing forbidden happened.
-    function invariant_theTreasuryIsSplitByVotesAlone() public view {
+    /// @dev The treasury loses what the votes say, and nothing forbidden happened.
+    function _theTreasuryIsSplitByVotesAlone() private view {
         assertEq(_handler.violation(), "");
         uint256 paid = 0;
         for (uint256 i = 0; i < _handler.RECIPIENTS(); ++i) {

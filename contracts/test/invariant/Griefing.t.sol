@@ -179,12 +179,20 @@ contract GriefingInvariants is Fixture {
         targetContract(address(_handler));
     }
 
-    function invariant_nothingForbiddenHappens() public view {
+    /// @notice What holds after each call. One campaign asks for all of it: others would make the same calls again.
+    function invariant_everythingHolds() public view {
+        _nothingForbiddenHappens();
+        _linesAgreeWithWhatIsAvailable();
+        _tasksMeetWhoMayDoThem();
+        _escrowHoldsRewardsAndBonds();
+    }
+
+    function _nothingForbiddenHappens() private view {
         assertEq(_handler.violation(), "");
     }
 
     /// @dev What waits is active, does nothing and does not rest, and one service of a newcomer waits or works.
-    function invariant_linesAgreeWithWhatIsAvailable() public view {
+    function _linesAgreeWithWhatIsAvailable() private view {
         uint256 active = 0;
         for (uint256 i = 1; i <= services.serviceCount(); ++i) {
             Service memory s = services.service(serviceNo(i));
@@ -211,7 +219,7 @@ contract GriefingInvariants is Fixture {
     }
 
     /// @dev No open task waits beside a service that may do it: with so few services and tasks, matches overlook nothing.
-    function invariant_tasksMeetWhoMayDoThem() public view {
+    function _tasksMeetWhoMayDoThem() private view {
         for (uint256 i = 1; i <= services.serviceCount(); ++i) {
             Service memory s = services.service(serviceNo(i));
             if (s.place == 0) continue;
@@ -228,7 +236,7 @@ contract GriefingInvariants is Fixture {
         }
     }
 
-    function invariant_escrowHoldsRewardsAndBonds() public view {
+    function _escrowHoldsRewardsAndBonds() private view {
         uint256 owed = 0;
         for (TaskId id = taskNo(1); exists(id); id = following(id)) {
             Task memory t = tasks.task(id);

@@ -140,11 +140,18 @@ contract RulingsInvariants is Fixture {
         targetContract(address(_handler));
     }
 
-    function invariant_nothingForbiddenHappens() public view {
+    /// @notice What holds after each call. One campaign asks for all of it: others would make the same calls again.
+    function invariant_everythingHolds() public view {
+        _nothingForbiddenHappens();
+        _escrowHoldsRewardsBondsAndWhatIsSetAside();
+        _aServiceDoesWhatItsTaskSays();
+    }
+
+    function _nothingForbiddenHappens() private view {
         assertEq(_handler.violation(), "");
     }
 
-    function invariant_escrowHoldsRewardsBondsAndWhatIsSetAside() public view {
+    function _escrowHoldsRewardsBondsAndWhatIsSetAside() private view {
         uint256 owed;
         for (TaskId id = taskNo(1); exists(id); id = following(id)) {
             Task memory t = tasks.task(id);
@@ -176,10 +183,10 @@ contract RulingsInvariants is Fixture {
                 assertTrue(ended, "a case has no end");
             }
         }
-        invariant_escrowHoldsRewardsBondsAndWhatIsSetAside();
+        _escrowHoldsRewardsBondsAndWhatIsSetAside();
     }
 
-    function invariant_aServiceDoesWhatItsTaskSays() public view {
+    function _aServiceDoesWhatItsTaskSays() private view {
         for (TaskId id = taskNo(1); exists(id); id = following(id)) {
             Task memory t = tasks.task(id);
             if (t.state != TaskState.Assigned && t.state != TaskState.Submitted) continue;
