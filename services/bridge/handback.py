@@ -37,7 +37,7 @@ class HandBack:
     def due(self) -> list[tuple[str, str, Row]]:
         """(participant, why it cannot do it, task) of what is assigned to somebody who cannot do it."""
         found: list[tuple[str, str, Row]] = []
-        for task in self._index.assigned():
+        for task in self._index.in_state("assigned"):
             name = self._names.name(task["executor"])
             if name is not None and name in self._participants:
                 reason = self._names.cannot_do(name, task["kind"])

@@ -355,16 +355,9 @@ class Index:
         held = select(tasks.reward).where(tasks.creator == creator, tasks.state.in_(LIVE_STATES))
         return sum(row["reward"] for row in self._rows(held))
 
-    def assigned(self) -> list[Row]:
-        """The tasks that somebody has to do now."""
-        return self._rows(select(schema.tasks).where(schema.tasks.c.state == "assigned"))
-
-    def open_to_all(self) -> list[Row]:
-        """The tasks that wait for anybody, the oldest first."""
-        tasks = schema.tasks.c
-        anybody = tasks.requested_service_id.is_(None) & tasks.requested_provider.is_(None)
-        found = select(schema.tasks).where(tasks.state == "open", anybody)
-        return self._rows(found.order_by(tasks.id))
+    def in_state(self, state: str) -> list[Row]:
+        """All such tasks."""
+        return self._rows(select(schema.tasks).where(schema.tasks.c.state == state))
 
     def overdue(self, now_s: float) -> list[int]:
         """Ids of the tasks that were assigned and whose execution window ended before `now_s`."""
@@ -456,17 +449,11 @@ class Index:
         """Address -> who is paid for its work, of accounts that have named another one."""
         return {address: row["payout"] for address, row in self.providers().items() if row["payout"]}
 
-    def stood_back(self) -> list[Row]:
-        """Active services that do nothing and wait in no line."""
+    def idle(self) -> list[Row]:
+        """Active services that do nothing: they wait in line, or have stood back (`place` is 0)."""
         services = schema.services.c
-        idle = (services.state == "active") & services.task_id.is_(None) & (services.place == 0)
+        idle = (services.state == "active") & services.task_id.is_(None)
         return self._rows(select(schema.services).where(idle).order_by(services.id))
-
-    def waiting(self) -> list[Row]:
-        """Active services that wait for a task."""
-        services = schema.services.c
-        waits = (services.state == "active") & (services.place > 0)
-        return self._rows(select(schema.services).where(waits).order_by(services.place))
 
     def locked_bonds(self) -> list[Row]:
         """Services that are over and whose bond was not returned yet."""

@@ -55,7 +55,9 @@ def due_updates(
         ends_s.append(until_s)
         return False
 
-    for service in index.stood_back():
+    for service in index.idle():
+        if service["place"]:
+            continue
         name, provider = here.get(service["provider"]), providers[service["provider"]]
         if name is None or not can_do(name, service["kind"]):
             continue
@@ -92,11 +94,16 @@ def due_matches(
 ) -> tuple[list[Match], float | None]:
     """What `here` (address -> name) send now for their services that wait, and when the next is due. Where
     the contracts match by themselves they have done so after GRACE_S."""
-    tasks = index.open_to_all()
+    anybody = (
+        one
+        for one in index.in_state("open")
+        if one["requested_service_id"] is None and one["requested_provider"] is None
+    )
+    tasks = sorted(anybody, key=lambda one: int(one["id"]))
     if not tasks:
         return [], None
     providers = index.providers()
-    waiting = [one for one in index.waiting() if one["provider"] in here]
+    waiting = [one for one in index.idle() if one["place"] and one["provider"] in here]
     due: list[Match] = []
     starts_s: list[float] = []
     for task in tasks:

@@ -28,14 +28,15 @@ class FakeIndex:
     def engaged(self) -> set[str]:
         return {"0x01"} if self._engaged else set()
 
-    def stood_back(self) -> list[dict[str, Any]]:
-        return [self._service(1), self._service(2), self._service(3, "0x02")]
+    def idle(self) -> list[dict[str, Any]]:
+        waits = self._service(6) | {"place": 1}
+        return [waits, self._service(1), self._service(2), self._service(3, "0x02")]
 
     def locked_bonds(self) -> list[dict[str, Any]]:
         return [self._service(4), self._service(5, "0x02")] if self._locked else []
 
     def _service(self, number: int, provider: str = "0x01") -> dict[str, Any]:
-        return {"id": number, "provider": provider, "kind": "waste_disposal"}
+        return {"id": number, "provider": provider, "kind": "waste_disposal", "place": 0}
 
 
 def due(now_s: float, able: bool = True, **said: Any) -> tuple[list[Update], float | None]:
@@ -72,18 +73,25 @@ OTHERS = [{"provider": f"0x1{number}", "gave_up": False} for number in range(4)]
 
 
 class Market:
-    """A task for 40 that waits since 1,000, and alice's service at 30, unless a test says otherwise."""
+    """A task for 40 that waits since 1,000, and alice's service at 30, unless a test says otherwise.
+    Tasks that name somebody wait, too, and another's service."""
 
     def __init__(self, *, passed: int = 0, earned: bool = False, tasks: int = 1, **service: Any) -> None:
         self._passed, self._earned, self._tasks, self._service = passed, earned, tasks, service
 
-    def open_to_all(self) -> list[dict[str, Any]]:
+    def in_state(self, state: str) -> list[dict[str, Any]]:
+        assert state == "open"
         common = {"number": 1, "reward": 40, "opened": 1_000.0, "passed": OTHERS[: self._passed]}
-        return [common | {"id": number} for number in range(1, self._tasks + 1)]
+        common |= {"requested_service_id": None, "requested_provider": None}
+        naming = [
+            common | {"id": 98, "requested_service_id": 7},
+            common | {"id": 99, "requested_provider": "0x01"},
+        ]
+        return naming + [common | {"id": number} for number in range(1, self._tasks + 1)]
 
-    def waiting(self) -> list[dict[str, Any]]:
-        mine = {"id": 7, "provider": "0x01", "kind": "waste_disposal", "number": 1, "price": 30}
-        return [mine | {"id": 6, "provider": "0x02"}, mine | self._service]
+    def idle(self) -> list[dict[str, Any]]:
+        mine = {"id": 7, "provider": "0x01", "kind": "waste_disposal", "number": 1, "price": 30, "place": 1}
+        return [mine | {"id": 5, "place": 0}, mine | {"id": 6, "provider": "0x02"}, mine | self._service]
 
     def providers(self) -> dict[str, Any]:
         return {name: {"earned": self._earned, "vouched": False} for name in ("0x01", "0x02", "0x10")}
@@ -105,7 +113,7 @@ def test_a_service_that_waits_is_given_what_the_contracts_overlooked() -> None:
 def test_who_is_not_proven_takes_after_an_hour_what_no_proven_provider_took() -> None:
     """The contract says how long that is."""
     source = Path(__file__).parents[4] / "contracts/src/TaskManager.sol"
-    assert "uint256 public constant PATIENCE = 1 hours;" in source.read_text() and PATIENCE_S == 3600
+    assert " constant PATIENCE = 1 hours;" in source.read_text() and PATIENCE_S == 3600
     first_s = 1_000 + PATIENCE_S
     assert matches(first_s, passed=4) == ([], first_s)
     assert matches(first_s + 1, passed=4) == ([Match("alice", 1, 7)], None)
@@ -113,9 +121,10 @@ def test_who_is_not_proven_takes_after_an_hour_what_no_proven_provider_took() ->
 
 
 @pytest.mark.parametrize(
-    "unfit", [{"price": 41}, {"number": 2}, {"provider": "0x02"}, {"provider": "0x10", "passed": 1}]
+    "unfit",
+    [{"price": 41}, {"number": 2}, {"provider": "0x02"}, {"place": 0}, {"provider": "0x10", "passed": 1}],
 )
 def test_what_does_not_fit_is_not_sent(unfit: dict[str, Any]) -> None:
-    """Dearer than the reward, of another judge, of somebody else's, and of who had the task before."""
+    """A service that is too dear, of another judge, somebody else's, in no line, or had the task before."""
     assert matches(100_000, **unfit) == ([], None)
     assert matches(100_000, able=False) == ([], None)
