@@ -42,7 +42,7 @@ def classify(
     answers, failed = [], False
     for path in files:
         try:
-            answer = _classify(classifier, path)
+            answer = classified(classifier, path)
         except (RequestError, Unreadable) as error:
             failed = True
             errors.print(
@@ -61,7 +61,7 @@ def classify(
         raise typer.Exit(1)
 
 
-def _classify(classifier: Any, path: Path) -> dict[str, Any]:
+def classified(classifier: Any, path: Path) -> dict[str, Any]:
     from rodeo.vision.images import IMAGE_LIMITS
 
     try:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Family = Literal["nodes", "files", "environment"]
-FAMILIES: tuple[Family, ...] = ("nodes",)
+FAMILIES: tuple[Family, ...] = ("nodes", "files")
 
 
 class Row(BaseModel):
