@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Family = Literal["nodes", "files", "environment"]
-FAMILIES: tuple[Family, ...] = ("nodes", "files")
+FAMILIES: tuple[Family, ...] = ("nodes", "files", "environment")
 
 
 class Row(BaseModel):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.outside import files, nodes
+from tests.outside import environment, files, nodes
 from tests.outside.rows import Family, Row, rows
 
 Outcome = Callable[[Row], str]
@@ -19,8 +19,9 @@ def ready(family: Family) -> Iterator[Outcome]:
     """What plays the rows of a family."""
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        if family == "files":
-            yield lambda row: files.outcome(row, folder / str(len(list(folder.iterdir()))))
+        if family != "nodes":
+            played = files if family == "files" else environment
+            yield lambda row: played.outcome(row, folder / str(len(list(folder.iterdir()))))
             return
         with nodes.a_chain(folder) as chain:
             yield lambda row: nodes.outcome(row, chain, folder / str(len(list(folder.iterdir()))))

@@ -1,0 +1,258 @@
+"""Machines and networks with the vices of `environment.toml`, and what becomes of a site there."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from hashlib import sha256
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+from unittest.mock import patch
+
+from rodeo import clock, http
+from rodeo.chain.rpc import Rpc
+from rodeo.clock import WallClock
+from rodeo.config import ConsoleConfig, Site, StoreConfig
+from rodeo.endpoint import make_socket_folder
+from rodeo.errors import RodeoError
+from rodeo.evidence.store import Store
+from services.bridge.heads import SubscribedHeads
+from services.console.errors import NotLoggedIn
+from services.console.guard import Guard, origins_of
+from tests.outside.rows import Row
+
+_ROOT = Path(__file__).parents[2]
+_SITE = _ROOT / "deploy" / "sites" / "lab.toml"
+_HANG_S = 60.0
+_CONTENT = b"a proof"
+
+
+class NotThere(Exception):
+    """What had to work did not."""
+
+
+def outcome(row: Row, folder: Path) -> str:
+    """Empty where it works, else what is said."""
+    folder.mkdir()
+    try:
+        DEEDS[row.how](row.given, folder)
+    except (NotThere, RodeoError) as error:
+        return f"{getattr(error, 'code', 'refused')}: {error}"
+    return ""
+
+
+# -- proxies -------------------------------------------------------------------------------------------
+
+
+class _Server:
+    """Answers JSON-RPC and files, directly or as a proxy, and says which of the two it was asked as."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        server = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self) -> None:
+                self.rfile.read(int(self.headers["content-length"]))
+                self._answer(b'{"jsonrpc": "2.0", "id": 1, "result": "0x7a69"}')
+
+            def do_GET(self) -> None:
+                self._answer(_CONTENT)
+
+            do_HEAD = do_GET  # noqa: N815 - its name
+
+            def do_CONNECT(self) -> None:
+                self._answer(b"")
+
+            def _answer(self, body: bytes) -> None:
+                server.asked.append(self.path)
+                self.send_response(200)
+                self.send_header("content-length", str(len(body)))
+                self.end_headers()
+                if self.command != "HEAD":
+                    self.wfile.write(body)
+
+            def log_message(self, *_args: Any) -> None:
+                """Quiet."""
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._server.daemon_threads = True
+        self.port = self._server.server_port
+        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
+
+    def close(self) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+
+def _node(url: str, _folder: Path) -> None:
+    Rpc(url, timeout_s=5.0).batch([("eth_chainId", [])])
+
+
+def _heads(url: str, _folder: Path) -> None:
+    # There are no subscriptions; whoever was asked for them is what counts.
+    with suppress(RodeoError):
+        SubscribedHeads(url.replace("http:", "ws:")).close()
+
+
+def _store(url: str, folder: Path) -> None:
+    site = Site.load(_SITE).model_copy(update={"data_dir": folder, "store": StoreConfig(url=url)})
+    store = Store(site)
+    digest = sha256(_CONTENT).hexdigest()
+    store.fetch(store.uri_of(digest, ".mcap"), "0x" + digest, folder=folder / "fetched")
+
+
+_CLIENTS = {"node": _node, "heads": _heads, "store": _store}
+_VARIABLES = [f"{name}_proxy" for name in ("http", "https", "all", "no")]
+
+
+def _client(given: dict[str, Any], folder: Path) -> None:
+    server, proxy = _Server(), _Server()
+    address = f"127.0.0.1:{proxy.port}"
+    changed = dict.fromkeys(given["variables"], address if given.get("bare") else f"http://{address}")
+    changed |= {"NO_PROXY": given["no_proxy"]} if "no_proxy" in given else {}
+    kept = {name: one for name, one in os.environ.items() if name.lower() not in _VARIABLES}
+    try:
+        with patch.dict(os.environ, kept | changed, clear=True):
+            host = given.get("host", "127.0.0.1")
+            _CLIENTS[given["client"]](f"http://{host}:{server.port}", folder)
+    finally:
+        asked = {"server": server.asked, "proxy": proxy.asked}
+        server.close()
+        proxy.close()
+    if not asked.pop(given["by"]):
+        raise NotThere(f"{given['by']} was not asked")
+    if any(asked.values()):
+        raise NotThere(f"{[*asked]} was asked as well")
+
+
+# -- folders -------------------------------------------------------------------------------------------
+
+
+def _folder(given: dict[str, Any], folder: Path) -> None:
+    folder.chmod(given.get("parent", 0o755))
+    bus = folder / "bus"
+    if "folder" in given:
+        bus.mkdir()
+        bus.chmod(given["folder"])
+    if given.get("advised"):
+        # As coreutils do it: a number of three digits leaves a folder's setgid bit as it is.
+        subprocess.run(["chmod", "700", str(bus)], check=True)
+    make_socket_folder(f"unixsock-stream/{bus}/router.sock")
+    (bus / "router.sock").touch()
+
+
+# -- the console ---------------------------------------------------------------------------------------
+
+
+async def _served(scope: Any, _receive: Any, send: Any) -> None:
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b""})
+
+
+class _Nobody:
+    def session(self, _token: str | None, touch: bool = False) -> None:
+        raise NotLoggedIn("nobody")
+
+
+def _console(given: dict[str, Any], _folder: Path) -> None:
+    origins = origins_of(ConsoleConfig(origin=given["origin"]), 8088)
+    guard = Guard(_served, cast(Any, _Nobody()), origins, lambda _client: None)
+    headers = {"host": given.get("host"), "origin": given.get("from")}
+    scope = {
+        "type": "http",
+        "method": given.get("method", "GET"),
+        "path": given["path"],
+        "query_string": b"",
+        "headers": [(name.encode(), one.encode()) for name, one in headers.items() if one],
+    }
+    sent: list[Any] = []
+
+    async def receive() -> Any:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    asyncio.run(guard(scope, receive, send))
+    if sent[0]["status"] != 200:
+        raise NotThere(f"answered {sent[0]['status']}: {sent[1].get('body')}")
+
+
+# -- clocks and addresses ------------------------------------------------------------------------------
+
+
+def _clock(given: dict[str, Any], _folder: Path) -> None:
+    """The machine's clock steps as soon as somebody waits; what it counts meanwhile is nothing."""
+    stepped = SimpleNamespace(s=0.0)
+    real = clock.time
+    faked = SimpleNamespace(
+        time=lambda: real.time() + stepped.s,
+        time_ns=lambda: real.time_ns() + int(stepped.s * 1e9),
+        monotonic=real.monotonic,
+    )
+    with patch.object(clock, "time", faked), patch.object(clock, "WALL_SLICE_S", 0.05):
+        machine = WallClock()
+        until_s, ended = machine.now_s() + given["wait_s"], threading.Event()
+
+        def wait() -> None:
+            machine.wait_until(until_s)
+            machine.wait_for(lambda: False, until_s=until_s)
+            ended.set()
+
+        threading.Thread(target=wait, daemon=True).start()
+        stepped.s = given["step_s"]
+        if not ended.wait(5.0):
+            raise NotThere("it still waits")
+
+
+def _listen(given: dict[str, Any], _folder: Path) -> None:
+    families = {one: socket.AF_INET6 if ":" in one else socket.AF_INET for one in given["addresses"]}
+    real = socket.getaddrinfo
+
+    def resolved(host: Any, port: Any, *more: Any, **named: Any) -> Any:
+        if host != "localhost":
+            return real(host, port, *more, **named)
+        wanted = named.get("family") or (more[0] if more else 0)
+        return [
+            (family, socket.SOCK_STREAM, 6, "", (one, port, 0, 0)[: 2 if family == socket.AF_INET else 4])
+            for one, family in families.items()
+            if wanted in (0, family)
+        ] or real("", port)
+
+    with patch.object(socket, "getaddrinfo", resolved):
+        listener = http.listen("localhost", 0, "a test")
+        address = listener.getsockname()[0]
+        listener.close()
+    if address not in families:
+        raise NotThere(f"it listens on {address}")
+
+
+def _command(given: dict[str, Any], folder: Path) -> None:
+    env = {name: one for name, one in os.environ.items() if name not in given.get("unset", ())}
+    env |= given.get("set", {}) | {"PYTHONPATH": str(_ROOT)}
+    text = _SITE.read_text().replace('data_dir = "', f'data_dir = "{folder}/', 1)
+    site = folder / "sité.toml"
+    site.write_text(text, encoding="utf-8")
+    run = [sys.executable, "-m", "rodeo_cli", "site", "check", str(site)]
+    done = subprocess.run(run, env=env, cwd=folder, capture_output=True, timeout=_HANG_S, check=False)
+    if done.returncode or b"Traceback" in done.stderr:
+        raise NotThere((done.stderr or done.stdout).decode(errors="replace")[-300:])
+
+
+DEEDS: dict[str, Callable[[dict[str, Any], Path], None]] = {
+    "client": _client,
+    "folder": _folder,
+    "console": _console,
+    "clock": _clock,
+    "listen": _listen,
+    "command": _command,
+}
