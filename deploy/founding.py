@@ -17,7 +17,7 @@ from eth_account.signers.local import LocalAccount
 from eth_typing import ChecksumAddress, HexStr
 from eth_utils import to_checksum_address
 from web3 import Web3
-from web3.exceptions import BadFunctionCallOutput, ContractLogicError
+from web3.exceptions import BadFunctionCallOutput
 from web3.types import Nonce, Wei
 from web3.utils import get_create_address
 
@@ -277,13 +277,18 @@ def existing_token(site: Site, w3: Web3) -> ChecksumAddress | None:
     with translated():
         if not w3.eth.get_code(address):
             raise OtherToken("there is no contract at economy.token.address", address=address)
-        contract = w3.eth.contract(address=address, abi=artifacts.load("IECoin").abi)
-        try:
-            decimals = contract.functions.decimals().call()
-        except (BadFunctionCallOutput, ContractLogicError) as error:
-            raise OtherToken(
-                "the contract at economy.token.address does not say how many decimals it has", address=address
-            ) from error
+    contract = w3.eth.contract(address=address, abi=artifacts.load("IECoin").abi)
+    silent = OtherToken(
+        "the contract at economy.token.address does not say how many decimals it has", address=address
+    )
+    try:
+        with translated():
+            try:
+                decimals = contract.functions.decimals().call()
+            except BadFunctionCallOutput as error:
+                raise silent from error
+    except ContractReverted as error:
+        raise silent from error
     if decimals != token.decimals:
         raise OtherToken(
             "the token has other decimals than economy.token.decimals",

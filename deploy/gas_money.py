@@ -10,6 +10,7 @@ from eth_utils import to_checksum_address
 from web3 import Web3
 
 from rodeo import keystores
+from rodeo.chain.transactions import market_of
 from rodeo.chain.translation import translated
 from rodeo.config import Site
 
@@ -46,11 +47,7 @@ class Purse:
 
 def purses(site: Site, w3: Web3, deployed: bool) -> Iterator[Purse]:
     """A purse for each wallet that sends transactions, at what gas costs now. Raises ChainUnavailable."""
-    with translated():
-        base_fee = w3.eth.get_block("latest")["baseFeePerGas"]
-        fee = (
-            2 * base_fee + w3.eth.max_priority_fee
-        )  # what a transaction offers, see rodeo.chain.transactions
+    fee = market_of(w3).fees().max_fee
     for name in keystores.wallet_names(site):
         address = to_checksum_address(keystores.address(site, name))
         deploys = name == "organization" and not deployed

@@ -1,14 +1,24 @@
-"""What a node's results look like, by method: each is checked before anybody reads it.
+"""The one door for what a node says: its results and its refusals.
 
-`check` gives back the result, or raises `Malformed` with what is wrong. Numbers are bounded, so that they fit
-into the databases that keep them.
+A result is checked before anybody reads it, and only what is checked is let in: other fields differ from node
+to node. A refusal's code, words and data differ too; here they become a result, a `Refusal`, RateLimited
+or NotNow. No other module knows a node's words.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
+
+from eth_utils import keccak
+
+from rodeo.chain.asking import LOGS, Call, blocks_of
+from rodeo.chain.errors import NotNow, RateLimited
+from rodeo.redaction import redacted
 
 MOST = 2**63 - 1
 """The largest number of a block, nonce, index or amount of gas."""
@@ -26,6 +36,8 @@ _ADDRESS = re.compile(r"0x[0-9a-fA-F]{40}")
 _MOST_TOPICS = 4
 
 Params = Sequence[Any]
+EXCERPT = 120
+"""Characters of an answer that an error quotes."""
 
 
 class Malformed(ValueError):
@@ -43,15 +55,32 @@ def check(method: str, params: Params, result: Any) -> Any:
     return result if known is None else known(params, result)
 
 
+_BLOCK = ("number", "hash", "parentHash", "timestamp", "baseFeePerGas", "gasLimit")
+_RECEIPT = (
+    *("transactionHash", "transactionIndex", "blockHash", "blockNumber", "status", "gasUsed"),
+    *("effectiveGasPrice", "from", "contractAddress", "logs"),
+)
+_LOG = (
+    *("address", "topics", "data", "blockNumber", "blockHash", "blockTimestamp"),
+    *("transactionHash", "transactionIndex", "logIndex"),
+)
+"""The fields that are let in."""
+
+
+def _only(names: Sequence[str], found: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: found[name] for name in names if name in found}
+
+
 def header(found: Any) -> dict[str, Any]:
-    """A block that was mined, as it is or without its transactions. Raises Malformed."""
-    block = _object("the block", found)
+    """A block that was mined, without its transactions. Raises Malformed."""
+    block = _only(_BLOCK, _object("the block", found))
     _quantity("number", block.get("number"))
     _match(_HASH, "hash", block.get("hash"))
     _match(_HASH, "parentHash", block.get("parentHash"))
     _quantity("timestamp", block.get("timestamp"), LATEST_S)
-    if block.get("baseFeePerGas") is not None:
-        _quantity("baseFeePerGas", block["baseFeePerGas"], MOST_WEI_PER_GAS)
+    for name, most in (("baseFeePerGas", MOST_WEI_PER_GAS), ("gasLimit", MOST)):
+        if block.get(name) is not None:
+            _quantity(name, block[name], most)
     return block
 
 
@@ -89,8 +118,8 @@ def _text(pattern: re.Pattern[str]) -> Callable[[Params, Any], Any]:
 
 
 def _block_by_number(params: Params, result: Any) -> Any:
-    if result is None or (params and params[0] == "pending"):
-        return result
+    if result is None:
+        return None
     found = header(result)
     asked = params[0] if params else None
     if isinstance(asked, str) and asked.startswith("0x") and int(asked, 16) != int(found["number"], 16):
@@ -100,7 +129,8 @@ def _block_by_number(params: Params, result: Any) -> Any:
 
 def _transaction(params: Params, result: Any) -> Any:
     if result is not None:
-        _same("hash", _object("the transaction", result).get("hash"), params[0])
+        result = _only(("hash", "blockNumber"), _object("the transaction", result))
+        _same("hash", result.get("hash"), params[0])
     return result
 
 
@@ -108,7 +138,7 @@ def _receipt(params: Params, result: Any) -> Any:
     """A receipt that says what became of the transaction. The price of its gas may be missing."""
     if result is None:
         return None
-    receipt = _object("the receipt", result)
+    receipt = _only(_RECEIPT, _object("the receipt", result))
     _same("transactionHash", receipt.get("transactionHash"), params[0])
     _match(_HASH, "blockHash", receipt.get("blockHash"))
     _quantity("blockNumber", receipt.get("blockNumber"))
@@ -116,12 +146,12 @@ def _receipt(params: Params, result: Any) -> Any:
     _quantity("gasUsed", receipt.get("gasUsed"))
     if receipt.get("effectiveGasPrice") is not None:
         _quantity("effectiveGasPrice", receipt["effectiveGasPrice"], MOST_WEI_PER_GAS)
-    if receipt.get("from") is not None:
-        _match(_ADDRESS, "from", receipt["from"])
+    for name in ("from", "contractAddress"):
+        if receipt.get(name) is not None:
+            _match(_ADDRESS, name, receipt[name])
     if not isinstance(receipt.get("logs"), list):
         raise Malformed("logs is no list", receipt.get("logs"))
-    for one in receipt["logs"]:
-        _content(one)
+    receipt["logs"] = [_content(one) for one in receipt["logs"]]
     return receipt
 
 
@@ -166,7 +196,7 @@ def _place(one: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
 
 def _content(found: Any) -> dict[str, Any]:
     """The logger of an event, and what it logged. An anonymous event has no topics."""
-    one = _object("the log", found)
+    one = _only(_LOG, _object("the log", found))
     _match(_ADDRESS, "address", one.get("address"))
     topics = one.get("topics")
     if not isinstance(topics, list) or len(topics) > _MOST_TOPICS:
@@ -198,3 +228,173 @@ _CHECKS: dict[str, Callable[[Params, Any], Any]] = {
     "eth_maxPriorityFeePerGas": _number(MOST_WEI_PER_GAS),
     "eth_sendRawTransaction": _text(_HASH),
 }
+
+# -- what it refuses -----------------------------------------------------------------------------------
+
+_SEND = "eth_sendRawTransaction"
+_MAY_BE_ABSENT = ("eth_getBlockByNumber", "eth_getTransactionByHash", "eth_getTransactionReceipt")
+_INTERNAL, _REVERTED, _LIMITED = -32603, (3, -32015), (429, -32005)
+"""Codes: JSON-RPC's of a node that failed itself; geth's and Nethermind's of a revert; HTTP's and EIP-1474's
+of a limit."""
+
+
+def _words(text: str) -> re.Pattern[str]:
+    return re.compile(text, re.I)
+
+
+_RATE = _words(
+    "rate.?limit|rate exceeded|too many (requests|calls|connections)|compute units|throttl|quota"
+    "|request (limit|count)|capacity"
+)
+_LIMIT = _words(f"{_RATE.pattern}|limit exceeded")
+_SPENT = _words("monthly|daily|disabled|upgrade|billing|whitelist")
+"""Limits that no pause lifts."""
+_RANGE = _words("range|blocks|results|logs|response size")
+_KNOWN = _words("^(?!.*nonce).*(already.?known|known transaction|already (imported|exists|in.{0,9}pool))")
+_PAST_NONCE = _words("nonce.{0,4}(is )?too.?low|old.?nonce|nonce.{0,20}(already|been) used")
+_NOT_NOW = _words(
+    "in-flight transaction limit|gapped.nonce|nonce.?gap|nonce.{0,4}too.?(high|distant)|future nonce"
+    "|pool.{0,8}full|already reserved"
+)
+"""A transaction that is taken later, when those before it are mined or the others' are gone."""
+_REPLACES = _words("replace|too.?low.?to.?compete|same nonce")
+_CHEAP = _words(
+    "underpriced|fee.?too.?low|base ?fee|(gas.?price|tip|fee.{0,8}).{0,12}(below|less|too.?low)"
+    "|(below|less than).{0,20}minimum"
+)
+_BASE_FEE = _words("base ?fee")
+_LEAST = _words(r"(?:minimum|minimal|tip needed|at least)\D{0,20}(\d{4,})")
+_ABSENT = _words("not found|unknown (block|transaction)|does not exist$|not available$")
+_SLOW = _words("time.?d? ?out|timeout|deadline exceeded")
+_LATER = _words("header not found|in progress|syncing|unavailable|try again|overloaded|upstream")
+_GAS = _words("gas (limit|cap|required|allowance)|gas.{0,30}exceed|exceed.{0,30}gas")
+_TAG = _words("pending|block.?(tag|param)|argument|parameter|param|prun|support")
+
+
+class Kind(StrEnum):
+    """What a refusal is about."""
+
+    REVERT = "revert"
+    PAST_NONCE = "past_nonce"
+    CHEAP = "cheap"
+    REPLACES = "replaces"
+    """Another transaction of the sender has its nonce in the node's pool."""
+    INTERNAL = "internal"
+    """The node failed; it says nothing of what it was asked."""
+    OTHER = "other"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A JSON-RPC error: the node understood the request, and did not do it."""
+
+    code: int
+    message: str
+    """All its words, also those that it put beside its message."""
+    data: str | None = None
+    """What a contract said, in hex."""
+    kind: Kind = Kind.OTHER
+
+    @property
+    def is_revert(self) -> bool:
+        return self.kind is Kind.REVERT
+
+    @property
+    def is_about_tag(self) -> bool:
+        """Whether the node may just not know the block "pending"."""
+        return not self.is_revert and (self.code in (400, -32602) or bool(_TAG.search(self.message)))
+
+    @property
+    def is_about_batch(self) -> bool:
+        return "batch" in self.message.lower()
+
+    @property
+    def least_tip(self) -> int | None:
+        """Wei per gas that what offers too little has to offer at least, 0 where that is not said. None for
+        other refusals, also where the base fee has risen."""
+        if self.kind is not Kind.CHEAP or _BASE_FEE.search(self.message):
+            return None
+        return max(map(int, _LEAST.findall(self.message)), default=0)
+
+
+def refused(error: Any, call: Call) -> Any:
+    """What an error stands for: a result, a Refusal, RateLimited or NotNow. Raises
+    Malformed."""
+    method, params = call
+    said = error if isinstance(error, dict) else {"message": error}
+    code, message = said.get("code"), said.get("message")
+    if not isinstance(message, str) or not isinstance(code, int | None):
+        raise Malformed("its error is no JSON-RPC error", error)
+    data = _revert_data(said.get("data")) or _revert_data(message if "revert" in message.lower() else None)
+    beside = "" if data else _text_of(said.get("data"))
+    text = redacted(message if beside in message else f"{message}: {beside}")
+    refusal = Refusal(code or 0, text, data, _kind(code, text, data, method))
+    if refusal.is_revert and code is not None:
+        return refusal
+    is_range = len(blocks_of(call) or ()) > 1
+    if is_range:
+        # Of logs, some nodes say "limit exceeded" where the range is too long.
+        is_limit = (code == 429 or bool(_RATE.search(text))) and not _RANGE.search(text)
+    else:
+        is_limit = (code in _LIMITED and method != LOGS) or bool(_LIMIT.search(text))
+    if is_limit and not _SPENT.search(text):
+        return RateLimited("the node limits how often it is asked", reason=excerpt(text))
+    if code is None:
+        raise Malformed("its error is no JSON-RPC error", error)
+    if method == _SEND:
+        if _KNOWN.search(text):
+            return "0x" + keccak(hexstr=params[0]).hex()
+        if _NOT_NOW.search(text) and refusal.kind is not Kind.REPLACES:
+            return NotNow("the node does not take the transaction yet", reason=excerpt(text))
+    elif method in _MAY_BE_ABSENT and _ABSENT.search(text):
+        return None
+    elif _LATER.search(text) or (_SLOW.search(text) and not is_range):
+        return NotNow("the node cannot tell now", reason=excerpt(text))
+    return refusal
+
+
+def _kind(code: int | None, text: str, data: str | None, method: str) -> Kind:
+    is_told = "revert" in text.lower() or len(data or "0x") > len("0x")
+    if code in _REVERTED or (is_told and not _GAS.search(text)):
+        return Kind.REVERT
+    if method == _SEND:
+        for kind, words in (
+            (Kind.PAST_NONCE, _PAST_NONCE),
+            (Kind.REPLACES, _REPLACES),
+            (Kind.CHEAP, _CHEAP),
+        ):
+            if words.search(text):
+                return kind
+    return Kind.INTERNAL if code == _INTERNAL else Kind.OTHER
+
+
+_SAID = re.compile(r"(?:.*revert.*\s)?(0x(?:[0-9a-fA-F]{2}){4,})", re.I | re.S)
+
+
+def _revert_data(found: Any) -> str | None:
+    """What a contract said, wherever in its error a node puts it: as it is, behind a word, under the name of
+    the transaction, one level deeper."""
+    if isinstance(found, str):
+        if found == "0x":
+            return found
+        return match[1] if (match := _SAID.fullmatch(found)) else None
+    if isinstance(found, dict):
+        first = [found[name] for name in ("data", "result", "return", "output") if name in found]
+        deeper = [one for one in found.values() if isinstance(one, dict)]
+        return next((data for one in [*first, *deeper] if (data := _revert_data(one))), None)
+    return None
+
+
+def _text_of(data: Any) -> str:
+    """The words that a node puts beside its message."""
+    if isinstance(data, str):
+        return data
+    if isinstance(data, dict):
+        return "; ".join(one for one in data.values() if isinstance(one, str))
+    return ""
+
+
+def excerpt(value: Any) -> str:
+    """The beginning of what a node said, in printable ASCII."""
+    text = redacted(json.dumps(value))
+    return text if len(text) <= EXCERPT else f"{text[: EXCERPT - 3]}..."

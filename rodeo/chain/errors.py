@@ -4,7 +4,8 @@ RodeoError
 └── ChainError
     ├── ChainUnavailable    the node does not answer
     │   ├── InvalidAnswer   what it answers is no answer to what was asked
-    │   └── RateLimited     it limits how often it is asked
+    │   ├── RateLimited     it limits how often it is asked
+    │   └── NotNow          it says that it cannot do this now
     ├── RpcFailed           the node answered with an error that is no revert
     ├── ContractReverted    a contract refused; `name` and `args` are its custom error's
     ├── TransactionFailed   mined without success for another reason than a revert (gas)
@@ -43,6 +44,11 @@ class InvalidAnswer(ChainUnavailable):
 
 class RateLimited(ChainUnavailable):
     """The node limits how often it is asked: `details["retry_after_s"]` is for how long, where it says so."""
+
+
+class NotNow(ChainUnavailable):
+    """The node says that it cannot do this now: it is a block behind, busy, or waits for other
+    transactions."""
 
 
 class RpcFailed(ChainError):

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from typing import Any, NoReturn, cast
 
 from eth_account.signers.local import LocalAccount
 from eth_typing import ChecksumAddress, HexStr
+from hexbytes import HexBytes
 from web3 import Web3
-from web3.exceptions import TimeExhausted
+from web3.exceptions import TransactionNotFound
 from web3.types import TxParams, TxReceipt, Wei
 
-from rodeo.chain.errors import TransactionFailed, TransactionTimeout
+from rodeo.chain.answers import Kind
+from rodeo.chain.errors import ChainUnavailable, RpcFailed, TransactionFailed, TransactionTimeout
+from rodeo.chain.fees import Market, market
+from rodeo.chain.rpc import NodeProvider
 from rodeo.chain.translation import translated
 from rodeo.currency import IEC, Currency
 
@@ -22,22 +28,24 @@ POLL_S = 0.05
 NO_DATA = HexStr("0x")
 
 
-def priced(w3: Web3, message: TxParams, currency: Currency = IEC) -> TxParams:
-    """`message` with gas and EIP-1559 fees. Raises ContractReverted when it would be refused.
+_ATTEMPTS = 8
+"""Times that it is offered more where the node wants more."""
 
-    The fee cap doubles the base fee, which can rise by 1/8 per block: enough for five full blocks (EIP-1559).
-    """
+
+def market_of(w3: Web3) -> Market:
+    """What transactions have to offer now. Raises ChainUnavailable."""
+    assert isinstance(w3.provider, NodeProvider)
+    return market(w3.provider.rpc)
+
+
+def priced(w3: Web3, message: TxParams, currency: Currency = IEC) -> TxParams:
+    """`message` with gas and fees. Raises ContractReverted when it would be refused."""
     with translated(currency):
         # On top of the pending block: a deadline that has passed since the newest block has passed.
         gas = w3.eth.estimate_gas(message, "pending")
-        base_fee = w3.eth.get_block("latest")["baseFeePerGas"]
-        priority_fee = w3.eth.max_priority_fee
-    return {
-        **message,
-        "gas": int(gas * GAS_MARGIN),
-        "maxFeePerGas": Wei(2 * base_fee + priority_fee),
-        "maxPriorityFeePerGas": priority_fee,
-    }
+    asked = market_of(w3)
+    fields = {**message, "gas": int(gas * GAS_MARGIN), **asked.fields(asked.fees())}
+    return cast(TxParams, fields)
 
 
 def send(
@@ -60,19 +68,40 @@ def send(
     with translated():
         nonce = w3.eth.get_transaction_count(account.address, "pending")
         chain_id = w3.eth.chain_id
-    transaction = {**priced(w3, message, currency), "nonce": nonce, "chainId": chain_id, "type": 2}
-    signed = account.sign_transaction(cast(dict[str, Any], transaction))
-    with translated(currency):
-        tx_hash = w3.eth.send_raw_transaction(signed.raw_transaction)
+    for left in range(_ATTEMPTS, -1, -1):
+        transaction = {**priced(w3, message, currency), "nonce": nonce, "chainId": chain_id}
+        signed = account.sign_transaction(cast(dict[str, Any], transaction))
         try:
-            receipt = w3.eth.wait_for_transaction_receipt(tx_hash, timeout_s, POLL_S)
-        except TimeExhausted as error:
-            raise TransactionTimeout(
-                "not mined in time", tx_hash=tx_hash.to_0x_hex(), waited_s=timeout_s
-            ) from error
+            with translated(currency):
+                tx_hash = w3.eth.send_raw_transaction(signed.raw_transaction)
+        except RpcFailed as error:
+            if error.details.get("kind") != Kind.CHEAP or not left:
+                raise
+        else:
+            break
+    with translated(currency):
+        receipt = _receipt(w3, tx_hash, timeout_s)
     if receipt["status"] != 1:
         raise_reason(w3, message, receipt, currency)
     return receipt
+
+
+def _receipt(w3: Web3, tx_hash: HexBytes, timeout_s: float) -> TxReceipt:
+    """Raises TransactionTimeout, also where the node cannot tell of it all the while."""
+    end_s, pause, said = time.monotonic() + timeout_s, threading.Event(), ""
+    while True:
+        try:
+            return w3.eth.get_transaction_receipt(tx_hash)
+        except TransactionNotFound:
+            said = ""
+        except ChainUnavailable as error:
+            said = str(error)
+        if time.monotonic() > end_s:
+            reason = {"reason": said} if said else {}
+            raise TransactionTimeout(
+                "not mined in time", tx_hash=tx_hash.to_0x_hex(), waited_s=timeout_s, **reason
+            )
+        pause.wait(POLL_S)
 
 
 def raise_reason(w3: Web3, message: TxParams, receipt: TxReceipt, currency: Currency = IEC) -> NoReturn:

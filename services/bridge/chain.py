@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainUnavailable, InvalidAnswer
+from rodeo.chain.errors import ChainError, ChainUnavailable, InvalidAnswer
 from services.bridge.index import Index
 from services.bridge.journal import Journal
 from services.bridge.node import Call, Node
@@ -31,9 +31,11 @@ class Chain:
         *answers, genesis = self.node.batch([*calls, ("eth_getBlockByNumber", ["0x0", False])])
         if isinstance(genesis, ChainUnavailable):
             raise genesis
+        if isinstance(genesis, ChainError):
+            raise InvalidAnswer("the node does not tell its first block", reason=str(genesis))
         if genesis is None:
             raise InvalidAnswer("the node has no first block")
-        found = genesis.get("hash") if isinstance(genesis, dict) else None
+        found = genesis["hash"]
         if found != self.deployment.genesis_hash:
             raise ChainUnavailable(
                 "the node is on another chain", genesis_hash=found, expected=self.deployment.genesis_hash

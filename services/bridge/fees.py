@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+from rodeo.chain.fees import Fees, Market
 from rodeo.commands.errors import DailyLimitReached
 from rodeo.config import WalletLimits
 from rodeo.currency import ETHER, Currency
@@ -19,34 +19,6 @@ GAS_HEADROOM = 300_000
 and pay for a match."""
 
 _GWEI = 10**9
-
-
-@dataclass(frozen=True)
-class Fees:
-    """Wei per gas."""
-
-    max_fee: int
-    priority_fee: int
-
-
-@dataclass(frozen=True)
-class Market:
-    """What the chain asks for now, wei per gas."""
-
-    base_fee: int
-    priority_fee: int
-
-    def fees(self) -> Fees:
-        """The cap doubles the base fee, which can rise by 1/8 per block: enough for five full blocks."""
-        return Fees(2 * self.base_fee + self.priority_fee, self.priority_fee)
-
-    def bumped(self, before: Fees) -> Fees:
-        """For the same transaction again: nodes want 10 % more of both (geth's price bump), this is 1/8."""
-        now = self.fees()
-        return Fees(
-            max(now.max_fee, before.max_fee * 9 // 8 + 1),
-            max(now.priority_fee, before.priority_fee * 9 // 8 + 1),
-        )
 
 
 class Limits:

@@ -14,12 +14,14 @@ from rodeo.messages import DaoEvent
 from services.bridge.errors import ChainReorganized
 from services.bridge.heads import Header
 from services.bridge.index import KEPT_BLOCKS, NOWHERE, Index, Position, TimedLog
-from services.bridge.node import MAX_BATCH, Call, Node
+from services.bridge.node import Call, Node
 
 log = logging.getLogger(__name__)
 
 MAX_BLOCKS = 2_000
-"""Blocks asked for at once; nodes limit the range or the size of an answer, and then it is halved."""
+"""Blocks asked for at once."""
+MAX_BATCH = 100
+"""Blocks that the node told of and that are asked for at once."""
 
 BEHIND_GRACE_S = 15.0
 """Wall time for which a node elsewhere may answer with an older head before it counts as a reorganization:
@@ -61,7 +63,6 @@ class Follower:
             "address": deployment.event_sources,
             "topics": [event_topics()],
         }
-        self._max_blocks = MAX_BLOCKS
         self._behind_since_s: float | None = None
         self._unpublished = True
         self.head = -1
@@ -131,20 +132,13 @@ class Follower:
         first = max(position.block + 1, self._deployment.block)
         if target < first:
             return False
-        last = min(target, first + self._max_blocks - 1)
-        try:
-            found, *headers = self._ask(
-                ("eth_getLogs", [{**self._filter, "fromBlock": hex(first), "toBlock": hex(last)}]),
-                ("eth_getBlockByNumber", [hex(first), False]),
-                ("eth_getBlockByNumber", [hex(last), False]),
-            )
-        except RpcFailed:
-            if self._max_blocks == 1:
-                raise
-            # More than the node answers at once.
-            self._max_blocks //= 2
-            return True
-        self._max_blocks = min(2 * self._max_blocks, MAX_BLOCKS)
+        # A part that the node answers at once is in the index before the next one is asked for.
+        last = min(target, first + min(MAX_BLOCKS, self._node.most_blocks) - 1)
+        found, *headers = self._ask(
+            ("eth_getLogs", [{**self._filter, "fromBlock": hex(first), "toBlock": hex(last)}]),
+            ("eth_getBlockByNumber", [hex(first), False]),
+            ("eth_getBlockByNumber", [hex(last), False]),
+        )
         if None in headers:
             return False  # it went while we asked
         if (

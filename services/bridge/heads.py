@@ -16,6 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from rodeo.chain import answers
 from rodeo.chain.errors import ChainUnavailable
+from rodeo.proxies import proxy_of
 from rodeo.redaction import shown
 
 log = logging.getLogger(__name__)
@@ -91,6 +92,7 @@ class SubscribedHeads:
                 max_size=MAX_NOTICE_BYTES,
                 max_queue=MAX_NOTICES,
                 compression=None,
+                proxy=proxy_of(url),
                 ping_interval=5,
                 ping_timeout=5,
             )

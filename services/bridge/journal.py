@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import rlp
 from eth_account.typed_transactions import TypedTransaction
 from hexbytes import HexBytes
 from sqlalchemy import (
@@ -320,8 +321,13 @@ def nonce_of(raw: bytes) -> int:
 
 
 def decoded(raw: bytes) -> dict[str, Any]:
-    """The fields of a signed EIP-2718 transaction. Raises ValueError or TypeError for anything else."""
-    return dict(TypedTransaction.from_bytes(HexBytes(raw)).as_dict())
+    """The fields of a signed transaction, of EIP-2718 or with one price for gas. Raises ValueError, TypeError
+    or rlp's RLPException for anything else."""
+    if raw[:1] < b"\x80":
+        return dict(TypedTransaction.from_bytes(HexBytes(raw)).as_dict())
+    nonce, price, gas, to, value, data, *_ = rlp.decode(raw)
+    numbers = {"nonce": nonce, "gasPrice": price, "gas": gas, "value": value}
+    return {name: int.from_bytes(number) for name, number in numbers.items()} | {"to": to, "data": data}
 
 
 def _entry(row: Row[Any]) -> Entry:

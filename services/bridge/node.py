@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rodeo.chain.errors import ChainError, RpcFailed
-from rodeo.chain.rpc import MAX_BATCH, Call, Refusal, Rpc
-from rodeo.chain.translation import decode_revert, revert_data
+from rodeo.chain.answers import Refusal
+from rodeo.chain.asking import Call
+from rodeo.chain.errors import ChainError
+from rodeo.chain.fees import Market, market
+from rodeo.chain.rpc import Rpc
+from rodeo.chain.translation import said
 from rodeo.currency import IEC, Currency
 
-__all__ = ["MAX_BATCH", "Call", "Node"]
+__all__ = ["Call", "Node"]
 
 
 class Node:
@@ -25,6 +28,15 @@ class Node:
         self._rpc = Rpc(url, timeout_s)
 
     @property
+    def most_blocks(self) -> int:
+        """Blocks whose logs the node is asked for at once."""
+        return self._rpc.habits.most_blocks
+
+    def market(self) -> Market:
+        """What transactions have to offer now. Raises ChainUnavailable."""
+        return market(self._rpc)
+
+    @property
     def bad(self) -> int:
         """Answers so far that could not be used."""
         return self._rpc.bad
@@ -32,7 +44,9 @@ class Node:
     def batch(self, calls: Sequence[Call]) -> list[Any]:
         """The checked answers in order. A ChainError stands in the place of what the node refused, and of an
         answer that cannot be used. Raises ChainUnavailable when none can."""
-        return [self._refused(one) if isinstance(one, Refusal) else one for one in self._rpc.batch(calls)]
+        return [
+            said(one, self._currency) if isinstance(one, Refusal) else one for one in self._rpc.batch(calls)
+        ]
 
     def call(self, method: str, *params: Any) -> Any:
         """One answer. Raises ChainUnavailable, ContractReverted or RpcFailed."""
@@ -43,8 +57,3 @@ class Node:
 
     def close(self) -> None:
         self._rpc.close()
-
-    def _refused(self, refusal: Refusal) -> ChainError:
-        if refusal.is_revert:
-            return decode_revert(revert_data(refusal.data), self._currency)
-        return RpcFailed("the node refused", rpc_code=refusal.code, reason=refusal.message)

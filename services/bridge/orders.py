@@ -14,7 +14,7 @@ from eth_account.signers.local import LocalAccount
 from eth_utils import keccak
 
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainError, InvalidAnswer, RateLimited, TransactionTimeout
+from rodeo.chain.errors import ChainError, InvalidAnswer, NotNow, RateLimited, TransactionTimeout
 from rodeo.errors import RemoteError, RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import RequestIdReused, WalletElsewhere
@@ -228,7 +228,7 @@ class Orders:
     def postpone(self, jobs: Sequence[Job], error: ChainError) -> None:
         """The node's answers do not let these be signed. Its caller hears of it after a while, or at once
         where the node does not answer at all; what was promised before waits."""
-        patience_s = PATIENCE_S if isinstance(error, InvalidAnswer | RateLimited) else 0.0
+        patience_s = PATIENCE_S if isinstance(error, InvalidAnswer | RateLimited | NotNow) else 0.0
         now_s = time.monotonic()
         for job in jobs:
             waited_s = now_s - max((asked_s for _, asked_s in job.waiters), default=0.0)

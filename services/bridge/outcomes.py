@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rodeo.chain import events
+from rodeo.chain.answers import Kind
 from rodeo.chain.errors import (
     ChainError,
     ChainUnavailable,
@@ -35,8 +36,9 @@ REBROADCAST_S = 2.0
 FIRST_LOOK_S = 0.25
 """Wall time after which one is looked for that no event told of: one that failed has none."""
 
-_ATTEMPTS = 3
-"""Times that a transaction is made whose fee the node refuses."""
+_ATTEMPTS = 8
+"""Times that a transaction is made whose fee the node refuses: where it does not say how much it wants, it is
+offered twice as much each time, up to the wallet's limits."""
 
 _NONCES = 20
 """Times that a transaction is made whose nonce goes to another of its wallet. Two bridges that send with one
@@ -45,12 +47,6 @@ receipts would have it made and mined again and again."""
 
 GIVE_UP_S = 20.0
 """Wall time after which a transaction is refused by a node that says only that it failed itself."""
-
-_INTERNAL = -32603
-"""JSON-RPC's code for a node that failed itself."""
-
-_TOO_CHEAP = ("base fee", "underpriced")
-"""What refusals of a fee say, of geth and of those that word theirs alike."""
 
 
 class Outcomes:
@@ -222,10 +218,9 @@ class Outcomes:
         return self.sending_trouble is None
 
     def _was_refused(self, job: Job, error: ChainError) -> None:
-        reason = str(error.details.get("reason", error)).lower()
-        entry = job.signed
-        log.info("%s: the node rejected %s: %s", entry.wallet, entry.command, reason, extra=job.log_fields())
-        if "nonce too low" in reason:
+        entry, kind = job.signed, error.details.get("kind")
+        log.info("%s: the node rejected %s: %s", entry.wallet, entry.command, error, extra=job.log_fields())
+        if kind == Kind.PAST_NONCE:
             # Mined already, or its nonce went to another one: the receipt tells.
             job.due_s = job.last_sent_s = 0.0
             return
@@ -238,12 +233,12 @@ class Outcomes:
         if any(one is not None for one in known) or not is_last or entry.replaced:
             return
         signs_here = self._orders.wallet_of(job).account is not None
-        if "replacement" in reason and signs_here:
+        if kind == Kind.REPLACES and signs_here:
             # Another transaction of the wallet has its nonce in the node's pool. This one may have been taken
             # before that one: made anew before either is mined, it could be mined twice.
             return
         self._signer.forget_market()
-        if any(word in reason for word in _TOO_CHEAP) and signs_here and job.attempts < _ATTEMPTS:
+        if kind == Kind.CHEAP and signs_here and job.attempts < _ATTEMPTS:
             job.attempts += 1
             self._orders.start_again(job)
         else:
@@ -445,4 +440,4 @@ def _sending(raw: bytes) -> Call:
 
 def is_trouble(error: ChainError) -> bool:
     """Whether the answer to a transaction is about the node and not about the transaction."""
-    return isinstance(error, ChainUnavailable) or error.details.get("rpc_code") == _INTERNAL
+    return isinstance(error, ChainUnavailable) or error.details.get("kind") == Kind.INTERNAL

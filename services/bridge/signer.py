@@ -11,10 +11,11 @@ from eth_typing import HexStr
 from eth_utils import to_checksum_address
 
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainError, ChainUnavailable, InvalidAnswer, TransactionTimeout
+from rodeo.chain.errors import ChainError, ChainUnavailable, TransactionTimeout
+from rodeo.chain.fees import Fees, Market
 from rodeo.errors import RequestError, RodeoError
 from services.bridge.chain import Chain
-from services.bridge.fees import GAS_MARGIN, Fees, Market
+from services.bridge.fees import GAS_MARGIN
 from services.bridge.journal import decoded
 from services.bridge.orders import Job, Order, Orders, Reply, WalletQueue
 
@@ -207,16 +208,15 @@ class Signer:
         }
 
     def _transaction(self, call: Call, nonce: int, gas: int, fees: Fees) -> dict[str, Any]:
+        market = self._current_market()
         return {
-            "type": 2,
+            **market.fields(fees),
             "chainId": self._chain_id,
             "nonce": nonce,
             "to": call.to,
             "data": call.data,
             "value": 0,
             "gas": gas,
-            "maxFeePerGas": fees.max_fee,
-            "maxPriorityFeePerGas": fees.priority_fee,
         }
 
     def _current_market(self, now: bool = False) -> Market:
@@ -224,17 +224,7 @@ class Signer:
         known, now_s = self._market, time.monotonic()
         if known is not None and not now and now_s - known[0] < _MARKET_S:
             return known[1]
-        header, tip = self._node.batch(
-            [("eth_getBlockByNumber", ["latest", False]), ("eth_maxPriorityFeePerGas", [])]
-        )
-        for answer in (header, tip):
-            if isinstance(answer, ChainUnavailable):
-                raise answer
-        if not isinstance(header, dict):
-            raise InvalidAnswer("the node does not report its fees", answer=str(header))
-        # Not every node advises a tip; then there is no need of one.
-        priority_fee = 0 if isinstance(tip, ChainError) else int(tip, 16)
-        market = Market(int(header.get("baseFeePerGas") or "0x0", 16), priority_fee)
+        market = self._node.market()
         self._market = (now_s, market)
         return market
 

@@ -160,10 +160,10 @@ BAD_BODIES: dict[str, Callable[[Any], Reply]] = {
     "other ids": lambda good: json_reply(
         [{**one, "id": one["id"] + 1000} for one in good] if isinstance(good, list) else {**good, "id": 0}
     ),
-    "ids that are text": lambda good: json_reply(
-        [{**one, "id": str(one["id"])} for one in good]
+    "ids that are words": lambda good: json_reply(
+        [{**one, "id": f"id {one['id']}"} for one in good]
         if isinstance(good, list)
-        else {**good, "id": str(good["id"])}
+        else {**good, "id": f"id {good['id']}"}
     ),
 }
 """What is wrong -> the whole answer, made of the good one."""

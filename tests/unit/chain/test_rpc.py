@@ -11,9 +11,11 @@ import pytest
 
 from rodeo import redaction
 from rodeo.chain import rpc
+from rodeo.chain.answers import Refusal
 from rodeo.chain.client import connect
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RateLimited
-from rodeo.chain.rpc import Refusal, Rpc
+from rodeo.chain.habits import Habits
+from rodeo.chain.rpc import Rpc
 from rodeo.chain.translation import translated
 from tests.support.bad_answers import (
     BAD_BODIES,
@@ -32,6 +34,11 @@ from tests.support.bad_answers import (
 def server() -> Iterator[BadNode]:
     with BadNode() as node:
         yield node
+
+
+@pytest.fixture(autouse=True)
+def no_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rpc, "BACKOFF_S", 0.0)
 
 
 @pytest.fixture
@@ -87,7 +94,7 @@ def test_a_bad_result_of_any_method_fails_alone(method: str, monkeypatch: pytest
 def test_an_answer_that_is_none_is_an_error_of_its_own(
     kind: str, requests: int, node: BadNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rpc, "_pause", lambda _url: rpc._Pause())
+    monkeypatch.setattr(rpc, "habits_of", lambda _url: Habits())
     door = Rpc(node.url)
     node.answer = lambda _payload, good: BAD_BODIES[kind](good)
     error = failure(door, requests)
@@ -129,8 +136,8 @@ def test_a_node_is_left_alone_for_as_long_as_it_asks(
     date: bool, node: BadNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_s = 1_700_000_000.0
-    pause = rpc._Pause()
-    monkeypatch.setattr(rpc, "_pause", lambda _url: pause)
+    habits = Habits()
+    monkeypatch.setattr(rpc, "habits_of", lambda _url: habits)
     monkeypatch.setattr(rpc.time, "monotonic", lambda: now_s)
     monkeypatch.setattr(rpc.time, "time", lambda: now_s)
     after = formatdate(now_s + 7, usegmt=True) if date else "7"
@@ -152,7 +159,7 @@ def test_a_node_is_left_alone_for_as_long_as_it_asks(
 def test_nobody_is_left_alone_for_longer_than_a_minute(
     node: BadNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rpc, "_pause", lambda _url: rpc._Pause())
+    monkeypatch.setattr(rpc, "habits_of", lambda _url: Habits())
     for after, pause_s in (("9" * 30, 60.0), ("-5", None), ("soon", None)):
         node.answer = lambda _payload, _good, after=after: json_reply({}, 429, retry_after=after)
         with pytest.raises(RateLimited) as limited:

@@ -29,6 +29,7 @@ class Chain:
 
     blocks: list[tuple[Header, list[dict[str, Any]]]] = field(default_factory=list)
     asked: list[Sequence[Call]] = field(default_factory=list)
+    most_blocks: int = 1 << 20
     _made: int = 0
 
     def __post_init__(self) -> None:
