@@ -189,7 +189,7 @@ def late_difference(site: Site, film: Take, folder: Path) -> Hostile:
 
 
 def summary(site: Site, film: Take, folder: Path) -> Hostile:
-    """No recording of ours, with as long a summary as is looked at to tell what it is."""
+    """No recording of ours, with a long summary and nothing else."""
     site, chain_record, path = honest(site, film, folder)
     index = ChunkIndex(
         chunk_length=1,

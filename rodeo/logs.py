@@ -16,7 +16,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from datetime import UTC, datetime
+from typing import Any
 
+from rodeo.foreign_text import printable
 from rodeo.redaction import hide_in_tracebacks, redacted, redacted_json
 
 _task: ContextVar[int | None] = ContextVar("task", default=None)
@@ -35,7 +37,14 @@ def about_task(task_id: int | None) -> Iterator[None]:
 
 
 class Redacting(logging.Formatter):
-    """Leaves out the secrets in addresses."""
+    """Leaves out the secrets in addresses, and what others wrote into a message to steer a terminal or to
+    look like another message."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - its name
+        return printable(super().formatMessage(record))
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - its name
+        return "\n".join(map(printable, super().formatException(ei).splitlines()))
 
     def format(self, record: logging.LogRecord) -> str:
         return redacted(super().format(record))

@@ -62,11 +62,11 @@ def classify(
 
 
 def classified(classifier: Any, path: Path) -> dict[str, Any]:
-    from rodeo.vision.images import IMAGE_LIMITS
+    from rodeo.vision.images import MOST_READ_BYTES
 
     try:
         with path.open("rb") as file:
-            data = file.read(IMAGE_LIMITS.max_bytes + 1)
+            data = file.read(MOST_READ_BYTES)
     except OSError as error:
         raise Unreadable("cannot read the photo", reason=error.strerror) from error
     started_s = time.perf_counter()

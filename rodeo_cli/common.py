@@ -19,6 +19,7 @@ import typer
 from pydantic import BaseModel
 from rich.console import Console
 from rich.markup import escape
+from rich.segment import Segment
 
 import deploy
 from rodeo import queries, topics
@@ -46,14 +47,23 @@ PIPE_WIDTH = 1_000_000
 """Characters in a line of a pipe or a file, which have no width: nothing is folded or cut there."""
 
 
+class _Plain(Console):
+    """Shows escapes for what others wrote to steer the terminal."""
+
+    def _render_buffer(self, buffer: Iterable[Segment]) -> str:
+        return super()._render_buffer(
+            one if one.control else one._replace(text=printable(one.text)) for one in buffer
+        )
+
+
 def console_on(stream: TextIO | None, stderr: bool = False) -> Console:
     """What prints on `stream`: colours and the terminal's width on a terminal, plain whole lines elsewhere.
 
     FORCE_COLOR and COLUMNS change nothing where there is no terminal: a program reads what is printed there.
     """
     if stream is not None and stream.isatty():
-        return Console(stderr=stderr)
-    return Console(stderr=stderr, force_terminal=False, width=PIPE_WIDTH)
+        return _Plain(stderr=stderr)
+    return _Plain(stderr=stderr, force_terminal=False, width=PIPE_WIDTH)
 
 
 console = console_on(sys.stdout)

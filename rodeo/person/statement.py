@@ -35,7 +35,7 @@ from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.strict_json import plain
 from rodeo.topics import EVENT_CHANNEL
-from rodeo.vision.images import ImageError, ImageLimits, decode_image, ends_early, media_type
+from rodeo.vision.images import ImageError, decode_image, ends_early, media_type
 
 PHOTO_TOPIC = "/statement/photo"
 PHOTO_TYPE = "sensor_msgs/msg/CompressedImage"
@@ -48,8 +48,6 @@ MAX_STATEMENT_BYTES = 2 * MAX_PHOTOS * MAX_PHOTO_BYTES
 STATEMENT_LIMITS = Limits(
     file_bytes=MAX_STATEMENT_BYTES, uncompressed_bytes=MAX_STATEMENT_BYTES, messages=100_000
 )
-PHOTO_LIMITS = ImageLimits(max_bytes=MAX_PHOTO_BYTES, max_pixels=64_000_000)
-"""A telephone's picture has 12 to 50 million pixels."""
 _FORMATS = {"image/jpeg": "jpeg", "image/png": "png"}
 
 
@@ -250,10 +248,10 @@ def photo_format(photo: bytes) -> str:
 
 def check_photo(photo: bytes) -> np.ndarray:
     """The picture, BGR, uint8, shape (height, width, 3): a photo is what can be decoded, to its end and
-    within `PHOTO_LIMITS`. Raises BadPhoto."""
+    within the limits of pictures. Raises BadPhoto."""
     photo_format(photo)
     try:
-        picture = decode_image(photo, PHOTO_LIMITS)
+        picture = decode_image(photo)
     except ImageError as error:
         raise BadPhoto(f"the photo is not an image: {error.message}", **error.details) from error
     if ends_early(photo):

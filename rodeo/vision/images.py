@@ -63,22 +63,29 @@ class BrokenImage(ImageError):
 
 @dataclass(frozen=True)
 class ImageLimits:
-    """What one photo may cost."""
+    """What one photo may cost. The same for a bin, a person and `rodeo classify`."""
 
     max_bytes: int = 8 * 1024 * 1024
-    max_pixels: int = 16_000_000
+    """Of the picture: what follows its end is not looked at."""
+    max_pixels: int = 64_000_000
+    """A telephone's picture has 12 to 50 million pixels."""
     max_scans: int = 100
     """Passes over the pixels of a progressive JPEG: encoders make about ten, each costs the decoder time."""
+    max_scanned: int = 1_600_000_000
+    """Pixels times passes over them."""
     max_packed_texts: int = 8
     """Deflated texts and colour profiles of a PNG: cameras and editors write few, and libpng unpacks up to
     8 MB of each."""
 
 
 IMAGE_LIMITS = ImageLimits()
+MOST_READ_BYTES = 32 << 20
+"""Bytes of a file that are read to find the picture in it."""
 
 
 def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
     """The photo as BGR, uint8, shape (height, width, 3). Raises ImageError."""
+    data = picture_of(data)
     if len(data) > limits.max_bytes:
         raise ImageTooLarge("the photo has too many bytes", bytes=len(data), max_bytes=limits.max_bytes)
     try:
@@ -95,8 +102,9 @@ def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
             max_pixels=limits.max_pixels,
         )
     # In a JPEG's coded data no 0xDA follows a 0xFF (ITU-T T.81, B.1.1.5): each pair begins a scan.
-    if data.startswith(_JPEG) and (scans := data.count(b"\xff\xda")) > limits.max_scans:
-        raise ImageTooLarge("the photo has too many scans", scans=scans, max_scans=limits.max_scans)
+    scans = data.count(b"\xff\xda") if data.startswith(_JPEG) else 0
+    if (most := min(limits.max_scans, limits.max_scanned // (width_px * height_px))) < scans:
+        raise ImageTooLarge("the photo has too many scans", scans=scans, max_scans=most)
     if data.startswith(_PNG):
         _check_png(data, limits)
     # Imported here: who reads a header, or refuses by size, needs no OpenCV.
@@ -137,11 +145,25 @@ def image_size(data: bytes) -> tuple[int, int]:
 
 def ends_early(data: bytes) -> bool:
     """Whether a JPEG or PNG that `decode_image` took lacks its end; decoders fill what is missing."""
-    if not data.startswith(_JPEG):
-        return b"IEND" not in data
-    # A thumbnail among the segments has an end of its own.
-    scan = next((at for marker, at in _jpeg_segments(data) if marker == 0xDA), len(data))
-    return data.find(b"\xff\xd9", scan) < 0
+    return _jpeg_end(data) < 0 if data.startswith(_JPEG) else b"IEND" not in data
+
+
+def picture_of(data: bytes) -> bytes:
+    """A JPEG without what follows its end, where telephones put videos, depths and further pictures; others,
+    which have no such end or are read to theirs, as they are."""
+    end = _jpeg_end(data) if data.startswith(_JPEG) else -1
+    return data if end < 0 else data[:end]
+
+
+def _jpeg_end(data: bytes) -> int:
+    """Where a JPEG ends; -1 where that is not in `data`, or its beginning is none of a JPEG."""
+    try:
+        # A thumbnail among the segments has an end of its own.
+        scan = next(at for marker, at in _jpeg_segments(data) if marker == 0xDA)
+    except (BrokenImage, struct.error, IndexError):
+        return -1
+    end = data.find(b"\xff\xd9", scan)
+    return -1 if end < 0 else end + 2
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:

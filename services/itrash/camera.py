@@ -25,7 +25,7 @@ from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
 from rodeo.stamps import stamp_s
-from rodeo.vision.images import IMAGE_LIMITS
+from rodeo.vision.images import MOST_READ_BYTES, picture_of
 
 log = logging.getLogger(__name__)
 
@@ -214,7 +214,7 @@ class FolderCamera:
         self._taken += 1
         try:
             with path.open("rb") as file:
-                data = file.read(IMAGE_LIMITS.max_bytes + 1)  # one more, so that too many is noticed later
+                data = picture_of(file.read(MOST_READ_BYTES))
         except OSError as error:
             raise CameraError("the picture cannot be read", path=str(path), reason=str(error)) from error
         self._latest = data

@@ -12,7 +12,6 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from rodeo.evidence import unsealed
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, ProofNotFound, ProofTooLarge
 from rodeo.evidence.unsealed import is_bag, is_never_sealed, open_bag
@@ -92,13 +91,6 @@ def test_the_limits_of_proofs_hold_for_bags(bag: Path) -> None:
     for limits in (Limits(file_bytes=100), Limits(messages=3), Limits(channels=1)):
         with pytest.raises(ProofTooLarge):
             open_bag(bag, limits)
-
-
-def test_a_summary_that_takes_too_much_to_read_is_no_bags(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if is_bag(bag):
-        return
-    monkeypatch.setattr(unsealed, "_MOST_SUMMARY_BYTES", 10)
-    assert not is_never_sealed(bag)
 
 
 def test_a_spoilt_proof_is_no_bag(recorded: Callable[..., Path], tmp_path: Path) -> None:
