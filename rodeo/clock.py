@@ -16,6 +16,9 @@ from typing import Protocol
 
 log = logging.getLogger(__name__)
 
+_LOOK_S = 1.0
+"""Wall time between two looks at the machine's clock."""
+
 WALL_SLICE_S = 0.1
 """Longest uninterrupted wall wait: a stop event is noticed within this time, and checks are made so often."""
 
@@ -86,7 +89,11 @@ class WallClock:
 
     def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
         stop = stop or threading.Event()
-        return not stop.wait(max(0.0, time_s - self.now_s()))
+        # In slices: the machine may sleep, and its clock be set.
+        while (left_s := time_s - self.now_s()) > 0:
+            if stop.wait(min(left_s, _LOOK_S)):
+                return False
+        return not stop.is_set()
 
     def wait_for(
         self,
@@ -100,11 +107,10 @@ class WallClock:
         resting: bool = False,
     ) -> bool:
         end_s = math.inf if wall_s is None else time.monotonic() + wall_s
-        if until_s is not None:
-            end_s = min(end_s, time.monotonic() + until_s - self.now_s())
+        until_s = math.inf if until_s is None else until_s
         with self._changed:
             while not done():
-                left_s = end_s - time.monotonic()
+                left_s = min(end_s - time.monotonic(), until_s - self.now_s())
                 if left_s <= 0 or (stop is not None and stop.is_set()):
                     return False
                 self._changed.wait(min(left_s, WALL_SLICE_S))

@@ -127,7 +127,8 @@ def check_socket_folder(router: str) -> None:
             expected=os.geteuid(),
         )
     mode = stat.S_IMODE(found.st_mode)
-    if mode != _OWNER_ONLY:
+    # What a shared folder hands down, setgid, opens nothing to anybody; and chmod 700 leaves it there.
+    if mode & 0o777 != _OWNER_ONLY:
         raise UnsafeSocketFolder(
             "the folder of the bus's socket is open to others: stop the site, then chmod 700 the folder",
             path=str(folder),

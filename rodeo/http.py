@@ -14,6 +14,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from http import HTTPStatus
@@ -279,14 +280,23 @@ class _ImpatientProtocol(H11Protocol):
 def listen(host: str, port: int, purpose: str) -> socket.socket:
     """A listening socket; `port` 0 takes a free one. Raises PortUnavailable, which says the `purpose`."""
     try:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        listener = socket.create_server((host, port), family=family)
+        listener = _listener(host, port)
     except OSError as error:
         raise PortUnavailable.of(purpose, host, port, error) from error
     # Inherited by what it accepts. asyncio leaves it off for a socket without an explicit protocol, and then
     # each answer waits 40 ms for the client's delayed acknowledgement.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listener
+
+
+def _listener(host: str, port: int) -> socket.socket:
+    """On the first address of the host that there is, of IPv4 where it has one. Raises OSError."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    *others, last = sorted(((one[0], one[4][:2]) for one in found), key=lambda one: one[0] != socket.AF_INET)
+    for family, address in others:
+        with suppress(OSError):
+            return socket.create_server(address, family=family)
+    return socket.create_server(last[1], family=last[0])
 
 
 def configuration(app: ASGIApp, limits: Limits, **more: Any) -> uvicorn.Config:

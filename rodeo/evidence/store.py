@@ -29,6 +29,7 @@ from rodeo.evidence.errors import (
 )
 from rodeo.evidence.upload import blocks, upload
 from rodeo.files import writing
+from rodeo.proxies import proxy_of
 
 _NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json)$")
 
@@ -71,7 +72,7 @@ class Store:
 
     def _open(self, uri: str) -> tuple[Any, str]:
         """The filesystem of `uri`, and its path there."""
-        filesystem, path = fsspec.core.url_to_fs(uri, **self._options)
+        filesystem, path = fsspec.core.url_to_fs(uri, **_with_proxy(uri, self._options))
         filesystem.invalidate_cache()  # what another process put there meanwhile counts
         return filesystem, path
 
@@ -169,6 +170,13 @@ class Store:
                 "the bytes do not match the submitted hash", uri=uri, found="0x" + found, expected=sha256
             )
         return path
+
+
+def _with_proxy(uri: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Others than HTTP's clients look into the environment by themselves."""
+    if not uri.startswith(("http:", "https:")) or proxy_of(uri) is None:
+        return options
+    return {**options, "client_kwargs": {"trust_env": True, **options.get("client_kwargs", {})}}
 
 
 def _check_size(size: int, max_bytes: int) -> None:

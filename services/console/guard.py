@@ -7,7 +7,6 @@ open for any page with our cookie.
 
 from __future__ import annotations
 
-import ipaddress
 import json
 import secrets
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from rodeo.charset import is_utf8
 from rodeo.config import ConsoleConfig
 from rodeo.errors import ConfigError
 from rodeo.http import LimitBody, problem
+from rodeo.proxies import is_loopback
 from services.console.accounts import Accounts, Session
 from services.console.errors import NotLoggedIn
 
@@ -33,7 +33,9 @@ MAX_LOGIN_BODY_BYTES = 16 << 10
 _WITH_PHOTOS = "/api/actions/submit-work"
 
 _SAFE_METHODS = {"GET", "HEAD", "OPTIONS"}
-_PUBLIC = ("/login", "/api/", "/static/", "/favicon.ico", "/livez", "/readyz")
+_HEALTH = ("/livez", "/readyz")
+_PUBLIC = ("/login", "/api/", "/static/", "/favicon.ico", *_HEALTH)
+_PORTS = {"http": ":80", "https": ":443"}
 _USER_EVENT = '42["event"'
 """How socket.io writes that a person did something on the page; everything else is housekeeping."""
 _POLICY_VIOLATION = 1008
@@ -61,8 +63,8 @@ def origins_of(config: ConsoleConfig, port: int) -> set[str]:
     """Where people may open the console. Raises ConfigError when it would be open without TLS."""
     local = {f"http://{host}:{port}" for host in ("127.0.0.1", "localhost", "[::1]")}
     if config.origin is not None:
-        return {config.origin}
-    if config.host != "localhost" and not ipaddress.ip_address(config.host).is_loopback:
+        return {_plain(config.origin)}
+    if not is_loopback(config.host):
         raise ConfigError(
             "only this machine may reach the console without TLS: put a proxy in front and name its address "
             "in console.origin",
@@ -89,8 +91,9 @@ class Guard:
         self._accounts = accounts
         self._origins = origins
         self._hosts = {urlsplit(origin).netloc for origin in origins}
+        self._schemes = {urlsplit(origin).scheme for origin in origins}
         self._owner = owner
-        self.is_local = all(_is_loopback(origin) for origin in origins)
+        self.is_local = all(is_loopback(urlsplit(origin).hostname or "") for origin in origins)
         """Whether people open the console only on the machine where it runs."""
         self.secure = any(origin.startswith("https:") for origin in origins)
         self.cookie = "__Host-rodeo_session" if self.secure else "rodeo_session"
@@ -116,17 +119,14 @@ class Guard:
         except NotLoggedIn:
             session = None
         scope["state"]["session"] = session
-        if headers.get("host") not in self._hosts:
+        # Whoever asks for its health asks the machine, by whatever name.
+        if path not in _HEALTH and not self._is_host(headers):
             respond = problem(421, "unknown_host", "the console does not serve this host name")
         elif path.startswith("/_nicegui_ws/"):
             respond = problem(400, "websocket_only", "a page connects to the console over a WebSocket")
         elif not is_utf8(headers.get("content-type", "")):
             respond = problem(415, "unknown_charset", "the request's text is not UTF-8")
-        elif (
-            method not in _SAFE_METHODS
-            and not path.startswith("/api/")
-            and headers.get("origin") not in self._origins
-        ):
+        elif method not in _SAFE_METHODS and not path.startswith("/api/") and not self._is_origin(headers):
             respond = problem(403, "foreign_origin", "this request comes from a page of another site")
         elif session is None and not _is_public(path):
             wants_page = method == "GET" and "text/html" in headers.get("accept", "")
@@ -147,6 +147,13 @@ class Guard:
         except CookieError:
             return None
         return None if morsel is None else morsel.value
+
+    def _is_host(self, headers: Headers) -> bool:
+        host = headers.get("host", "")
+        return any(urlsplit(_plain(f"{scheme}://{host}")).netloc in self._hosts for scheme in self._schemes)
+
+    def _is_origin(self, headers: Headers) -> bool:
+        return _plain(headers.get("origin", "")) in self._origins
 
     def _owns(self, session: Session | None, client_id: str) -> bool:
         return session is not None and self._owner(client_id) == session.key
@@ -174,7 +181,7 @@ class Guard:
 
     async def _websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = Headers(scope=scope)
-        if headers.get("host") not in self._hosts or headers.get("origin") not in self._origins:
+        if not self._is_host(headers) or not self._is_origin(headers):
             await receive()
             await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
             return
@@ -203,12 +210,10 @@ class Guard:
         await self.app(scope, checked, send)
 
 
-def _is_loopback(origin: str) -> bool:
-    host = urlsplit(origin).hostname or ""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+def _plain(origin: str) -> str:
+    """An origin as browsers write it: in small letters, without its scheme's own port (RFC 6454, 6.1)."""
+    scheme, _, host = origin.lower().partition("://")
+    return f"{scheme}://{host.removesuffix(_PORTS.get(scheme, ':'))}"
 
 
 def _is_public(path: str) -> bool:
