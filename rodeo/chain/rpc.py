@@ -40,6 +40,8 @@ MOST_PAUSE_S = 60.0
 BACKOFF_S = 0.25
 """Wall time before what a provider limits is asked again; each time twice as long."""
 _TRIES = 5
+_MOST_SPOILT = 3
+"""Requests of a batch without any usable answer; after as many the provider is taken to answer nothing."""
 _PATIENCE = 2
 """Times that the command line, which asks one thing after the other, asks again."""
 
@@ -97,21 +99,30 @@ class Rpc:
     def _in_batches(self, calls: Sequence[Call]) -> list[Any]:
         """What a batch is too long for is asked in shorter ones; what is limited in its place, again."""
         answers: dict[int, Any] = {}
-        left, most, tries = list(range(len(calls))), self.habits.most_calls, 0
+        left, most, tries, spoilt = list(range(len(calls))), self.habits.most_calls, 0, 0
         while left:
             part = left[:most]
             try:
                 found = self._batch([calls[place] for place in part])
-            except (TooMuch, RateLimited) as error:
-                if len(part) == 1 or (isinstance(error, RateLimited) and self.habits.pause_s > 0):
+            except RateLimited:
+                if len(part) == 1 or self.habits.pause_s > 0:
                     raise
                 most = len(part) // 2
-                self._back_off(tries if isinstance(error, RateLimited) else None)
+                self._back_off(tries)
                 continue
-            limited = [place for place, one in zip(part, found, strict=True) if isinstance(one, RateLimited)]
+            except InvalidAnswer as error:
+                if len(part) > 1 and isinstance(error, TooMuch):
+                    most = len(part) // 2
+                elif len(part) == 1 < len(calls) and spoilt < _MOST_SPOILT:
+                    # One that the provider answers to nobody, among others that it does answer.
+                    answers[part[0]], left, spoilt = error, left[1:], spoilt + 1
+                else:
+                    raise
+                continue
             answers |= dict(zip(part, found, strict=True))
             left = left[len(part) :]
-            if most < self.habits.most_calls and not limited:
+            limited = [place for place in part if isinstance(answers[place], RateLimited)]
+            if most < self.habits.most_calls and not limited and not spoilt:
                 log.info("the node takes %d requests at once", most)
                 self.habits.most_calls = most
             if limited and len(calls) > 1 and tries < _TRIES:
@@ -122,9 +133,8 @@ class Rpc:
                 self._back_off(tries)
         return [answers[place] for place in range(len(calls))]
 
-    def _back_off(self, tries: int | None) -> None:
-        if tries is not None:
-            self._closed.wait(BACKOFF_S * 2**tries)
+    def _back_off(self, tries: int) -> None:
+        self._closed.wait(BACKOFF_S * 2**tries)
 
     def _otherwise(self, call: Call, refusal: Refusal) -> Any:
         """What the node says to the same in a form that it takes; `refusal` where there is none."""

@@ -199,3 +199,29 @@ def test_a_receipt_tells_what_became_of_it_without_a_price_and_with_anonymous_ev
     lean = {**RECEIPT, "effectiveGasPrice": None, "logs": [{**LOG, "topics": [], "blockNumber": None}]}
     node.answer = lambda payload, _good: json_reply({"id": payload["id"], "result": lean})
     assert Rpc(node.url).batch([("eth_getTransactionReceipt", [RECEIPT["transactionHash"]])]) == [lean]
+
+
+def test_one_request_that_a_firewall_answers_in_html_costs_the_others_nothing(node: BadNode) -> None:
+    def guarded(payload: Any, good: Any) -> Reply:
+        asked = payload if isinstance(payload, list) else [payload]
+        html = Reply(b"<html>Forbidden</html>", 403)
+        return html if any(one["method"] == "eth_gasPrice" for one in asked) else json_reply(good)
+
+    node.answer = guarded
+    found = Rpc(node.url).batch([CHAIN_ID, ("eth_gasPrice", []), CHAIN_ID, CHAIN_ID])
+    assert found[0] == found[2] == found[3] == "0x7a69"
+    assert isinstance(found[1], InvalidAnswer) and found[1].details["http_status"] == 403
+
+
+def test_what_a_provider_takes_at_once_is_found_out_once(node: BadNode) -> None:
+    def limited(payload: Any, good: Any) -> Reply:
+        too_many = isinstance(payload, list) and len(payload) > 10
+        return json_reply({"id": None, "error": {"code": -32600, "message": "no"}} if too_many else good)
+
+    node.answer = limited
+    door = Rpc(node.url)
+    door.habits = Habits()
+    assert door.batch([CHAIN_ID] * 40) == ["0x7a69"] * 40
+    node.asked.clear()
+    assert door.batch([CHAIN_ID] * 40) == ["0x7a69"] * 40
+    assert [len(payload) for payload in node.asked] == [10] * 4
