@@ -66,7 +66,7 @@ class ImageLimits:
     """What one photo may cost. The same for a bin, a person and `rodeo classify`."""
 
     max_bytes: int = 8 * 1024 * 1024
-    """Of the picture: what follows its end is not looked at."""
+    """Bytes of the picture: what follows its end is not looked at."""
     max_pixels: int = 64_000_000
     """A telephone's picture has 12 to 50 million pixels."""
     max_scans: int = 100

@@ -37,13 +37,13 @@ class Instead(_Data):
     after: int = 0
     """Answers that come before as they should."""
     times: int | None = None
-    """None for ever."""
+    """None without end."""
     does_it: bool = False
     """Whether it carries out what it was asked before."""
     error: Any = None
     result: Any = None
     status: int | None = None
-    """Of the whole HTTP answer, with `body`."""
+    """The status of the whole HTTP answer, with `body`."""
     body: str = ""
 
 
