@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, get_args, get_origin
 
 from nicegui import ui
@@ -42,35 +42,40 @@ def buttons(console: Console, role: Role, then: Callable[[], Any]) -> None:
 
 
 @on_page
-async def ask_command(console: Console, name: str, then: Callable[[], Any]) -> None:
-    """Ask for the command's fields, whether it is meant, and have it done."""
-    model = COMMANDS[name]
-    fields = _fields(model)
+async def ask_command(
+    console: Console,
+    name: str,
+    then: Callable[[], Any],
+    known: Json | None = None,
+    start: Mapping[str, Any] | None = None,
+) -> None:
+    """Ask for the command's fields but those that are `known`, whether it is meant, and have it done. `start`
+    is what the fields are now, as far as that is known."""
+    model, known = COMMANDS[name], known or {}
+    fields = _fields(model, known, start or {})
 
     async def give(answer: dict[str, str]) -> bool:
-        request: Json = {key: one for key, one in answer.items() if one}
-        lines = [(fields[key].label, one) for key, one in request.items()]
-        request |= {key: one.split(",") for key, one in request.items() if _is_list(model, key)}
-        amount = f" {request['amount_iec']} IEC" if "amount_iec" in request else ""
+        said: Json = {key: one for key, one in answer.items() if one}
+        lines = [(fields[key].label, one) for key, one in said.items()] or [("What", ACTIONS[name].summary)]
+        request = known | {key: one.split(",") if _is_list(model, key) else one for key, one in said.items()}
+        amount = f" {said['amount_iec']} IEC" if "amount_iec" in said else ""
         if not await confirm(f"{title_of(name)}?", lines, f"{title_of(name)}{amount}"):
             return False
-        return await _given(console, name, request, then)
+        if await act(console, name, request, f"Done: {title_of(name).lower()}") is None:
+            return False
+        then()
+        return True
 
     if fields:
         await ask_form(ACTIONS[name].summary, fields, "Review", give)
-    elif await confirm(f"{title_of(name)}?", [("What it does", ACTIONS[name].summary)], title_of(name)):
-        await _given(console, name, {}, then)
-
-
-async def _given(console: Console, name: str, request: Json, then: Callable[[], Any]) -> bool:
-    if await act(console, name, request, f"Done: {title_of(name).lower()}") is None:
-        return False
-    then()
-    return True
+    else:
+        await give({})
 
 
 @on_page
-async def choose_command(console: Console, role: Role, then: Callable[[], Any]) -> None:
+async def choose_command(
+    console: Console, role: Role, then: Callable[[], Any], start: Mapping[str, Any]
+) -> None:
     """Ask for one of the role's commands, then for its fields."""
     chosen: list[str] = []
 
@@ -81,22 +86,26 @@ async def choose_command(console: Console, role: Role, then: Callable[[], Any]) 
     names = {name: ACTIONS[name].summary for name in commands_of(role)}
     await ask_form("Commands", {"command": Field("What", choices=names)}, "Go on", take)
     for name in chosen:
-        await ask_command(console, name, then)
+        await ask_command(console, name, then, start=start)
 
 
-def _fields(model: type[Command]) -> dict[str, Field]:
-    own = {name: one for name, one in model.model_fields.items() if name not in Command.model_fields}
-    return {name: _field(name, one) for name, one in own.items()}
+def _fields(model: type[Command], known: Json, start: Mapping[str, Any]) -> dict[str, Field]:
+    own = {
+        name: one
+        for name, one in model.model_fields.items()
+        if name not in Command.model_fields and name not in known
+    }
+    return {name: _field(name, one, start.get(name)) for name, one in own.items()}
 
 
 def _is_list(model: type[Command], name: str) -> bool:
     return get_origin(model.model_fields[name].annotation) is list
 
 
-def _field(name: str, one: Any) -> Field:
+def _field(name: str, one: Any, now: Any) -> Field:
     unit = _UNITS.get(name.removeprefix(f"{bare(name)}_"))
     label = phrase(bare(name)).capitalize() + (f" ({unit})" if unit else "")
-    default = one.get_default(call_default_factory=True) if not one.is_required() else None
+    default = one.get_default(call_default_factory=True) if now is None and not one.is_required() else now
     start = (
         "" if default in (None, []) else str(default).lower() if isinstance(default, bool) else f"{default}"
     )

@@ -17,7 +17,6 @@ from rodeo.kinds import KindError
 from rodeo.strict_json import Json
 from services.console.actions import ORGANIZATION, speaks_for
 from services.console.formatting import (
-    NAMERS,
     iec,
     kind,
     known_in_words,
@@ -30,7 +29,7 @@ from services.console.formatting import (
     voids_in_words,
     windows_in_words,
 )
-from services.console.pages.forms import choose_command
+from services.console.pages.forms import ask_command, choose_command
 from services.console.pages.frame import (
     Console,
     act,
@@ -90,9 +89,9 @@ class ServicesPage:
             with ui.element("div").classes("stack span-7"), card("Device keys") as head:
                 if person.has(Role.ADMINISTRATOR):
                     with head:
-                        ui.button("Register a key", icon="add", on_click=self._register_device).props(
-                            "flat dense"
-                        )
+                        ui.button(
+                            "Register a key", icon="add", on_click=partial(self._ask, "register_device")
+                        ).props("flat dense")
                 self._devices = Section(self._draw_devices).waiting()
             with ui.element("div").classes("stack span-5"), card("Rules"):
                 self._rules = Section(self._draw_rules).waiting()
@@ -121,6 +120,9 @@ class ServicesPage:
             return False
         self._refresh()
         return True
+
+    async def _ask(self, name: str, known: Json | None = None, now: Json | None = None) -> None:
+        await ask_command(self._console, name, self._refresh, known, now)
 
     # -- services --------------------------------------------------------------------------------------
 
@@ -165,7 +167,10 @@ class ServicesPage:
                     ui.menu_item("Agree to the present judge", partial(self._agree, service))
                 ui.menu_item("Change the price", partial(self._price, service))
                 if provider != ORGANIZATION:  # its contract cannot say it for its own services
-                    ui.menu_item("Who may name it", partial(self._namers, service))
+                    now = {"namers": service.namers, "max_void_percent": service.max_void_percent}
+                    known = {"service_id": service.id, "participant": provider}
+                    name_it = partial(self._ask, "set_namers", known, now)
+                    ui.menu_item("Who may name it", name_it)
                 if service.state in ("active", "short"):
                     ui.menu_item("Pause", partial(self._set_state, service, "paused"))
                 elif service.state == "paused":
@@ -187,25 +192,6 @@ class ServicesPage:
             {"price_iec": Field("Price (IEC)", f"{service.price_iec:f}")},
             "Set the price",
             lambda answer: self._update(service, answer, f"Service {service.id} has a new price"),
-        )
-
-    @on_page
-    async def _namers(self, service: queries.Offer) -> None:
-        async def change(answer: dict[str, str]) -> bool:
-            request = {"service_id": service.id, "participant": service.provider_name, **answer}
-            return await self._act("set_namers", request, f"Service {service.id} says who may name it")
-
-        await ask_form(
-            f"Whose tasks may name service {service.id}",
-            {
-                "namers": Field("Who may", service.namers, NAMERS),
-                "max_void_percent": Field(
-                    "Refuse creators of whose such tasks more end void (%), 0 for none",
-                    str(service.max_void_percent),
-                ),
-            },
-            "Set it",
-            change,
         )
 
     @on_page
@@ -308,44 +294,11 @@ class ServicesPage:
             badge(device.revoked_because or "revoked")
         elif user().has(Role.ADMINISTRATOR):
             name = f"Revoke the {device.role} key of {device.name} {short(device.address)}"
-            ui.button("Revoke", on_click=partial(self._revoke, device)).props(
-                f'flat dense color=negative aria-label="{name}"'
-            )
+            ui.button(
+                "Revoke", on_click=partial(self._ask, "revoke_device", {"device": device.address})
+            ).props(f'flat dense color=negative aria-label="{name}"')
         else:
             badge("active")
-
-    @on_page
-    async def _revoke(self, device: queries.OwnedDevice) -> None:
-        await ask_form(
-            f"Revoke the key of {device.role} {device.name}",
-            {
-                "reason": Field(
-                    "Why",
-                    choices={
-                        "superseded": "Another key takes over. Its earlier signatures stay valid",
-                        "compromised": "Somebody else may have signed with it",
-                    },
-                )
-            },
-            "Revoke it for good",
-            lambda answer: self._act(
-                "revoke_device", {"device": device.address, **answer}, "The key is revoked"
-            ),
-        )
-
-    async def _register_device(self) -> None:
-        await ask_form(
-            "Register a device key",
-            {
-                "device": Field("Address of the key (0x…)"),
-                "role": Field("Role", choices={name: name for name in ("robot", "bin", "meter", "mocap")}),
-                "name": Field("Name on its site"),
-                "owner": Field("Owner: a participant or an address"),
-                "signature": Field("The key's own signature: `rodeo organization sign-device`"),
-            },
-            "Register it",
-            lambda answer: self._act("register_device", answer, "The key may sign evidence"),
-        )
 
     # -- rules -----------------------------------------------------------------------------------------
 
@@ -392,10 +345,10 @@ class ServicesPage:
         _draw_judges(organization)
         if user().has(Role.ADMINISTRATOR):
             with ui.element("div").classes("line tight"):
-                ui.button("Change rules", on_click=self._change_rules).props("outline dense")
                 ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
                 ui.button("Times of a kind", on_click=self._change_times).props("outline dense")
-                more = partial(choose_command, self._console, Role.ADMINISTRATOR, self._refresh)
+                now = {"policy": organization.policy, **terms.model_dump(mode="json")}
+                more = partial(choose_command, self._console, Role.ADMINISTRATOR, self._refresh, now)
                 ui.button("Other commands", on_click=more).props("outline dense")
 
     def _kind_end(self, one: queries.KindRules) -> None:
@@ -500,31 +453,6 @@ class ServicesPage:
                 "audit_window_s": Field("Auditors may rule for, when the judge cannot; then it is void"),
             },
             "Set them",
-            change,
-        )
-
-    @on_page
-    async def _change_rules(self) -> None:
-        policy, terms = self._organization.policy, self._organization.terms
-        before = {name: str(value) for name, value in terms.model_dump(mode="json").items()}
-
-        async def change(answer: dict[str, str]) -> bool:
-            wanted = answer.pop("policy")
-            if wanted != policy and not await self._act(
-                "set_policy", {"policy": wanted}, "Services are chosen differently now"
-            ):
-                return False
-            return answer == before or await self._act("set_terms", answer, "New services get the new terms")
-
-        await ask_form(
-            "Rules of the organization",
-            {
-                "policy": Field("A service is chosen by", policy, POLICIES),
-                "bond_iec": Field("Bond of a new service (IEC)", before["bond_iec"]),
-                "penalty_iec": Field("Penalty for a failure (IEC)", before["penalty_iec"]),
-                "max_failures": Field("Failures in a row that suspend, 0 for never", before["max_failures"]),
-            },
-            "Change them",
             change,
         )
 
