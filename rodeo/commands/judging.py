@@ -60,8 +60,8 @@ if TYPE_CHECKING:
 class Rule(Command):
     """Rule on a proof, as the judge of its kind, or as an auditor on what that judge has passed on."""
 
-    task_id: Id = Field(examples=[7])
-    attempt: Attempt = Field(examples=[1])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
+    attempt: Attempt = Field(description="The attempt, counted from 1.", examples=[1])
     proof_sha256: Hex32 = Field(examples=[DIGEST])
     ruling: Finding = Field(examples=["accepted"])
     fault: Fault = Field(
@@ -150,7 +150,7 @@ class Challenge(Command):
     """Challenge the ruling that stands on a task, with a stake that is lost if the ruling is right. Creator,
     executor and judges may. A party may take over what a judge has challenged."""
 
-    task_id: Id = Field(examples=[7])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
     reason: Annotated[str, StringConstraints(max_length=500, pattern=r"\S")] = Field(
         description="Why the ruling is wrong.", examples=["the item lies beside the bin"]
     )
@@ -195,7 +195,7 @@ class Conclude(Command):
     """Do what the ruling says that stands on a task, once its time is over. Where nobody has ruled by the
     deadline, the attempt becomes void. Anybody may."""
 
-    task_id: Id = Field(examples=[7])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.client.calls.conclude(self.task_id)]
@@ -208,7 +208,7 @@ class Conclude(Command):
 class SettleStakes(Command):
     """Free and pay the stakes of a challenged attempt that is over. Anybody may."""
 
-    task_id: Id = Field(examples=[7])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
     attempt: Attempt | None = Field(None, description="By default the last one.", examples=[1])
 
     def calls(self, desk: Desk) -> list[Call]:

@@ -77,7 +77,7 @@ class AllowKind(Command):
     are then judged by the new rules."""
 
     kind: Kind = Field(description="The kind of task.", examples=["window_cleaning"])
-    allowed: bool = True
+    allowed: bool = Field(True, description="Allow it, or stop allowing it.")
     judge: Judge | None = Field(
         None,
         description=(
@@ -292,7 +292,7 @@ class SetTerms(Command):
 class SetMembersOnly(Command):
     """Let only members, or everybody, offer services and post tasks."""
 
-    enabled: bool = Field(examples=[True])
+    enabled: bool = Field(description="Only members may, or everybody.", examples=[True])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.client.organization_calls.set_members_only(self.enabled)]

@@ -99,7 +99,7 @@ class RegisterService(Command):
 class UpdateService(Command):
     """Price, pause, resume or retire a service. What is left out stays as it is."""
 
-    service_id: Id = Field(examples=[2])
+    service_id: Id = Field(description="The service, by its number in `rodeo service list`.", examples=[2])
     price_iec: Iec | None = Field(
         None, description="Price of each later task, in IEC. By default it stays.", examples=["40"]
     )
@@ -264,7 +264,7 @@ class ReinstateProvider(Command):
 class SuspendService(Command):
     """Give a service no more tasks."""
 
-    service_id: Id = Field(examples=[2])
+    service_id: Id = Field(description="The service, by its number in `rodeo service list`.", examples=[2])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.client.organization_calls.suspend_service(self.service_id)]
@@ -281,7 +281,7 @@ class SuspendService(Command):
 class ReinstateService(Command):
     """Let a suspended service return: paused, until its provider activates it."""
 
-    service_id: Id = Field(examples=[2])
+    service_id: Id = Field(description="The service, by its number in `rodeo service list`.", examples=[2])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.client.organization_calls.reinstate_service(self.service_id)]

@@ -203,7 +203,7 @@ class RegisterTask(Command):
 class CancelTask(Command):
     """Cancel a task that is not assigned. Its reward is refunded."""
 
-    task_id: Id = Field(examples=[7])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.calls.cancel_task(self.task_id)]
@@ -219,8 +219,8 @@ class AcceptTask(Command):
     """The executor agrees to do an assigned task: from then on a failure costs it the penalty of its terms. A
     proof accepts, too."""
 
-    task_id: Id = Field(examples=[7])
-    attempt: Attempt = Field(examples=[1])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
+    attempt: Attempt = Field(description="The attempt, counted from 1.", examples=[1])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.calls.accept_task(self.task_id, self.attempt)]
@@ -237,8 +237,8 @@ class AbandonTask(Command):
     the attempt does not count, and it costs a proven provider nothing; a provider that is not proven rests.
     Later it costs the penalty if the executor had accepted the task."""
 
-    task_id: Id = Field(examples=[7])
-    attempt: Attempt = Field(examples=[1])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
+    attempt: Attempt = Field(description="The attempt, counted from 1.", examples=[1])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.calls.abandon_task(self.task_id, self.attempt)]
@@ -255,7 +255,7 @@ class RaiseReward(Command):
     task is cancelled, and the new one has another ID. A task that is already cancelled is only posted
     again."""
 
-    task_id: Id = Field(examples=[7])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
     reward_iec: Iec = Field(description="The new reward, in IEC.", examples=["100"])
 
     def calls(self, desk: Desk) -> list[Call]:
@@ -310,8 +310,8 @@ class RaiseReward(Command):
 class SubmitProof(Command):
     """Submit the proof of an attempt: its hash, and where it is."""
 
-    task_id: Id = Field(examples=[7])
-    attempt: Attempt = Field(examples=[1])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
+    attempt: Attempt = Field(description="The attempt, counted from 1.", examples=[1])
     proof_sha256: Hex32 = Field(examples=[DIGEST])
     proof_uri: str = Field(min_length=1, max_length=2048, examples=[PROOF_URI])
     nonce: Hex32 | None = Field(
@@ -359,7 +359,7 @@ class SubmitProof(Command):
 class ExpireTask(Command):
     """End an attempt whose time is over without a proof. Anybody may."""
 
-    task_id: Id = Field(examples=[7])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
 
     def calls(self, desk: Desk) -> list[Call]:
         return [desk.client.calls.expire_task(self.task_id)]
@@ -377,7 +377,7 @@ class MatchTask(Command):
     The contracts look at a few services and tasks only, and may overlook some that fit.
     """
 
-    task_id: Id = Field(examples=[7])
+    task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
     service_id: Id | None = Field(
         None, description="The service that gets it. By default the policy chooses again."
     )

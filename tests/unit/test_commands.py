@@ -8,7 +8,7 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-from rodeo.commands import COMMANDS
+from rodeo.commands import COMMANDS, Command
 from rodeo_testing.waiting import HANG_S
 
 ROOT = Path(__file__).parents[2]
@@ -83,6 +83,12 @@ def test_every_command_says_what_it_is_for() -> None:
     assert [name for name, model in COMMANDS.items() if not model.__dict__.get("__doc__")] == []
 
 
+def test_every_option_that_is_made_from_a_field_has_its_help() -> None:
+    for model in COMMANDS.values():
+        own = [one for name, one in model.model_fields.items() if name not in Command.model_fields]
+        assert not model.declared.line or all(one.description for one in own), model
+
+
 def test_help_imports_no_command_that_it_does_not_show() -> None:
     code = (
         "import sys\n"
@@ -94,3 +100,9 @@ def test_help_imports_no_command_that_it_does_not_show() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=HANG_S, cwd=ROOT
     )
     assert done.stdout.splitlines()[-1] == "False"
+
+
+def test_the_example_for_who_adds_a_command_is_one() -> None:
+    page = (ROOT / "CONTRIBUTING.md").read_text()
+    example = page.partition("```python\n")[2].partition("```")[0].strip()
+    assert example and example in (ROOT / DECLARED_IN / "services.py").read_text()
