@@ -96,7 +96,7 @@ def test_what_the_site_does_not_have_is_given_back_and_not_handed_in(
         pytest.param(lambda take: take, 4.0, "not_found", id="the robot never went there"),
         pytest.param(lambda take: take.without(ITEM_POSE), 4.0, "not_found", id="nor, and nobody saw it"),
         pytest.param(
-            lambda take: elsewhere(elsewhere(take, ITEM_POSE, 99.0, 2.0, 3.0), GRIPPER_POSE, 99.0, 2.0, 3.0),
+            lambda take: elsewhere(elsewhere(take, ITEM_POSE, 99.0, 2.0, 3.8), GRIPPER_POSE, 99.0, 2.0, 3.8),
             0.0,
             "not_found",
             id="it took it",
