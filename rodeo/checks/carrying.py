@@ -1,5 +1,7 @@
 """Does the recorded motion, replayed in physics, carry the item?"""
 
+import math
+
 import numpy as np
 
 from rodeo.checks.case import NO_MOCAP, Case, CaseError
@@ -9,9 +11,13 @@ from rodeo.checks.gripper import most_of
 from rodeo.checks.phases import LIFTED_M, phases_of
 from rodeo.checks.poses import base_of, moved_s, pose_of
 from rodeo.checks.replay import replay_of, vote_of
-from rodeo.checks.report import Finding, at_least, at_most, skipped
+from rodeo.checks.report import Finding, at_least, at_most, skipped, standing
+from rodeo.checks.sources import silent_s
 from rodeo.checks.tables import joints_of
+from rodeo.checks.testimony import bin_said
+from rodeo.foreign_text import in_words
 from rodeo.lab.world import TIMESTEP_S
+from rodeo.witness.statement import Drop
 
 HELD_SHARE = 0.95
 """Share of the time between lift and release; a contact may flicker while the item settles between the
@@ -36,8 +42,18 @@ MAJORITY = 0.5
 
 
 def carried(case: Case) -> Finding:
-    """The gripper closed, and the item left the floor."""
-    phases = phases_of(case)
+    """The gripper closed, and the item left the floor. If it did not before the bin felt a drop, that
+    stands whatever motion capture had said after."""
+    try:
+        phases = phases_of(case)
+    except CaseError as error:
+        failed = Finding(passed=False, detail=in_words(error))
+        felt = (one.statement for one in bin_said(case) if isinstance(one.statement, Drop))
+        own = case.proof.recording
+        fell_s = min(
+            (one.settled_s for one in felt for by in one.claimants if by.recording == own), default=math.inf
+        )
+        return failed if any(from_s < fell_s for from_s, _ in silent_s(case)) else standing(failed)
     return Finding(
         passed=True,
         measured=phases.rest_s - phases.closing_s,

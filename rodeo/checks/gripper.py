@@ -20,7 +20,7 @@ from rodeo.checks.tables import gaps_of
 from rodeo.checks.witnesses import UNSEEN_S
 from rodeo.evidence.series import Array
 from rodeo.lab.config import gripper_body
-from rodeo.lab.layout import FOOTPRINT_RADIUS_M, ITEM_RADIUS_M
+from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M
 
 AGREE_M = 0.05
 """Encoders off by 10 mrad each put a hand at 0.75 m off by 12 mm, a base's heading off by 5 mrad by another
@@ -39,9 +39,13 @@ GUESSED_S = 0.2
 """Between two messages of the joints: what a fast arm did in more than this is not known."""
 FINGERS_REACH_M = 0.2
 """An item that is farther from the gripper's middle is not at its fingers."""
-BASE_REACHES_M, GRIPPER_REACHES_M = 1.05, 0.5
+AT_BASE_M = 0.1
+"""The same of the base's outline."""
+BASE_REACHES_M, GRIPPER_REACHES_M = 0.65, 0.5
 """What robots have with them does not stick out farther than 40 cm: an item that is farther from the base's
-middle, and from the gripper's, is out of reach."""
+outline, or from the gripper's middle, is out of reach."""
+BLINKS_S = 0.35
+"""So long a body may be hidden by chance: no arm gets anywhere and back."""
 FLUNG = 5.0
 """An item flies off no faster than with so many times the speed of what hit it: twice, where nothing is lost,
 and smoothing takes half of a jab's speed."""
@@ -140,7 +144,7 @@ def lifted_by_another_s(case: Case, robot: str) -> float:
 
 def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bool:
     """Whether motion capture shows that this robot cannot have moved the item that moved in this time: its
-    base and its gripper were seen, and were both out of reach, or at least not at the item, and too slow.
+    base and its gripper were seen, and each was out of reach, or at least not at the item, and too slow.
 
     What moves the item is fixed to one of them, and goes there as they do. It may fling the item away.
     """
@@ -152,20 +156,25 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
         return False
     item_s, own_s = np.arange(begin_s, end_s, _STEP_S), np.arange(begin_s - FLINGS_S, end_s, _STEP_S)
     known = own_s[0] >= max(base.time_s[0], gripper.time_s[0]) and item_s[0] >= item.time_s[0]
-    if not (
-        known and len(_seen(item_s, item)) == len(item_s) and len(_seen(own_s, base, gripper)) == len(own_s)
-    ):
+    lost_s = [span for one in (item, base, gripper) for span in one.unseen_s if span[1] - span[0] > BLINKS_S]
+    if not known or any(from_s < end_s and until_s > own_s[0] for from_s, until_s in lost_s):
         return False
     item_m = item.at(own_s)
-    base_m = np.linalg.norm((base.at(own_s) - item_m)[:, :2], axis=1).min()
-    gripper_m = np.linalg.norm(gripper.at(own_s) - item_m, axis=1).min()
-    if base_m > BASE_REACHES_M and gripper_m > GRIPPER_REACHES_M:
-        return True
-    if base_m <= FOOTPRINT_RADIUS_M + ITEM_RADIUS_M or gripper_m <= FINGERS_REACH_M:
-        return False
-    fastest_m_s = max(_fastest_m_s(pose, own_s, item_m) for pose in (base, gripper))
     way_m = np.linalg.norm(np.diff(smoothed(item.time_s, item.position_m, item_s), axis=0), axis=1)
-    return bool(way_m.max(initial=0.0) / _STEP_S > FLUNG * fastest_m_s)
+    item_m_s = float(way_m.max(initial=0.0)) / _STEP_S
+    ahead_m = np.abs(_inside(*_poses(base, own_s), item_m, _poses(item, own_s)[1])[0][:, :2])
+    base_m = (ahead_m - (BUMPER_M, HALF_WIDTH_M)).max(axis=1)
+    gripper_m = np.linalg.norm(gripper.at(own_s) - item_m, axis=1)
+    # What it meets later did not set it in motion.
+    before = own_s <= begin_s + _LOOK_S
+    return all(
+        away_m.min() > reaches_m
+        or (away_m[before].min() > at_m and item_m_s > FLUNG * _fastest_m_s(pose, own_s, item_m))
+        for pose, away_m, at_m, reaches_m in (
+            (base, base_m, AT_BASE_M, BASE_REACHES_M),
+            (gripper, gripper_m, FINGERS_REACH_M, GRIPPER_REACHES_M),
+        )
+    )
 
 
 def _fastest_m_s(pose: Pose, at_s: Array, points_m: Array) -> float:

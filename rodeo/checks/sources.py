@@ -15,18 +15,30 @@ from typing import NamedTuple
 import numpy as np
 
 from rodeo.checks.case import MOTION_CAPTURE, THE_MOTION_CAPTURE, Case, CaseError
+from rodeo.checks.declared import reported_failure
 from rodeo.checks.heads import LISTED_S
 from rodeo.checks.keys import counts_until_s, not_standing, taken
 from rodeo.checks.poses import motion_of, moved_s, silences_s
 from rodeo.checks.report import Finding, undecided
 from rodeo.checks.results import Source, once_per_case
 from rodeo.checks.statements import Testimony
-from rodeo.checks.testimony import asked, keys_of, motion_capture_of, parts_of, testimony_of, vouching
+from rodeo.checks.testimony import (
+    asked,
+    keys_of,
+    motion_capture_of,
+    parts_of,
+    signed_by,
+    testimony_of,
+    vouching,
+)
 from rodeo.evidence.errors import EvidenceError
 from rodeo.evidence.series import Array
+from rodeo.lab.drop import SPEAKS_AGAIN_S, SUBMITTED_S
 from rodeo.messages import Device, Fault
-from rodeo.witness.statement import Motion
+from rodeo.witness.statement import Classification, Drop, Motion
 
+THE_SITE = "the site"
+"""As who failed: its organization answers for it."""
 ONE_CHAIN = "one chain of statements per device"
 
 
@@ -50,7 +62,7 @@ def parties(case: Case) -> dict[str, Fault]:
     """The site and its devices in words -> whose failure theirs is. A site answers for its organization."""
     if case.chain_record is None:
         return {}
-    owners = {"the site": case.chain_record.organization}
+    owners = {THE_SITE: case.chain_record.organization}
     owners |= {whose(one.role, one.name): one.owner for one in case.chain_record.devices}
     creator = case.chain_record.task.creator.lower()
     return {
@@ -128,7 +140,7 @@ def _altogether(case: Case, role: str, name: str) -> Doubt | None:
         testimony = testimony_of(case, role, name)
     except CaseError:
         if role == "mocap" and never_registered(case, role, name):
-            return Doubt("the organization registered no motion capture of this site", "the site", registry)
+            return Doubt("the organization registered no motion capture of this site", THE_SITE, registry)
         key = revoked_in_assignment(case, role, name)
         return None if key is None else Doubt(revoked_meanwhile(key), fault, registry)
     alarm = signed_twice(testimony)
@@ -164,6 +176,8 @@ def _silences(case: Case) -> Iterator[Doubt]:
     if (by := _heard_no_more(case)) is not None:
         why = f"motion capture said nothing more that {by} heard, whose own statements go on"
         yield Doubt(why, THE_MOTION_CAPTURE, f"chain of {by}", motions[-1].end_us * 1e-6)
+    elif (silence := unheard(case)) is not None:
+        yield Doubt(silence, THE_SITE, "chains of motion capture and bin", motions[-1].end_us * 1e-6)
 
 
 def _heard_no_more(case: Case) -> str | None:
@@ -186,6 +200,26 @@ def _heard_no_more(case: Case) -> str | None:
     ends_s = max((one.time_s for one in said), default=-math.inf)
     goes_on = ends_s > last.time_s + LISTED_S * case.speed
     return f"the bin {case.bin.name}" if hears and not newer and goes_on else None
+
+
+def unheard(case: Case) -> str | None:
+    """Why nobody can tell who fell silent: the bin named who makes this recording, which went on for as long
+    as a robot waits, and neither motion capture nor the bin said anything more.
+
+    A robot that gives up need not wait, and says what kept it.
+    """
+    if reported_failure(case) is not None:
+        return None
+    said = [one.statement for _, testimony in signed_by(case, asked(case)) for one in testimony.said]
+    claimants = [c for one in said if isinstance(one, Classification | Drop) for c in one.claimants]
+    if not any(one.recording == case.proof.recording for one in claimants):
+        return None
+    last_s, end_s = max(one.time_s for one in said), case.proof.end_ns * 1e-9
+    task = case.chain_record.task if case.chain_record else None
+    latest_s = math.inf if task is None or task.execution_deadline is None else task.execution_deadline
+    if end_s < min(last_s + SPEAKS_AGAIN_S, latest_s - SUBMITTED_S) - case.slack_s:
+        return None
+    return f"neither motion capture nor the bin said anything in the last {end_s - last_s:.0f} s recorded"
 
 
 def signed_twice(testimony: Testimony) -> str | None:

@@ -15,6 +15,10 @@ be lost, and its clock may be off the bin's."""
 WATCHED_S = JUDGED_AFTER_DROP_S + 4.0
 """So long after the drop the bin states whom it has heard: while the robot records, and late enough to miss
 motion capture where that fell silent before it was seen that the item stays."""
+SPEAKS_AGAIN_S = 300.0
+"""Site time for which the robot records on where motion capture fell silent after the drop."""
+SUBMITTED_S = 120.0
+"""Before the end of the execution window it seals, uploads and submits all the same."""
 WEIGHS_THE_SAME_N = 0.1
 """Two weights that one scale measures may be the same thing's if they differ by no more than this: each
 settles to 0.05 N. The lightest item weighs 0.2 N."""

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from rodeo.errors import wrong_fields
 from rodeo.lab.config import ItemConfig, Pose2
-from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S, SPEAKS_AGAIN_S, SUBMITTED_S
 from rodeo.lab.geometry import wrap
 from rodeo.lab.items import NotGraspable
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
@@ -81,10 +81,6 @@ _AT_BIN_M = 0.5
 """Nearer than this to its parking place the robot is in the way of others."""
 _BIN_ANSWER_WALL_S = 20.0
 _BIN_RECALL_WALL_S = 4.0
-_SPEAKS_AGAIN_S = 300.0
-"""Site time for which motion capture is waited for that fell silent after the drop."""
-_SUBMITTED_S = 120.0
-"""Before the end of the execution window, to seal, upload and submit."""
 
 
 @dataclass(frozen=True)
@@ -459,9 +455,9 @@ class WasteDisposal(Behaviour):
             self._body.wait(min(until_s - now_s, _LOOK_AROUND_S))
         # Whoever pulled the plug of motion capture is at fault only if it is seen to speak again, or if the
         # bin missed it: then the robot need not wait for ever.
-        latest_s = until_s + _SPEAKS_AGAIN_S
+        latest_s = until_s + SPEAKS_AGAIN_S
         if work.task.execution_deadline is not None:
-            latest_s = min(latest_s, work.task.execution_deadline - _SUBMITTED_S)
+            latest_s = min(latest_s, work.task.execution_deadline - SUBMITTED_S)
         if not work.recording.await_motion(until_s - RECORDED_AFTER_DROP_S + JUDGED_AFTER_DROP_S, latest_s):
             work.recording.note({"event": "unwitnessed", "waited_s": self._clock.now_s() - until_s})
         if drop is None:

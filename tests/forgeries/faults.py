@@ -1,9 +1,10 @@
 """One fault of another party in an honest cleaning, drawn by a seed.
 
-A witness is off for a while or for good, a key is revoked, words are said again, the bin dies, junk falls in,
-something is taken out, the item is taken or the compartment is filled before it comes. What the robot does
-then is what an honest one does: it records until motion capture speaks again, and gives up where it cannot go
-on. Each third run is under moderate noise. `make bench ONLY=honest` counts who is fined.
+A witness is off for a while or for good, a key is revoked, words are said again, the bin dies, junk falls
+in, something is taken out, the item is taken or kicked away, or the compartment is filled before it comes.
+What the robot does then is what an honest one does: it records until motion capture speaks again, and gives
+up where it cannot go on. Each third run is under moderate noise. `make bench ONLY=honest` counts
+who is fined.
 
 Junk that falls within three seconds of the item is not drawn: the bin takes weights that grow together for
 one fall.
@@ -26,7 +27,7 @@ from rodeo.checks.verify import verify_proof
 from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import Proof
-from rodeo.lab.drop import RECORDED_AFTER_DROP_S
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S, SPEAKS_AGAIN_S
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, watched
 from rodeo_kinds.waste_disposal.harness.giving_up import gives_up, waits
 from rodeo_testing.assignments import BINDING, ROBOT
@@ -173,6 +174,17 @@ def _mocap_off(film: Film, chance: Rng) -> Fault:
     return Fault(f"mocap_off_{where}_the_work", words, take, off, decided=outside)
 
 
+def _all_silent(film: Film, chance: Rng) -> Fault:
+    """Motion capture and bin fall silent together after the drop, and the robot waits in vain."""
+    begin_s = film.settled_s + chance.uniform(-0.5, 12.0)
+    samples = [
+        s for s in film.take.samples if not (s.topic.startswith("bin/") and s.time_ns * 1e-9 > begin_s)
+    ]
+    take = Take(samples).standing(SPEAKS_AGAIN_S)
+    words = f"motion capture and bin fall silent {begin_s - film.settled_s:.1f} s after the drop"
+    return Fault("all_silent", words, take, Witnesses(mocap_off_s=(begin_s, math.inf)))
+
+
 def _key_revoked(film: Film, chance: Rng) -> Fault:
     role, because = str(chance.choice(["mocap", "bin"])), str(chance.choice(["superseded", "compromised"]))
     at_s = chance.uniform(film.take.start_s, film.take.end_s + 30.0)
@@ -304,6 +316,22 @@ def _item_taken(film: Film, chance: Rng) -> Fault:
     return Fault("item_taken", words, gives_up(take, 1.0, str(chance.choice(["not_found", "grasp_failed"]))))
 
 
+def _item_kicked(film: Film, chance: Rng) -> Fault:
+    """A person kicks it along the floor before the robot's eyes."""
+    stands = waits(film.take)
+    begin_s, lasts_s = stands.end_s - chance.uniform(5.0, 12.0), chance.uniform(0.1, 0.8)
+    away = chance.normal(size=2)
+    away *= chance.uniform(0.6, 3.0) / np.linalg.norm(away)
+
+    def edit(sample: Sample) -> Sample:
+        at, passed_s = sample.message.pose.position, min(sample.time_ns * 1e-9 - begin_s, lasts_s)
+        return moved(sample, x=at.x + passed_s * away[0], y=at.y + passed_s * away[1])
+
+    take = edited_between(stands, film.pose, begin_s, math.inf, edit)
+    words = f"a person kicks the item away at {np.linalg.norm(away):.1f} m/s for {lasts_s:.1f} s"
+    return Fault("item_kicked", words, gives_up(take, 1.0, "grasp_failed"))
+
+
 def _filled(film: Film, _chance: Rng) -> Fault:
     take = told(film.take, "bin/classification", full=True).without("bin/drop").without("bin/watch")
     take = gives_up(take, _share(film, film.shown_s + 1.0), "task_failed")
@@ -332,12 +360,14 @@ def _share(film: Film, at_s: float) -> float:
 _FAULTS: tuple[Callable[[Film, Rng], Fault], ...] = (
     _mocap_off,
     _mocap_off,  # most of what can be drawn
+    _all_silent,
     _key_revoked,
     _words_replayed,
     _bin_dead,
     _junk_dropped,
     _taken_out,
     _item_taken,
+    _item_kicked,
     _filled,
     _another_claims,
 )

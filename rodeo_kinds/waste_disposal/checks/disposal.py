@@ -11,11 +11,20 @@ from rodeo.checks.case import Case, CaseError, OthersFailed
 from rodeo.checks.heads import LISTED_S, fork, in_file, listed
 from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.phases import REST_M, phases_of
-from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
+from rodeo.checks.poses import Pose, base_of, motion_of, moving_s, pose_of
 from rodeo.checks.replay import replay_of
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, standing, undecided
 from rodeo.checks.results import once_per_case
-from rodeo.checks.sources import doubtful, revoked_meanwhile, revoked_while_recorded, silent_s, whose
+from rodeo.checks.sources import (
+    THE_SITE,
+    doubtful,
+    revoked_meanwhile,
+    revoked_while_recorded,
+    silent_s,
+    unheard,
+    whose,
+)
+from rodeo.checks.statements import Said
 from rodeo.checks.tables import gaps_of
 from rodeo.checks.testimony import bin_said, bin_testimony, by_signer, own_said
 from rodeo.checks.witnesses import UNLISTED_S
@@ -133,6 +142,8 @@ def _unsaid(case: Case, what: str) -> EvidenceError:
         return OthersFailed(revoked_meanwhile(key), whose("bin", name))
     if bin_said(case) and heard_all(case):
         return OthersFailed(f"{what}, and motion capture heard none either", whose("bin", name))
+    if (silence := unheard(case)) is not None:
+        return OthersFailed(f"{what}, and {silence}", THE_SITE)
     return CaseError(what, bin=name)
 
 
@@ -142,7 +153,7 @@ def heard_all(case: Case) -> bool:
     said = [one.statement for one in motion_of(case)] if case.mocap else []
     if not said or said[-1].time_s < case.proof.end_ns * 1e-9 - LISTED_S * case.speed:
         return False
-    if _gap([one.seq for one in said]):
+    if lost_in_a_row(motion_of(case)) > LOST_IN_A_ROW:
         return False
     known = {(one.statement.seq, one.digest) for one in bin_said(case)}
     return all(
@@ -263,7 +274,7 @@ def presented(case: Case) -> Finding:
         return undecided(
             f"{quoted(first[0].device)} presented itself after this robot did, and nobody saw who stood at "
             "the bin",
-            "the site",
+            THE_SITE,
             source="claimants in the bin's statement",
         )
     if not own or (own[0] not in first and not (case.mocap and said)):
@@ -282,16 +293,19 @@ def presented(case: Case) -> Finding:
 
 
 def _at_bin(case: Case) -> Finding:
-    base, release_s = base_of(case), replay_of(case).release_s
-    bin_m = np.array([case.bin.pose.x_m, case.bin.pose.y_m])
-    place = [np.interp(release_s, base.time_s, column) for column in base.position_m[:, :2].T]
     return at_most(
-        float(np.linalg.norm(np.array(place) - bin_m)),
+        from_bin_m(case, base_of(case), replay_of(case).release_s),
         NEAR_BIN_M,
         "m",
         source=case.base_source,
         detail="distance of the robot from the bin at the release",
     )
+
+
+def from_bin_m(case: Case, pose: Pose, time_s: float) -> float:
+    """How far a body was from the middle of the bin."""
+    x_m, y_m, _ = pose.at(np.array([time_s]))[0]
+    return float(np.hypot(x_m - case.bin.pose.x_m, y_m - case.bin.pose.y_m))
 
 
 def heard(case: Case) -> Finding:
@@ -352,11 +366,11 @@ def nothing_left_out(case: Case) -> Finding:
     """
     missing = {case.bin.name: _missing_of_bin(case)}
     if case.mocap:
-        numbers = [one.statement.seq for one in motion_of(case)]
         ends_s = [one.statement.end_us * 1e-6 for one in motion_of(case) if isinstance(one.statement, Motion)]
         # The one before the release, too: the gap may begin there.
         before = max(bisect_left(ends_s, replay_of(case).release_s) - 1, 0)
-        missing["motion capture"] = _gap(numbers[before:])
+        lost = lost_in_a_row(motion_of(case)[before:])
+        missing["motion capture"] = lost if lost > LOST_IN_A_ROW else 0
     return equal(
         sum(missing.values()),
         0,
@@ -365,10 +379,9 @@ def nothing_left_out(case: Case) -> Finding:
     )
 
 
-def _gap(numbers: list[int]) -> int:
-    """How many statements are missing in a row; 0 where no more are than may be lost."""
-    gap = max((later - one - 1 for one, later in pairwise(numbers)), default=0)
-    return gap if gap > LOST_IN_A_ROW else 0
+def lost_in_a_row(said: list[Said]) -> int:
+    """How many statements of this chain are missing in a row."""
+    return max((later.statement.seq - one.statement.seq - 1 for one, later in pairwise(said)), default=0)
 
 
 def _missing_of_bin(case: Case) -> int:
@@ -413,6 +426,8 @@ def stays_in_bin(case: Case) -> Finding:
     taken = _taken_out(case, removed, drop)
     if taken is not None and taken.outcome == "rejected":
         return taken
+    if case.mocap and (left := _left(case, compartment, settled_s + CLOCKS_S)) != compartment:
+        return standing(_elsewhere(case, left or "left it", compartment))
     if drop is not None and end_s - settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
         return at_least(
             end_s - settled_s,
@@ -453,15 +468,9 @@ _WHOEVER = "whoever took something out of the bin"
 
 
 def _lies_in(case: Case, compartment: str, settled_s: float) -> Finding:
-    last_m = pose_of(case, case.item.id).position_m[-1]
     found = _end(case, compartment, settled_s + CLOCKS_S)
     if found != compartment:
-        elsewhere = equal(
-            f"{found}, last at {last_m[0]:.2f} {last_m[1]:.2f} {last_m[2]:.2f}",
-            compartment,
-            source="motion capture of the item",
-            detail="where the item is from the drop on",
-        )
+        elsewhere = _elsewhere(case, found, compartment)
         return standing(elsewhere) if _outside_at_last(case) else elsewhere
     gap_m, held_m = _gaps_m(case)
     if not gap_m >= held_m + OPEN_M:
@@ -469,11 +478,21 @@ def _lies_in(case: Case, compartment: str, settled_s: float) -> Finding:
             gap_m, held_m + OPEN_M, "m", "the robot's joints", "half the gap between the fingers at the end"
         )
     return at_least(
-        _hand_away_m(case, last_m),
+        _hand_away_m(case, pose_of(case, case.item.id).position_m[-1]),
         AWAY_M,
         "m",
         source="motion capture of base and item, and the robot's joints",
         detail=f"the item lies in {found}; distance of the hand from it",
+    )
+
+
+def _elsewhere(case: Case, found: str, compartment: str) -> Finding:
+    x_m, y_m, z_m = pose_of(case, case.item.id).position_m[-1]
+    return equal(
+        f"{found}, last at {x_m:.2f} {y_m:.2f} {z_m:.2f}",
+        compartment,
+        source="motion capture of the item",
+        detail="where the item is from the drop on",
     )
 
 
@@ -490,12 +509,8 @@ def _mentioned(case: Case) -> bool:
 
 def _end(case: Case, wanted: str, settled_s: float) -> str:
     """The compartment that the item is in from the drop on, or what keeps it from being in one."""
-    item = pose_of(case, case.item.id)
-    layout = BinLayout(case.bin)
-    names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
-    names += [_fallen_into(case, layout, place) for place in _falling(case, settled_s)]
-    left = next((name for name in names if name not in (wanted, _ABOVE)), wanted)
-    if left != wanted:
+    item, layout = pose_of(case, case.item.id), BinLayout(case.bin)
+    if (left := _left(case, wanted, settled_s)) != wanted:
         return left or "left it"
     last_s, last_m = float(item.time_s[-1]), item.position_m[-1]
     if _hidden(case):
@@ -511,6 +526,14 @@ def _end(case: Case, wanted: str, settled_s: float) -> str:
     if (last_m[2] - lately_m[:, 2] > REST_M).any():
         return "being lifted"
     return _compartment(layout, last_m) or "elsewhere"
+
+
+def _left(case: Case, wanted: str, settled_s: float) -> str | None:
+    """Where the item was seen first that is not there from the drop on; None for nowhere in the bin."""
+    item, layout = pose_of(case, case.item.id), BinLayout(case.bin)
+    names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
+    names += [_fallen_into(case, layout, place) for place in _falling(case, settled_s)]
+    return next((name for name in names if name not in (wanted, _ABOVE)), wanted)
 
 
 def _outside_at_last(case: Case) -> bool:

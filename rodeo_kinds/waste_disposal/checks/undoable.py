@@ -6,7 +6,6 @@ that finds nothing has to give the task back in time. Whether there was room for
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,13 @@ from rodeo.lab.config import RobotConfig
 from rodeo.lab.place import PLACE_LIMIT_M
 from rodeo.witness.motion import PERIOD_US
 from rodeo.witness.statement import Classification, Motion, Presentation, Removal
-from rodeo_kinds.waste_disposal.checks.disposal import LOST_IN_A_ROW, NEAR_BIN_M, heard_all
+from rodeo_kinds.waste_disposal.checks.disposal import (
+    LOST_IN_A_ROW,
+    NEAR_BIN_M,
+    from_bin_m,
+    heard_all,
+    lost_in_a_row,
+)
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 SEARCHED_M = 1.6
@@ -75,7 +80,7 @@ def undoable(case: Case, failure: Mapping[str, Any]) -> Finding | None:
         return None
     if (failed := doubtful(case, "mocap", MOTION_CAPTURE)) is not None:
         return failed
-    if not motion_of(case) or _missing(case) > LOST_IN_A_ROW:
+    if not motion_of(case) or lost_in_a_row(motion_of(case)) > LOST_IN_A_ROW:
         return None
     return _whereabouts(case, params, cause)
 
@@ -178,10 +183,7 @@ def _not_brought(case: Case, shown_s: float) -> Finding | None:
         found = check(case)
         if found.passed is False:
             return found.model_copy(update={"detail": f"{check.__name__}: {found.detail}"})
-    item = pose_of(case, case.item.id)
-    at_m = np.array([np.interp(shown_s, item.time_s, column) for column in item.position_m[:, :2].T])
-    away_m = float(np.linalg.norm(at_m - (case.bin.pose.x_m, case.bin.pose.y_m)))
-    if away_m > NEAR_BIN_M:
+    if (away_m := from_bin_m(case, pose_of(case, case.item.id), shown_s)) > NEAR_BIN_M:
         raise CaseError("the item was not at the bin when it was shown", away_m=round(away_m, 2))
     return None
 
@@ -226,7 +228,7 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         moved = float(np.linalg.norm(item.position_m - item.position_m[0], axis=1).max()) > MOVED_M
         heard = any(in_file(case, head) for _, head in listed(case, motion_of(case)))
         # No slack: who knows the task may have moved it, assigned or not, before its recording began.
-        if rested_s > task.registered or _missing(case) or moved or not heard:
+        if rested_s > task.registered or lost_in_a_row(motion_of(case)) or moved or not heard:
             return undecided("nobody can tell since when the item lies elsewhere", "nobody", _SOURCE)
         nearest_m = float(np.linalg.norm(item.position_m[:, :2] - place_m, axis=1).min())
         found = impossible("how near the item was to the task's place", THE_CREATOR, _SOURCE)
@@ -260,12 +262,6 @@ def _refuted(case: Case, seen: str) -> Finding:
     """Whatever motion capture had said while it was off."""
     detail = f"the executor reports: {reported_failure(case)}; {seen}"
     return Finding(passed=False, source=_SOURCE, detail=detail, stands=True)
-
-
-def _missing(case: Case) -> int:
-    """Statements of motion capture that are missing in a row."""
-    numbers = [one.statement.seq for one in motion_of(case)]
-    return max((later - one - 1 for one, later in pairwise(numbers)), default=0)
 
 
 def _rested_s(case: Case, body: str, item: Pose) -> float:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import open_proof
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S, SPEAKS_AGAIN_S
 from rodeo_kinds.waste_disposal.harness.film import watched, without_mocap
 from rodeo_kinds.waste_disposal.harness.giving_up import assigned, gives_up, kicked, pushed, waits
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, CleaningWorkshop
@@ -594,6 +595,42 @@ def the_plug_pulled_until_the_robot_stops_waiting(shop: CleaningWorkshop) -> Sub
     return shop.submitted(take, witnesses=witnesses, proof_submitted=take.end_s + 3.0)
 
 
+def _all_silent(shop: CleaningWorkshop, take: Take, after_drop_s: float) -> Submission:
+    """From then on neither motion capture nor the bin says anything, and the robot records for as long as it
+    waits."""
+    off_s = _drop(shop.take)["settled_s"] + after_drop_s
+    said = [s for s in take.samples if not (s.topic.startswith("bin/") and s.time_ns * 1e-9 > off_s)]
+    witnesses = Witnesses(mocap_off_s=(off_s, math.inf))
+    longer = Take(said).standing(RECORDED_AFTER_DROP_S + SPEAKS_AGAIN_S)
+    return shop.submitted(longer, witnesses=witnesses, proof_submitted=longer.end_s + 3.0)
+
+
+@HARNESS.ruining("stays_in_bin", role="bystander", ruling="void", doubts="the site")
+def the_fuse_blown_after_the_drop(shop: CleaningWorkshop) -> Submission:
+    """Motion capture and bin fall silent together, and never speak again."""
+    return _all_silent(shop, watched(shop.take), 2.0)
+
+
+@HARNESS.ruining("dropped", role="creator", ruling="void", doubts="the site")
+def the_fuse_blown_while_it_falls(shop: CleaningWorkshop) -> Submission:
+    """The same before the bin has weighed the item."""
+    return _all_silent(shop, watched(shop.take), -0.3)
+
+
+@HARNESS.forgery("stays_in_bin", "where the item is", role="executor")
+def taken_home_before_the_fuse_blows(shop: CleaningWorkshop) -> Submission:
+    """Motion capture sees the item leave the bin again, then the executor switches it and the bin off."""
+    begin_s = _drop(shop.take)["settled_s"] + 1.0
+    home = edited_between(watched(shop.take), ITEM_POSE, begin_s, math.inf, lambda s: displaced(s, x=-1.0))
+    return _all_silent(shop, home, 4.0)
+
+
+@HARNESS.forgery("carried", "never leaves the floor", role="executor")
+def nothing_carried_before_the_fuse_blows(shop: CleaningWorkshop) -> Submission:
+    """The item lies where it lay, and the executor switches both off after the drop of its twin."""
+    return _all_silent(shop, watched(resting(shop.take, ITEM_POSE, 0)), 2.0)
+
+
 def _left_out(shop: CleaningWorkshop, take: Take, *, watch: bool) -> Submission:
     """The recording lacks what motion capture said from three seconds after the drop on."""
     from_s = _drop(shop.take)["settled_s"] + 3.0
@@ -621,6 +658,13 @@ def statements_left_out_with_the_bins_last_word(shop: CleaningWorkshop) -> Submi
 def statements_left_out_for_minutes(shop: CleaningWorkshop) -> Submission:
     """The same, and the robot records for two minutes, as if it waited for motion capture."""
     return _left_out(shop, watched(shop.take, 120.0), watch=True)
+
+
+@HARNESS.forgery("stays_in_bin", role="executor", ruling="void", doubts="the site")
+def statements_left_out_until_nobody_waits(shop: CleaningWorkshop) -> Submission:
+    """The same, and the robot records for longer than it would wait. Nobody can tell that from a blown fuse:
+    nobody is paid."""
+    return _left_out(shop, watched(shop.take, RECORDED_AFTER_DROP_S + SPEAKS_AGAIN_S), watch=True)
 
 
 @HARNESS.ruining("seen_throughout", role="bystander", ruling="void", doubts="the site's motion capture")

@@ -188,7 +188,7 @@ def left_out_from_the_middle_of_the_carry_on(shop: CleaningWorkshop) -> Submissi
     return shop.submitted(take, witnesses=_without_motion_capture(shop, middle_s(shop.take, 0.45)))
 
 
-@HARNESS.forgery("stays_in_bin", "to the end of the recording", role="executor")
+@HARNESS.forgery("stays_in_bin", "where the item is", role="executor")
 def left_out_while_the_bin_hears_nothing(shop: CleaningWorkshop) -> Submission:
     """The same, and the bin's genuine statements list nothing of the motion capture, which it never heard."""
     until_s = shop.take.of("bin/drop")[0].message["settled_s"] + 3.0

@@ -182,6 +182,23 @@ def test_readings_of_another_hour_earn_no_more_than_the_hour_in_which_they_were_
     assert report.amount_iec == 300 * kwh(samples[0], samples[-1])
 
 
+@pytest.mark.parametrize(
+    ("waits", "rates"),
+    [({"assigned": -7200.0}, ((6, 300), (17, 500))), ({"proof_submitted": 7200.0}, ((6, 500), (19, 300)))],
+    ids=["before the charge", "after it"],
+)
+def test_who_waits_for_hours_earns_no_more_than_in_the_cheapest_of_them(
+    charge: Take, judge: Judge, site: Site, waits: dict[str, float], rates: tuple[tuple[int, int], ...]
+) -> None:
+    """All clocks may be off together: the chain only knows that the charge was in between."""
+    task = charging_chain_record(charge).task
+    times_s = {name: getattr(task, name) + by_s for name, by_s in waits.items()}
+    report = judged(judge, charge, at=with_rates(site, *rates), **times_s)
+    assert report.accepted, report.reason
+    samples = charge.of(METER_RECORD)
+    assert report.amount_iec == 300 * kwh(samples[0], samples[-1])
+
+
 def test_a_robot_whose_clock_is_a_little_behind_is_served(charge: Take, judge: Judge) -> None:
     late = receipts(lambda one: one | {"time_s": one["time_s"] - 50.0})
     report = judged(judge, charge, late)
