@@ -14,7 +14,7 @@ from rodeo.checks.kinematics import inverse, kinematics_of, product, turned
 from rodeo.checks.phases import HELD_S, LIFTED_M, phases_of
 from rodeo.checks.poses import CLOCKS_S, Pose, base_of, pose_of
 from rodeo.checks.report import Finding, at_most, skipped, standing
-from rodeo.checks.smoothing import smoothed
+from rodeo.checks.smoothing import HALF_WINDOW_S, smoothed
 from rodeo.checks.sources import blind
 from rodeo.checks.tables import gaps_of
 from rodeo.checks.witnesses import UNSEEN_S
@@ -154,8 +154,12 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
         item, base, gripper = (pose_of(case, body) for body in (case.item.id, robot, gripper_body(robot)))
     except CaseError:
         return False
-    item_s, own_s = np.arange(begin_s, end_s, _STEP_S), np.arange(begin_s - FLINGS_S, end_s, _STEP_S)
-    known = own_s[0] >= max(base.time_s[0], gripper.time_s[0]) and item_s[0] >= item.time_s[0]
+    # Smoothing flattens the ends.
+    item_s, own_s = (
+        np.arange(begin_s - before_s, end_s + 2 * HALF_WINDOW_S, _STEP_S)
+        for before_s in (2 * HALF_WINDOW_S, FLINGS_S)
+    )
+    known = own_s[0] >= max(base.time_s[0], gripper.time_s[0]) and begin_s >= item.time_s[0]
     lost_s = [span for one in (item, base, gripper) for span in one.unseen_s if span[1] - span[0] > BLINKS_S]
     if not known or any(from_s < end_s and until_s > own_s[0] for from_s, until_s in lost_s):
         return False

@@ -291,7 +291,7 @@ def slid_by_the_gripper(shop: CleaningWorkshop) -> Submission:
 
 def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float) -> Submission:
     """A body of the robot goes aside within half a second and back, and the item goes farther."""
-    take, begin_s = waits(shop.take), shop.take.start_s + 7.5
+    take, begin_s = waits(shop.take), shop.take.start_s + 14.0
 
     def edit(sample: Sample) -> Sample:
         share = (sample.time_ns * 1e-9 - begin_s) / 0.5
@@ -302,7 +302,7 @@ def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float) -> Sub
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
 def swept_aside_with_a_stick(shop: CleaningWorkshop) -> Submission:
-    """The gripper holds a stick, half a metre long, and sweeps the item aside with that."""
+    """The gripper holds a stick, 30 cm long, and sweeps the item aside with that."""
     return _swept(shop, GRIPPER_POSE, 0.3, 1.0)
 
 

@@ -96,7 +96,9 @@ def test_what_the_site_does_not_have_is_given_back_and_not_handed_in(
         pytest.param(lambda take: take, 4.0, "not_found", id="the robot never went there"),
         pytest.param(lambda take: take.without(ITEM_POSE), 4.0, "not_found", id="nor, and nobody saw it"),
         pytest.param(
-            lambda take: elsewhere(elsewhere(take, ITEM_POSE, 99.0, 2.0, 3.8), GRIPPER_POSE, 99.0, 2.0, 3.8),
+            lambda take: elsewhere(
+                elsewhere(reaching(take), ITEM_POSE, 99.0, 2.0, 3.8), GRIPPER_POSE, 99.0, 2.0, 3.8
+            ),
             0.0,
             "not_found",
             id="it took it",
@@ -133,6 +135,12 @@ def lifted(take: Take, topic: str, begins_s: float, lasts_s: float = 99.0, aside
     return take.edited(topic, edit)
 
 
+def reaching(take: Take) -> Take:
+    """The gripper is at the item."""
+    lies = take.of(ITEM_POSE)[0].message.pose.position
+    return take.edited(GRIPPER_POSE, lambda s: moved(s, x=lies.x, y=lies.y, z=lies.z + 0.15))
+
+
 def standing(take: Take) -> Take:
     """The robot stands in front of the item for ten seconds more."""
     return Take([s for s in take.samples if s.time_ns * 1e-9 <= take.start_s + 4.0]).standing(10.0)
@@ -149,9 +157,23 @@ def test_an_item_that_somebody_else_takes_within_the_robots_reach_is_nobodys_fai
     assert (report.outcome, report.fault) == ("undecided", "whoever took it"), report.reason
 
 
+@pytest.mark.parametrize(
+    ("topic", "outcome"), [(None, "undecided"), (GRIPPER_POSE, "rejected"), (ROBOT_POSE, "rejected")]
+)
+def test_an_item_that_is_kicked_away_from_a_robot_that_is_seen_to_stand_is_nobodys_failure(
+    cleaning: Take, judge: Judge, topic: str | None, outcome: str
+) -> None:
+    take = elsewhere(standing(cleaning), ITEM_POSE, 99.0, 0.2, begins_s=6.0)
+    if topic is not None:
+        take = take.edited(topic, lambda s: None if 5.2 < s.time_ns * 1e-9 - take.start_s < 6.2 else s)
+    take = given_up(take, "grasp_failed", after_s=13.0)
+    report = judge(take, posted(take))
+    assert (report.outcome, failed(report)) == (outcome, "not_given_up"), report.reason
+
+
 def test_what_the_robots_own_gripper_lifts_nobody_else_took(cleaning: Take, judge: Judge) -> None:
     """Nor what a person takes out of it, nor what it threw, nor what nobody saw rise."""
-    stands = standing(cleaning)
+    stands = reaching(standing(cleaning))
     gripped = lifted(lifted(stands, ITEM_POSE, 6.0), GRIPPER_POSE, 6.0)
     handed_on = lifted(lifted(stands, ITEM_POSE, 6.0), GRIPPER_POSE, 6.0, lasts_s=0.8)
     thrown = lifted(lifted(stands, ITEM_POSE, 6.0, 0.7, aside_m=1.0), GRIPPER_POSE, 6.0, lasts_s=0.3)
