@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
+from contextlib import ExitStack
 
 from rodeo.config import Site, agent_process
 from rodeo.process import Process
 from rodeo.serving import served_by
-from services.robot_agent.agent import Agent
+from services.robot_agent.assembly import assembled
 
 
 def run(site: Site, robot: str, stop: threading.Event) -> None:
@@ -18,4 +19,7 @@ def run(site: Site, robot: str, stop: threading.Event) -> None:
         process.serve_alone(served_by(site, name))
         process.wait_clock()
         process.not_ready("waiting for the organization")
-        Agent(process, config).run()
+        with ExitStack() as closing:
+            agent = assembled(process, config, closing)
+            with process.clock.acting(), closing.pop_all():
+                agent.live()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,32 +25,40 @@ from rodeo.schedule import Schedule
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Sample, Take
 from rodeo_testing.waiting import HANG_S
-from services.robot_agent.agent import Agent, AssignmentWatch
-from services.robot_agent.budget import HourlyBudget
+from services.robot_agent.activity import Patience
+from services.robot_agent.agent import Agent, Senses
+from services.robot_agent.attempts import Attempts
+from services.robot_agent.decision import Situation
+from services.robot_agent.execution import AssignmentWatch
+from services.robot_agent.idle import Idle
 from services.robot_agent.journal import Phase
+from services.robot_agent.machine import Machine, Skills
+from services.robot_agent.news import News
+from services.robot_agent.offers import Offers, Turns
 from services.robot_agent.orders import Standing
 
 TASK = cleaning_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
 
 
 def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number() -> None:
-    agent: Any = Agent.__new__(Agent)
-    agent._events, agent._events_lock = deque(maxlen=10), threading.Lock()
-    agent._recording, agent._wake, agent._clock = None, threading.Event(), WallClock()
-    agent._rulings = SimpleNamespace(on_event=lambda _event: None)
+    news, recorded = News(WallClock(), threading.Event()), list[DaoEvent]()
 
     def event(seq: int, chain: str) -> DaoEvent:
         where = {"block": seq, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}
         return DaoEvent(seq=seq, name="TaskAssigned", task_id=1, args={}, chain=chain, **where)
 
-    agent._on_event(event(60, "0x01"))
-    agent._on_event(event(7, "0x02"))
-    assert [one.seq for one in agent._events] == [7]
+    news.on_event(event(60, "0x01"))
+    news.on_event(event(7, "0x02"))
+    recording: Any = SimpleNamespace(event=recorded.append)
+    news.start_recording(recording, TASK.model_copy(update={"id": 1}))
+    news.on_event(event(8, "0x02"))
+    assert [one.seq for one in recorded] == [7, 8]
 
 
 # -- working hours -----------------------------------------------------------------------------------------
 
 HOME = Pose2(x_m=0, y_m=0)
+REAL_TIME = ClockConfig()
 MIDNIGHT_S = 1_900_022_400.0
 """2030-03-17 00:00 UTC."""
 
@@ -77,36 +85,88 @@ class Night:
     blocked: int = 0
     """Drives home that fail."""
     robots: int = 1
+    others: list[Any] = field(default_factory=list)
+    robot: Any = None
+    payout: str | None = None
+    offers: list[object] = field(default_factory=list)
+    """Services of other robots."""
+    asked_for: list[str] = field(default_factory=list)
+    memory: Any = field(default_factory=lambda: SimpleNamespace(held=None))
+    agent: Any = None
 
-    def mind(self) -> Any:
-        agent: Any = Agent.__new__(Agent)
-        agent._stop, agent._wake = threading.Event(), threading.Event()
-        agent._schedule, agent._off_since, agent._astray = Schedule(["08:00-18:00"]), None, 0
-        agent._orders = SimpleNamespace(standing=self.standing)
-        agent._exploring, agent._keep = HourlyBudget(3600.0), lambda *_: None
-        agent._site = SimpleNamespace(
-            agent=AgentConfig(explore_when_idle=False), robots=[None] * self.robots, clock=ClockConfig()
-        )
-        agent._energy = SimpleNamespace(name="energy")
-        agent._robot = SimpleNamespace(name="panther1", pose=HOME)
-        agent._process = SimpleNamespace(disk_problem="", ready=lambda: None)
-        agent._memory = SimpleNamespace(held=None)
-        agent._interrupts = Interrupts()
-        agent._body, agent._dao, agent._upkeep, agent._charging = self, self, self, self
-        agent._manipulator = SimpleNamespace(
+    def __post_init__(self) -> None:
+        self.hands: Any = SimpleNamespace(
             fold=lambda: self.did.append("fold"), make_way=lambda: self.did.append("make way")
         )
-        agent._report = lambda text, *_: self.said.append(text)
-        agent._rest = lambda _situation: self.did.append("rest")
-        agent._work = lambda _situation: (self.did.append("work"), self.assigned.clear())
-        agent._dock = lambda _situation: (self.did.append("dock"), setattr(self, "charge", None))
-        agent._energy, agent._behaviours = SimpleNamespace(name="charge"), {TASK.kind: self}
-        agent._open_services = lambda wanted: setattr(self, "service", "active" if wanted else "paused")
-        agent._has_begun = lambda _task: False
-        agent._payout, agent._rests_until_s = None, 0.0
-        agent._acceptance = SimpleNamespace(accept=lambda *_: None)
-        self.agent = agent
-        return agent
+
+    def mind(self, clock: Any = None, config: ClockConfig = REAL_TIME) -> Any:
+        night, stop = self, threading.Event()
+        self.clock = clock or NightClock(self)
+        site = SimpleNamespace(
+            agent=AgentConfig(explore_when_idle=False, explore_min_per_h=60),
+            robots=self.others or [None] * self.robots,
+            clock=config,
+        )
+        process: Any = SimpleNamespace(
+            site=site, clock=self.clock, stop=stop, disk_problem="", ready=lambda: None, data_dir=None
+        )
+        self.stop, self.news = stop, News(self.clock, stop)
+        fakes: Any = self
+        activity: Any = SimpleNamespace(report=lambda text, *_: self.said.append(text), attempt=None)
+        robot: Any = self.robot or SimpleNamespace(
+            name="panther1", pose=HOME, schedule=Schedule(["08:00-18:00"]), payout=self.payout
+        )
+        orders: Any = SimpleNamespace(standing=self.standing, working_on=lambda _nonce: None)
+        none: Any = None
+
+        class SomeOffers(Offers):
+            def open(self, wanted: Collection[str]) -> None:
+                night.did.extend(["offer"] if night.payout else [])
+                night.service = "active" if wanted else "paused"
+
+            def close(self, kinds: Collection[str]) -> None:
+                night.did.append("pause")
+
+        class SomeIdle(Idle):
+            def rest(self, situation: Situation) -> None:
+                night.did.append("rest")
+
+        class SomeAttempts(Attempts):
+            def work(self, situation: Situation) -> None:
+                night.did.append("work")
+                night.assigned.clear()
+
+            def has_begun(self, task: Task) -> bool:
+                return False
+
+        skills = Skills({}, {TASK.kind: fakes}, fakes, self.clock)
+        machine = Machine(robot, fakes, self.hands, none, self.memory, Interrupts(), none)
+        offers = SomeOffers(robot, fakes, skills, none, self.clock)
+        self.idle = SomeIdle(process, machine, self.news, activity, fakes, fakes, offers)
+        willing: Any = SimpleNamespace(accept=lambda *_: None)
+        self.attempts = SomeAttempts(process, fakes, skills, none, offers, fakes, willing, self.idle)
+        decisions: Any = SimpleNamespace(add=lambda _decided: None)
+        senses = Senses(process, "charge", fakes, skills, self.attempts, self.idle, orders, decisions)
+        self.turns = Turns(process, robot, fakes, self.news)
+        patience = Patience(process, self.news, activity)
+        charges: Any = SimpleNamespace(dock=self.dock, buy=None, wait=None)
+        self.agent = Agent(process, senses, self.attempts, self.idle, offers, self.turns, patience, charges)
+        return self.agent
+
+    def dock(self, _situation: Situation) -> None:
+        self.did.append("dock")
+        self.charge = None
+
+    # the store and the chain, of a proof
+    def put(self, _path: Any) -> str:
+        self.did.append("submit")
+        return "file:///proofs/" + "ab" * 32 + ".mcap"
+
+    def submit_proof(self, *_: Any) -> None:
+        pass
+
+    def task(self, _task_id: int) -> Task:
+        return TASK
 
     # the body
     def battery(self) -> Battery:
@@ -140,6 +200,10 @@ class Night:
     def name_payout(self, payout: str) -> str:
         self.did.append(f"name {payout}")
         return "0x02"
+
+    def ask(self, _query: object, provider: str) -> Any:
+        self.asked_for.append(provider)
+        return SimpleNamespace(services=self.offers)
 
     # the work
     def weigh(self, _task: Task | None, here: Pose2) -> Estimate:
@@ -184,11 +248,10 @@ class NightClock:
 
 
 def steps(night: Night, number: int) -> None:
-    agent = getattr(night, "agent", None) or night.mind()
-    agent._clock = NightClock(night)
+    agent = night.agent or night.mind()
     for _ in range(number):
-        agent._wake.clear()
-        agent._step()
+        night.news.wake.clear()
+        agent.step()
 
 
 def test_after_its_hours_a_robot_folds_its_arm_is_switched_off_and_waits_for_the_morning() -> None:
@@ -247,8 +310,7 @@ def test_what_it_was_given_before_its_hours_were_over_it_does_and_is_off_again(n
 
 def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switched_off() -> None:
     night = Night(at(18))
-    agent = night.mind()
-    agent._manipulator = SimpleNamespace(fold=lambda: agent._wake.set())
+    night.hands.fold = lambda: night.news.wake.set()
     steps(night, 1)
     assert night.powered and not night.waits
 
@@ -256,8 +318,7 @@ def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switc
 @pytest.mark.parametrize("late_s", [0.0, 600.0])
 def test_a_robot_that_comes_home_when_its_hours_begin_does_not_sleep_through_the_day(late_s: float) -> None:
     night = Night(at(31.9))
-    agent = night.mind()
-    agent._manipulator = SimpleNamespace(fold=lambda: setattr(night, "now_s", at(32) + late_s))
+    night.hands.fold = lambda: setattr(night, "now_s", at(32) + late_s)
     steps(night, 1)
     assert night.powered and not night.waits
 
@@ -269,16 +330,13 @@ def test_a_paused_robot_is_switched_off_where_it_stands() -> None:
 
 
 def test_who_is_paid_is_said_once_and_before_the_first_offer(caplog: pytest.LogCaptureFixture) -> None:
-    night = Night(at(9))
-    agent = night.mind()
-    agent._payout, agent._open_services = "0x01", lambda _wanted: night.did.append("offer")
+    night = Night(at(9), payout="0x01")
     steps(night, 2)
     assert night.did == ["name 0x01", "offer", "rest", "offer", "rest"]
     assert "payments go to 0x02, and not to 0x01" in caplog.text
 
 
 def test_who_sleeps_hears_at_once_that_the_process_is_asked_to_end() -> None:
-    agent: Any = Agent.__new__(Agent)
     begun = threading.Event()
 
     class Stop(threading.Event):
@@ -286,11 +344,12 @@ def test_who_sleeps_hears_at_once_that_the_process_is_asked_to_end() -> None:
             begun.set()
             return super().wait(timeout)
 
-    agent._stop, agent._wake = Stop(), threading.Event()
-    threading.Thread(target=agent._wake_to_stop, daemon=True).start()
-    assert begun.wait(HANG_S) and not agent._wake.is_set()
-    agent._stop.set()
-    assert agent._wake.wait(HANG_S)
+    stop = Stop()
+    news = News(WallClock(), stop)
+    news.start()
+    assert begun.wait(HANG_S) and not news.wake.is_set()
+    stop.set()
+    assert news.wake.wait(HANG_S)
 
 
 @pytest.mark.parametrize(("hour", "paused"), [(17.9, False), (18.1, True)])
@@ -298,13 +357,11 @@ def test_the_offer_is_paused_before_the_verdict_on_work_that_ended_after_hours(
     hour: float, paused: bool
 ) -> None:
     """Else the service would be free with the verdict, and the next task be given to a robot that is off."""
-    night, done = Night(at(hour)), []
-    agent = night.mind()
-    agent._clock, agent._orders.working_on = NightClock(night), lambda _nonce: None
-    agent._close_services = lambda _kinds: done.append("pause")
-    agent._submit = lambda *_: done.append("submit")
-    agent._advance(TASK, SimpleNamespace(phase=Phase.SEALED, unproven=False), None)
-    assert done == (["pause", "submit"] if paused else ["submit"])
+    night = Night(at(hour))
+    night.mind()
+    journal: Any = SimpleNamespace(phase=Phase.SEALED, unproven=False, failure=None, advance=lambda *_: None)
+    night.attempts.advance(TASK, journal, Path())
+    assert night.did == (["pause", "submit"] if paused else ["submit"])
 
 
 # -- refusals ----------------------------------------------------------------------------------------------
@@ -347,19 +404,14 @@ class Pauses:
 
 def refused(error: Exception, clock: ClockConfig) -> Pauses:
     """How a mind waits to which `error` happens."""
-    agent = Night(at(10)).mind()
-    agent._site.clock, agent._complaint = clock, ""
-    closing = ("_orders", "_copies", "_dao_events", "_rulings", "_receipts", "_witness", "_node")
-    for name in closing:
-        setattr(agent, name, SimpleNamespace(close=lambda: None, standing=Standing()))
-    agent._bins = {}
+    pauses, night = Pauses(2), Night(at(10))
+    agent = night.mind(pauses, clock)
 
-    def step() -> None:
+    def look() -> None:
         raise error
 
-    agent._step = step
-    pauses = agent._clock = Pauses(2)
-    agent._live()
+    night.own_live_task = lambda _kind: look()  # type: ignore[method-assign]
+    agent.live()
     return pauses
 
 
@@ -403,10 +455,9 @@ def test_time_does_not_jump_while_the_chain_is_away() -> None:
 def test_where_time_is_as_fast_as_can_be_how_long_others_hold_it_wakes_no_robot_that_rests(
     clock: ClockConfig, looks: bool, wall_s: float | None
 ) -> None:
-    agent = Night(at(10)).mind()
-    agent._site.clock = clock
-    pauses = agent._clock = Pauses(1)
-    agent._wait_for_news(looks)
+    night, pauses = Night(at(10)), Pauses(1)
+    night.mind(pauses, clock)
+    night.idle.wait_for_news(looks)
     assert (pauses.site_s, pauses.wall_s, pauses.resting) == ([600.0], [wall_s], [True])
 
 
@@ -438,69 +489,62 @@ class Jumping(WallClock):
         return done()
 
 
-def one_of_three(number: int, clock: ClockConfig = SEEDED) -> Any:
-    agent = Night(at(10), robots=3).mind()
+def one_of_three(number: int, clock: Any, config: ClockConfig = SEEDED) -> Night:
     hours = [("08:00-18:00",), ("20:00-22:00",), ("08:00-18:00",)]
-    agent._site.robots = [
-        RobotConfig(name=f"panther{k}", pose=HOME, working_hours=hours[k]) for k in range(3)
-    ]
-    agent._site.clock, agent._robot, agent._has_begun_in_order = clock, agent._site.robots[number], False
-    return agent
+    robots = [RobotConfig(name=f"panther{k}", pose=HOME, working_hours=hours[k]) for k in range(3)]
+    night = Night(at(10), robots=3, others=robots, robot=robots[number])
+    night.mind(clock, config)
+    return night
+
+
+def begin(night: Night) -> None:
+    night.turns.let_others_begin(night.said.append, lambda: None)
 
 
 def test_no_two_minds_begin_a_step_at_the_same_site_time() -> None:
     begun: list[set[int]] = []
     for number in range(3):
-        agent = one_of_three(number)
-        agent._clock = Jumping(round(at(10) * 50))
+        clock = Jumping(round(at(10) * 50))
+        turns = one_of_three(number, clock).turns
         begun.append(set())
         for _ in range(30):
-            before = agent._clock.period
-            agent._take_slot()
-            assert before < agent._clock.period <= before + 3
-            begun[-1].add(agent._clock.period)
-            agent._clock.period += number  # a step takes time, too
+            before = clock.period
+            turns.take_slot()
+            assert before < clock.period <= before + 3
+            begun[-1].add(clock.period)
+            clock.period += number  # a step takes time, too
     assert not (begun[0] & begun[1] or begun[0] & begun[2] or begun[1] & begun[2])
 
 
 def test_robots_that_are_on_duty_offer_first_in_the_order_of_the_site_file() -> None:
-    agent = one_of_three(2)
-    asked: list[str] = []
-    offers: list[object] = []
-
-    def ask(_query: object, provider: str) -> Any:
-        asked.append(provider)
-        return SimpleNamespace(services=offers)
-
-    agent._dao = SimpleNamespace(ask=ask)
+    clock = Jumping(round(at(10) * 50))
+    night = one_of_three(2, clock)
 
     def meanwhile() -> None:
-        offers.append("its service")
-        agent._wake.set()
+        night.offers.append("its service")
+        night.news.wake.set()
 
-    agent._clock = Jumping(round(at(10) * 50), meanwhile)
-    agent._let_others_begin()
-    assert asked == ["panther0"] * 2, "panther1 is off until the evening"
-    assert agent._clock.now_s() == at(10) and agent._wake.is_set()
-    agent._let_others_begin()
-    assert len(asked) == 2, "only before its first offer"
+    clock.meanwhile = meanwhile
+    begin(night)
+    assert night.asked_for == ["panther0"] * 2, "panther1 is off until the evening"
+    assert clock.now_s() == at(10) and night.news.wake.is_set()
+    begin(night)
+    assert len(night.asked_for) == 2, "only before its first offer"
 
 
 def test_who_never_offers_is_not_waited_for_long() -> None:
-    agent = one_of_three(2)
-    agent._dao = SimpleNamespace(ask=lambda _query, provider: SimpleNamespace(services=[]))
-    agent._clock = Jumping(round(at(10) * 50))
-    agent._let_others_begin()
-    assert agent._clock.now_s() == pytest.approx(at(10) + 600)
+    clock = Jumping(round(at(10) * 50))
+    begin(one_of_three(2, clock))
+    assert clock.now_s() == pytest.approx(at(10) + 600)
 
 
-@pytest.mark.parametrize("clock", [ClockConfig(speed=0, idle_speed=0), ClockConfig(seed=7)])
-def test_without_a_seed_or_a_clock_of_its_own_nobody_waits_for_another(clock: ClockConfig) -> None:
-    agent = one_of_three(2, clock)
-    agent._clock = Jumping(50)
-    agent._take_slot()
-    agent._let_others_begin()
-    assert agent._clock.period == 50
+@pytest.mark.parametrize("config", [ClockConfig(speed=0, idle_speed=0), ClockConfig(seed=7)])
+def test_without_a_seed_or_a_clock_of_its_own_nobody_waits_for_another(config: ClockConfig) -> None:
+    clock = Jumping(50)
+    night = one_of_three(2, clock, config)
+    night.turns.take_slot()
+    begin(night)
+    assert clock.period == 50
 
 
 # -- the assignment while a robot works --------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from decimal import Decimal
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,11 +23,17 @@ from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
 from rodeo.robot.ros_body import Battery
-from services.robot_agent import agent as agent_module
 from services.robot_agent.acceptance import Acceptance
-from services.robot_agent.agent import Agent
-from services.robot_agent.budget import HourlyBudget
+from services.robot_agent.activity import Patience
+from services.robot_agent.agent import Agent, Senses
+from services.robot_agent.attempts import Attempts
+from services.robot_agent.decision import Situation
+from services.robot_agent.execution import Assignments, Execution, Records
+from services.robot_agent.idle import Idle
 from services.robot_agent.journal import Journal, Phase
+from services.robot_agent.machine import Machine, Skills
+from services.robot_agent.news import News
+from services.robot_agent.offers import Offers, Turns
 from services.robot_agent.orders import Standing
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.prices import Prices
@@ -129,7 +134,7 @@ class Dao(RobotParticipant):
 class Tape(Notes):
     """A recording that is kept in memory."""
 
-    def __init__(self, path: Path, *_: Any, records: Any, holes_allowed: bool) -> None:
+    def __init__(self, path: Path, records: Any) -> None:
         super().__init__(Interrupts())
         path.write_text("")
         self.records = records
@@ -176,45 +181,76 @@ def kind(name: str) -> Any:
     return SimpleNamespace(name=name, title=name, price_iec=Decimal(5), **more)
 
 
+class Mind:
+    """A mind whose parts are real, but for chain, battery, store and the recording's file."""
+
+    def __init__(self, folder: Path, site: Site = SITE) -> None:
+        self.clock = ManualClock()
+        self.body, memory = GuardedBody(site, self.clock), Memory(site, folder / "memory.json")
+        self.hands = manipulator(site, self.body, RayCamera(self.body), memory)
+        self.dao, self.fit, stop = Dao(), Fit(), threading.Event()
+        none: Any = None
+        process: Any = SimpleNamespace(
+            site=site.model_copy(update={"agent": site.agent.model_copy(update={"explore_min_per_h": 60.0})}),
+            clock=self.clock,
+            stop=stop,
+            data_dir=folder,
+            disk_problem="",
+            ready=lambda: None,
+            look_at_disk=lambda: "",
+        )
+        fit: Any = self.fit
+        floor, config = Floor(site), site.robots[0]
+        robot = Robot(
+            "panther1", site, self.hands, floor, memory, none, self.clock, none,
+            lambda m, end: Estimate(m, m, end),
+        )  # fmt: skip
+        kinds = {name: kind(name) for name in ("guarding", "watching")}
+        self.behaviours = {name: StandGuard(robot) for name in kinds}
+        skills = Skills(kinds, self.behaviours, fit, self.clock)
+        machine = Machine(config, self.body, self.hands, floor, memory, self.body.interrupts, none)
+        self.news = News(self.clock, stop)
+        activity: Any = SimpleNamespace(report=lambda *_: None, attempt=None, expected_s=0.0)
+        prices = Prices(site, config, self.dao, fit, self.clock, folder)
+        self.offers = Offers(config, self.dao, skills, prices, self.clock)
+        self.orders: Any = SimpleNamespace(
+            standing=Standing(), working_on=lambda _nonce: None, cancelled=lambda _nonce: False
+        )
+        idle = AtRest(process, machine, self.news, activity, fit, none, self.offers)
+        acceptance = Acceptance(site, self.dao, self.clock, self.behaviours)
+        seq: Any = SimpleNamespace(seq=0)
+        assignments = Assignments(self.dao, seq, acceptance, self.news, self.orders)
+        execution = Execution(process, machine, skills, fit, assignments, activity)
+        tapes: Any = SimpleNamespace(
+            open=lambda path, task, holes_allowed: Tape(path, kinds[task.kind].records)
+        )
+        records = Records(process, machine, skills, execution, tapes, self.orders, self.news, activity)
+        store: Any = SimpleNamespace(put=lambda _path: "file:///proofs/" + "ab" * 32 + ".mcap")
+        attempts = Attempts(process, self.dao, skills, records, self.offers, store, acceptance, idle)
+        self.decisions = Decisions(folder / "decisions.jsonl")
+        senses = Senses(process, "tea", self.dao, skills, attempts, idle, self.orders, self.decisions)
+        turns, patience = Turns(process, config, self.dao, self.news), Patience(process, self.news, activity)
+        charges: Any = SimpleNamespace(dock=None, wait=None, buy=lambda _situation: None)
+        self.agent = Agent(process, senses, attempts, idle, self.offers, turns, patience, charges)
+        self.step = self.agent.step
+
+
+class AtRest(Idle):
+    """A robot that does nothing while it has no work, and waits for nothing."""
+
+    def rest(self, situation: Situation) -> None:
+        pass
+
+    explore = rest
+
+    def wait_for_news(self, looks: bool = False) -> None:
+        pass
+
+
 @pytest.fixture
-def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def mind(tmp_path: Path) -> Mind:
     tapes.clear()
-    monkeypatch.setattr(agent_module, "Recording", Tape)
-    clock = ManualClock()
-    body, memory = GuardedBody(SITE, clock), Memory(SITE, tmp_path / "memory.json")
-    hands = manipulator(SITE, body, RayCamera(body), memory)
-    agent: Any = Agent.__new__(Agent)
-    agent._stop, agent._wake, agent._clock = threading.Event(), threading.Event(), clock
-    agent._site, agent._robot, agent._schedule = SITE, SITE.robots[0], SITE.robots[0].schedule
-    agent._events, agent._events_lock, agent._recording = deque(), threading.Lock(), None
-    agent._off_since = agent._attempt = agent._device = agent._payout = None
-    agent._exploring, agent._decisions = HourlyBudget(3600.0), Decisions(tmp_path / "decisions.jsonl")
-    agent._interrupts, agent._recorded = body.interrupts, None
-    agent._body, agent._memory, agent._manipulator, agent._floor = body, memory, hands, Floor(SITE)
-    agent._dao, agent._upkeep = Dao(), Fit()
-    agent._prices = Prices(SITE, SITE.robots[0], agent._dao, agent._upkeep, clock, tmp_path)
-    agent._dao_events = SimpleNamespace(seq=0)
-    agent._make_node = lambda _name: None
-    agent._report = lambda *_: None
-    agent._rest = agent._explore = lambda _situation: None
-    agent._wait_for_news = lambda **_: None
-    agent._store = SimpleNamespace(put=lambda _path: "file:///proofs/" + "ab" * 32 + ".mcap")
-    agent._process = SimpleNamespace(
-        data_dir=tmp_path, disk_problem="", ready=lambda: None, look_at_disk=lambda: "", bus=None
-    )
-    agent._orders = SimpleNamespace(
-        standing=Standing(), working_on=lambda _nonce: None, cancelled=lambda _nonce: False
-    )
-    none: Any = None
-    robot = Robot(
-        "panther1", SITE, hands, Floor(SITE), memory, none, clock, none, lambda m, end: Estimate(m, m, end)
-    )
-    agent._energy = kind("tea")
-    agent._kinds = {name: kind(name) for name in ("guarding", "watching")}
-    agent._behaviours = {name: StandGuard(robot) for name in agent._kinds}
-    agent._acceptance = Acceptance(SITE, agent._dao, clock, agent._behaviours)
-    agent._rests_until_s, agent._assigned_seq = 0.0, 0
-    return agent
+    return Mind(tmp_path)
 
 
 def guarding(number: int, kind: str = "guarding", assigned: float = 1.0, **params: Any) -> Task:
@@ -222,90 +258,88 @@ def guarding(number: int, kind: str = "guarding", assigned: float = 1.0, **param
     return task("assigned").model_copy(update={**known, "verdict_window_s": 48 * 3600})
 
 
-def test_a_robot_that_drives_to_a_place_and_stays_has_done_its_task(mind: Any, tmp_path: Path) -> None:
-    mind._dao.assigned = [guarding(7)]
-    begun_s = mind._clock.now_s()
-    mind._step()
-    assert mind._body.drives == [Pose2(x_m=5.5, y_m=3.0, yaw_rad=0.0)]
-    assert mind._clock.now_s() - begun_s >= PLACE["stay_s"]
+def test_a_robot_that_drives_to_a_place_and_stays_has_done_its_task(mind: Mind, tmp_path: Path) -> None:
+    mind.dao.assigned = [guarding(7)]
+    begun_s = mind.clock.now_s()
+    mind.step()
+    assert mind.body.drives == [Pose2(x_m=5.5, y_m=3.0, yaw_rad=0.0)]
+    assert mind.clock.now_s() - begun_s >= PLACE["stay_s"]
     assert [note["event"] for note in tapes[0].notes] == ["arrived", "execution_finished"]
     assert tapes[0].records == ("guarding's topics",)
-    assert mind._dao.proofs == [7]
-    assert mind._upkeep.took[0][0] == "guarding"
-    journal = Journal.find(tmp_path / "tasks" / "7-1", mind._dao.assignment(guarding(7)))
+    assert mind.dao.proofs == [7]
+    assert mind.fit.took[0][0] == "guarding"
+    journal = Journal.find(tmp_path / "tasks" / "7-1", mind.dao.assignment(guarding(7)))
     assert journal is not None and (journal.phase, journal.failure) == (Phase.SUBMITTED, None)
 
 
-def test_a_robot_offers_in_the_order_of_its_site_whatever_order_a_set_has(mind: Any) -> None:
+def test_a_robot_offers_in_the_order_of_its_site_whatever_order_a_set_has(mind: Mind) -> None:
     for wanted in (["guarding", "watching"], ["watching", "guarding"]):
-        mind._dao.offers.clear()
-        mind._open_services(wanted)
-        assert list(mind._dao.offers) == ["guarding", "watching"]
+        mind.dao.offers.clear()
+        mind.offers.open(wanted)
+        assert list(mind.dao.offers) == ["guarding", "watching"]
 
 
-def test_what_it_can_tell_beforehand_it_cannot_do_it_abandons(mind: Any) -> None:
-    mind._dao.assigned = [guarding(7, x_m="there")]
-    mind._wait_for_news = lambda **_: None
-    mind._step()
-    assert (mind._dao.abandoned, mind._dao.proofs, mind._body.drives) == ([7], [], [])
+def test_what_it_can_tell_beforehand_it_cannot_do_it_abandons(mind: Mind) -> None:
+    mind.dao.assigned = [guarding(7, x_m="there")]
+    mind.step()
+    assert (mind.dao.abandoned, mind.dao.proofs, mind.body.drives) == ([7], [], [])
 
 
 def test_a_task_whose_time_is_too_short_is_given_back_although_the_battery_would_have_to_be_charged_first(
-    mind: Any,
+    mind: Mind,
 ) -> None:
-    now_s = mind._clock.now_s()
+    now_s = mind.clock.now_s()
     short = {"assigned": now_s, "execution_deadline": now_s + 60, "execution_window_s": 60}
-    mind._behaviours["guarding"].weigh = lambda _task, here: Estimate(2000.0, 100.0, here)
-    mind._upkeep.enough_m = 100.0
-    mind._dao.assigned = [guarding(7).model_copy(update=short)]
-    mind._wait_for_news = lambda **_: None
-    mind._step()
-    assert (mind._dao.abandoned, mind._body.drives) == ([7], [])
+    mind.behaviours["guarding"].weigh = lambda _task, here: Estimate(2000.0, 100.0, here)
+    mind.fit.enough_m = 100.0
+    mind.dao.assigned = [guarding(7).model_copy(update=short)]
+    mind.step()
+    assert (mind.dao.abandoned, mind.body.drives) == ([7], [])
 
 
-def test_a_robot_agrees_to_a_task_before_it_works_on_it_and_not_to_one_that_it_gives_back(mind: Any) -> None:
-    mind._dao.assigned = [guarding(7), guarding(8, x_m="there")]
-    mind._step()
-    assert (mind._dao.accepted, mind._dao.proofs, mind._dao.abandoned) == ([7], [7], [8])
+def test_a_robot_agrees_to_a_task_before_it_works_on_it_and_not_to_one_that_it_gives_back(mind: Mind) -> None:
+    mind.dao.assigned = [guarding(7), guarding(8, x_m="there")]
+    mind.step()
+    assert (mind.dao.accepted, mind.dao.proofs, mind.dao.abandoned) == ([7], [7], [8])
 
 
-def test_what_is_assigned_while_it_works_is_answered_in_its_grace_period(mind: Any) -> None:
+def test_what_is_assigned_while_it_works_is_answered_in_its_grace_period(mind: Mind) -> None:
     """That is over before the work is."""
-    mind._behaviours["guarding"].weigh = lambda _task, here: Estimate(1.0, 600.0, here)
-    now_s = mind._clock.now_s()
+    mind.behaviours["guarding"].weigh = lambda _task, here: Estimate(1.0, 600.0, here)
+    now_s = mind.clock.now_s()
     window = {"assigned": now_s, "execution_deadline": now_s + 1000, "execution_window_s": 1000}
     first = guarding(7)
     late, fine = (guarding(number).model_copy(update=window) for number in (8, 9))
     fine = fine.model_copy(update={"execution_deadline": now_s + 9000})
-    mind._dao.assigned = [first]
-    work = mind._behaviours["guarding"].execute
+    mind.dao.assigned = [first]
+    work = mind.behaviours["guarding"].execute
 
     def execute(one: Work) -> None:
         if one.task.id == 7:
-            mind._dao.assigned = [first, late, fine]
-            mind._assigned_seq += 1
+            mind.dao.assigned = [first, late, fine]
+            mind.news.assigned_seq += 1
         work(one)
 
-    mind._behaviours["guarding"].execute = execute
-    mind._step()
-    assert (mind._dao.proofs, mind._dao.abandoned, set(mind._dao.accepted)) == ([7], [8], {7, 9})
+    mind.behaviours["guarding"].execute = execute
+    mind.step()
+    assert (mind.dao.proofs, mind.dao.abandoned, set(mind.dao.accepted)) == ([7], [8], {7, 9})
 
 
-def test_a_robot_that_rests_says_until_when_and_looks_again_then(mind: Any) -> None:
-    mind._dao.rests_until = mind._clock.now_s() + 600
-    mind._open_services(["guarding"])
-    assert mind._rests_until == mind._schedule.time_of_day(mind._dao.rests_until)
-    mind._dao.rests_until = None
-    mind._open_services(["guarding"])
-    assert mind._rests_until is None
+def test_a_robot_that_rests_says_until_when_and_looks_again_then(mind: Mind) -> None:
+    mind.dao.rests_until = mind.clock.now_s() + 600
+    mind.offers.open(["guarding"])
+    assert mind.offers.rests_until == SITE.robots[0].schedule.time_of_day(mind.dao.rests_until)
+    mind.dao.rests_until = None
+    mind.offers.open(["guarding"])
+    assert mind.offers.rests_until is None
 
 
-def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(mind: Any) -> None:
-    mind._dao.assigned = [guarding(7)]
-    mind._body.blocked = 10**6
-    mind._step()
+def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(mind: Mind) -> None:
+    mind.dao.assigned = [guarding(7)]
+    mind.body.blocked = 10**6
+    mind.step()
     assert tapes[0].notes[-1]["event"] == "execution_failed"
-    assert mind._dao.proofs == [7] and mind._upkeep.took == [("guarding", None)]
+    assert mind.dao.proofs == [7] and mind.fit.took == [("guarding", None)]
 
 
 @pytest.mark.parametrize(
@@ -319,62 +353,62 @@ def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(mind: Any) -> N
     ],
 )
 def test_what_others_failed_at_and_nobody_signed_is_given_back_while_that_costs_nothing(
-    mind: Any, cause: AgentError, mocap: bool, ago_s: float, given_back: bool
+    tmp_path: Path, cause: AgentError, mocap: bool, ago_s: float, given_back: bool
 ) -> None:
     """Motion capture shows it to the oracle: then the task is impossible, and the robot is paid a tenth."""
 
     def fail(_work: Work) -> None:
         raise TaskFailed("gave up") from cause
 
-    now_s = mind._clock.now_s()
+    tapes.clear()
+    now_s = ManualClock().now_s()
     window = {"execution_deadline": now_s - ago_s + 9000, "execution_window_s": 9000}
-    mind._site = SITE.model_copy(update={"lab": SITE.lab.model_copy(update={"mocap": mocap})})
+    mind = Mind(tmp_path, SITE.model_copy(update={"lab": SITE.lab.model_copy(update={"mocap": mocap})}))
     tidied: list[str] = []
-    mind._behaviours["guarding"].execute = fail
-    mind._behaviours["guarding"].tidy = lambda: tidied.append("guarding")
-    mind._dao.assigned = [guarding(7, assigned=now_s - ago_s).model_copy(update=window)]
-    mind._step()
+    mind.behaviours["guarding"].execute = fail
+    mind.behaviours["guarding"].tidy = lambda: tidied.append("guarding")
+    mind.dao.assigned = [guarding(7, assigned=now_s - ago_s).model_copy(update=window)]
+    mind.step()
     assert tapes[0].notes[-1]["event"] == "execution_failed"
-    assert (mind._dao.abandoned, mind._dao.proofs) == (([7], []) if given_back else ([], [7]))
+    assert (mind.dao.abandoned, mind.dao.proofs) == (([7], []) if given_back else ([], [7]))
     assert tidied == ["guarding"]
 
 
-def test_an_operator_who_gives_a_task_up_ends_its_motions_and_not_those_after_it(mind: Any) -> None:
-    mind._dao.assigned = [guarding(7)]
-    mind._orders.cancelled = lambda _nonce: True
-    mind._step()
-    assert mind._body.drives == [] and tapes[0].notes[-1]["code"] == "cancelled"
-    assert mind._dao.proofs == [7]
-    mind._manipulator.wait(1.0)
+def test_an_operator_who_gives_a_task_up_ends_its_motions_and_not_those_after_it(mind: Mind) -> None:
+    mind.dao.assigned = [guarding(7)]
+    mind.orders.cancelled = lambda _nonce: True
+    mind.step()
+    assert mind.body.drives == [] and tapes[0].notes[-1]["code"] == "cancelled"
+    assert mind.dao.proofs == [7]
+    mind.hands.wait(1.0)
 
 
-def test_tasks_of_all_its_kinds_are_worked_off_the_oldest_first(mind: Any) -> None:
-    mind._dao.assigned = [
+def test_tasks_of_all_its_kinds_are_worked_off_the_oldest_first(mind: Mind) -> None:
+    mind.dao.assigned = [
         guarding(8, assigned=20.0),
         guarding(9, "watching", 10.0),
         guarding(6, "baking", 1.0),
     ]
     for _ in range(3):
-        mind._step()
-    assert mind._dao.proofs == [9, 8]
+        mind.step()
+    assert mind.dao.proofs == [9, 8]
 
 
-def test_it_offers_each_kind_of_which_it_can_do_any_task(mind: Any) -> None:
-    mind._step()
-    assert mind._dao.offers == {"guarding": "active", "watching": "active"}
-    mind._behaviours["watching"].weigh = lambda _task, here: Estimate(2000.0, 1.0, here)
-    mind._step()
-    assert mind._dao.offers == {"guarding": "active", "watching": "paused"}
-    mind._dao.assigned = [guarding(7, x_m=1e6)]  # too far for the battery
-    mind._upkeep.enough_m = 100.0
-    mind._buy_charge = lambda _situation: None
-    mind._step()
-    assert mind._dao.offers["guarding"] == "active", "what it was given is done first"
+def test_it_offers_each_kind_of_which_it_can_do_any_task(mind: Mind) -> None:
+    mind.step()
+    assert mind.dao.offers == {"guarding": "active", "watching": "active"}
+    mind.behaviours["watching"].weigh = lambda _task, here: Estimate(2000.0, 1.0, here)
+    mind.step()
+    assert mind.dao.offers == {"guarding": "active", "watching": "paused"}
+    mind.dao.assigned = [guarding(7, x_m=1e6)]  # too far for the battery
+    mind.fit.enough_m = 100.0
+    mind.step()
+    assert mind.dao.offers["guarding"] == "active", "what it was given is done first"
 
 
-def test_what_it_decided_and_why_is_kept(mind: Any) -> None:
-    mind._dao.assigned = [guarding(7)]
-    mind._step()
-    (first, *_) = mind._decisions.about(7, 10)
+def test_what_it_decided_and_why_is_kept(mind: Mind) -> None:
+    mind.dao.assigned = [guarding(7)]
+    mind.step()
+    (first, *_) = mind.decisions.about(7, 10)
     assert (first.intent, first.task_id) == ("work", 7)
     assert first.reason == "a task is assigned and the battery lasts for it"

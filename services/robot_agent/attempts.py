@@ -1,0 +1,117 @@
+"""An attempt, from its assignment to its proof on chain; each phase is in a journal."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from rodeo.errors import RemoteError
+from rodeo.evidence.store import Store
+from rodeo.logs import about_task
+from rodeo.messages import Task
+from rodeo.process import Process
+from services.robot_agent.acceptance import Acceptance
+from services.robot_agent.decision import Situation
+from services.robot_agent.execution import Records
+from services.robot_agent.idle import Idle
+from services.robot_agent.journal import Journal, Phase
+from services.robot_agent.machine import Skills
+from services.robot_agent.offers import Offers
+from services.robot_agent.participant import RobotParticipant
+
+log = logging.getLogger(__name__)
+
+
+class Attempts:
+    """Works on what is assigned to the robot, or gives it back."""
+
+    def __init__(
+        self,
+        process: Process,
+        dao: RobotParticipant,
+        skills: Skills,
+        records: Records,
+        offers: Offers,
+        store: Store,
+        acceptance: Acceptance,
+        idle: Idle,
+    ) -> None:
+        self._process, self._dao, self._skills, self._records = process, dao, skills, records
+        self._offers, self._store, self._acceptance, self._idle = offers, store, acceptance, idle
+
+    def work(self, situation: Situation) -> None:
+        task = situation.assignment
+        assert task is not None  # decide() says WORK only with an assignment
+        folder = self._task_folder(task)
+        journal = Journal.open(folder, self._dao.assignment(task))
+        self._idle.activity.attempt = task
+        try:
+            with about_task(task.id):
+                self.advance(task, journal, folder)
+        finally:
+            self._idle.activity.attempt = None
+
+    def gave_back(self, situation: Situation) -> bool:
+        """Whether the assignment cannot be done in time, and goes back; else the robot agrees to it."""
+        task = situation.assignment
+        if task is None or situation.begun or situation.paused or self._idle.off_since is not None:
+            return False
+        refusal = self._acceptance.accept(task, self._idle.machine.body.base_pose())
+        if refusal is not None:
+            self._wait_given_back(task, refusal.message)
+        return refusal is not None
+
+    def _wait_given_back(self, task: Task, why: str) -> None:
+        self._idle.activity.report(f"gave task {task.id} back: {why}")
+        self._idle.wait_for_news()  # the index is about to say so
+
+    def _gives_back(self, task: Task, journal: Journal) -> bool:
+        """Whether a proof would only cost something, and giving the task back costs nothing yet."""
+        return journal.unproven and self._process.clock.now_s() <= task.grace_ends_s
+
+    def _task_folder(self, task: Task) -> Path:
+        return self._process.data_dir / "tasks" / f"{task.id}-{task.attempt}"
+
+    def has_begun(self, task: Task) -> bool:
+        folder = self._task_folder(task)
+        return folder.exists() and Journal.find(folder, self._dao.assignment(task)) is not None
+
+    def advance(self, task: Task, journal: Journal, folder: Path) -> None:
+        """Bring the attempt from the phase that it is in to its end."""
+        if journal.phase == Phase.EXECUTING:
+            self._records.record(task, journal, folder)
+        if journal.phase == Phase.EXECUTED:
+            self._records.seal(task, journal, folder)
+        if journal.phase == Phase.SEALED:
+            if self._idle.off_duty:
+                self._close_services_first(task)
+            if self._gives_back(task, journal):
+                self._dao.abandon_task(task)
+                self._wait_given_back(task, str(journal.failure))
+            else:
+                self._submit(task, journal, folder)
+            # Work that failed, or was interrupted, may have left the robot in somebody's way.
+            self._skills.behaviours[task.kind].tidy()
+        if journal.phase == Phase.SUBMITTED:
+            self._idle.wait_for_news()  # the index is about to say so
+            if (now := self._dao.task(task.id)).state == "assigned" and now.nonce == task.nonce:
+                # A reorganization took the proof back. One that is on its way is not sent twice.
+                log.warning("the chain has no proof of task %d yet; submitting it again", task.id)
+                self._submit(task, journal, folder)
+
+    def _close_services_first(self, task: Task) -> None:
+        """Before the task's end frees a service, and the next one that waits is given to it."""
+        try:
+            self._offers.close(self._skills.behaviours)
+        except RemoteError as error:
+            log.warning("ending task %d first: %s", task.id, error)
+
+    def _submit(self, task: Task, journal: Journal, folder: Path) -> None:
+        """Store the proof and put its hash on chain. Raises StoreError, BusError, RemoteError."""
+        failure = f": {journal.failure}" if journal.failure else ""
+        self._idle.activity.report("submitting the proof" + failure, 0.97)
+        uri = self._store.put(folder / "recording.mcap")
+        sha256 = Store.hash_of(uri)
+        self._dao.submit_proof(task.id, task.attempt, sha256, uri, task.nonce)
+        journal.advance(folder, Phase.SUBMITTED, sha256)
+        self._idle.activity.report("proof submitted" + failure, 1.0)
