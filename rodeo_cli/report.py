@@ -15,7 +15,6 @@ from rodeo import queries
 from rodeo.config import Site
 from rodeo.earnings import COLUMNS, cells, earnings
 from rodeo.earnings import as_csv as to_csv
-from rodeo.earnings_page import page
 from rodeo.errors import BusUnavailable, InvalidRequest, NoResponder
 from rodeo.messages import Task
 from rodeo.queries import Transaction
@@ -28,6 +27,7 @@ from rodeo_cli.common import (
     print_listing,
     reports_errors,
 )
+from rodeo_cli.earnings_page import page
 from rodeo_cli.layout import Row
 
 

@@ -40,7 +40,7 @@ from rodeo.lab.layout import (
     furniture_floor,
 )
 from rodeo.site_problems import Place, dotted, explained
-from rodeo.toml_lines import lines_of
+from rodeo_cli.toml_lines import lines_of
 
 _TOUCH_M = 0.01
 """Things that stand against each other may overlap by the rounding of their places."""

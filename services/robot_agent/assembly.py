@@ -49,7 +49,7 @@ from services.robot_agent.offers import Offers, Turns
 from services.robot_agent.orders import Order, Orders
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.prices import Prices
-from services.robot_agent.upkeep import Upkeep
+from services.robot_agent.upkeep import Care, Upkeep
 
 
 class _Parts:
@@ -157,7 +157,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Agent
     bins = {one.name: SmartBin(bus, site, one.name, clock, witness, interrupts) for one in site.bins}
     for one in bins.values():
         closing.callback(one.close)
-    upkeep = Upkeep(site, robot, parts.node, machine.body, dao, clock, process.data_dir)
+    upkeep = Upkeep(site, robot, parts.node, machine.body, process.data_dir)
     activity = Activity(process, machine.body, upkeep)
     prices = Prices(site, robot, dao, upkeep, clock, process.data_dir)
     skills = parts.make_skills(machine, bins, upkeep)
@@ -168,7 +168,8 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Agent
         site, robot.name, dao, machine.body, machine.hands, clock, receipts, skills.behaviours
     )
     offers = Offers(robot, dao, skills, prices, clock)
-    idle = Idle(process, machine, news, activity, upkeep, charging, offers)
+    care = Care(site, robot.name, dao, clock, upkeep)
+    idle = Idle(process, machine, news, activity, care, charging, offers)
     decisions = Decisions(process.data_dir / "decisions.jsonl")
 
     orders = parts.make_orders(machine, news, offers, activity, decisions)

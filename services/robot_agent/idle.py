@@ -14,7 +14,7 @@ from services.robot_agent.decision import Situation
 from services.robot_agent.machine import Machine
 from services.robot_agent.news import News
 from services.robot_agent.offers import Offers
-from services.robot_agent.upkeep import Upkeep
+from services.robot_agent.upkeep import Care
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ class Idle:
         machine: Machine,
         news: News,
         activity: Activity,
-        upkeep: Upkeep,
+        care: Care,
         charging: Charging,
         offers: Offers,
     ) -> None:
@@ -49,7 +49,7 @@ class Idle:
             process.stop,
         )
         self.machine, self.activity = machine, activity
-        self._news, self._upkeep, self._charging, self._offers = news, upkeep, charging, offers
+        self._news, self._care, self._charging, self._offers = news, care, charging, offers
         self._exploring = HourlyBudget(60 * self._site.agent.explore_min_per_h)
         self._astray = 0
         """Tries in a row to get home that failed."""
@@ -86,7 +86,7 @@ class Idle:
         elif situation.paused:
             self.activity.report("paused by an operator")
         else:
-            self._upkeep.ask_for_care()
+            self._care.ask()
             self._go_home()
             self._fold()
             until = self._offers.rests_until
@@ -117,7 +117,7 @@ class Idle:
         self._clock.wait_for(self._news.wake.is_set, self._stop, until_s=begins_s, resting=True)
 
     def explore(self, situation: Situation) -> None:
-        self._upkeep.ask_for_care()
+        self._care.ask()
         self.activity.report("exploring")
         machine = self.machine
         goal = next(machine.floor.explore(machine.memory.lying(), machine.chance))

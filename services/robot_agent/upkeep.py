@@ -34,8 +34,6 @@ _MOVED_M = 0.05
 """Between two battery messages; less is shuffling on the spot."""
 _SAVE_EVERY = 60
 """Battery messages."""
-_REFUSED_WALL_S = 60.0
-"""Pause after a request for care was refused."""
 
 
 class Upkeep:
@@ -47,15 +45,11 @@ class Upkeep:
         robot: RobotConfig,
         node: Node,
         body: RosBody,
-        dao: RobotParticipant,
-        clock: Clock,
         folder: Path,
     ) -> None:
         self._site = site
         self._robot = robot
         self._body = body
-        self._dao = dao
-        self._clock = clock
         self._path = folder / "consumption.json"
         self._consumption = Consumption.load(self._path, robot.battery)
         self._lock = threading.Lock()
@@ -65,9 +59,6 @@ class Upkeep:
         self._driving_s = 0.0
         self._way_m = 0.0
         self._working = False
-        self._ask_again_s = -math.inf
-        self._raising: dict[str, tuple[int, Decimal]] = {}
-        """Kind of care -> task and its next reward, until the organization has confirmed it."""
         node.subscription(
             topics.BATTERY_STATE.name(ns=robot.namespace),
             topics.BATTERY_STATE.type,
@@ -155,9 +146,27 @@ class Upkeep:
                 "working_w": round(self._consumption.working_w, 1),
             }
 
-    # -- care ------------------------------------------------------------------------------------------
 
-    def ask_for_care(self) -> None:
+class Care:
+    """Asks people to look after the robot."""
+
+    def __init__(
+        self,
+        site: Site,
+        robot: str,
+        dao: RobotParticipant,
+        clock: Clock,
+        upkeep: Upkeep,
+        refused_wall_s: float = 60.0,
+    ) -> None:
+        """After a request was refused the next one waits `refused_wall_s`."""
+        self._site, self._robot, self._dao, self._clock, self._upkeep = site, robot, dao, clock, upkeep
+        self._refused_wall_s = refused_wall_s
+        self._ask_again_s = -math.inf
+        self._raising: dict[str, tuple[int, Decimal]] = {}
+        """Kind of care -> task and its next reward, until the organization has confirmed it."""
+
+    def ask(self) -> None:
         """Post the maintenance tasks that are due. What is refused is asked again later. Raises BusError."""
         for care in self._site.agent.maintenance:
             if time.monotonic() < self._ask_again_s:
@@ -166,21 +175,21 @@ class Upkeep:
                 self._ask_for(care)
             except (CapReached, RemoteError) as error:
                 log.warning("asking for %s: %s", care.kind, error)
-                self._ask_again_s = time.monotonic() + _REFUSED_WALL_S
+                self._ask_again_s = time.monotonic() + self._refused_wall_s
 
     def _ask_for(self, care: MaintenanceConfig) -> None:
         live = self._dao.own_live_task(care.kind)
         if self._raise(care, live):
             return
-        due = int(self.state()["driven_km"] / care.every_km)
+        due = int(self._upkeep.state()["driven_km"] / care.every_km)
         asked = max((self._number(task) for task in self._own(care)), default=0)
         if due <= asked or live is not None:
             return
         request = RegisterTask(
-            request_id=f"care-{self._robot.name}-{care.kind}-{due}",
+            request_id=f"care-{self._robot}-{care.kind}-{due}",
             kind=care.kind,
             reward_iec=care.reward_iec,
-            params={"robot": self._robot.name, "number": due},
+            params={"robot": self._robot, "number": due},
             description=care.description,
             execution_window_s=care.execution_window_s,
             allow_wait=True,

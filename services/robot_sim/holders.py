@@ -61,6 +61,15 @@ class _Seen:
     """Its works when the last mark was sent."""
 
 
+def _expected(site: Site) -> frozenset[str]:
+    """Processes other than minds for which the clock waits, by the site file."""
+    per_thing = {bin_process(site, one.name) for one in site.bins}
+    per_thing |= {dock_process(site, one.name) for one in site.docks}
+    kinds = frozenset(site.clock.holders)
+    single = kinds - {"robot_agent", "itrash", "charger"}
+    return single | {one for one in per_thing if one.partition(".")[0] in kinds}
+
+
 class Holders:
     """What everybody said last who holds the clock. `may_pass` is for the simulation's thread.
 
@@ -128,12 +137,7 @@ class Holders:
         self._begins_s: float | None = None
         self._begun = False
         self._own_missing = missing
-        per_thing = {bin_process(site, one.name) for one in site.bins}
-        per_thing |= {dock_process(site, one.name) for one in site.docks}
-        self._expected = self._minds | frozenset(
-            kind for kind in self._kinds if kind not in ("robot_agent", "itrash", "charger")
-        )
-        self._expected |= {one for one in per_thing if one.partition(".")[0] in self._kinds}
+        self._expected = self._minds | _expected(site)
         self._missing = self._expected if "arrivals" in self._kinds else frozenset()
         """Processes that are not there yet: an experiment begins with everybody whom its clock waits for."""
 

@@ -119,6 +119,21 @@ def _keeps_wall_time(site: Site, simulation: Simulation) -> bool:
     return True
 
 
+def _bodies(
+    process: Process, loop: Loop, simulation: Simulation, sessions: BodySessions
+) -> tuple[list[RobotPlane], list[Node], list[Commander]]:
+    """What speaks for each robot on the bus, in a session of its own."""
+    robots, nodes, commanders = list[RobotPlane](), list[Node](), list[Commander]()
+    domain_id = process.site.bus.domain_id
+    for robot in simulation.robots.values():
+        session = sessions.of(robot.config.name)
+        nodes.append(Node(session, "body", robot.config.namespace, domain_id, simulation))
+        commanders.append(Commander(session, domain_id, robot.config.namespace, partial(_warn, process)))
+        robots.append(RobotPlane(nodes[-1], loop, robot, commanders[-1]))
+        Actions(nodes[-1], loop, robot, commanders[-1])
+    return robots, nodes, commanders
+
+
 def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
     """Simulate until `stop`. Raises AlreadyRunning, AnotherWorld."""
     with Process("robot_sim", site, stop) as process:
@@ -156,19 +171,10 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                 loop.holders = Holders(
                     process.bus, site, loop.wake, warn, asking.session, mocap.missing, sessions.taken
                 )
-            domain_id = site.bus.domain_id
-            lab_node = Node(process.bus.session, "lab", "", domain_id, simulation)
+            lab_node = Node(process.bus.session, "lab", "", site.bus.domain_id, simulation)
             lab = LabPlane(lab_node, loop, mocap)
             loop.tell_time = lab.tell_time
-            nodes, robots, commanders = [lab_node], [], []
-            for robot in simulation.robots.values():
-                session = sessions.of(robot.config.name)
-                node = Node(session, "body", robot.config.namespace, domain_id, simulation)
-                nodes.append(node)
-                commander = Commander(session, domain_id, robot.config.namespace, partial(_warn, process))
-                robots.append(RobotPlane(node, loop, robot, commander))
-                Actions(node, loop, robot, commander)
-                commanders.append(commander)
+            robots, nodes, commanders = _bodies(process, loop, simulation, sessions)
             # What was made until now is not garbage before the process ends.
             gc.freeze()
             process.ready()
@@ -177,7 +183,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             if loop.holders is not None:
                 loop.holders.close()
                 asking.close()
-            for node in nodes:
+            for node in (lab_node, *nodes):
                 node.close()
             for commander in commanders:
                 commander.close()

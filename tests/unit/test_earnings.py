@@ -7,9 +7,9 @@ from decimal import Decimal
 
 from rodeo.config import TariffConfig
 from rodeo.earnings import COLUMNS, Line, as_csv, cells, earnings, sums
-from rodeo.earnings_page import page
 from rodeo.messages import Task
 from rodeo.queries import Transaction
+from rodeo_cli.earnings_page import page
 from tests.support.tasks import task
 
 TARIFFS = [TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))]

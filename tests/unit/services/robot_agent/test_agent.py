@@ -142,7 +142,7 @@ class Night:
         skills = Skills({}, {TASK.kind: fakes}, fakes, self.clock)
         machine = Machine(robot, fakes, self.hands, none, self.memory, Interrupts(), none)
         offers = SomeOffers(robot, fakes, skills, none, self.clock)
-        self.idle = SomeIdle(process, machine, self.news, activity, fakes, fakes, offers)
+        self.idle = SomeIdle(process, machine, self.news, activity, none, fakes, offers)
         willing: Any = SimpleNamespace(accept=lambda *_: None)
         self.attempts = SomeAttempts(process, fakes, skills, none, offers, fakes, willing, self.idle)
         decisions: Any = SimpleNamespace(add=lambda _decided: None)
@@ -215,9 +215,6 @@ class Night:
     # what keeps it fit, and the dock
     def battery_suffices(self, *_: Any) -> bool:
         return True
-
-    def ask_for_care(self) -> None:
-        self.did.append("ask for care")
 
     def clear_the_dock(self, *_: Any) -> None:
         self.did.append("clear the dock")

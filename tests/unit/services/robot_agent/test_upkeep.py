@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decimal import Decimal
-from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,10 +14,10 @@ from rodeo.errors import RemoteError
 from rodeo.messages import Task
 from rodeo.rewards import Rise
 from services.robot_agent.participant import RobotParticipant
-from services.robot_agent.upkeep import Upkeep
+from services.robot_agent.upkeep import Care
 from tests.support.site import LAB
 from tests.support.tasks import task
-from tests.unit.robot.fakes import KinematicBody, ManualClock
+from tests.unit.robot.fakes import ManualClock
 
 CARE = MaintenanceConfig(
     kind="wheel_cleaning",
@@ -65,27 +65,24 @@ class Organization(RobotParticipant):
 
 
 class Robot:
-    def __init__(self, folder: Path, cap_iec: Decimal) -> None:
+    def __init__(self, cap_iec: Decimal) -> None:
         site = Site.load(LAB)
         agent = site.agent.model_copy(update={"maintenance": [CARE], "daily_spending_cap_iec": cap_iec})
         site = site.model_copy(update={"agent": agent})
         self.clock = ManualClock()
         self.dao = Organization(self.clock)
-        body: Any = KinematicBody(site, self.clock)
-        node: Any = type("Node", (), {"subscription": lambda *_: None})()
-        self.upkeep = Upkeep(site, site.robots[0], node, body, self.dao, self.clock, folder)
-        self.upkeep._consumption.driven_m = 1500.0
+        driven: Any = SimpleNamespace(state=lambda: {"driven_km": 1.5})
+        self.care = Care(site, "panther1", self.dao, self.clock, driven, refused_wall_s=0.0)
 
     def asks(self, after_s: float = 0.0) -> list[tuple[str, int]]:
         """The tasks after it asked for care, with their rewards."""
         self.clock.wait_until(self.clock.now_s() + after_s)
-        self.upkeep._ask_again_s = 0.0
-        self.upkeep.ask_for_care()
+        self.care.ask()
         return [(one.state, int(one.reward_iec)) for one in self.dao.known]
 
 
-def test_what_nobody_takes_pays_more_and_more_up_to_the_highest(tmp_path: Path) -> None:
-    robot = Robot(tmp_path, Decimal(1000))
+def test_what_nobody_takes_pays_more_and_more_up_to_the_highest() -> None:
+    robot = Robot(Decimal(1000))
     assert robot.asks() == [("open", 50)]
     assert robot.asks(3599) == [("open", 50)]
     assert robot.asks(1) == [("cancelled", 50), ("open", 55)]
@@ -93,22 +90,22 @@ def test_what_nobody_takes_pays_more_and_more_up_to_the_highest(tmp_path: Path) 
     assert len(robot.asks(36_000)) == 3
 
 
-def test_what_somebody_has_taken_stays_as_it_is(tmp_path: Path) -> None:
-    robot = Robot(tmp_path, Decimal(1000))
+def test_what_somebody_has_taken_stays_as_it_is() -> None:
+    robot = Robot(Decimal(1000))
     robot.asks()
     robot.dao.becomes("assigned")
     assert robot.asks(7200) == [("assigned", 50)]
 
 
-def test_the_daily_cap_is_the_budget(tmp_path: Path) -> None:
-    robot = Robot(tmp_path, Decimal(56))
+def test_the_daily_cap_is_the_budget() -> None:
+    robot = Robot(Decimal(56))
     robot.asks()
     assert robot.asks(3600)[1:] == [("open", 55)]
     assert robot.asks(3600)[1:] == [("open", 55)]
 
 
-def test_a_task_that_was_cancelled_and_not_posted_again_is_posted_later(tmp_path: Path) -> None:
-    robot = Robot(tmp_path, Decimal(1000))
+def test_a_task_that_was_cancelled_and_not_posted_again_is_posted_later() -> None:
+    robot = Robot(Decimal(1000))
     robot.asks()
     robot.dao.refuses = RemoteError("chain_unavailable", "the chain is away")
     assert robot.asks(3600) == [("cancelled", 50)]
@@ -117,8 +114,8 @@ def test_a_task_that_was_cancelled_and_not_posted_again_is_posted_later(tmp_path
 
 
 @pytest.mark.parametrize("state", ["settled", "failed"])
-def test_what_cannot_be_raised_is_given_up(tmp_path: Path, state: str) -> None:
-    robot = Robot(tmp_path, Decimal(1000))
+def test_what_cannot_be_raised_is_given_up(state: str) -> None:
+    robot = Robot(Decimal(1000))
     robot.asks()
     robot.dao.refuses = RemoteError("cannot_raise", "nobody raises this")
     robot.asks(3600)
