@@ -185,12 +185,21 @@ class Recording:
             # Inline: what is sent before the time goes on has then been taken.
             writer = self._writer(topic, name, MessageDoor(topic, slack_s))
             node.raw_subscription(name, topic.type, writer, inline=True)
+        self._listener = self._listen(robot, slack_s, path)
+        self._seals = SealPublisher(bus, site.org, robot.name)
+        self._pictures_written = 0
+        self._pictures = PictureFetcher(bus, site.org, self._on_picture)
+        self._await_inputs(site, recorded)
+        self._begin(path)
+
+    def _listen(self, robot: RecordedRobot, slack_s: float, path: Path) -> StatementListener:
+        binding, site, clock = self._binding, robot.site, robot.clock
         scope = Scope(
             chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
         )
         members = device_names(site).values()
-        self._listener = StatementListener(
-            bus,
+        return StatementListener(
+            robot.bus,
             site.org,
             lambda devices: StatementDoor(
                 devices.known, members, lambda: scope, clock, slack_s, self._refusals, stated(path)
@@ -198,15 +207,14 @@ class Recording:
             self._on_statement,
             hold=partial(clock.hold, within=True),
         )
-        self._seals = SealPublisher(bus, site.org, robot.name)
-        self._pictures_written = 0
-        self._pictures = PictureFetcher(bus, site.org, self._on_picture)
+
+    def _await_inputs(self, site: Site, recorded: Iterable[tuple[Topic, str]]) -> None:
         # At 50 Hz each; the others are not waited for, or the first motion would be late.
         wanted = {
             name for topic, name in recorded if topic in (topics.ODOM, topics.JOINT_STATES, topics.POSE)
         }
         if self._watches:
-            wanted -= {topics.POSE.name(ns=site.robot(robot.name).namespace)}
+            wanted -= {topics.POSE.name(ns=site.robot(self._robot).namespace)}
 
         def heard() -> bool:
             return wanted <= self._heard_ns.keys() and (self._motion_ns > 0 or not self._watches)
@@ -216,9 +224,11 @@ class Recording:
             if self._watches and not self._motion_ns:
                 silent.append("motion capture")
             log.warning("the recording begins without %s", ", ".join(silent))
+
+    def _begin(self, path: Path) -> None:
         try:
             begin = Recorder.resume if self._resumes else Recorder
-            self._recorder = begin(path, binding, device, clock, self._seals)
+            self._recorder = begin(path, self._binding, self._device, self._clock, self._seals)
         except EvidenceError:
             self._close_inputs()
             self._seals.close()
