@@ -20,7 +20,7 @@ DOUBTED: dict[Judging, str] = {
     "split": "the quorum",
     "removed": "the judge",
 }
-"""Whose word is missing -> as who failed."""
+"""Judge without a word -> the party that counts as failed."""
 
 
 class End(NamedTuple):
@@ -35,7 +35,7 @@ class End(NamedTuple):
 
     @property
     def is_fine(self) -> bool:
-        """Of an executor that is proven."""
+        """Whether a proven executor pays it."""
         return self.penalty.partition(";")[0] != "none"
 
 
@@ -56,5 +56,5 @@ def ended(report: Report, judging: Judging = "ruled") -> Ruling:
 
 
 def doubted(report: Report, judging: Judging = "ruled") -> str | None:
-    """Who failed, where that decides; None where the executor's own word does."""
+    """The party that failed, where that decides; None where the executor's own word does."""
     return DOUBTED.get(judging, report.fault)
