@@ -39,7 +39,7 @@ class Ending(TypedDict, total=False):
     ruling: Ruling
     """Rejected, unless it is said."""
     doubts: str | None
-    """The party that failed, where it does not end with a rejection; None where the executor itself gave up."""
+    """The party that failed, where nothing is rejected; None where the executor itself gave up."""
     judging: Judging
     """What becomes of the oracle's word."""
 

@@ -230,7 +230,7 @@ def measure() -> dict[str, dict[str, Any]]:
 def grown(found: Any, left: Any) -> list[str]:
     """Names of what is larger than what is left, or not on its list."""
     pairs = (
-        (f"{group}: {name}", value, left[group].get(name, 0))
+        (f"{group}: {name}", value, left[group].get(name))
         for group in found
         for name, value in found[group].items()
     )

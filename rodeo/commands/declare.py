@@ -52,7 +52,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Console:
-    """Who may give a command in the console, by the roles of people there, and for which wallet."""
+    """Roles of people that may give a command in the console, and the wallet that it is for."""
 
     roles: tuple[str, ...]
     wallet: Literal["organization", "provider", "member", "anybody"] = "organization"

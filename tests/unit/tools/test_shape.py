@@ -16,8 +16,11 @@ def test_nothing_is_larger_than_on_the_list_and_what_has_shrunk_is_taken_off() -
 
 def test_what_grew_or_is_new_is_named() -> None:
     left = {"functions": {"a.py:f": 70}, "classes": {"a.py:C": [400, 34, 3, 2]}}
-    found = {"functions": {"a.py:f": 70, "a.py:g": 61}, "classes": {"a.py:C": [390, 35, 9, 2]}}
-    assert shape.grown(found, left) == ["functions: a.py:g", "classes: a.py:C"]
+    found = {
+        "functions": {"a.py:f": 70, "a.py:g": 61},
+        "classes": {"a.py:C": [390, 35, 9, 2], "D": [351, 1, 1, 1]},
+    }
+    assert shape.grown(found, left) == ["functions: a.py:g", "classes: a.py:C", "classes: D"]
     assert shape.grown(left, found) == ["classes: a.py:C"]
 
 
