@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {Address} from "@openzeppelin/contracts/utils/Address.sol";
 import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
+import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
 import {SignatureChecker} from "@openzeppelin/contracts/utils/cryptography/SignatureChecker.sol";
 import {BitMaps} from "@openzeppelin/contracts/utils/structs/BitMaps.sol";
 import {IDisputeJudge} from "./interfaces/IDisputeJudge.sol";
@@ -188,10 +189,19 @@ contract SignedRequests is ISignedRequests, EIP712 {
     ) private view {
         if (block.timestamp > deadline) revert RequestExpired(deadline, block.timestamp);
         bytes32 digest = _hashTypedDataV4(said);
-        if (!SignatureChecker.isValidSignatureNowCalldata(signer, digest, signature)) {
-            revert NotSignedBy(signer);
-        }
+        if (!_hasSigned(signer, digest, signature)) revert NotSignedBy(signer);
         _requireUnused(signer, nonce);
+    }
+
+    /// @dev An account's own key counts although the account has code (EIP-7702); ERC-1271 is asked otherwise.
+    function _hasSigned(address signer, bytes32 digest, bytes calldata signature)
+        private
+        view
+        returns (bool)
+    {
+        (address recovered, ECDSA.RecoverError failed,) = ECDSA.tryRecoverCalldata(digest, signature);
+        if (failed == ECDSA.RecoverError.NoError && recovered == signer) return true;
+        return SignatureChecker.isValidERC1271SignatureNowCalldata(signer, digest, signature);
     }
 
     function _hashTask(TaskRequest calldata request) private pure returns (bytes32) {

@@ -204,6 +204,28 @@ contract SignedRequestsTest is Fixture {
         }
     }
 
+    /// @dev EIP-7702: code that knows no ERC-1271 stands where an account's key has delegated to it.
+    function test_theKeyOfAnAccountWithCodeSignsForIt() public {
+        vm.etch(alice, address(coin).code);
+        bytes memory signature = _signature(alice, alice, NONCE);
+        vm.prank(stranger);
+        assertState(
+            requests.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature), TaskState.Open
+        );
+    }
+
+    function test_attack_nobodySignsForTheZeroAddressOrForAnAccountWithCode() public {
+        vm.etch(alice, address(coin).code);
+        address[2] memory signers = [address(0), alice];
+        for (uint256 i = 0; i < signers.length; i++) {
+            bytes[3] memory forged = [bytes(""), new bytes(65), _signature(bob, signers[i], NONCE)];
+            for (uint256 j = 0; j < forged.length; j++) {
+                vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, signers[i]));
+                requests.registerTaskFor(signers[i], request(100 ether), NONCE, deadline, forged[j]);
+            }
+        }
+    }
+
     function test_attack_aRelayerChangesTheProof() public {
         offer(robot1, 80 ether);
         TaskId taskId = post(alice, 100 ether);
