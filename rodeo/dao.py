@@ -16,7 +16,7 @@ from rodeo.bus import Bus
 from rodeo.commands import Command
 from rodeo.commands.judging import Conclude
 from rodeo.commands.relaying import Sign, Signable
-from rodeo.commands.services import Agree, RegisterService, UpdateService
+from rodeo.commands.services import Agree, RegisterService, SetPayout, UpdateService
 from rodeo.commands.tasks import AbandonTask, AcceptTask, RaiseReward, SubmitProof
 from rodeo.config import Site, oracle_names
 from rodeo.errors import (
@@ -301,6 +301,10 @@ class Participant:
         if mined.task_id is None:
             raise MalformedAnswer("the answer has no ID of the new task", tx_hash=mined.tx_hash)
         return mined.task_id
+
+    def set_payout(self, payout: str, provider: str | None = None) -> None:
+        """Have payments for a provider's work, by default this participant's, go to another account."""
+        self._say(SetPayout(payout=payout, provider=provider))
 
     def submit_proof(
         self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None

@@ -582,9 +582,11 @@ def payout(
     A provider can do this once. From then on only the address that is paid can name the next one, so that
     whoever steals the provider's key cannot take what it earns. Nobody undoes a mistake in the address.
     """
+    from rodeo.dao import Participant  # takes its time to import
+
     whose = provider or participant
     with connected(site) as (loaded, bus):
-        send_command(loaded, bus, participant, "set_payout", payout=address, provider=whose)
+        Participant(bus, loaded.org, participant).set_payout(address, whose)
         paid = queries.ask(bus, loaded.org, queries.WALLET, account=whose)
     if paid.payout is None:
         say(f"{whose} is paid itself.")

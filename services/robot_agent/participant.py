@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from decimal import Decimal
 
 from rodeo import queries
-from rodeo.commands.services import SetPayout, UpdateService
+from rodeo.commands.services import UpdateService
 from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant
 from rodeo.errors import MalformedAnswer
@@ -67,7 +67,7 @@ class RobotParticipant(Participant):
         account = self.ask(queries.WALLET, account=self.name)
         if account.payout is not None or payout == account.address:
             return account.payout or payout
-        self.command("set_payout", SetPayout(payout=payout))
+        self.set_payout(payout)
         return payout
 
     def set_service_state(self, service_id: int, state: str) -> None:

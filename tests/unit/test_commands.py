@@ -38,11 +38,11 @@ IN_SEVERAL = {
     "agree": 2,
     "conclude": 3,
     "pay_budget_share": 2,
+    "match_task": 2,
     "post_votes": 2,
     "register_service": 3,
     "register_task": 9,
     "rule": 2,
-    "set_payout": 2,
     "update_service": 7,
 }
 """Command -> how many files name it beside its declaration, where they are several: more than one process

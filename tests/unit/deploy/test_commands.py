@@ -133,6 +133,7 @@ def test_a_process_may_send_the_commands_that_its_code_sends_and_no_others(proce
 def test_the_shared_package_sends_commands_where_it_is_known_to() -> None:
     assert shared().keys() == {
         *(".offer_service", ".accept_task", ".abandon_task", ".raise_reward", ".submit_proof"),
+        ".set_payout",
         *(".conclude_rulings", "acceptance", "abandonment", "Executor", "judge", "DailyRoots", "Rulings"),
     }
 
