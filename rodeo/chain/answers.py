@@ -32,7 +32,6 @@ _QUANTITY = re.compile(r"0x[0-9a-fA-F]{1,64}")
 _DATA = re.compile(r"0x(?:[0-9a-fA-F]{2})*")
 _HASH = re.compile(r"0x[0-9a-fA-F]{64}")
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{40}")
-
 _MOST_TOPICS = 4
 
 Params = Sequence[Any]
@@ -71,11 +70,12 @@ def _only(names: Sequence[str], found: Mapping[str, Any]) -> dict[str, Any]:
     return {name: found[name] for name in names if name in found}
 
 
-def header(found: Any) -> dict[str, Any]:
-    """A block that was mined, without its transactions. Raises Malformed."""
-    block = _only(_BLOCK, _object("the block", found))
-    _quantity("number", block.get("number"))
-    _match(_HASH, "hash", block.get("hash"))
+def header(found: Any, pending: bool = False) -> dict[str, Any]:
+    """A block without its transactions; `pending` has no number and hash yet. Raises Malformed."""
+    block = _only(_BLOCK[2:] if pending else _BLOCK, _object("the block", found))
+    if not pending:
+        _quantity("number", block.get("number"))
+        _match(_HASH, "hash", block.get("hash"))
     _match(_HASH, "parentHash", block.get("parentHash"))
     _quantity("timestamp", block.get("timestamp"), LATEST_S)
     for name, most in (("baseFeePerGas", MOST_WEI_PER_GAS), ("gasLimit", MOST)):
@@ -120,8 +120,8 @@ def _text(pattern: re.Pattern[str]) -> Callable[[Params, Any], Any]:
 def _block_by_number(params: Params, result: Any) -> Any:
     if result is None:
         return None
-    found = header(result)
     asked = params[0] if params else None
+    found = header(result, pending=asked == "pending")
     if isinstance(asked, str) and asked.startswith("0x") and int(asked, 16) != int(found["number"], 16):
         raise Malformed(f"number is not {asked}, which was asked for", found["number"])
     return found

@@ -39,14 +39,11 @@ class RobotParticipant(Participant):
         """How many tasks of this kind were ever posted, by anyone."""
         return self.ask(queries.TASKS, kind=kind, limit=1).total
 
-    def spent_iec(self, since_s: float) -> Decimal:
-        """What went into own tasks since `since_s` and did not come back."""
-        recent = [task for task in self.tasks(creator=self.name) if task.registered >= since_s]
-        return sum((t.reward_iec - t.refunded_iec for t in recent), Decimal(0))
-
     def require_within_cap(self, kind: str, more_iec: Decimal, now_s: float, cap_iec: Decimal) -> None:
-        """Raises CapReached when 24 hours would cost more than `cap_iec` with `more_iec` for this kind."""
-        spent_iec = self.spent_iec(now_s - DAY_S)
+        """Raises CapReached when 24 hours would cost more than `cap_iec` with `more_iec` for this kind. What
+        came back from own tasks costs nothing."""
+        recent = [task for task in self.tasks(creator=self.name) if task.registered >= now_s - DAY_S]
+        spent_iec = sum((task.reward_iec - task.refunded_iec for task in recent), Decimal(0))
         if spent_iec + more_iec > cap_iec:
             raise CapReached(
                 f"the daily spending cap of {cap_iec} IEC does not allow a {kind} for {more_iec} IEC",

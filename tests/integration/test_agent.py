@@ -267,7 +267,7 @@ def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organiza
         return service.price_iec
 
     wait_until(lambda: price() != 100, lambda: organization.running.log("robot_agent"))
-    # Some 5 Wh at about 0.6 IEC and 10 m at 500 IEC/km, and half of that.
+    # From 2 to some 5 Wh at about 0.6 IEC, from 2 to some 10 m at 500 IEC/km, and half of that.
     assert 3 < price() < 60
     updates = [event for event in list(organization.events) if event.name == "ServiceUpdated"]
     prices = itertools.groupby(updates, key=lambda event: event.args["price_iec"])

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rodeo import redaction
-from rodeo.chain import rpc
+from rodeo.chain import answers, rpc
 from rodeo.chain.answers import Refusal
 from rodeo.chain.client import connect
 from rodeo.chain.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RateLimited
@@ -19,6 +19,7 @@ from rodeo.chain.rpc import Rpc
 from rodeo.chain.translation import translated
 from tests.support.bad_answers import (
     BAD_BODIES,
+    BLOCK,
     FILTER,
     GOOD,
     LOG,
@@ -199,6 +200,15 @@ def test_a_receipt_tells_what_became_of_it_without_a_price_and_with_anonymous_ev
     lean = {**RECEIPT, "effectiveGasPrice": None, "logs": [{**LOG, "topics": [], "blockNumber": None}]}
     node.answer = lambda payload, _good: json_reply({"id": payload["id"], "result": lean})
     assert Rpc(node.url).batch([("eth_getTransactionReceipt", [RECEIPT["transactionHash"]])]) == [lean]
+
+
+def test_a_pending_block_alone_has_no_number_and_no_hash() -> None:
+    found = {**BLOCK, "number": None, "hash": None}
+    named = ("parentHash", "timestamp", "baseFeePerGas")
+    let_in = answers.check("eth_getBlockByNumber", ["pending", False], found)
+    assert let_in == {name: BLOCK[name] for name in named}
+    with pytest.raises(answers.Malformed):
+        answers.check("eth_getBlockByNumber", ["latest", False], found)
 
 
 def test_one_request_that_a_firewall_answers_in_html_costs_the_others_nothing(node: BadNode) -> None:
