@@ -408,6 +408,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
 
     /// @dev The organization vouches for its members. A key has no code, or what EIP-7702 lets it have: the 23 bytes that name a
     /// contract.
+    // slither-disable-next-line dead-code
     function _grantRole(bytes32 role, address account) internal override returns (bool granted) {
         if (role == ALLOCATOR_ROLE && account.code.length <= 23) revert NotAContract(account);
         granted = super._grantRole(role, account);
@@ -417,6 +418,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     }
 
     /// @dev A former member of an organization for members only gets no more tasks, however the role was lost.
+    // slither-disable-next-line dead-code
     function _revokeRole(bytes32 role, address account) internal override returns (bool revoked) {
         revoked = super._revokeRole(role, account);
         if (!revoked || role != MEMBER_ROLE) return revoked;

@@ -199,6 +199,7 @@ contract SignedRequests is ISignedRequests, EIP712 {
         view
         returns (bool)
     {
+        // slither-disable-next-line unused-return
         (address recovered, ECDSA.RecoverError failed,) = ECDSA.tryRecoverCalldata(digest, signature);
         if (failed == ECDSA.RecoverError.NoError && recovered == signer) return true;
         return SignatureChecker.isValidERC1271SignatureNowCalldata(signer, digest, signature);

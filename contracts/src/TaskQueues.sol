@@ -163,8 +163,8 @@ contract TaskQueues is ITaskQueues {
         view
         returns (TaskId taskId)
     {
-        // slither-disable-next-line unused-return
         (uint32 number, bool isOffered) = (0, true);
+        // slither-disable-next-line unused-return
         if (serviceId != NO_SERVICE) (number,, isOffered) = _services.profile(serviceId);
         // slither-disable-next-line unused-return
         (taskId,) = _oldestOf(Free(kindId, price, 0, number, isOffered));

@@ -35,8 +35,9 @@ from rodeo.chain.contract_calls import (
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain
-from rodeo.chain.governance import OPERATION_STATES, STATES, GovernanceCalls, Operation
+from rodeo.chain.governance import GovernanceCalls
 from rodeo.chain.logs import Log, decode_logs, event_topics
+from rodeo.chain.proposals import OPERATION_STATES, STATES, Operation
 from rodeo.chain.rpc import NodeProvider
 from rodeo.chain.translation import translated
 from rodeo.chain.types import ZERO_ADDRESS, Role, kind_to_bytes32, value
@@ -286,7 +287,7 @@ class ChainClient:
         return OPERATION_STATES[state]
 
     def proposal_state(self, proposal_id: int) -> str:
-        """One of `governance.STATES`, as of a block that would be mined now."""
+        """One of `proposals.STATES`, as of a block that would be mined now."""
         return STATES[self._view("OrganizationGovernor", "state", proposal_id, block="pending")]
 
     def votes(self, account: str) -> int:

@@ -8,71 +8,24 @@ from typing import Any
 
 from eth_abi import decode, encode
 from eth_abi.exceptions import DecodingError
-from eth_utils import keccak, to_bytes, to_checksum_address
+from eth_utils import keccak, to_bytes
 
 from rodeo.chain import abi, contract_calls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call, functions
+from rodeo.chain.proposals import SUPPORT, WHY, Operation, Proposed
 from rodeo.chain.types import TimelockRole, to_json, values
-
-SUPPORT = ("against", "for", "abstain")
-"""By the number that stands for it in a ballot (OpenZeppelin's GovernorCountingSimple)."""
-
-STATES = ("pending", "active", "canceled", "defeated", "succeeded", "queued", "expired", "executed")
-"""By OpenZeppelin's IGovernor.ProposalState."""
-
-OPERATION_STATES = ("canceled", "waiting", "ready", "executed")
-"""By OpenZeppelin's TimelockController.OperationState; what it does not know any more was cancelled."""
-
-BUDGET_CREDITS = 100
-"""Credits of each member in each budget vote: n votes for one recipient cost n² of them
-(BudgetVotes.CREDITS)."""
-
-WHY = to_checksum_address("0x0000000000000000000000000000000000000004")
-"""The call of a proposal to here has its text as data. A timelock has no place for a text, and this contract,
-which every chain has, only returns what it is sent (`identity`, Ethereum Yellow Paper, appendix E)."""
-
-_PROPOSER_MARK = "#proposer="
-"""The governor takes a text that ends with this and an address from that address only (OpenZeppelin's
-Governor._isValidDescriptionForProposer). Without it anybody may propose the same first, and cancel it."""
 
 _MOST_NESTED = 4
 """Calls in calls that are taken apart; what is deeper is shown as bytes. Nobody needs more, and a proposal
 may hold thousands."""
 
 
-def proposal_key(proposal_id: int) -> str:
-    """How the index writes the governor's number of a proposal."""
-    return f"0x{proposal_id:064x}"
-
-
-@dataclass(frozen=True)
-class Proposed:
-    """What a proposal consists of; its number on chain is made of these."""
-
-    targets: list[str]
-    values: list[int]
-    calldatas: list[bytes]
-    description_hash: bytes
-
-
-@dataclass(frozen=True)
-class Operation:
-    """What the timelock was told to do after its delay; its id on chain is made of these."""
-
-    targets: list[str]
-    values: list[int]
-    calldatas: list[bytes]
-    predecessor: bytes
-    """The operation that has to be executed before; zeros for none."""
-    salt: bytes
-
-    @property
-    def batch_id(self) -> bytes:
-        """Its id, unless it was scheduled as a single call."""
-        types = ["address[]", "uint256[]", "bytes[]", "bytes32", "bytes32"]
-        made_of = [self.targets, self.values, self.calldatas, self.predecessor, self.salt]
-        return keccak(encode(types, made_of))
+def batch_id(one: Operation) -> bytes:
+    """Id of an operation, unless it was scheduled as a single call."""
+    types = ["address[]", "uint256[]", "bytes[]", "bytes32", "bytes32"]
+    made_of = [one.targets, one.values, one.calldatas, one.predecessor, one.salt]
+    return keccak(encode(types, made_of))
 
 
 @dataclass(frozen=True)
@@ -133,7 +86,7 @@ class GovernanceCalls:
         return self._timelock.schedule_batch(targets, [0] * len(data), data, bytes(32), salt, delay_s)
 
     def perform(self, one: Operation, operation_id: bytes) -> Call:
-        if one.batch_id == operation_id:
+        if batch_id(one) == operation_id:
             return self._timelock.execute_batch(
                 one.targets, one.values, one.calldatas, one.predecessor, one.salt
             )
@@ -169,29 +122,6 @@ class GovernanceCalls:
         more; otherwise `founder` is the administrator's key, and may propose and cancel."""
         given_up = [self._timelock.revoke_role(role, founder) for role in TimelockRole]
         return [self.set_delay(delay_s), *(given_up if self._by_vote else ())]
-
-
-def shares(amount: int, votes: Sequence[int]) -> list[int]:
-    """What each recipient of a budget vote is paid with so many `votes`, wei, as the contract divides."""
-    total = sum(votes)
-    return [amount * one // total if total else 0 for one in votes]
-
-
-def protected_text(text: str, proposer: str) -> str:
-    """`text` as `proposer` writes it into a proposal: nobody else can propose the same."""
-    return f"{text}{_PROPOSER_MARK}{proposer}"
-
-
-def shown_text(description: str, proposer: str) -> str:
-    """What people read of a proposal's text; the address of anybody but its proposer stays in it."""
-    text, mark, address = description.rpartition(_PROPOSER_MARK)
-    return text if mark and address.lower() == proposer.lower() else description
-
-
-def text_of(targets: Sequence[str], calldatas: Sequence[bytes]) -> str:
-    """The text among the calls of an operation; anybody who schedules it may have written any bytes."""
-    texts = [data for target, data in zip(targets, calldatas, strict=True) if target == WHY]
-    return "\n".join(text.decode(errors="replace") for text in texts)
 
 
 def described(deployment: Deployment, target: str, calldata: bytes, depth: int = 0) -> Described:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, StringConstraints
 
 from rodeo.bus import validate
-from rodeo.chain.governance import (
+from rodeo.chain.proposals import (
     BUDGET_CREDITS,
     Operation,
     Proposed,

@@ -127,8 +127,8 @@ class EnergyMeter:
         self._last = time_s, power_w
 
     def over(self, duration_s: float, else_w: float) -> float:
-        """Energy (Wh) of a task that took so long, at the mean power measured, or `else_w` where hardly anything
-        was heard: a lost reading makes no task cheaper."""
+        """Energy (Wh) of a task that took so long, at the mean power measured, or at `else_w` where hardly
+        anything was heard: a lost reading makes no task cheaper."""
         heard = self.duration_s >= _SHORTEST_S
         return duration_s * (self.energy_wh / self.duration_s if heard else else_w / 3600)
 

@@ -12,7 +12,8 @@ from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
 from rodeo.chain.client import ChainClient
-from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, WHY, described, shares
+from rodeo.chain.governance import described
+from rodeo.chain.proposals import BUDGET_CREDITS, SUPPORT, WHY, shares
 from rodeo.chain.types import ZERO_ADDRESS, Role
 from rodeo.queries import BudgetVoteFilters, ProposalFilters
 from rodeo.strict_json import Json

@@ -16,8 +16,8 @@ from rodeo.chain.errors import (
     InvalidAnswer,
     TransactionFailed,
 )
-from rodeo.chain.governance import proposal_key
 from rodeo.chain.logs import UnlikeOurs, decode_event, event_topics
+from rodeo.chain.proposals import proposal_key
 from rodeo.chain.types import Event
 from rodeo.errors import RodeoError
 from services.bridge.chain import Chain

@@ -8,7 +8,7 @@ from typing import Any
 from eth_utils import keccak
 
 from rodeo.chain import events
-from rodeo.chain.governance import SUPPORT, proposal_key, shown_text, text_of
+from rodeo.chain.proposals import SUPPORT, proposal_key, shown_text, text_of
 from rodeo.chain.types import TimelockRole
 from rodeo.currency import Currency
 from services.bridge import schema

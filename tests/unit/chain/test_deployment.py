@@ -21,7 +21,8 @@ from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ChainError, ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.events import Transfer
-from rodeo.chain.governance import WHY, Operation
+from rodeo.chain.governance import batch_id
+from rodeo.chain.proposals import WHY, Operation
 from rodeo.chain.types import Role, kind_to_bytes32
 from rodeo.config import AppealConfig, DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from rodeo.currency import IEC
@@ -109,8 +110,8 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
         organization.send(key, schedule([unlimited], "no limits", bytes(32), 2 * day_s))
         data = [to_bytes(hexstr=unlimited.data), b"no limits"]
         proposed = Operation([client.organization, WHY], [0, 0], data, bytes(32), bytes(32))
-        assert client.pending_operations() == {proposed.batch_id: proposed}
-        perform = client.governance_calls.perform(proposed, proposed.batch_id)
+        assert client.pending_operations() == {batch_id(proposed): proposed}
+        perform = client.governance_calls.perform(proposed, batch_id(proposed))
         with pytest.raises(ContractReverted) as early:
             organization.send(organization.robot, perform)
         assert early.value.name == "TimelockUnexpectedOperationState"

@@ -10,8 +10,9 @@ from rodeo.chain import artifacts, events
 from rodeo.chain.abi import Terms
 from rodeo.chain.calls import OrganizationCalls
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.governance import described, protected_text, shown_text
+from rodeo.chain.governance import described
 from rodeo.chain.logs import decode_json_log, event_topics
+from rodeo.chain.proposals import protected_text, shown_text
 from rodeo.chain.types import ZERO_ADDRESS
 
 MEMBER = "0x" + "0a" * 20

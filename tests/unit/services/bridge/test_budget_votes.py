@@ -15,7 +15,7 @@ from rodeo.bus import Request
 from rodeo.chain import artifacts
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import ContractReverted
-from rodeo.chain.governance import BUDGET_CREDITS, SUPPORT, shares
+from rodeo.chain.proposals import BUDGET_CREDITS, SUPPORT, shares
 from rodeo.chain.translation import decode_revert
 from rodeo.commands.errors import (
     AlreadyProposed,

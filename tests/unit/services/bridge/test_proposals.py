@@ -16,7 +16,7 @@ from rodeo import keystores, wallets
 from rodeo.chain import contract_calls
 from rodeo.chain.client import ChainClient, connect
 from rodeo.chain.errors import ContractReverted
-from rodeo.chain.governance import WHY
+from rodeo.chain.proposals import WHY
 from rodeo.chain.types import Role, TimelockRole
 from rodeo.commands import COMMANDS
 from rodeo.commands.errors import (

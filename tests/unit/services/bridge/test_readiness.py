@@ -69,7 +69,8 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
         recent_voids=lambda _last: {None: (9, {"oracle": 1})},
     )
     index.providers, index.engaged = dict, set
-    index.stood_back = index.locked_bonds = list
+    index.idle = index.locked_bonds = list
+    index.in_state = lambda _state: []
     wallets = {"panther1": SimpleNamespace(execute=execute)}
     handback = SimpleNamespace(can_do=lambda _name, _kind: True)
     attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets, handback=handback)
