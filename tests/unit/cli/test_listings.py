@@ -48,14 +48,16 @@ ACTS = {
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "vouch", "grant", "revoke", "suspend",
         "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
-        "retire-rules", "instances", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
+        "instances",
+        "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "cancel", "judge-key",
         "seat", "unseat", "quorum", "remove-judge", "sign-seat",
         "deposit-stake", "announce-withdrawal", "withdraw-stake", "vote-budget", "pay-budget",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "vouch", "grant", "revoke", "suspend",
         "suspend-provider", "reinstate-provider",
-        "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "instances", "budget", "resume",
+        "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget",
+        "instances", "resume",
         "price", "judge-key", "remove-judge", "seat", "unseat", "quorum", "hand-over", "delay", "budget-vote",
     )),
 }  # fmt: skip
