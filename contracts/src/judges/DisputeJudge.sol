@@ -323,16 +323,7 @@ contract DisputeJudge is IDisputeJudge, Judge {
     function _ruleAgain(TaskId taskId, Task memory a, InstanceRuling memory r) private {
         uint96 amount = r.ruling == Ruling.Accepted ? r.paid : 0;
         // slither-disable-next-line unused-return
-        tasks.rule(
-            taskId,
-            a.attempt,
-            a.proofHash,
-            r.ruling,
-            _faultOf(r.ruling, r.fault),
-            amount,
-            r.until,
-            r.reportHash
-        );
+        tasks.rule(taskId, a.attempt, a.proofHash, r.ruling, r.fault, amount, r.until, r.reportHash);
     }
 
     /// @dev Each voter has staked enough: what its instance asks for, and a tenth of what its open rulings pay.

@@ -6,7 +6,7 @@ import {Finding, IJudge} from "../interfaces/IJudge.sol";
 import {IOrganization, JUDGE_GAS} from "../interfaces/IOrganization.sol";
 import {IProviders} from "../interfaces/IProviders.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
-import {Fault, ITaskManager, Judged, Ruling, Task, TaskState} from "../interfaces/ITaskManager.sol";
+import {ITaskManager, Judged, Ruling, Task, TaskState} from "../interfaces/ITaskManager.sol";
 import {Texts} from "../libraries/Texts.sol";
 import {ADMINISTRATOR_ROLE} from "../types/Roles.sol";
 import {TaskId} from "../types/TaskId.sol";
@@ -78,8 +78,9 @@ abstract contract Judge is IJudge {
             emit PassedOn(f.taskId, f.attempt, next);
             (ruling, until) = (Ruling.Void, _case(f.taskId).caseEnd);
         }
-        Fault fault = _faultOf(ruling, f.fault);
-        a = tasks.rule(f.taskId, f.attempt, f.proofHash, ruling, fault, f.amount, uint40(until), f.reportHash);
+        a = tasks.rule(
+            f.taskId, f.attempt, f.proofHash, ruling, f.fault, f.amount, uint40(until), f.reportHash
+        );
         // Only what is Ruled was passed on: most rulings do not look.
         if (msg.sender != next && a.ruled && _passed[f.taskId].attempt == f.attempt) {
             revert PassedOnBefore(f.taskId, f.attempt);
@@ -100,11 +101,6 @@ abstract contract Judge is IJudge {
 
     /// @dev Whether `account` is among those that `by` stands for, or has the same owner as one of them.
     function _isAmong(uint248 by, address account) internal view virtual returns (bool);
-
-    /// @dev Only a void is somebody's fault, whatever else a finding names.
-    function _faultOf(Ruling ruling, Fault fault) internal pure returns (Fault) {
-        return ruling == Ruling.Void ? fault : Fault.Nobody;
-    }
 
     function _requireAdministrator() internal view {
         if (!_hasRole(ADMINISTRATOR_ROLE, msg.sender)) revert NotAdministrator(msg.sender);
