@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict
 
 from rodeo import queries, signed_requests, topics
-from rodeo.bus import Bus
+from rodeo.bus import Bus, validate
 from rodeo.commands import Command
 from rodeo.commands.judging import Conclude
 from rodeo.commands.relaying import Sign, Signable
@@ -304,7 +304,7 @@ class Participant:
 
     def set_payout(self, payout: str, provider: str | None = None) -> None:
         """Have payments for a provider's work, by default this participant's, go to another account."""
-        self._say(SetPayout(payout=payout, provider=provider))
+        self._say(validate(SetPayout, {"payout": payout, "provider": provider}))
 
     def submit_proof(
         self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None

@@ -78,7 +78,7 @@ def header(found: Any, pending: bool = False) -> dict[str, Any]:
         _match(_HASH, "hash", block.get("hash"))
     _match(_HASH, "parentHash", block.get("parentHash"))
     _quantity("timestamp", block.get("timestamp"), LATEST_S)
-    for name, most in (("baseFeePerGas", MOST_WEI_PER_GAS), ("gasLimit", MOST)):
+    for name, most in (("baseFeePerGas", MOST_WEI_PER_GAS), ("gasLimit", MOST_WEI)):
         if block.get(name) is not None:
             _quantity(name, block[name], most)
     return block
@@ -233,9 +233,9 @@ _CHECKS: dict[str, Callable[[Params, Any], Any]] = {
 
 _SEND = "eth_sendRawTransaction"
 _MAY_BE_ABSENT = ("eth_getBlockByNumber", "eth_getTransactionByHash", "eth_getTransactionReceipt")
-_INTERNAL, _REVERTED, _LIMITED = -32603, (3, -32015), (429, -32005)
-"""Codes: JSON-RPC's of a node that failed itself; geth's and Nethermind's of a revert; HTTP's and EIP-1474's
-of a limit."""
+_INTERNAL, _NO_METHOD, _REVERTED, _LIMITED = -32603, -32601, (3, -32015), (429, -32005)
+"""Codes: JSON-RPC's of a node that failed itself, and of what it cannot do; geth's and Nethermind's of a
+revert; HTTP's and EIP-1474's of a limit."""
 
 
 def _words(text: str) -> re.Pattern[str]:
@@ -246,15 +246,15 @@ _RATE = _words(
     "rate.?limit|rate exceeded|too many (requests|calls|connections)|compute units|throttl|quota"
     "|request (limit|count)|capacity"
 )
-_LIMIT = _words(f"{_RATE.pattern}|limit exceeded")
+_LIMIT = _words(f"{_RATE.pattern}|(?<!gas )(?<!size )(?<!pool )limit exceeded")
 _SPENT = _words("monthly|daily|disabled|upgrade|billing|whitelist")
 """Limits that no pause lifts."""
 _RANGE = _words("range|blocks|results|logs|response size")
-_KNOWN = _words("^(?!.*nonce).*(already.?known|known transaction|already (imported|exists|in.{0,9}pool))")
+_KNOWN = _words(r"^(?!.*nonce).*(already.?known|\bknown transaction|already (imported|exists|in.{0,9}pool))")
 _PAST_NONCE = _words("nonce.{0,4}(is )?too.?low|old.?nonce|nonce.{0,20}(already|been) used")
 _NOT_NOW = _words(
     "in-flight transaction limit|gapped.nonce|nonce.?gap|nonce.{0,4}too.?(high|distant)|future nonce"
-    "|pool.{0,8}full|already reserved"
+    "|pool.{0,8}full|pool limit exceeded|already reserved"
 )
 """A transaction that is taken later, when those before it are mined or the others' are gone."""
 _REPLACES = _words("replace|too.?low.?to.?compete|same nonce")
@@ -346,7 +346,7 @@ def refused(error: Any, call: Call) -> Any:
             return "0x" + keccak(hexstr=params[0]).hex()
         if _NOT_NOW.search(text) and refusal.kind is not Kind.REPLACES:
             return NotNow("the node does not take the transaction yet", reason=excerpt(text))
-    elif method in _MAY_BE_ABSENT and _ABSENT.search(text):
+    elif method in _MAY_BE_ABSENT and code != _NO_METHOD and _ABSENT.search(text):
         return None
     elif _LATER.search(text) or (_SLOW.search(text) and not is_range):
         return NotNow("the node cannot tell now", reason=excerpt(text))

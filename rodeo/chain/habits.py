@@ -10,7 +10,9 @@ from rodeo.chain.asking import Call
 
 _GWEI = 10**9
 _GROWTH = 20
-"""Answers to ranges of blocks after which twice as long a one is tried."""
+"""Answers to the longest batches, or ranges of blocks, after which twice as long a one is tried: an outage
+must not make them short for good."""
+_MOST_CALLS = 100
 
 
 @dataclass
@@ -19,7 +21,7 @@ class Habits:
 
     paused_until_s: float = 0.0
     """When it wants to be asked again, monotonic."""
-    most_calls: int = 100
+    most_calls: int = _MOST_CALLS
     """Requests in one batch."""
     most_blocks: int = 1 << 20
     """Blocks whose logs it is asked for at once."""
@@ -29,6 +31,7 @@ class Habits:
     """What transactions offered last, wei per gas."""
     least_tip: int = 0
     _good_ranges: int = 0
+    _good_batches: int = 0
 
     @property
     def pause_s(self) -> float:
@@ -40,6 +43,14 @@ class Habits:
             return call
         tag = self.tags[method]
         return method, [*params[:-1], *([] if tag is None else [tag])]
+
+    def note_batch(self, size: int, good: bool) -> None:
+        if not good:
+            self.most_calls, self._good_batches = size, 0
+        elif size >= self.most_calls:
+            self._good_batches += 1
+            if self._good_batches >= _GROWTH:
+                self.most_calls, self._good_batches = min(_MOST_CALLS, 2 * self.most_calls), 0
 
     def note_range(self, blocks: int, good: bool) -> None:
         if not good:

@@ -124,7 +124,9 @@ class Rpc:
             limited = [place for place in part if isinstance(answers[place], RateLimited)]
             if most < self.habits.most_calls and not limited and not spoilt:
                 log.info("the node takes %d requests at once", most)
-                self.habits.most_calls = most
+                self.habits.note_batch(most, good=False)
+            elif not limited:
+                self.habits.note_batch(len(part), good=True)
             if limited and len(calls) > 1 and tries < _TRIES:
                 # A round that brought something on costs no try.
                 tries = 0 if len(limited) < len(part) else tries + 1
@@ -167,7 +169,8 @@ class Rpc:
             elif isinstance(found, Refusal) and size > 1:
                 self.habits.note_range(size, good=False)
             else:
-                self.habits.most_blocks = before  # it was not for their number
+                if isinstance(found, Refusal):
+                    self.habits.most_blocks = before  # it was not for their number
                 return found
         return logs
 

@@ -33,13 +33,15 @@ from rodeo.checks.testimony import (
 )
 from rodeo.evidence.errors import EvidenceError
 from rodeo.evidence.series import Array
-from rodeo.lab.drop import SPEAKS_AGAIN_S, SUBMITTED_S
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S, SPEAKS_AGAIN_S, SUBMITTED_S
 from rodeo.messages import Device, Fault
 from rodeo.witness.statement import Classification, Drop, Motion
 
 THE_SITE = "the site"
 """As who failed: its organization answers for it."""
 ONE_CHAIN = "one chain of statements per device"
+_LOST = 3
+"""Statements that another witness heard, and that the network may have lost at the end."""
 
 
 class Doubt(NamedTuple):
@@ -204,11 +206,11 @@ def _heard_no_more(case: Case) -> str | None:
 
 def unheard(case: Case) -> str | None:
     """Why nobody can tell who fell silent: the bin named who makes this recording, which went on for as long
-    as a robot waits, and neither motion capture nor the bin said anything more.
+    as a robot waits, and neither motion capture nor the bin said anything more that the other one heard.
 
     A robot that gives up need not wait, and says what kept it.
     """
-    if reported_failure(case) is not None:
+    if reported_failure(case) is not None or not case.mocap or _left_out(case):
         return None
     said = [one.statement for _, testimony in signed_by(case, asked(case)) for one in testimony.said]
     claimants = [c for one in said if isinstance(one, Classification | Drop) for c in one.claimants]
@@ -217,9 +219,25 @@ def unheard(case: Case) -> str | None:
     last_s, end_s = max(one.time_s for one in said), case.proof.end_ns * 1e-9
     task = case.chain_record.task if case.chain_record else None
     latest_s = math.inf if task is None or task.execution_deadline is None else task.execution_deadline
-    if end_s < min(last_s + SPEAKS_AGAIN_S, latest_s - SUBMITTED_S) - case.slack_s:
+    waited_s = max(min(SPEAKS_AGAIN_S, latest_s - SUBMITTED_S - last_s), JUDGED_AFTER_DROP_S)
+    if end_s < last_s + waited_s - min(case.slack_s, JUDGED_AFTER_DROP_S / 2):
         return None
     return f"neither motion capture nor the bin said anything in the last {end_s - last_s:.0f} s recorded"
+
+
+def _left_out(case: Case) -> bool:
+    """Whether a witness of the case lists later statements of another one than those that are here: more than
+    may get lost."""
+    witnesses, said = asked(case), signed_by(case, asked(case))
+    devices = case.chain_record.devices if case.chain_record else ()
+    newest = {key.address.lower(): -1 for key in devices if (key.role, key.name) in witnesses}
+    for key, testimony in said:
+        newest[key.address.lower()] = max((one.statement.seq for one in testimony.said), default=-1)
+    heads = [head for _, testimony in said for one in testimony.said for head in one.statement.heads]
+    return any(
+        head.chain is None and head.index > newest.get(head.address.lower(), head.index) + _LOST
+        for head in heads
+    )
 
 
 def signed_twice(testimony: Testimony) -> str | None:

@@ -58,6 +58,8 @@ class Console:
     wallet: Literal["organization", "provider", "member", "anybody"] = "organization"
     """`provider`: the one that the request names, if the person may act for it. `member`: the person's own.
     `anybody`: the person's own if it has one, because the contracts take the command from everybody."""
+    for_good: bool = False
+    """Nobody undoes it, or not without loss: the page warns."""
 
 
 @dataclass(frozen=True)

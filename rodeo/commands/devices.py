@@ -10,7 +10,7 @@ from rodeo.chain import abi
 from rodeo.chain.types import halves, hex_bytes
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.examples import ADDRESS, DIGEST, LOG_URI, SIGNATURE
-from rodeo.commands.people import BY_ADMINISTRATOR
+from rodeo.commands.people import BY_ADMINISTRATOR, FOR_GOOD
 from rodeo.messages import Address, DeviceName, Hex32, Party, Revocation, Signature
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class RegisterDevice(Command):
         "From now on the organization rejects what {device} signs.",
         spelled={"device": "ADDRESS"},
     ),
-    console=BY_ADMINISTRATOR,
+    console=FOR_GOOD,
     proposable=True,
 )
 class RevokeDevice(Command):

@@ -25,7 +25,7 @@ from rodeo.commands.errors import (
     UnknownParticipant,
 )
 from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, REPORT_URI, SIGNATURE, VOTE
-from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_PROVIDER, PEOPLE
+from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_PROVIDER, FOR_GOOD, PEOPLE
 from rodeo.errors import InvalidRequest
 from rodeo.messages import (
     JUDGES,
@@ -148,7 +148,8 @@ class PostVotes(Command):
 )
 class Challenge(Command):
     """Challenge the ruling that stands on a task, with a stake that is lost if the ruling is right. Creator,
-    executor and judges may. A party may take over what a judge has challenged."""
+    executor and judges may. A party may take over what a judge has challenged. What is signed for somebody
+    else to send challenges this ruling alone."""
 
     task_id: Id = Field(description="The task, by its number in `rodeo task list`.", examples=[7])
     reason: Annotated[str, StringConstraints(max_length=500, pattern=r"\S")] = Field(
@@ -222,7 +223,7 @@ class SettleStakes(Command):
         "organization remove-judge {kind}",
         "The judge of {kind} rules no more. `rodeo organization kind {kind} --judge` sets another.",
     ),
-    console=BY_ADMINISTRATOR,
+    console=FOR_GOOD,
     proposable=True,
     of_administrator=False,
 )

@@ -15,7 +15,7 @@ from rodeo.chain.types import Role, hex_bytes
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.errors import KindWithoutChecks, KindWithoutQuorum, KindWithoutRules
 from rodeo.commands.examples import DIGEST
-from rodeo.commands.people import BY_ADMINISTRATOR
+from rodeo.commands.people import BY_ADMINISTRATOR, FOR_GOOD
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import (
     DEFAULT_PRICE_IEC,
@@ -213,7 +213,7 @@ class AllowKind(Command):
         "organization retire-rules {kind} {rules_sha256}",
         "No task of {kind} is posted under {rules_sha256} any more.",
     ),
-    console=BY_ADMINISTRATOR,
+    console=FOR_GOOD,
     proposable=True,
 )
 class RetireRules(Command):
@@ -345,7 +345,7 @@ class Admit(Command):
 
 @command(
     line=Line("organization dismiss {account}", "{account} is no longer a member."),
-    console=BY_ADMINISTRATOR,
+    console=FOR_GOOD,
     proposable=True,
 )
 class Dismiss(Command):

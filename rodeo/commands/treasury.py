@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from decimal import Decimal
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from eth_utils import to_checksum_address
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rodeo.chain.types import Role
 from rodeo.commands.declare import Command, Line, command
@@ -112,6 +112,12 @@ class SetBudget(Command):
     period_s: Annotated[int, Field(ge=0, lt=2**24)] = Field(
         0, description="In seconds. 0 ends the limit.", examples=[86400]
     )
+
+    @model_validator(mode="after")
+    def _amount_has_a_period(self) -> Self:
+        if self.amount_iec and not self.period_s:
+            raise ValueError("an amount needs a period: a period of 0 ends the limit")
+        return self
 
     def calls(self, desk: Desk) -> list[Call]:
         role = Role[self.role.upper()]

@@ -210,22 +210,28 @@ def _channel(channel: Channel, schema: Schema | None) -> tuple[str, str, _Conver
 
 def _records(path: Path, limits: Limits) -> Iterator[McapRecord]:
     """Schemas, channels and messages, those in chunks included, up to the end of the data section."""
+    left = iter(range(limits.messages))
     with path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise CorruptProof("the bag cannot be read: it does not begin as an MCAP file", path=str(path))
         uncompressed = 0
-        for record in _stream(file, path, limits):
+        for record in _stream(file, path, limits, left):
             if not isinstance(record, Chunk):
                 yield record
                 continue
             uncompressed += record.uncompressed_size
             if uncompressed > limits.uncompressed_bytes:
                 raise ProofTooLarge("the bag holds too much", limit="uncompressed_bytes", value=uncompressed)
-            yield from _stream(BytesIO(_unpacked(record)), path, limits, in_chunk=True)
+            yield from _stream(BytesIO(_unpacked(record)), path, limits, left, in_chunk=True)
 
 
-def _stream(file: IO[bytes], path: Path, limits: Limits, in_chunk: bool = False) -> Iterator[McapRecord]:
+def _stream(
+    file: IO[bytes], path: Path, limits: Limits, left: Iterator[int], in_chunk: bool = False
+) -> Iterator[McapRecord]:
+    """`left` has an element for each record that may still come, also for those that are passed over."""
     while head := file.read(_RECORD.size):
+        if next(left, None) is None:
+            raise ProofTooLarge("the bag has too many records", limit="messages", value=limits.messages)
         if len(head) < _RECORD.size:
             break
         opcode, length = _RECORD.unpack(head)

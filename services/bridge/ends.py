@@ -49,6 +49,8 @@ class Ends:
         self._process, self._clock, self._stop = process, process.clock, process.stop
         self._attached, self._accounts, self._threads = attached, accounts, threads
         self._expiring: dict[End | Update | Match, float] = {}
+        self._sent: dict[End | Update | Match, Future[Any]] = {}
+        """What is sent and not mined yet."""
         """What is done at the end of a time -> wall time (monotonic) before which it is not tried again."""
         self._changed = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="windows", daemon=True)
@@ -113,14 +115,18 @@ class Ends:
             due += [End(ORGANIZATION, "expire_task", task_id) for task_id in index.overdue(now_s)]
             ends_s.append(index.next_end_s(now_s))
         self._expiring = {end: retry_s for end, retry_s in self._expiring.items() if end in due}
-        jobs = []
+        # Until it is mined, the index does not know of it.
+        self._sent = {end: mined for end, mined in self._sent.items() if not mined.done()}
+        jobs: dict[Future[Any], End | Update | Match] = {}
         for end in due:
-            if self._expiring.get(end, -math.inf) <= wall_s:
+            if end not in self._sent and self._expiring.get(end, -math.inf) <= wall_s:
                 log.info("%s by %s is due", end.command, end.wallet, extra={"task": end.task_id})
                 self._expiring[end] = wall_s + _EXPIRY_RETRY_S
-                jobs.append(self._threads[end.wallet].submit(send_end, attachment.wallets[end.wallet], end))
+                jobs[self._threads[end.wallet].submit(send_end, attachment.wallets[end.wallet], end)] = end
         ended, _ = futures.wait(jobs, _EXPIRY_RETRY_S)
-        futures.wait([mined for job in ended if (mined := job.result()) is not None], _EXPIRY_RETRY_S)
+        sent = {jobs[job]: mined for job in ended if (mined := job.result()) is not None}
+        self._sent |= sent
+        futures.wait(sent.values(), _EXPIRY_RETRY_S)
         return min((end_s + 1 for end_s in ends_s if end_s is not None), default=None)
 
     def hand_back(self, attachment: Attachment) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainError, InvalidAnswer, RpcFailed
+from rodeo.chain.errors import ChainError, InvalidAnswer, NotNow, RpcFailed
 from rodeo.chain.logs import Log, decode_json_log, event_topics
 from rodeo.messages import DaoEvent
 from services.bridge.errors import ChainReorganized
@@ -109,7 +109,7 @@ class Follower:
             found = self._ask(
                 *(("eth_getLogs", [{**self._filter, "blockHash": header["hash"]}]) for header in headers)
             )
-        except RpcFailed:
+        except (RpcFailed, NotNow):
             return False
         self.head = max(self.head, end.block)
         known = {_number(header): header for header in headers}

@@ -93,31 +93,42 @@ def due_matches(
     index: Index, here: Mapping[str, str], can_do: Callable[[str, str], bool], now_s: float
 ) -> tuple[list[Match], float | None]:
     """What `here` (address -> name) send now for their services that wait, and when the next is due. Where
-    the contracts match by themselves they have done so after GRACE_S."""
+    the contracts match by themselves they have done so after GRACE_S; then the services in line have their
+    turns, GRACE_S each, so that of several bridges one sends."""
+    line = sorted((one for one in index.idle() if one["place"]), key=lambda one: int(one["place"]))
+    waiting = [one for one in line if one["provider"] in here and can_do(here[one["provider"]], one["kind"])]
+    if not waiting:
+        return [], None
     anybody = (
         one
         for one in index.in_state("open")
         if one["requested_service_id"] is None and one["requested_provider"] is None
     )
-    tasks = sorted(anybody, key=lambda one: int(one["id"]))
-    if not tasks:
-        return [], None
     providers = index.providers()
-    waiting = [one for one in index.idle() if one["place"] and one["provider"] in here]
     due: list[Match] = []
     starts_s: list[float] = []
-    for task in tasks:
+    for task in sorted(anybody, key=lambda one: int(one["id"])):
         passed = {one["provider"] for one in task["passed"]}
         for service in waiting:
             provider = service["provider"]
-            fits = service["number"] == task["number"] and service["price"] <= task["reward"]
-            if not fits or provider in passed or not can_do(here[provider], service["kind"]):
+            if not _fits(service, task) or provider in passed:
                 continue
             proven = providers[provider]["earned"] or providers[provider]["vouched"]
-            wait_s = GRACE_S if proven or len(passed) < PROVEN_FROM else PATIENCE_S
+            before = sum(
+                one["place"] < service["place"] and one["provider"] not in passed | here.keys()
+                for one in line
+                if _fits(one, task)
+            )
+            wait_s = before * GRACE_S + (GRACE_S if proven or len(passed) < PROVEN_FROM else PATIENCE_S)
             if task["opened"] + wait_s < now_s:
                 due.append(Match(here[provider], task["id"], service["id"]))
                 waiting.remove(service)
                 break
             starts_s.append(task["opened"] + wait_s)
+        if not waiting:
+            break
     return due, min(starts_s, default=None)
+
+
+def _fits(service: Row, task: Row) -> bool:
+    return bool(service["number"] == task["number"] and service["price"] <= task["reward"])

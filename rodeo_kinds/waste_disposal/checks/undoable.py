@@ -219,11 +219,15 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
     lost = any(moving_s(case, *span) > UNSEEN_S for span in item.unseen_s)
     if cause == _NOT_FOUND and there[-1] and not lost:
         return _refuted(case, "the item lay there all the time")
+    hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
+    hidden = hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S
+    since_m = base.position_m[base.time_s >= hidden_s[0], :2]
+    if hidden and (np.linalg.norm(since_m - item.position_m[-1, :2], axis=1) <= TOUCHES_M).any():
+        return None  # nor what it did to what was not seen again
     if there[0] and ((left and by_another) or (cause == _NOT_FOUND and not there[-1])):
         return undecided("the item lay there, and somebody else moved it", "whoever moved it", _SOURCE)
-    hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
-    if hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S:
-        return None  # nor what it did to what was not seen again
+    if hidden:
+        return None
     if cause == _NOT_FOUND and not lost and not there.any():
         moved = float(np.linalg.norm(item.position_m - item.position_m[0], axis=1).max()) > MOVED_M
         heard = any(in_file(case, head) for _, head in listed(case, motion_of(case)))

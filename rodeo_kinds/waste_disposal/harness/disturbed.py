@@ -631,9 +631,9 @@ def nothing_carried_before_the_fuse_blows(shop: CleaningWorkshop) -> Submission:
     return _all_silent(shop, watched(resting(shop.take, ITEM_POSE, 0)), 2.0)
 
 
-def _left_out(shop: CleaningWorkshop, take: Take, *, watch: bool) -> Submission:
-    """The recording lacks what motion capture said from three seconds after the drop on."""
-    from_s = _drop(shop.take)["settled_s"] + 3.0
+def _left_out(shop: CleaningWorkshop, take: Take, *, watch: bool, after_drop_s: float = 3.0) -> Submission:
+    """The recording lacks what motion capture said from so long after the drop on."""
+    from_s = _drop(shop.take)["settled_s"] + after_drop_s
 
     def edit(one: Attestation) -> Attestation | None:
         late = one.payload["device"] == "mocap" and one.payload["time_s"] > from_s
@@ -665,6 +665,14 @@ def statements_left_out_until_nobody_waits(shop: CleaningWorkshop) -> Submission
     """The same, and the robot records for longer than it would wait. Nobody can tell that from a blown fuse:
     nobody is paid."""
     return _left_out(shop, watched(shop.take, RECORDED_AFTER_DROP_S + SPEAKS_AGAIN_S), watch=True)
+
+
+@HARNESS.forgery("carried", "never leaves the floor", role="executor")
+def the_carry_left_out_until_nobody_waits(shop: CleaningWorkshop) -> Submission:
+    """The item lies where it lay, and the recording lacks what motion capture said from before the lift on.
+    The bin lists it."""
+    still = watched(resting(shop.take, ITEM_POSE, 0), RECORDED_AFTER_DROP_S + SPEAKS_AGAIN_S)
+    return _left_out(shop, still, watch=True, after_drop_s=-45.0)
 
 
 @HARNESS.ruining("seen_throughout", role="bystander", ruling="void", doubts="the site's motion capture")

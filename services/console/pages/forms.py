@@ -56,10 +56,13 @@ async def ask_command(
 
     async def give(answer: dict[str, str]) -> bool:
         said: Json = {key: one for key, one in answer.items() if one}
-        lines = [(fields[key].label, one) for key, one in said.items()] or [("What", ACTIONS[name].summary)]
+        lines = [(phrase(bare(key)).capitalize(), str(one)) for key, one in known.items()]
+        lines += [(fields[key].label, one) for key, one in said.items()]
+        lines = lines or [("What", ACTIONS[name].summary)]
         request = known | {key: one.split(",") if _is_list(model, key) else one for key, one in said.items()}
         amount = f" {said['amount_iec']} IEC" if "amount_iec" in said else ""
-        if not await confirm(f"{title_of(name)}?", lines, f"{title_of(name)}{amount}"):
+        danger = model.declared.console is not None and model.declared.console.for_good
+        if not await confirm(f"{title_of(name)}?", lines, f"{title_of(name)}{amount}", danger=danger):
             return False
         if await act(console, name, request, f"Done: {title_of(name).lower()}") is None:
             return False
