@@ -235,3 +235,11 @@ def test_what_a_provider_takes_at_once_is_found_out_once(node: BadNode) -> None:
     node.asked.clear()
     assert door.batch([CHAIN_ID] * 40) == ["0x7a69"] * 40
     assert [len(payload) for payload in node.asked] == [10] * 4
+
+
+def test_an_outage_makes_batches_short_for_a_while_only() -> None:
+    habits = Habits()
+    habits.note_batch(1, good=False)
+    for _ in range(200):
+        habits.note_batch(habits.most_calls, good=True)
+    assert habits.most_calls == Habits().most_calls

@@ -120,6 +120,12 @@ def test_who_is_not_proven_takes_after_an_hour_what_no_proven_provider_took() ->
     assert matches(1_001 + GRACE_S, passed=4, earned=True) == ([Match("alice", 1, 7)], None)
 
 
+def test_services_of_several_bridges_have_their_turns_in_line() -> None:
+    second_s = 1_000 + 2 * GRACE_S
+    assert matches(second_s, place=2) == ([], second_s)
+    assert matches(second_s + 1, place=2) == ([Match("alice", 1, 7)], None)
+
+
 @pytest.mark.parametrize(
     "unfit",
     [{"price": 41}, {"number": 2}, {"provider": "0x02"}, {"place": 0}, {"provider": "0x10", "passed": 1}],

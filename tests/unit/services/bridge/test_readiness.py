@@ -1,7 +1,8 @@
 """When an index does not count as current, and what a bridge does as time passes."""
 
 import threading
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -44,23 +45,38 @@ def test_a_bridge_concludes_the_rulings_that_pay_executors_whose_keys_it_has() -
     assert own_rulings(rows, {"0x03": "carol"}, due_s + 1) == ([], None)
 
 
-def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings(tmp_path: Path) -> None:
-    """Whoever has taken the organization's bridge down takes nobody's pay by that."""
+class AtOnce:
+    """Does what it is given before it returns."""
+
+    def submit(self, act: Callable[..., Any], *given: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(act(*given))
+        return done
+
+
+@pytest.mark.parametrize("mined", [True, False])
+def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings(
+    mined: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever has taken the organization's bridge down takes nobody's pay by that. What is not mined yet is
+    not sent again."""
+    monkeypatch.setattr("services.bridge.ends._EXPIRY_RETRY_S", 60.0 if mined else 0.0)
     concerns: dict[str, str] = {}
     site = Site.load(write_site(tmp_path, extra='[[bridges]]\nname = "own"\nwallets = ["panther1"]\n'))
     clock = SimpleNamespace(now_s=lambda: UNTIL_S + GRACE_S + 1)
     told: Any = SimpleNamespace(site=site, name="bridge.own", stop=threading.Event(), clock=clock)
     told.concern = concerns.__setitem__
     accounts: Any = {"panther1": SimpleNamespace(address="0x01")}
-    threads = {"panther1": ThreadPoolExecutor(max_workers=1)}
+    threads: Any = {"panther1": AtOnce()}
     ends = Ends(told, lambda: None, lambda: accounts, threads)
     sent: list[Any] = []
 
     def execute(*command: Any) -> Future[Any]:
         sent.append(command)
-        mined: Future[Any] = Future()
-        mined.set_result({})
-        return mined
+        reply: Future[Any] = Future()
+        if mined:
+            reply.set_result({})
+        return reply
 
     rows = [ruled(7, executor="0x01").model_dump(), ruled(8, executor="0x02").model_dump()]
     index = SimpleNamespace(
@@ -74,7 +90,7 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
     wallets = {"panther1": SimpleNamespace(execute=execute)}
     handback = SimpleNamespace(can_do=lambda _name, _kind: True)
     attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets, handback=handback)
-    assert ends.expire_overdue(attachment) is None
+    assert [ends.expire_overdue(attachment), ends.expire_overdue(attachment)] == [None, None]
     assert sent == [("conclude", {"task_id": 7})]
     assert "task 7" in concerns["verdicts"]
     assert "1 of the last 9 rulings on tasks of this site are void" in concerns["voids"]
