@@ -219,20 +219,17 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
     lost = any(moving_s(case, *span) > UNSEEN_S for span in item.unseen_s)
     if cause == _NOT_FOUND and there[-1] and not lost:
         return _refuted(case, "the item lay there all the time")
-    hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
-    hidden = hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S
-    since_m = base.position_m[base.time_s >= hidden_s[0], :2]
-    if hidden and (np.linalg.norm(since_m - item.position_m[-1, :2], axis=1) <= TOUCHES_M).any():
-        return None  # nor what it did to what was not seen again
-    if there[0] and ((left and by_another) or (cause == _NOT_FOUND and not there[-1])):
+    hidden, near = _out_of_sight(case, item, base)
+    moved = there[0] and ((left and by_another) or (cause == _NOT_FOUND and not there[-1]))
+    if moved and not near:
         return undecided("the item lay there, and somebody else moved it", "whoever moved it", _SOURCE)
     if hidden:
-        return None
+        return None  # nor what it did to what was not seen again
     if cause == _NOT_FOUND and not lost and not there.any():
-        moved = float(np.linalg.norm(item.position_m - item.position_m[0], axis=1).max()) > MOVED_M
+        shifted = float(np.linalg.norm(item.position_m - item.position_m[0], axis=1).max()) > MOVED_M
         heard = any(in_file(case, head) for _, head in listed(case, motion_of(case)))
         # No slack: who knows the task may have moved it, assigned or not, before its recording began.
-        if rested_s > task.registered or lost_in_a_row(motion_of(case)) or moved or not heard:
+        if rested_s > task.registered or lost_in_a_row(motion_of(case)) or shifted or not heard:
             return undecided("nobody can tell since when the item lies elsewhere", "nobody", _SOURCE)
         nearest_m = float(np.linalg.norm(item.position_m[:, :2] - place_m, axis=1).min())
         found = impossible("how near the item was to the task's place", THE_CREATOR, _SOURCE)
@@ -241,6 +238,15 @@ def _whereabouts(case: Case, params: CleaningParams, cause: Any) -> Finding | No
         # A kick of a hand's width is no less one because the recording began after it.
         return undecided("nobody can tell where the item lay before the recording", "nobody", _SOURCE)
     return given_up(f"the executor reports: {reported_failure(case)}", _SOURCE)
+
+
+def _out_of_sight(case: Case, item: Pose, base: Pose) -> tuple[bool, bool]:
+    """Whether the item was not seen again, and whether the robot was within reach of it after that."""
+    hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
+    hidden = hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S
+    since_m = base.position_m[base.time_s >= hidden_s[0], :2]
+    near = (np.linalg.norm(since_m - item.position_m[-1, :2], axis=1) <= TOUCHES_M).any()
+    return hidden, bool(hidden and near)
 
 
 def _other_robots(case: Case) -> Iterator[tuple[RobotConfig, Pose, float]]:
