@@ -55,10 +55,11 @@ def literals(tree: ast.AST) -> set[str]:
         elif isinstance(node, ast.Assign):
             values.append(node.value)
     chosen = [one for value in values for one in _chosen(value)]
+    calls = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    ]
     made = {
-        node.func.id
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        ast.unparse(node.args[0] if node.args and node.func.id == "validate" else node.func) for node in calls
     }
     names = {str(one.value) for one in chosen if isinstance(one, ast.Constant) and one.value in KNOWN}
     return names | {name for name, model in COMMANDS.items() if model.__name__ in made}
