@@ -44,8 +44,8 @@ _GOALS_KEPT = 64
 
 _CLOSE_TIMEOUT_S = 2.0
 
-_RESULT_POLL_S = 600.0
-"""A get_result query that is still open after this is asked again."""
+_RESULT_POLL_S = 60.0
+"""A get_result query that is still open after this is asked again: a router may have lost it."""
 
 
 class GoalStatus(enum.IntEnum):
