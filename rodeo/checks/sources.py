@@ -24,6 +24,7 @@ from rodeo.checks.results import Source, once_per_case
 from rodeo.checks.statements import Testimony
 from rodeo.checks.testimony import (
     asked,
+    by_signer,
     keys_of,
     motion_capture_of,
     parts_of,
@@ -228,11 +229,10 @@ def unheard(case: Case) -> str | None:
 def _left_out(case: Case) -> bool:
     """Whether a witness of the case lists later statements of another one than those that are here: more than
     may get lost."""
-    witnesses, said = asked(case), signed_by(case, asked(case))
-    devices = case.chain_record.devices if case.chain_record else ()
-    newest = {key.address.lower(): -1 for key in devices if (key.role, key.name) in witnesses}
-    for key, testimony in said:
-        newest[key.address.lower()] = max((one.statement.seq for one in testimony.said), default=-1)
+    said = signed_by(case, asked(case))
+    keys = [key.address.lower() for key, _ in said]
+    # What does not count, because of its time for instance, is here all the same: nobody left it out.
+    newest = {key: max((one.statement.seq for one in by_signer(case)[key].said), default=-1) for key in keys}
     heads = [head for _, testimony in said for one in testimony.said for head in one.statement.heads]
     return any(
         head.chain is None and head.index > newest.get(head.address.lower(), head.index) + _LOST

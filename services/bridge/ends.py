@@ -49,9 +49,9 @@ class Ends:
         self._process, self._clock, self._stop = process, process.clock, process.stop
         self._attached, self._accounts, self._threads = attached, accounts, threads
         self._expiring: dict[End | Update | Match, float] = {}
+        """What is done at the end of a time -> wall time (monotonic) before which it is not tried again."""
         self._sent: dict[End | Update | Match, Future[Any]] = {}
         """What is sent and not mined yet."""
-        """What is done at the end of a time -> wall time (monotonic) before which it is not tried again."""
         self._changed = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="windows", daemon=True)
         self._giving_back: dict[tuple[int, int], tuple[Future[Any], float]] = {}

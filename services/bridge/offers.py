@@ -18,6 +18,9 @@ from services.bridge.index import Index
 
 Row = Mapping[str, Any]
 
+_MOST_TURNS = 8
+"""Services in line that are waited for at most: anybody may put any number of them there."""
+
 
 class Update(NamedTuple):
     """A service that its provider sends `update_service` for."""
@@ -119,7 +122,8 @@ def due_matches(
                 for one in line
                 if _fits(one, task)
             )
-            wait_s = before * GRACE_S + (GRACE_S if proven or len(passed) < PROVEN_FROM else PATIENCE_S)
+            wait_s = GRACE_S if proven or len(passed) < PROVEN_FROM else PATIENCE_S
+            wait_s += min(before, _MOST_TURNS) * GRACE_S
             if task["opened"] + wait_s < now_s:
                 due.append(Match(here[provider], task["id"], service["id"]))
                 waiting.remove(service)

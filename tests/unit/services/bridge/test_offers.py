@@ -91,7 +91,11 @@ class Market:
 
     def idle(self) -> list[dict[str, Any]]:
         mine = {"id": 7, "provider": "0x01", "kind": "waste_disposal", "number": 1, "price": 30, "place": 1}
-        return [mine | {"id": 5, "place": 0}, mine | {"id": 6, "provider": "0x02"}, mine | self._service]
+        strangers = [
+            mine | {"id": 100 + place, "provider": "0x02", "place": place} for place in range(1, 100)
+        ]
+        line = strangers if self._service.get("place", 0) > 100 else [mine | {"id": 6, "provider": "0x02"}]
+        return [mine | {"id": 5, "place": 0}, *line, mine | self._service]
 
     def providers(self) -> dict[str, Any]:
         return {name: {"earned": self._earned, "vouched": False} for name in ("0x01", "0x02", "0x10")}
@@ -124,6 +128,10 @@ def test_services_of_several_bridges_have_their_turns_in_line() -> None:
     second_s = 1_000 + 2 * GRACE_S
     assert matches(second_s, place=2) == ([], second_s)
     assert matches(second_s + 1, place=2) == ([Match("alice", 1, 7)], None)
+
+
+def test_many_services_of_a_stranger_hold_up_nobody_for_long() -> None:
+    assert matches(1_000 + 9 * GRACE_S + 1, place=101) == ([Match("alice", 1, 7)], None)
 
 
 @pytest.mark.parametrize(
