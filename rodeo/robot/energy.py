@@ -126,12 +126,6 @@ class EnergyMeter:
                 self.duration_s += step_s
         self._last = time_s, power_w
 
-    def over(self, duration_s: float, else_w: float) -> float:
-        """Energy (Wh) of a task that took so long, at the mean power measured, or at `else_w` where hardly
-        anything was heard: a lost reading makes no task cheaper."""
-        heard = self.duration_s >= _SHORTEST_S
-        return duration_s * (self.energy_wh / self.duration_s if heard else else_w / 3600)
-
 
 def battery_suffices(soc: float, battery: BatteryConfig, task_wh: float, home_wh: float) -> bool:
     """Whether the battery gives `task_wh` with a margin and then the way to the dock, above the reserve."""

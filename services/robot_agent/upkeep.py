@@ -107,8 +107,9 @@ class Upkeep:
             self._working = False
             self._consumption.learn_power(self._meter.energy_wh, self._meter.duration_s)
             if duration_s is not None:
-                energy_wh = self._meter.over(duration_s, self._consumption.working_w)
-                self._consumption.learn_task(kind, duration_s, self._driving_s, energy_wh, self._way_m)
+                self._consumption.learn_task(
+                    kind, duration_s, self._driving_s, self._meter.energy_wh, self._way_m
+                )
             self._consumption.save(self._path)
 
     # -- energy ----------------------------------------------------------------------------------------

@@ -36,14 +36,6 @@ def test_time_in_which_nothing_was_heard_is_not_counted() -> None:
     assert (meter.energy_wh, meter.duration_s) == (0, 0)
 
 
-def test_a_lost_reading_makes_no_task_cheaper() -> None:
-    meter = EnergyMeter()
-    assert meter.over(3600.0, else_w=150.0) == pytest.approx(150.0)
-    for second in (*range(10), *range(100, 110)):
-        meter.reading(float(second), 40.0, -5.0)
-    assert meter.over(110.0, else_w=150.0) == pytest.approx(200.0 * 110 / 3600)
-
-
 def test_what_was_measured_moves_the_estimate_and_survives_a_restart(tmp_path: Path) -> None:
     path = tmp_path / "consumption.json"
     consumption = Consumption.load(path, BATTERY)
