@@ -30,6 +30,7 @@ SLOW = (
 """Folders of tests/unit that `make check` runs, and files in them that it leaves out: about 50 s of CPU."""
 NO_NODE = "contracts: Node is missing, `make system`"
 _FORGE = re.compile(r"(\d+) tests? passed, (\d+) failed, (\d+) skipped")
+_FAILURE = re.compile(r"^(?:\x1b\[\d+m)?\[FAIL.*|.*failing tests? in .*", re.MULTILINE)
 
 
 class Contracts:
@@ -74,6 +75,9 @@ class Contracts:
         if self._running is not None and self._running.is_alive():
             say("the tests in Python have ended; waiting for the contracts")
             self._running.join()
+        if self.tally.failed:  # the whole log may stand a thousand lines above
+            for failure in dict.fromkeys(_FAILURE.findall(self.log.read_text(errors="replace"))):
+                say(f"contracts: {failure}")
         return self.tally
 
 

@@ -1280,6 +1280,7 @@ contract Handler is CommonBase, StdUtils, Numbers {
             bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
             if (retired) expected[_payoutOf(_services.providerOf(t.serviceId))] += aside;
             else g.bond += aside;
+            _expectExhaustion(t.serviceId, retired);
         }
         if (ruling == Ruling.Rejected) {
             g.bond += aside;
@@ -1313,8 +1314,19 @@ contract Handler is CommonBase, StdUtils, Numbers {
         expected[address(_organization)] += penalty;
         bool repeated = g.maxFailures != 0 && failures[provider] >= g.maxFailures;
         bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
-        if ((repeated || g.bond < g.penalty) && !retired) g.suspended = true;
+        if (repeated && !retired) g.suspended = true;
         if (repeated) _expectAllSuspended(provider);
+        _expectExhaustion(t.serviceId, retired);
+    }
+
+    /// @dev The bond no longer covers a penalty, and none that is set aside may come back.
+    function _expectExhaustion(ServiceId serviceId, bool retired) private {
+        Ghost storage g = ghost[serviceId];
+        if (retired || g.bond >= g.penalty) return;
+        for (TaskId taskId = taskNo(1); _exists(taskId); taskId = following(taskId)) {
+            if (_standing[taskId].penalty != 0 && _tasks.task(taskId).serviceId == serviceId) return;
+        }
+        g.suspended = true;
     }
 
     function _expectAllSuspended(address provider) private {
