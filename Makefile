@@ -106,7 +106,7 @@ release: $(DEV)  ## sdist and wheel in out/dist, checked; the demo from the whee
 
 contracts: $(DEV) node_modules/.stamp  ## build the contracts' ABI and bytecode, and their mirror in Python
 	@npm run --silent contracts:build
-	@$(BIN)/python -m rodeo.chain.generate
+	@$(BIN)/python -m rodeo.chain.contracts.generate
 
 clean:  ## remove what was installed, built and run
 	rm -rf $(VENV) $(SOLVER) $(SPHINX) node_modules out var contracts/out contracts/cache

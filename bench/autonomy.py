@@ -30,18 +30,18 @@ from typing import Any
 
 from bench.cpu import cpu_s
 from deploy.launcher import Launcher
-from rodeo import topics
-from rodeo.bus import Bus, DaoEvents
-from rodeo.chance import generator
-from rodeo.clock import WallClock
-from rodeo.config import Site
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Bus, DaoEvents
+from rodeo.host.clock import WallClock
 from rodeo.lab.config import FurnitureConfig, ItemConfig, Pose2
 from rodeo.lab.items import SHAPES
 from rodeo.lab.layout import BinLayout, dock_parking
-from rodeo.messages import DaoEvent
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
 from rodeo.ros2.node import Node
+from rodeo.site import topics
+from rodeo.site.chance import generator
+from rodeo.site.config import Site
 from rodeo_testing import BINS
 from services.robot_sim.planner import Map, PlanningFailed, plan
 from tests.support.site import free_port

@@ -24,23 +24,24 @@ from eth_account import Account
 
 from deploy import contracts
 from deploy.launcher import Launcher
-from rodeo import topics, wallets
-from rodeo.bus import Bus
-from rodeo.chain import events
-from rodeo.chain.abi import Fault, Ruling
+from rodeo.bus.messages import Vote
+from rodeo.bus.session import Bus
 from rodeo.chain.client import ChainClient
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import Fault, Ruling
+from rodeo.chain.contracts.logs import Log
+from rodeo.chain.contracts.types import ZERO_ADDRESS
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.logs import Log
-from rodeo.chain.types import ZERO_ADDRESS
-from rodeo.clock import WallClock
 from rodeo.commands.services import RegisterService
 from rodeo.commands.tasks import RegisterTask
 from rodeo.commands.treasury import Transfer
-from rodeo.config import Site
 from rodeo.dao import Participant
-from rodeo.endpoint import free_port
-from rodeo.messages import Vote
+from rodeo.host.clock import WallClock
+from rodeo.signing import wallets
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.endpoint import free_port
 from services.bridge.follower import MAX_BLOCKS
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.oracle.votes import Votes

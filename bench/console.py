@@ -19,14 +19,14 @@ from pathlib import Path
 from playwright.sync_api import Browser, Locator, Page
 
 from bench.cpu import cpu_s
-from rodeo import topics
-from rodeo.clock import WallClock
+from rodeo.access.accounts import Accounts, accounts_path
+from rodeo.access.roles import Role
+from rodeo.bus.messages import DaoEvent
+from rodeo.host.clock import WallClock
 from rodeo.lab.geometry import quaternion_of
-from rodeo.messages import DaoEvent
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
-from services.console.accounts import Accounts, accounts_path
-from services.console.roles import Role
+from rodeo.site import topics
 from tests.support.browser import chromium
 from tests.support.dao import Dao
 from tests.support.page_figures import kept, latency_ms, measured, wait_seen

@@ -25,11 +25,11 @@ from deploy.chain.local_chain import LocalChain
 from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
-from rodeo import keystores
 from rodeo.chain import artifacts
 from rodeo.chain.client import connect
-from rodeo.config import Site
 from rodeo.errors import snake_case
+from rodeo.signing import keystores
+from rodeo.site.config import Site
 from tests.support.site import free_port
 
 ETH_EUR = 3700.0

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from eth_account import Account
 
-from rodeo import topics
-from rodeo.clock import WallClock
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder
+from rodeo.host.clock import WallClock
 from rodeo.ros2.types import new, serialize
+from rodeo.site import topics
 from rodeo_testing.assignments import BINDING
 
 SECONDS = 192

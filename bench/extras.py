@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from rodeo.processes import PROCESSES
+from rodeo.site.processes import PROCESSES
 from rodeo_cli.demo import LAB, write_site
 from tests.support.extras import EXTRA_OF
 

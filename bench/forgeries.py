@@ -27,9 +27,9 @@ from rich.console import Console
 
 from bench.hostile import hostile_proof_costs
 from bench.resuming import seed
+from rodeo.bus.messages import Ruling
 from rodeo.checks.report import Report
-from rodeo.config import Site
-from rodeo.messages import Ruling
+from rodeo.site.config import Site
 from rodeo_testing.ends import ENDS, ended
 from rodeo_testing.harness import ROLES
 from tests.forgeries.catalogue import CATALOGUE, Shops, kinds

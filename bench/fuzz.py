@@ -17,7 +17,7 @@ from rich.console import Console
 
 from bench.forgeries import WORKERS
 from bench.resuming import Found
-from rodeo.config import Site
+from rodeo.site.config import Site
 from tests.forgeries.catalogue import Shops
 from tests.forgeries.fuzz import fuzzed
 

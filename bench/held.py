@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from bench.autonomy import starting_site, wait_ready
-from rodeo.bus import Bus
-from rodeo.config import Site
-from rodeo.sim_clock import SimClock
+from rodeo.bus.session import Bus
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site.config import Site
 
 _READY_S = 60.0
 _MEANWHILE_S, _ARRIVALS_S = 0.5, 99.5

@@ -39,13 +39,13 @@ from rich.table import Table
 
 from bench import others
 from bench.resuming import seed
-from rodeo.charging import order_wh
+from rodeo.charging.orders import order_wh
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file
-from rodeo.config import Site
 from rodeo.lab.config import ItemClass, ItemConfig, Pose2
 from rodeo.lab.items import SHAPES
 from rodeo.lab.layout import PICK_DISTANCE_M
+from rodeo.site.config import Site
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
 from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT

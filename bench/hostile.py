@@ -41,17 +41,17 @@ from mcap.writer import MCAP0_MAGIC
 from rich.console import Console
 
 from bench.verifying import cost_of
-from rodeo import topics
+from rodeo.charging.meter import Meter
+from rodeo.charging.metering import Reading
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.counts import BURST_S, COUNTS, Counts, counts_of
-from rodeo.config import Site
 from rodeo.evidence import writer
 from rodeo.evidence.attestation import attest
 from rodeo.evidence.container import Limits
-from rodeo.meter import Meter
-from rodeo.metering import Reading
 from rodeo.ros2.types import new
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.statement import MAX_CLASSES, MAX_HEADS, payload_digest
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap

@@ -16,7 +16,7 @@ import httpx
 import numpy as np
 
 from bench.memory import peak_mb
-from rodeo.http import HttpServer
+from rodeo.host.http import HttpServer
 from rodeo.lab.render import RendererUnavailable
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS
 from rodeo.vision.classifier import Classifier

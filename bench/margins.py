@@ -22,13 +22,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import Console
 
-from rodeo import topics
-from rodeo.checks.phases import phases_of
-from rodeo.checks.replay import replay_of
+from rodeo.checks.motion.phases import phases_of
+from rodeo.checks.motion.replay import replay_of
 from rodeo.checks.verify import case_of, verify_file
-from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import open_proof
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.witness.statement import MeterRecord
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning

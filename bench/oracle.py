@@ -27,15 +27,15 @@ from pathlib import Path
 from eth_account.signers.local import LocalAccount
 
 from bench.memory import peak_mb
-from rodeo import wallets
-from rodeo.bus import DaoEvents
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.verify import verify_submission
-from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
-from rodeo.messages import DaoEvent
+from rodeo.signing import wallets
+from rodeo.site.config import Site
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
 from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT

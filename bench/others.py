@@ -19,7 +19,7 @@ from rich.console import Console
 
 from bench.forgeries import SITE, WORKERS
 from bench.resuming import Found
-from rodeo.config import Site
+from rodeo.site.config import Site
 from tests.forgeries.faults import Film, disturbed, filmed
 
 STATE = Path("out/honest_disturbed.json")

@@ -21,15 +21,15 @@ from typing import Any
 from bench import replay
 from bench.autonomy import SITE, TASK_WALL_S, post
 from bench.held import held_site
-from rodeo import topics
-from rodeo.bus import Bus, DaoEvents
-from rodeo.config import Site
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Bus, DaoEvents
 from rodeo.lab.config import ItemConfig
 from rodeo.lab.items import rest_pose
-from rodeo.messages import DaoEvent
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site import topics
+from rodeo.site.config import Site
 from tests.support.load import busy_machine
 
 CLEANINGS = 10

@@ -29,17 +29,17 @@ from bench.cpu import cpu_s
 from bench.held import HELD, held_site
 from deploy import contracts
 from deploy.launcher import Launcher
-from rodeo import topics
-from rodeo.bus import Bus, DaoEvents
-from rodeo.config import Site, agent_process
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Bus, DaoEvents
 from rodeo.evidence.recorder import Recorder
 from rodeo.lab.world import CONTROL_PERIOD_S
-from rodeo.messages import DaoEvent
 from rodeo.ros2 import types, wire
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.node import Node
 from rodeo.ros2.service import Client
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site import topics
+from rodeo.site.config import Site, agent_process
 from rodeo_testing.assignments import BINDING
 from tests.support.site import free_port
 

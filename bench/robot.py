@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 # The lab chooses MuJoCo's OpenGL back end, which counts only before the first import of mujoco.
-from rodeo.config import Site
+from rodeo.site.config import Site
 
 # isort: split
 import mujoco
@@ -37,8 +37,7 @@ import mujoco
 from bench import replay
 from bench.autonomy import agent_cpu_s
 from deploy.launcher import Launcher
-from rodeo import topics
-from rodeo.bus import Bus
+from rodeo.bus.session import Bus
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.render import Camera, RendererUnavailable, encode
 from rodeo.lab.sensors import DepthCamera, Lidar
@@ -54,7 +53,8 @@ from rodeo.lab.world import (
 from rodeo.ros2 import types
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.node import Node
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site import topics
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 

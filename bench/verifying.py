@@ -11,7 +11,7 @@ from typing import NamedTuple
 from bench.memory import peak_mb
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.verify import verify_file
-from rodeo.config import Site
+from rodeo.site.config import Site
 
 
 class Cost(NamedTuple):

@@ -18,17 +18,17 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
-from rodeo import topics
 from rodeo.commands import COMMANDS
 from rodeo.commands.people import PEOPLE
-from rodeo.config import BRIDGE, Site, agent_process, body_identity
 from rodeo.dao import ORGANIZATION
-from rodeo.keystores import MOCAP_NAME
 from rodeo.lab.config import RobotConfig
-from rodeo.processes import processes_of
-from rodeo.serving import served_by
-from rodeo.tls import OPERATOR
-from rodeo.topics import BODY, TOPICS, Form, Plane, Topic
+from rodeo.runtime.serving import served_by
+from rodeo.signing.keystores import MOCAP_NAME
+from rodeo.site import topics
+from rodeo.site.config import BRIDGE, Site, agent_process, body_identity
+from rodeo.site.processes import processes_of
+from rodeo.site.tls import OPERATOR
+from rodeo.site.topics import BODY, TOPICS, Form, Plane, Topic
 
 _CALLERS: dict[str, str] = {
     topics.NAVIGATE_TO_POSE.key: "robot_agent",

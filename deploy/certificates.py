@@ -19,8 +19,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from deploy.access import everybody
-from rodeo import tls
-from rodeo.config import Site
+from rodeo.site import tls
+from rodeo.site.config import Site
 
 _AUTHORITY_DAYS = 3650
 _CERTIFICATE_DAYS = 825

@@ -27,21 +27,23 @@ from web3 import Web3
 from web3.types import Wei
 
 from deploy.founding import OtherToken, count_contracts, create_contracts
-from rodeo import keystores, possession, votes, wallets
-from rodeo.chain import artifacts, transactions
-from rodeo.chain.abi import Instance, KindRules, Windows
+from rodeo.chain import artifacts
 from rodeo.chain.client import ChainClient, connect, require_chain
+from rodeo.chain.contracts.abi import Instance, KindRules, Windows
+from rodeo.chain.contracts.events import ProviderVouched, RoleRevoked
+from rodeo.chain.contracts.types import MAX_RULES, ZERO_ADDRESS, Role
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
-from rodeo.chain.events import ProviderVouched, RoleRevoked
-from rodeo.chain.translation import translated
-from rodeo.chain.types import MAX_RULES, ZERO_ADDRESS, Role
-from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
-from rodeo.deploying import Steps, deploying
+from rodeo.chain.node import transactions
+from rodeo.chain.node.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
+from rodeo.chain.node.translation import translated
 from rodeo.errors import RodeoError, WalletError
+from rodeo.judging import votes
 from rodeo.kinds import VERDICT_WINDOWS_S, Kind, kinds_of
-from rodeo.process import main
+from rodeo.runtime.process import main
+from rodeo.signing import keystores, possession, wallets
+from rodeo.site.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
+from rodeo.site.deploying import Steps, deploying
 
 log = logging.getLogger(__name__)
 

@@ -21,17 +21,18 @@ from web3.exceptions import BadFunctionCallOutput
 from web3.types import Nonce, Wei
 from web3.utils import get_create_address
 
-from rodeo import keystores
-from rodeo.chain import artifacts, registry, transactions
+from rodeo.chain import artifacts, registry
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Policy, Role
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ContractReverted, TransactionFailed
+from rodeo.chain.node import transactions
+from rodeo.chain.node.errors import ContractReverted, TransactionFailed
+from rodeo.chain.node.translation import translated
 from rodeo.chain.registry import Part, Registry
-from rodeo.chain.translation import translated
-from rodeo.chain.types import ZERO_ADDRESS, Policy, Role
-from rodeo.config import Site
-from rodeo.deploying import Steps
 from rodeo.errors import ConfigError, RodeoError
-from rodeo.files import replace_file
+from rodeo.host.files import replace_file
+from rodeo.signing import keystores
+from rodeo.site.config import Site
+from rodeo.site.deploying import Steps
 
 log = logging.getLogger(__name__)
 

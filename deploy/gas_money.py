@@ -9,10 +9,10 @@ from decimal import ROUND_UP, Context, Decimal
 from eth_utils import to_checksum_address
 from web3 import Web3
 
-from rodeo import keystores
-from rodeo.chain.transactions import market_of
-from rodeo.chain.translation import translated
-from rodeo.config import Site
+from rodeo.chain.node.transactions import market_of
+from rodeo.chain.node.translation import translated
+from rodeo.signing import keystores
+from rodeo.site.config import Site
 
 _DEPLOYMENT_GAS = 30_000_000
 """Contracts and rules, with a third to spare: with one robot they took 22.9 million on anvil."""

@@ -20,10 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from rodeo.config import Site
-from rodeo.deploying import forget_deployment
 from rodeo.errors import RodeoError
-from rodeo.instance import (
+from rodeo.host.instance import (
     GAVE_UP,
     LAUNCHER,
     PARENT_VARIABLE,
@@ -32,8 +30,10 @@ from rodeo.instance import (
     lock_holder,
     lock_instance,
 )
-from rodeo.processes import ProcessEntry, processes_of
-from rodeo.tls import wants_certificates
+from rodeo.site.config import Site
+from rodeo.site.deploying import forget_deployment
+from rodeo.site.processes import ProcessEntry, processes_of
+from rodeo.site.tls import wants_certificates
 
 log = logging.getLogger(__name__)
 
@@ -238,7 +238,7 @@ def make_keys(site: Site) -> None:
     """Make what is missing: wallets of a local chain, certificates of a bus that asks for them."""
     if site.chain.backend != "external":
         # Imported here: the curves behind wallets take half a second, and most commands need none.
-        from rodeo.wallets import ensure_wallets
+        from rodeo.signing.wallets import ensure_wallets
 
         ensure_wallets(site)
     if wants_certificates(site):

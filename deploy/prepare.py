@@ -17,12 +17,12 @@ from deploy.certificates import ensure_certificates
 from deploy.contracts import WithoutGasMoney
 from deploy.gas_money import purses
 from deploy.launcher import Launcher
-from rodeo import keystores, wallets
 from rodeo.chain.client import connect, require_chain
-from rodeo.chain.errors import ChainUnavailable
-from rodeo.chain.translation import translated
-from rodeo.config import Site
-from rodeo.tls import wants_certificates
+from rodeo.chain.node.errors import ChainUnavailable
+from rodeo.chain.node.translation import translated
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import Site
+from rodeo.site.tls import wants_certificates
 
 Say = Callable[[str], object]
 _LOOK_S = 2.0

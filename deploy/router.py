@@ -12,11 +12,11 @@ from pathlib import Path
 import zenoh
 
 from deploy.access import access_control
-from rodeo.config import Site
-from rodeo.endpoint import make_socket_folder
 from rodeo.errors import PortUnavailable
-from rodeo.process import Process, main
-from rodeo.tls import identity, openness
+from rodeo.runtime.process import Process, main
+from rodeo.site.config import Site
+from rodeo.site.endpoint import make_socket_folder
+from rodeo.site.tls import identity, openness
 
 log = logging.getLogger(__name__)
 

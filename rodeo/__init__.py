@@ -1,9 +1,9 @@
-"""What every RODEO process agrees on: configuration, keys, messages, clock, bus, chain client, evidence.
+"""What every RODEO process agrees on, in rooms: each room's docstring says what is in it and what is not.
 
-No service's behaviour lives here; a service imports `rodeo`, never another service.
+Loose here: `dao` for programs that take part, `kinds`, `errors`, `payloads`. No service's behaviour is here.
 """
 
 import os
 
 # What eth-account and py-evm sign with. eth_keys' own default is pure Python, a thousand times as slow.
-os.environ.setdefault("ECC_BACKEND_CLASS", "rodeo.ecc_backend.Libsecp256k1")
+os.environ.setdefault("ECC_BACKEND_CLASS", "rodeo.signing.ecc_backend.Libsecp256k1")

@@ -11,26 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
-from rodeo import queries, signed_requests, topics
-from rodeo.bus import Bus, validate
-from rodeo.commands import Command
-from rodeo.commands.judging import Conclude
-from rodeo.commands.relaying import Sign, Signable
-from rodeo.commands.services import Agree, RegisterService, SetPayout, UpdateService
-from rodeo.commands.tasks import AbandonTask, AcceptTask, RaiseReward, SubmitProof
-from rodeo.config import Site, oracle_names
-from rodeo.errors import (
-    BusError,
-    MalformedAnswer,
-    NoResponder,
-    QueryTimeout,
-    RemoteError,
-    TaskNotDone,
-    TaskUnfinished,
-)
-from rodeo.evidence.seal import Binding
-from rodeo.kinds import Kind, kinds_of
-from rodeo.messages import (
+from rodeo.bus import queries
+from rodeo.bus.messages import (
     LIVE_STATES,
     ORGANIZATION,
     Broadcast,
@@ -41,8 +23,28 @@ from rodeo.messages import (
     SignedRequest,
     Task,
 )
-from rodeo.queries import A, Offer, Query
-from rodeo.rulings import LOST_RACES, STATES, due_s
+from rodeo.bus.queries import A, Offer, Query
+from rodeo.bus.session import Bus, validate
+from rodeo.chain import signed_requests
+from rodeo.commands import Command
+from rodeo.commands.judging import Conclude
+from rodeo.commands.relaying import Sign, Signable
+from rodeo.commands.services import Agree, RegisterService, SetPayout, UpdateService
+from rodeo.commands.tasks import AbandonTask, AcceptTask, RaiseReward, SubmitProof
+from rodeo.errors import (
+    BusError,
+    MalformedAnswer,
+    NoResponder,
+    QueryTimeout,
+    RemoteError,
+    TaskNotDone,
+    TaskUnfinished,
+)
+from rodeo.evidence.seal import Binding
+from rodeo.judging.rulings import LOST_RACES, STATES, due_s
+from rodeo.kinds import Kind, kinds_of
+from rodeo.site import topics
+from rodeo.site.config import Site, oracle_names
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount

@@ -20,12 +20,12 @@ from typing import Any, Literal
 import jsonschema_rs
 from pydantic import BaseModel, ValidationError
 
-from rodeo.charging import costliest_iec
-from rodeo.config import KindConfig, RateConfig, Site
+from rodeo.bus.messages import Task
+from rodeo.charging.orders import costliest_iec
 from rodeo.errors import InvalidRequest, RodeoError, wrong_fields
 from rodeo.lab.config import Pose2
-from rodeo.messages import Task
-from rodeo.topics import ROBOT_STATE, Topic
+from rodeo.site.config import KindConfig, RateConfig, Site
+from rodeo.site.topics import ROBOT_STATE, Topic
 
 GROUP = "rodeo.kinds"
 """Entry point group: kind -> its `Kind`."""

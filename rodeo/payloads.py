@@ -12,15 +12,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from rodeo import kinds, queries, topics
-from rodeo.commands import COMMANDS, Command
-from rodeo.commands.declare import example_of
-from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, OTHER, PREPARE, SIGN, SIGNED, VOTE
-from rodeo.commands.judging import SignVote
-from rodeo.commands.relaying import Sign
-from rodeo.evidence.attestation import Attestation
-from rodeo.evidence.seal import Binding, SealHead
-from rodeo.messages import (
+from rodeo import kinds
+from rodeo.bus import queries
+from rodeo.bus.messages import (
     Broadcast,
     ClockHold,
     ClockMark,
@@ -35,7 +29,15 @@ from rodeo.messages import (
     Task,
     Vote,
 )
-from rodeo.topics import markdown
+from rodeo.commands import COMMANDS, Command
+from rodeo.commands.declare import example_of
+from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, OTHER, PREPARE, SIGN, SIGNED, VOTE
+from rodeo.commands.judging import SignVote
+from rodeo.commands.relaying import Sign
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.seal import Binding, SealHead
+from rodeo.site import topics
+from rodeo.site.topics import markdown
 from rodeo.witness.correction import Correction, Judged, Pictured
 from rodeo.witness.statement import (
     Claimant,

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rodeo import queries, topics
-from rodeo.config import Site
+from rodeo.access.roles import Role
+from rodeo.bus import queries
+from rodeo.bus.messages import Status
 from rodeo.errors import NoResponder
-from rodeo.messages import Status
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -24,10 +26,9 @@ from rodeo_cli.common import (
     say,
 )
 from rodeo_cli.layout import Row
-from services.console.roles import Role
 
 if TYPE_CHECKING:
-    from services.console.accounts import Accounts
+    from rodeo.access.accounts import Accounts
 
 accounts = typer.Typer(help="Manage the accounts of people who may use the console.", no_args_is_help=True)
 
@@ -137,13 +138,13 @@ def _accounts(site_path: Path) -> Accounts:
 
 def _accounts_of(site: Site) -> Accounts:
     # Imported here: only these commands need a database and argon2.
-    from services.console.accounts import Accounts, accounts_path
+    from rodeo.access.accounts import Accounts, accounts_path
 
     return Accounts(accounts_path(site), site.console)
 
 
 def _add(site_path: Path, name: str, roles: list[Role], participant: str | None) -> None:
-    from services.console.accounts import require_participant
+    from rodeo.access.accounts import require_participant
 
     require_participant(Site.load(site_path), roles, participant)
     _accounts(site_path).add_user(name, _passphrase(), roles, participant)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from rodeo.process import die_with, outlive_parent
+from rodeo.runtime.process import die_with, outlive_parent
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _DONE = b"1"

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import ValidationError
 
-from rodeo import queries, topics
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.session import Bus
 from rodeo.errors import InvalidRequest, MalformedAnswer, wrong_fields
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -60,8 +61,8 @@ def correct(
     each person for each.
     """
     # Signing takes its time to import; the other commands should not wait for it.
-    from rodeo import keystores
     from rodeo.evidence.attestation import attest
+    from rodeo.signing import keystores
     from rodeo.witness.correction import Correction, Corrections
 
     with connected(site) as (loaded, bus):

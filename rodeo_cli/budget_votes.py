@@ -6,9 +6,10 @@ from typing import Annotated
 
 import typer
 
-from rodeo import queries
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.display.formatting import party, split_in_words
 from rodeo.errors import InvalidRequest, RemoteError
+from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -22,7 +23,6 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
 from rodeo_cli.tasks import ParticipantOption
-from services.console.formatting import party, split_in_words
 
 NumberArgument = Annotated[int, typer.Argument(min=0, help="Its number: `rodeo organization budget-votes`.")]
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from rodeo.config import Site
 from rodeo.errors import RequestError, RodeoError
+from rodeo.site.config import Site
 from rodeo_cli.common import DEFAULT_SITE, JsonOption, SiteOption, console, errors, print_json, reports_errors
 
 Photos = Annotated[list[Path], typer.Argument(metavar="FILE...", help="JPEG, PNG or WebP.")]

@@ -22,18 +22,19 @@ from rich.markup import escape
 from rich.segment import Segment
 
 import deploy
-from rodeo import queries, topics
-from rodeo.bus import Bus
-from rodeo.clock import Clock, WallClock
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.messages import Status
+from rodeo.bus.origin import check_bus
+from rodeo.bus.session import Bus
 from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, QueryTimeout, RemoteError, RodeoError
-from rodeo.files import replace_file
-from rodeo.instance import HEARTBEAT_S
-from rodeo.logs import Redacting
-from rodeo.messages import Status
-from rodeo.origin import check_bus
-from rodeo.redaction import redacted
-from rodeo.tls import OPERATOR, identity
+from rodeo.host.clock import Clock, WallClock
+from rodeo.host.files import replace_file
+from rodeo.host.instance import HEARTBEAT_S
+from rodeo.runtime.logs import Redacting
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.tls import OPERATOR, identity
+from rodeo.text.redaction import redacted
 from rodeo_cli import formatting
 from rodeo_cli.layout import Row, lines, printable
 
@@ -227,7 +228,7 @@ def make_folder(folder: Path) -> None:
 
 def site_clock(site: Site, bus: Bus) -> Clock:
     """The site's time. Raises ClockUnavailable."""
-    from rodeo.sim_clock import SimClock  # takes its time to import
+    from rodeo.runtime.sim_clock import SimClock  # takes its time to import
 
     if site.clock.source == "wall":
         return WallClock()

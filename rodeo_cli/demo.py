@@ -29,18 +29,18 @@ from rich.table import Table
 
 import deploy
 from deploy.launcher import Launcher, LaunchFailed
-from rodeo import queries
-from rodeo.bus import Bus, DaoEvents
-from rodeo.config import Site, read_tables
-from rodeo.endpoint import free_port
+from rodeo.bus import queries
+from rodeo.bus.holding import Holder
+from rodeo.bus.messages import DaoEvent, Status, Task
+from rodeo.bus.session import Bus, DaoEvents
 from rodeo.errors import AlreadyRunning, BusError, RemoteError, RodeoError
-from rodeo.files import begin_folder, replace_file
-from rodeo.holding import Holder
-from rodeo.instance import LAUNCHER, lock_holder
+from rodeo.host.files import begin_folder, replace_file
+from rodeo.host.instance import LAUNCHER, lock_holder
+from rodeo.judging.verdicts import NO_REPORT, WORDS
 from rodeo.kinds import Kind, kinds_of, providing_energy
-from rodeo.messages import DaoEvent, Status, Task
-from rodeo.site_problems import toml
-from rodeo.verdicts import NO_REPORT, WORDS
+from rodeo.site.config import Site, read_tables
+from rodeo.site.endpoint import free_port
+from rodeo.text.site_problems import toml
 from rodeo_cli import demo_end
 from rodeo_cli.accounts import login_link
 from rodeo_cli.background import Background

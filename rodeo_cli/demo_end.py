@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_cli.common import console, print_table, say
 from rodeo_cli.formatting import iec
 from rodeo_cli.layout import Row

@@ -9,12 +9,12 @@ from typing import Annotated, Any, get_args
 import typer
 from pydantic import TypeAdapter, ValidationError
 
-from rodeo import queries
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.messages import JUDGES, Dispute, Fault, Ruling, SignedVote, Task
+from rodeo.bus.session import Bus
 from rodeo.errors import InvalidRequest, RemoteError, unreadable
-from rodeo.messages import JUDGES, Dispute, Fault, Ruling, SignedVote, Task
-from rodeo.verdicts import NO_REPORT, standing_words
+from rodeo.judging.verdicts import NO_REPORT, standing_words
+from rodeo.site.config import Site
 from rodeo_cli import formatting
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -121,7 +121,7 @@ def vote(
 def _by_signer(site: Site, bus: Bus, committee: str, given: list[SignedVote]) -> dict[str, SignedVote]:
     """The last vote for this committee of each key on the submission that the newest is about. What nobody
     signed is left out, and so is what is about another submission."""
-    from rodeo.votes import signer  # takes its time to import
+    from rodeo.judging.votes import signer  # takes its time to import
 
     chain = queries.ask(bus, site.org, queries.CHAIN)
     address = str((chain.contracts.model_extra or {})[committee])

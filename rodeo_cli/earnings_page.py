@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from rodeo.earnings import COLUMNS, Line, cells, sums
+from rodeo.display.earnings import COLUMNS, Line, cells, sums
 
 _CSS = """body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem;
   color: #1c2430; }

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 import deploy
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_cli.common import console, reports_errors, say
 from rodeo_cli.site import stop_on_signals
 

@@ -11,14 +11,12 @@ import cv2
 import mujoco
 import numpy as np
 
-from rodeo import topics
 from rodeo.checks.case import Case, CaseError
-from rodeo.checks.phases import phases_of
-from rodeo.checks.poses import Pose, base_of, pose_of
+from rodeo.checks.motion.phases import phases_of
+from rodeo.checks.motion.poses import Pose, base_of, pose_of
+from rodeo.checks.signed.testimony import bin_said
 from rodeo.checks.tables import increasing, joints_of
-from rodeo.checks.testimony import bin_said
 from rodeo.checks.verify import case_of, verify_file
-from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.series import Array
@@ -28,6 +26,8 @@ from rodeo.lab.layout import Vec3
 from rodeo.lab.render import Camera
 from rodeo.lab.world import WHEEL_JOINTS, arm_model, begin, build_world
 from rodeo.ros2 import types
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.witness.statement import Classification, Drop
 
 FRAMES_PER_S = 12

@@ -10,10 +10,9 @@ from typing import Any, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
 
-from rodeo.config import Site
-from rodeo.durations import span
+from rodeo.display.formatting import FIELD_ADVICE, number, phrase, span
 from rodeo.errors import RodeoError
-from services.console.formatting import FIELD_ADVICE, number, phrase
+from rodeo.site.config import Site
 
 _SENTENCES = {
     "not_creator": "only the task's creator may do this",
@@ -107,7 +106,7 @@ _OPTION_OF_FIELD = {
 """Where a request's field has another name on the command line."""
 
 _UNFIT = re.compile(r"^the (request|answer) does not fit \w+$")
-"""What `rodeo.bus.validate` says of a request, in the words of its programmer."""
+"""What `rodeo.bus.session.validate` says of a request, in the words of its programmer."""
 
 
 def options_of(command: Callable[..., Any]) -> dict[str, str]:

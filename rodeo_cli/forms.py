@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 import typer
 from typer.core import TyperGroup
 
-from rodeo import queries
-from rodeo.durations import span
+from rodeo.bus import queries
+from rodeo.display.formatting import span
 from rodeo.errors import InvalidRequest
 from rodeo_cli.common import DEFAULT_SITE, SiteOption, connected, reports_errors, say, send_command
 from rodeo_cli.proposals import send

@@ -9,13 +9,13 @@ from typing import Annotated, Any
 
 import typer
 
-from rodeo import queries
-from rodeo.config import Site
-from rodeo.durations import span
-from rodeo.endpoint import is_local
+from rodeo.bus import queries
+from rodeo.display.formatting import span
 from rodeo.errors import BusError, RemoteError
-from rodeo.instance import lock_holder
+from rodeo.host.instance import lock_holder
 from rodeo.kinds import Kind, KindError, installed, kinds_of, load
+from rodeo.site.config import Site
+from rodeo.site.endpoint import is_local
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,

@@ -7,9 +7,9 @@ rendered on the processor where there is no GPU, about 5 a second.
 import argparse
 from pathlib import Path
 
-from rodeo.config import Site
 from rodeo.lab.render import Camera, encode
 from rodeo.lab.world import begin, build_world
+from rodeo.site.config import Site
 from rodeo_cli.film import FRAMES_PER_S, Film, write
 
 

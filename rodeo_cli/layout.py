@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from rich.text import Text
 
-from rodeo.redaction import redacted
+from rodeo.text.redaction import redacted
 
 _GAP = 2
 _NARROWEST = 6

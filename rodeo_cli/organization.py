@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import typer
 
-from rodeo import queries
-from rodeo.config import Site
-from rodeo.durations import span
+from rodeo.bus import queries
+from rodeo.bus.messages import LIVE_STATES
+from rodeo.display.formatting import count, quorum_in_words, span, voids_in_words, windows_in_words
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import KindError, installed, kinds_of, load
-from rodeo.messages import LIVE_STATES
+from rodeo.site.config import Site
 from rodeo_cli import budget_votes, forms
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -29,7 +29,6 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
 from rodeo_cli.proposals import proposals, propose
-from services.console.formatting import count, quorum_in_words, voids_in_words, windows_in_words
 
 
 def _with_installed_rules(site: Path, request: dict[str, Any]) -> dict[str, Any]:
@@ -130,7 +129,7 @@ def list_(
 
     from rodeo.chain.client import connect, require_chain
     from rodeo.chain.deployment import Deployment
-    from rodeo.chain.errors import NotDeployed
+    from rodeo.chain.node.errors import NotDeployed
     from rodeo.chain.registry import Registry, known_address
 
     loaded = Site.load(site)
@@ -328,8 +327,8 @@ def sign_seat(
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Sign with a judge's key that it sits for an owner: the signature for `seat` and `judge-key`."""
-    from rodeo import keystores  # take their time to import
-    from rodeo.votes import possession
+    from rodeo.judging.votes import possession
+    from rodeo.signing import keystores  # take their time to import
 
     with connected(site) as (loaded, bus):
         chain = queries.ask(bus, loaded.org, queries.CHAIN)
@@ -387,7 +386,7 @@ def sign_device(
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Sign with a device's key that it belongs to an owner, and print the signature for `register-device`."""
-    from rodeo import keystores, possession  # take their time to import
+    from rodeo.signing import keystores, possession  # take their time to import
 
     with connected(site) as (loaded, bus):
         chain = queries.ask(bus, loaded.org, queries.CHAIN)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus.messages import Fault, Ruling
+from rodeo.bus.session import Bus
 from rodeo.errors import InvalidRequest
-from rodeo.messages import Fault, Ruling
+from rodeo.judging.verdicts import verdict_words
 from rodeo.person.photo_code import photo_code
-from rodeo.verdicts import verdict_words
+from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -32,8 +32,8 @@ from rodeo_cli.tasks import SignOption, ValidOption, sign_into
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rodeo.bus.messages import Task
     from rodeo.commands import Command
-    from rodeo.messages import Task
     from rodeo.person.statement import Executor
 
 AsOption = Annotated[
@@ -260,9 +260,9 @@ def _name(site: Site, participant: str | None) -> str:
 
 def _executor(site: Site, bus: Bus, participant: str | None) -> Executor:
     # Signing and sealing take their time to import; the other commands should not wait for them.
-    from rodeo import keystores
     from rodeo.dao import Participant
     from rodeo.person.statement import Executor
+    from rodeo.signing import keystores
 
     name = _name(site, participant)
     key = keystores.open_key(site, name)

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from pathlib import Path
 
+from rodeo.bus.messages import Status
 from rodeo.errors import RodeoError
-from rodeo.messages import Status
 
 QUIET_S = 180.0
 """Time without a step after which it is no use to wait on."""

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 
 import typer
 
-from rodeo import queries
-from rodeo.bus import Bus
-from rodeo.config import Site
-from rodeo.durations import span
+from rodeo.bus import queries
+from rodeo.bus.session import Bus
+from rodeo.display.formatting import calls_in_words, span
+from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -27,7 +27,6 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import moment
 from rodeo_cli.layout import Row
 from rodeo_cli.tasks import ParticipantOption
-from services.console.formatting import calls_in_words
 
 propose = typer.Typer(
     help="Propose what the organization should do. Options of `propose` come first.",

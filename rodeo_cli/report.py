@@ -11,13 +11,13 @@ from typing import Annotated, Any
 
 import typer
 
-from rodeo import queries
-from rodeo.config import Site
-from rodeo.earnings import COLUMNS, cells, earnings
-from rodeo.earnings import as_csv as to_csv
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Transaction
+from rodeo.display.earnings import COLUMNS, cells, earnings
+from rodeo.display.earnings import as_csv as to_csv
 from rodeo.errors import BusUnavailable, InvalidRequest, NoResponder
-from rodeo.messages import Task
-from rodeo.queries import Transaction
+from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     SiteOption,
@@ -59,7 +59,7 @@ def report(
     tasks, transactions, loaded = _known(site)
     tariffs, org = loaded.economy.electricity, loaded.org
     if participant or kind:
-        from rodeo.keystores import wallet_names  # takes its time to import
+        from rodeo.signing.keystores import wallet_names  # takes its time to import
 
         seen = earnings(tasks, transactions, tariffs)
         _require("participant", participant, {*wallet_names(loaded), *(line.participant for line in seen)})

@@ -8,9 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
-from rodeo import queries, topics
-from rodeo.durations import span
+from rodeo.bus import queries
+from rodeo.display.formatting import span
 from rodeo.robot.decisions import KEPT, Decided, Explain, Explained
+from rodeo.site import topics
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,

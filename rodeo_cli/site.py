@@ -22,16 +22,16 @@ from rich.live import Live
 from rich.markup import escape
 
 from deploy.launcher import Launcher, log_tail, make_keys, stop_site
-from rodeo import topics
-from rodeo.bus import Bus, heard_status
-from rodeo.config import Site, bridge_wallets
-from rodeo.deploying import deployment_under_way
+from rodeo.bus.messages import Status
+from rodeo.bus.origin import check_bus, statuses_at
+from rodeo.bus.session import Bus, heard_status
 from rodeo.errors import BusUnavailable, RodeoError, WrongBus
-from rodeo.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
-from rodeo.messages import Status
-from rodeo.origin import check_bus, statuses_at
-from rodeo.processes import processes_of
-from rodeo.tls import OPERATOR, bus_is_closed, identity, openness
+from rodeo.host.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
+from rodeo.site import topics
+from rodeo.site.config import Site, bridge_wallets
+from rodeo.site.deploying import deployment_under_way
+from rodeo.site.processes import processes_of
+from rodeo.site.tls import OPERATOR, bus_is_closed, identity, openness
 from rodeo_cli.common import (
     CHECKOUT_SITE,
     DEFAULT_SITE,

@@ -14,18 +14,6 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from rodeo.config import (
-    ANSWER_WALL_S,
-    BRIDGE,
-    ONE_HOST,
-    ORACLE,
-    STAKE_COVERS,
-    Site,
-    bridge_wallets,
-    check_environment,
-    faults,
-    read_tables,
-)
 from rodeo.errors import ConfigError
 from rodeo.kinds import DEFAULT_PRICE_IEC, KindError, declared, installed, load
 from rodeo.lab.config import Pose2
@@ -39,7 +27,19 @@ from rodeo.lab.layout import (
     footprint,
     furniture_floor,
 )
-from rodeo.site_problems import Place, dotted, explained
+from rodeo.site.config import (
+    ANSWER_WALL_S,
+    BRIDGE,
+    ONE_HOST,
+    ORACLE,
+    STAKE_COVERS,
+    Site,
+    bridge_wallets,
+    check_environment,
+    faults,
+    read_tables,
+)
+from rodeo.text.site_problems import Place, dotted, explained
 from rodeo_cli.toml_lines import lines_of
 
 _TOUCH_M = 0.01
@@ -132,8 +132,8 @@ def _stands(files: list[tuple[Path, dict[Place, int]]], place: Place) -> tuple[P
 
 def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
     """Where the wallets are spread over several bridges, but those that check each other are together. That
-    they are on one of [[bridges]] is refused (`rodeo.config`); they stay with the site's own because each of
-    those is a robot's or another participant's."""
+    they are on one of [[bridges]] is refused (`rodeo.site.config`); they stay with the site's own because
+    each of those is a robot's or another participant's."""
     together = {"organization", ORACLE} <= set(bridge_wallets(site)[BRIDGE])
     if site.bridges and together and not site.oracles:
         yield ("bridges",), ONE_HOST.format("the site's own bridge")

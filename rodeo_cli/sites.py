@@ -77,7 +77,7 @@ def wallets(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> Non
     `cast wallet` writes it). The list shows which accounts need the chain's native currency for gas.
     """
     # Imported here: the chain's library takes a second, and the other commands need none.
-    from rodeo.config import Site
+    from rodeo.site.config import Site
     from rodeo_cli.wallets import COLUMNS, accounts, rows
 
     found = accounts(Site.load(site))

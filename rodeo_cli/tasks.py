@@ -13,15 +13,19 @@ import typer
 from rich.markup import escape
 from rich.text import Text
 
-from rodeo import queries
-from rodeo.bus import Bus, DaoEvents, decode_json, validate
-from rodeo.config import Site
-from rodeo.durations import span
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, SignedRequest, Task
+from rodeo.bus.session import Bus, DaoEvents, decode_json, validate
+from rodeo.display.formatting import (
+    count,
+    known_in_words,
+    namers_in_words,
+    passed_in_words,
+    span,
+    tries_in_words,
+)
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
-from rodeo.messages import DaoEvent, SignedRequest, Task
-from rodeo.person.photo_code import photo_code
-from rodeo.rewards import Rise
-from rodeo.verdicts import (
+from rodeo.judging.verdicts import (
     NO_REPORT,
     WORDS,
     is_peoples_verdict,
@@ -30,6 +34,9 @@ from rodeo.verdicts import (
     verdict_words,
     void_words,
 )
+from rodeo.money.rewards import Rise
+from rodeo.person.photo_code import photo_code
+from rodeo.site.config import Site
 from rodeo_cli import formatting
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -51,13 +58,6 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.formatting import iec, plain
 from rodeo_cli.layout import Row, printable
-from services.console.formatting import (
-    count,
-    known_in_words,
-    namers_in_words,
-    passed_in_words,
-    tries_in_words,
-)
 
 if TYPE_CHECKING:
     from rodeo.checks.report import Report
@@ -392,7 +392,7 @@ def revoke(
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Make void what was signed with --sign, and was not sent yet. This costs its signer gas."""
-    from rodeo.signed_requests import SAID  # takes its time to import
+    from rodeo.chain.signed_requests import SAID  # takes its time to import
 
     typed = _signed(file)["request"]["typed_data"]
     kind = SAID.get(str(typed.get("primaryType")))

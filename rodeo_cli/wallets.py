@@ -8,10 +8,10 @@ from typing import Any
 
 from deploy import contracts
 from deploy.gas_money import purses
-from rodeo import keystores, wallets
 from rodeo.chain.client import connect
-from rodeo.chain.errors import ChainUnavailable
-from rodeo.config import Site
+from rodeo.chain.node.errors import ChainUnavailable
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import Site
 from rodeo_cli.layout import Row
 
 COLUMNS = ("address", "name", "signs", "holds", "send at least")

@@ -25,8 +25,8 @@ import numpy as np
 
 from rodeo.checks.case import Case, CheckFunction, Checks
 from rodeo.checks.report import Finding, Report
-from rodeo.config import Site
 from rodeo.kinds import kinds_of
+from rodeo.site.config import Site
 from rodeo_experiments.results import median
 from rodeo_testing.check import lab
 from rodeo_testing.harness import Harness

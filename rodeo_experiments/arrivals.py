@@ -6,9 +6,9 @@ import csv
 from datetime import datetime, time, timedelta
 from pathlib import Path
 
-from rodeo.chance import generator
-from rodeo.config import ExperimentConfig, Site
-from rodeo.schedule import zone
+from rodeo.lab.schedule import zone
+from rodeo.site.chance import generator
+from rodeo.site.config import ExperimentConfig, Site
 from rodeo_experiments.errors import ExperimentFailed
 
 _POISSON = "poisson:"

@@ -24,23 +24,25 @@ from typing import Any
 from pydantic import BaseModel
 
 from deploy.launcher import Launcher
-from rodeo import queries, topics, wallets
-from rodeo.bus import Bus, DaoEvents, heard_status
-from rodeo.chance import generator
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Bus, DaoEvents, heard_status
+from rodeo.charging.tariff import price_at
 from rodeo.commands.tasks import RegisterTask
 from rodeo.commands.treasury import Deposit
-from rodeo.config import ExperimentConfig, Site
 from rodeo.dao import Participant
-from rodeo.files import replace_file
+from rodeo.host.files import replace_file
+from rodeo.host.stamps import stamp_s
 from rodeo.kinds import kinds_of, providing_energy
-from rodeo.messages import DaoEvent
 from rodeo.person.statement import Executor, judge
-from rodeo.readings import unknown_charge, unknown_power
 from rodeo.ros2.node import Node
-from rodeo.sim_clock import SimClock
-from rodeo.stamps import stamp_s
-from rodeo.tariff import price_at
-from rodeo.tls import OPERATOR, identity
+from rodeo.ros2.readings import unknown_charge, unknown_power
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.signing import wallets
+from rodeo.site import topics
+from rodeo.site.chance import generator
+from rodeo.site.config import ExperimentConfig, Site
+from rodeo.site.tls import OPERATOR, identity
 from rodeo_experiments.arrivals import day_begins_s
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from rodeo_experiments.lab import Lab, Point

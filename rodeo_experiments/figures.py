@@ -15,9 +15,9 @@ from matplotlib.dates import DateFormatter, HourLocator
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rodeo.config import TariffConfig
-from rodeo.schedule import zone
-from rodeo.tariff import prices
+from rodeo.charging.tariff import prices
+from rodeo.lab.schedule import zone
+from rodeo.site.config import TariffConfig
 from rodeo_experiments import paper
 from rodeo_experiments.results import Figures, median
 

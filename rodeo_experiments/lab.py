@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from rodeo import topics
-from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose
 from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, dock_parking
-from rodeo.readings import unknown_pose
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import unknown_pose
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from services.robot_sim.planner import Map, PlanningFailed, plan
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from rodeo.messages import Task
-from rodeo.queries import Person, Transaction, Transfer
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Person, Transaction, Transfer
 
 
 class Heard(BaseModel):

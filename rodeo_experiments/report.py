@@ -16,9 +16,9 @@ from typing import Any
 
 from scipy.stats import t as student_t
 
-from rodeo.config import ExperimentConfig, Site
-from rodeo.earnings import COLUMNS, cells, earnings
-from rodeo.schedule import zone
+from rodeo.display.earnings import COLUMNS, cells, earnings
+from rodeo.lab.schedule import zone
+from rodeo.site.config import ExperimentConfig, Site
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
 from rodeo_experiments.results import Figures, Value, median, step_of

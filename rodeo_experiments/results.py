@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 
-from rodeo.messages import Task
-from rodeo.queries import Transaction, Transfer
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Transaction, Transfer
 from rodeo_experiments.record import Flow, Run
 
 STEPS = {

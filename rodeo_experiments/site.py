@@ -11,14 +11,14 @@ from typing import Any
 
 from pydantic import BaseModel, Field, ValidationError
 
-from rodeo.chance import generator
-from rodeo.config import Site, TariffConfig, overrides, read_tables
-from rodeo.endpoint import free_port
 from rodeo.errors import unreadable
-from rodeo.files import begin_folder, replace_file
+from rodeo.host.files import begin_folder, replace_file
 from rodeo.lab.config import Pose2
 from rodeo.robot.navigation import Floor
-from rodeo.site_problems import toml
+from rodeo.site.chance import generator
+from rodeo.site.config import Site, TariffConfig, overrides, read_tables
+from rodeo.site.endpoint import free_port
+from rodeo.text.site_problems import toml
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from rodeo_experiments.lab import ROBOTS_APART_M, Point, free_place, keep_clear
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rodeo.queries import A, Query
+from rodeo.bus.queries import A, Query
 
 ADDRESS = "0x" + "99" * 20
 CONTRACTS = {

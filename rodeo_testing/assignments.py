@@ -13,10 +13,10 @@ from eth_account.signers.local import LocalAccount
 from eth_keys import keys
 from hexbytes import HexBytes
 
-from rodeo import secp256k1
+from rodeo.bus.messages import Device, Task
 from rodeo.checks.case import ChainRecord
 from rodeo.evidence.seal import Binding
-from rodeo.messages import Device, Task
+from rodeo.signing import secp256k1
 
 
 class Take(Protocol):

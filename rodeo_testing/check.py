@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_testing.harness import Harness
 
 What = Literal["honest run", "forgery", "honest run that is spoiled"]

@@ -7,14 +7,15 @@ import threading
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol, cast
 
-from rodeo import topics, wallets
-from rodeo.bus import Bus
-from rodeo.clock import Clock
-from rodeo.config import Site
-from rodeo.messages import Task
+from rodeo.bus.messages import Task
+from rodeo.bus.session import Bus
+from rodeo.host.clock import Clock
 from rodeo.robot.receipts import Receipts
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new, time_message
+from rodeo.signing import wallets
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.witness.witness import Witness
 from rodeo_testing.waiting import wait_until
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+from rodeo.bus.messages import Ruling
 from rodeo.checks.report import Report
-from rodeo.messages import Ruling
 
 Judging = Literal["ruled", "silent", "split", "removed", "unanswered"]
 """What becomes of the oracle's word. Silent: it is down for its whole window. Split: too few oracles vote for

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, Literal, TypedDict, TypeVar, Unpack, get_args
 
+from rodeo.bus.messages import Ruling
 from rodeo.checks.report import Report
-from rodeo.config import Site
-from rodeo.messages import Ruling
+from rodeo.site.config import Site
 from rodeo_testing.ends import ENDS, Judging, doubted, ended
 from rodeo_testing.workshop import Submission, Workshop
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from rodeo import topics
 from rodeo.evidence.attestation import Attestation
 from rodeo.lab.world import arm_model
 from rodeo.ros2.types import msg, time_message
+from rodeo.site import topics
 from rodeo_testing.recordings import Sample, Sides, Take, Witnesses, stamped_ns
 
 _Header = msg("std_msgs/msg/Header")

@@ -16,8 +16,8 @@ from rodeo.lab.geometry import seen_from, wrap
 from rodeo.lab.items import shape_of, top_grasps
 from rodeo.lab.layout import SHOULDER_M, BinLayout
 from rodeo.lab.world import CONTROL_PERIOD_S, CONTROL_STEPS, GRIPPER_OPEN_M, robot_model
+from rodeo.robot.arm import RestToRest
 from rodeo.robot.navigation import in_base_frame
-from rodeo.robot.profile import RestToRest
 
 
 def pointing_down(point_m: tuple[float, float, float], closing_yaw_rad: float) -> mink.SE3:

@@ -23,20 +23,20 @@ import numpy as np
 from eth_account.signers.local import LocalAccount
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from rodeo import topics
-from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import Proof, TopicMessages
 from rodeo.evidence.recorder import SealedProof, _Entry, _SealedFile
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding, SealChain
 from rodeo.evidence.writer import McapWriter, message_record
+from rodeo.host.stamps import set_stamp, stamp_ns
 from rodeo.lab.body import Body, Twist2, joint_names
 from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.geometry import quaternion_of, wrap
 from rodeo.lab.world import world_spec
 from rodeo.ros2.types import STORE, msg, new, serialize, time_message
-from rodeo.stamps import set_stamp, stamp_ns
-from rodeo.topics import ATTESTATION_CHANNEL
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import ATTESTATION_CHANNEL
 from rodeo.witness import motion
 from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.heads import HeadBook

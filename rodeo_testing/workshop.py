@@ -21,20 +21,20 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from rodeo import topics
+from rodeo.bus.messages import DaoEvent, Device, Task
 from rodeo.checks.acts import ConsumedActs, Wait, acts_unspent
 from rodeo.checks.case import ChainRecord, Checks
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file, verify_submission
-from rodeo.config import KindConfig, Site
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
 from rodeo.evidence.tally import RESUMED
 from rodeo.lab.body import joint_names
 from rodeo.lab.world import arm_model
-from rodeo.messages import DaoEvent, Device, Task
 from rodeo.ros2.types import new
+from rodeo.site import topics
+from rodeo.site.config import KindConfig, Site
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.noise import HEAVY, losses, noisy
 from rodeo_testing.recordings import SIGNED, Sample, Take, Witnesses, seal, stamp

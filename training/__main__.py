@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rodeo.config import Site
 from rodeo.errors import RodeoError
+from rodeo.site.config import Site
 from training import needs
 from training.allowed import Allowed
 from training.crossed import FOLDS_DIR

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rodeo import queries
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.messages import Device
+from rodeo.bus.origin import check_bus
+from rodeo.bus.session import Bus
 from rodeo.errors import BusUnavailable, NoResponder, QueryTimeout, RodeoError
-from rodeo.messages import Device
-from rodeo.origin import check_bus
-from rodeo.tls import OPERATOR, identity
+from rodeo.site.config import Site
+from rodeo.site.tls import OPERATOR, identity
 from rodeo.witness.statement import Scope
 
 _ANSWER_S = 10.0

@@ -36,10 +36,10 @@ import numpy as np
 from eth_utils import to_checksum_address
 from pydantic import ValidationError
 
-from rodeo.config import Site, bin_process
 from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence.errors import BadAttestation
 from rodeo.kinds import kinds_of
+from rodeo.site.config import Site, bin_process
 from rodeo.vision.classification import (
     MODEL_DIR,
     PREPROCESSING,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.faults.case import case
 from bench.faults.lab import Lab, need
-from rodeo.instance import lock_holder
+from rodeo.host.instance import lock_holder
 
 CHAIN = "chain/eth-tester/chain.sqlite"
 

@@ -14,10 +14,11 @@ import zenoh
 
 from bench.faults.case import BASE, case
 from bench.faults.lab import PLACE, WORKERS, Lab, need
-from rodeo import topics, wallets
-from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.evidence.store import Store
+from rodeo.signing import wallets
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning
 from rodeo_testing.recordings import Take, Witnesses, seal
 from tests.support.clock import publish_clock
@@ -79,7 +80,7 @@ class Executor:
     def serve_copies(self) -> None:
         """What an agent does as long as it runs: answer for its own copies."""
         # Imported here: only some of the cases need it.
-        from rodeo.evidence.copies import Copies  # type: ignore[import-not-found,import-untyped,unused-ignore]
+        from rodeo.recording.copies import Copies  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
         self._copies = Copies(
             self.lab.bus, self.lab.site.org, "panther1", Store(self.lab.site), self.kept.get

@@ -31,18 +31,18 @@ from typing import Any, TypeVar
 from bench.faults.case import BASE, Case
 from deploy.chain.record import give_up_chain
 from deploy.launcher import Launcher
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.chain.abi import TaskState
+from rodeo.bus.messages import Status
+from rodeo.bus.session import Bus
 from rodeo.chain.client import ChainClient
+from rodeo.chain.contracts.abi import TaskState
+from rodeo.chain.contracts.events import TaskRegistered, TaskSettled
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.events import TaskRegistered, TaskSettled
-from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
-from rodeo.instance import lock_holder
-from rodeo.messages import Status
-from rodeo.tls import OPERATOR, identity
-from rodeo.wallets import ensure_wallets
+from rodeo.host.instance import lock_holder
+from rodeo.signing.wallets import ensure_wallets
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.tls import OPERATOR, identity
 from rodeo_cli.site import read_rows
 from rodeo_testing.waiting import HANG_S
 from tests.support.index import index_differences

@@ -12,7 +12,7 @@ from bench.faults.disks import FULL
 from bench.faults.files import CHAIN, remove, stopped
 from bench.faults.lab import Lab, need
 from rodeo.errors import RemoteError
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
 
 WHOLE = (*BASE, "oracle", "itrash", "charger", "robot_sim", "robot_agent")
 FAST = """clock.speed = 20

@@ -23,7 +23,7 @@ from pathlib import Path
 from bench.faults.case import CASES, Case
 from bench.faults.lab import PARTICIPANTS, Lab, NotSurvived
 from rodeo.errors import RodeoError
-from rodeo.process import die_with
+from rodeo.runtime.process import die_with
 from tests.support.site import RunningSite, write_site
 
 AREAS = (

@@ -14,7 +14,7 @@ from bench.cpu import cpu_s
 from bench.faults.case import BASE, case
 from bench.faults.lab import Lab, need
 from bench.faults.net import Answer, NodeBetween
-from rodeo.instance import GAVE_UP
+from rodeo.host.instance import GAVE_UP
 from tests.support.site import free_port
 
 ITEM = """[[items]]

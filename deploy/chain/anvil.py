@@ -19,9 +19,9 @@ from typing import Any
 from deploy.chain.errors import AnvilFailed
 from deploy.chain.server import PURPOSE, host_and_port
 from rodeo.errors import AlreadyRunning
-from rodeo.http import listen
-from rodeo.instance import lock_instance
-from rodeo.process import die_with
+from rodeo.host.http import listen
+from rodeo.host.instance import lock_instance
+from rodeo.runtime.process import die_with
 
 log = logging.getLogger(__name__)
 

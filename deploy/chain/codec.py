@@ -12,7 +12,7 @@ from eth_utils import keccak
 
 from deploy.chain.errors import InvalidParams
 from deploy.chain.store import StoredLog
-from rodeo.strict_json import Json
+from rodeo.text.strict_json import Json
 
 _QUANTITY = re.compile(r"0x(0|[1-9a-fA-F][0-9a-fA-F]{0,63})")
 _DATA = re.compile(r"0x([0-9a-fA-F]{2})*")

@@ -31,7 +31,7 @@ from deploy.chain.codec import (
 from deploy.chain.errors import InvalidParams, MethodNotFound, RpcError, TransactionRejected
 from deploy.chain.local_chain import PRIORITY_FEE_WEI, Call, LocalChain
 from deploy.chain.store import StoredLog
-from rodeo.strict_json import Json
+from rodeo.text.strict_json import Json
 
 MAX_FILTERS = 1_000
 """Filters kept for callers; beyond it the one not asked for the longest time goes."""

@@ -17,11 +17,11 @@ from deploy.chain.methods import MINING, Methods
 from deploy.chain.record import check_not_lost
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
-from rodeo.clock import Clock, WallClock
-from rodeo.config import Site
 from rodeo.errors import ClockUnavailable
-from rodeo.instance import HEARTBEAT_S, PREDECESSOR_S, lock_instance
-from rodeo.process import Process
+from rodeo.host.clock import Clock, WallClock
+from rodeo.host.instance import HEARTBEAT_S, PREDECESSOR_S, lock_instance
+from rodeo.runtime.process import Process
+from rodeo.site.config import Site
 
 log = logging.getLogger(__name__)
 

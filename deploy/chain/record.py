@@ -7,8 +7,8 @@ from pathlib import Path
 
 from deploy.chain.errors import ChainLost
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import NotDeployed
-from rodeo.config import Site
+from rodeo.chain.node.errors import NotDeployed
+from rodeo.site.config import Site
 
 
 def check_not_lost(site: Site, path: Path) -> None:

@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 from deploy.chain.errors import InternalError, InvalidRpcRequest, ParseError, RpcError
 from rodeo.errors import ConfigError
-from rodeo.http import HttpServer, Limits, answer_with_problems, health, problem
+from rodeo.host.http import HttpServer, Limits, answer_with_problems, health, problem
 
 T = TypeVar("T")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Protocol
 
 from rodeo.chain import contract_calls
-from rodeo.chain.abi import ServiceState, TaskRequest
+from rodeo.chain.contracts.abi import ServiceState, TaskRequest
+from rodeo.chain.contracts.types import Policy
 from rodeo.chain.encoding import Call
-from rodeo.chain.types import Policy
 
 
 class ParticipantCalls(Protocol):

@@ -12,8 +12,16 @@ from web3 import Web3
 from web3.contract import Contract
 from web3.types import BlockIdentifier, TxReceipt
 
-from rodeo.chain import artifacts, events, transactions
-from rodeo.chain.abi import (
+from rodeo.chain import artifacts
+from rodeo.chain.calls import Calls, OrganizationCalls
+from rodeo.chain.contract_calls import (
+    CommitteeJudgeCalls,
+    DeviceRegistryCalls,
+    DisputeJudgeCalls,
+    RoleJudgeCalls,
+)
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import (
     Budget,
     Device,
     Instance,
@@ -25,24 +33,18 @@ from rodeo.chain.abi import (
     Task,
     Terms,
 )
-from rodeo.chain.calls import Calls, OrganizationCalls
-from rodeo.chain.contract_calls import (
-    CommitteeJudgeCalls,
-    DeviceRegistryCalls,
-    DisputeJudgeCalls,
-    RoleJudgeCalls,
-)
+from rodeo.chain.contracts.logs import Log, decode_logs, event_topics
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Role, kind_to_bytes32, value
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import WrongChain
 from rodeo.chain.governance import GovernanceCalls
-from rodeo.chain.logs import Log, decode_logs, event_topics
+from rodeo.chain.node import transactions
+from rodeo.chain.node.errors import WrongChain
+from rodeo.chain.node.rpc import NodeProvider
+from rodeo.chain.node.translation import translated
 from rodeo.chain.proposals import OPERATION_STATES, STATES, Operation
-from rodeo.chain.rpc import NodeProvider
-from rodeo.chain.translation import translated
-from rodeo.chain.types import ZERO_ADDRESS, Role, kind_to_bytes32, value
-from rodeo.config import ChainConfig
-from rodeo.currency import Currency
+from rodeo.money.currency import Currency
+from rodeo.site.config import ChainConfig
 
 _PAGE_BLOCKS = 2_000
 """Blocks whose events a node is asked for at once."""

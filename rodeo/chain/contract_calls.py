@@ -6,7 +6,7 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 
 from __future__ import annotations
 
-from rodeo.chain.abi import (
+from rodeo.chain.contracts.abi import (
     ChallengeRequest,
     Finding,
     Instance,
@@ -17,8 +17,8 @@ from rodeo.chain.abi import (
     Terms,
     Windows,
 )
+from rodeo.chain.contracts.types import Role, TimelockRole
 from rodeo.chain.encoding import Call, ContractCalls
-from rodeo.chain.types import Role, TimelockRole
 
 
 class BudgetVotesCalls(ContractCalls):

@@ -9,11 +9,11 @@ from eth_typing import ChecksumAddress
 from eth_utils import is_checksum_address, to_checksum_address
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
+from rodeo.bus.origin import record_path
 from rodeo.chain import artifacts
-from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed
-from rodeo.currency import IEC, Currency
-from rodeo.files import replace_file
-from rodeo.origin import record_path
+from rodeo.chain.node.errors import ChainError, DeploymentMismatch, NotDeployed
+from rodeo.host.files import replace_file
+from rodeo.money.currency import IEC, Currency
 
 if TYPE_CHECKING:
     from web3 import Web3
@@ -123,7 +123,7 @@ class Deployment(BaseModel):
     def verify(self, w3: Web3) -> None:
         """Raises DeploymentMismatch unless the chain has these contracts as they are built now."""
         # Imported here: it imports web3, which only those have who can pass `w3`.
-        from rodeo.chain.translation import translated
+        from rodeo.chain.node.translation import translated
 
         with translated():
             found = (w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex())

@@ -11,7 +11,7 @@ from eth_typing import ChecksumAddress, HexStr
 from eth_utils.abi import function_abi_to_4byte_selector, get_abi_input_types
 
 from rodeo.chain import artifacts
-from rodeo.chain.types import raw_values
+from rodeo.chain.contracts.types import raw_values
 
 if TYPE_CHECKING:
     from rodeo.chain.deployment import Deployment

@@ -10,11 +10,12 @@ from eth_abi import decode, encode
 from eth_abi.exceptions import DecodingError
 from eth_utils import keccak, to_bytes
 
-from rodeo.chain import abi, contract_calls
+from rodeo.chain import contract_calls
+from rodeo.chain.contracts import abi
+from rodeo.chain.contracts.types import TimelockRole, to_json, values
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call, functions
 from rodeo.chain.proposals import SUPPORT, WHY, Operation, Proposed
-from rodeo.chain.types import TimelockRole, to_json, values
 
 _MOST_NESTED = 4
 """Calls in calls that are taken apart; what is deeper is shown as bytes. Nobody needs more, and a proposal

@@ -13,8 +13,8 @@ from web3 import Web3
 
 from rodeo.chain import artifacts
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import NotDeployed
-from rodeo.chain.translation import translated
+from rodeo.chain.node.errors import NotDeployed
+from rodeo.chain.node.translation import translated
 
 PARTS = tuple(
     name

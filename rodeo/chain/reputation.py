@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rodeo.currency import IEC, Currency
+from rodeo.money.currency import IEC, Currency
 
 _DAY_S = 86_400
 _HALF_LIFE_DAYS = 90

@@ -27,11 +27,11 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import NamedTuple, Self
 
+from rodeo.bus.messages import DaoEvent, Ruling
 from rodeo.checks.report import Check
 from rodeo.errors import RodeoError
-from rodeo.foreign_text import quoted
-from rodeo.messages import DaoEvent, Ruling
-from rodeo.strict_json import read_json
+from rodeo.text.foreign_text import quoted
+from rodeo.text.strict_json import read_json
 
 log = logging.getLogger(__name__)
 

@@ -13,14 +13,14 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from rodeo.bus.messages import Device, Root, Task
 from rodeo.checks.report import Finding
-from rodeo.config import Site
 from rodeo.errors import wrong_fields
 from rodeo.evidence.errors import EvidenceError
 from rodeo.evidence.proof import Proof
+from rodeo.host.stamps import FASTEST_CLOCK
 from rodeo.lab.config import BinConfig, ItemConfig, RobotConfig
-from rodeo.messages import Device, Root, Task
-from rodeo.stamps import FASTEST_CLOCK
+from rodeo.site.config import Site
 
 MOTION_CAPTURE = "mocap"
 """Name of a site's motion capture."""

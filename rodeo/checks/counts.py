@@ -10,16 +10,16 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from rodeo import topics
 from rodeo.checks.case import Case, ChainRecord
 from rodeo.checks.report import Finding, at_most
-from rodeo.checks.statements import recorded
-from rodeo.config import Site
+from rodeo.checks.signed.statements import recorded
 from rodeo.evidence.container import Limits
 from rodeo.evidence.proof import TopicMessages
 from rodeo.evidence.seal import SEAL_PERIOD_NS
 from rodeo.kinds import Kind, kinds_of
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 
 BURST_S = 60.0
 """What a device may have signed while the recorder was away, and the recorder asked it for later."""

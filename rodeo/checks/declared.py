@@ -7,7 +7,7 @@ from rodeo.checks.case import Case, CaseError, OthersFailed, ordered
 from rodeo.checks.report import Finding, impossible, standing
 from rodeo.checks.tables import events_of
 from rodeo.evidence.errors import EvidenceError
-from rodeo.foreign_text import in_words, quoted
+from rodeo.text.foreign_text import in_words, quoted
 
 
 def reported_failure(case: Case) -> str | None:

@@ -7,10 +7,10 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import NamedTuple
 
+from rodeo.charging.tariff import applying_between
 from rodeo.checks.case import Case
-from rodeo.currency import Currency
 from rodeo.kinds import kinds_of
-from rodeo.tariff import applying_between
+from rodeo.money.currency import Currency
 
 WAITS_S = 1800.0
 """From the assignment to the first step, and from the last one to the submission: long enough for a robot

@@ -3,8 +3,8 @@ for a machine to tell; kinds of task where that matters are judged by an auditor
 
 from rodeo.checks.case import Case
 from rodeo.checks.report import Finding, equal, skipped
-from rodeo.foreign_text import in_words
 from rodeo.person.statement import BadPhoto, check_photo, read_statement
+from rodeo.text.foreign_text import in_words
 
 
 def executors_own_seal(case: Case) -> Finding:

@@ -1,13 +1,13 @@
 """Is this the proof of this assignment, sealed by the executor's own device while it worked?"""
 
+from rodeo.bus.messages import Device
 from rodeo.checks.case import Case
 from rodeo.checks.declared import reported_failure
-from rodeo.checks.keys import counts_until_s, heads_listed, taken
+from rodeo.checks.motion.sources import whose
 from rodeo.checks.report import Finding, at_most, equal, given_up, skipped, undecided
-from rodeo.checks.sources import whose
-from rodeo.checks.testimony import vouching
-from rodeo.messages import Device
-from rodeo.topics import SEAL_CHANNEL
+from rodeo.checks.signed.keys import counts_until_s, heads_listed, taken
+from rodeo.checks.signed.testimony import vouching
+from rodeo.site.topics import SEAL_CHANNEL
 
 UNSEALED_LIMIT_S = 5.0
 """Twice the seal period and room for messages that arrive late."""

@@ -20,9 +20,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from rodeo.foreign_text import printable, quoted, shortened
-from rodeo.messages import Fault
-from rodeo.strict_json import plain, write_json
+from rodeo.bus.messages import Fault
+from rodeo.text.foreign_text import printable, quoted, shortened
+from rodeo.text.strict_json import plain, write_json
 
 Outcome = Literal["accepted", "rejected", "undecided", "given_up", "impossible"]
 _PARTIES: dict[str, Fault] = {"the task's creator": "creator", "the oracle": "oracle", "the store": "oracle"}

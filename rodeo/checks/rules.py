@@ -26,12 +26,12 @@ _PROJECT = ("rodeo.", "rodeo_kinds.")
 _VERIFICATION = "rodeo.checks.verify"
 UNDECIDING = {
     "rodeo.checks.people": "no machine judges work with them",
-    "rodeo.config": "a site's own settings",
+    "rodeo.site.config": "a site's own settings",
     "rodeo.evidence.store": "fetches bytes, whose hash is on chain",
-    "rodeo.files": "writes files",
-    "rodeo.messages": "shapes of what is on chain, which every judge reads there",
-    "rodeo.pricing": "what is asked for work, not whether it was done",
-    "rodeo.redaction": "what of a site file is shown",
+    "rodeo.host.files": "writes files",
+    "rodeo.bus.messages": "shapes of what is on chain, which every judge reads there",
+    "rodeo.money.pricing": "what is asked for work, not whether it was done",
+    "rodeo.text.redaction": "what of a site file is shown",
 }
 """What a verification imports and what decides nothing, each with the reason; what only they import decides
 nothing either."""

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from rodeo import topics
 from rodeo.checks.case import Case, CaseError
 from rodeo.checks.results import once_per_case
 from rodeo.evidence.series import Array, Table
+from rodeo.site import topics
 
 
 def table_of(case: Case, topic: topics.Topic, **names: str) -> Table:

@@ -11,20 +11,20 @@ from pathlib import Path
 from rodeo.checks import provenance
 from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, Checks, OthersFailed
 from rodeo.checks.counts import counts_of
+from rodeo.checks.motion.sources import judged, parties
 from rodeo.checks.report import Check, Finding, Report, given_up, skipped, undecided
 from rodeo.checks.results import sources_read
 from rodeo.checks.rules import rules_hash
-from rodeo.checks.sources import judged, parties
 from rodeo.checks.stages import PEOPLE
-from rodeo.config import Site
 from rodeo.errors import RodeoError, is_machines
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, EvidenceError, SealError, StoreUnavailable
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
 from rodeo.evidence.unsealed import is_bag, is_never_sealed, open_bag
-from rodeo.foreign_text import in_words, quoted
 from rodeo.kinds import kinds_of
+from rodeo.site.config import Site
+from rodeo.text.foreign_text import in_words, quoted
 
 log = logging.getLogger(__name__)
 

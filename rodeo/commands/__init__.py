@@ -1,7 +1,7 @@
 """The organization's commands, one module a group: each is declared here and nowhere else.
 
 `declare` says what belongs to a declaration, `desk` what its checks and calls are made from. What the bridge
-does with a command is in `services.bridge`.
+does with a command is in `services.bridge`; messages and queries are in `rodeo.bus`.
 """
 
 from rodeo.commands import (

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from rodeo.messages import Message
+from rodeo.bus.messages import Message
 
 if TYPE_CHECKING:
     from rodeo.chain.encoding import Call
+    from rodeo.chain.signed_requests import Said
     from rodeo.commands.desk import Desk
-    from rodeo.signed_requests import Said
 
 Done = str | Callable[[Mapping[str, Any]], str]
 

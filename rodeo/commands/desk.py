@@ -7,7 +7,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rodeo.addresses import typed_address
+from rodeo.bus.messages import ORGANIZATION
+from rodeo.chain.signed_requests import UNLIMITED
 from rodeo.commands.errors import (
     CannotDo,
     HasToBeProposed,
@@ -15,13 +16,12 @@ from rodeo.commands.errors import (
     UnknownKind,
     UnknownTask,
 )
-from rodeo.config import EconomyConfig
-from rodeo.currency import Currency
 from rodeo.errors import InvalidRequest
 from rodeo.evidence.store import Store
 from rodeo.kinds import Kinds
-from rodeo.messages import ORGANIZATION
-from rodeo.signed_requests import UNLIMITED
+from rodeo.money.currency import Currency
+from rodeo.site.config import EconomyConfig
+from rodeo.text.addresses import typed_address
 
 if TYPE_CHECKING:
     from rodeo.chain.calls import ParticipantCalls

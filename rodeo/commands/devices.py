@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, StringConstraints
 
-from rodeo.chain import abi
-from rodeo.chain.types import halves, hex_bytes
+from rodeo.bus.messages import Address, DeviceName, Hex32, Party, Revocation, Signature
+from rodeo.chain.contracts import abi
+from rodeo.chain.contracts.types import halves, hex_bytes
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.examples import ADDRESS, DIGEST, LOG_URI, SIGNATURE
 from rodeo.commands.people import BY_ADMINISTRATOR, FOR_GOOD
-from rodeo.messages import Address, DeviceName, Hex32, Party, Revocation, Signature
 
 if TYPE_CHECKING:
     from rodeo.chain.encoding import Call

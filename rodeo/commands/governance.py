@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, StringConstraints
 
-from rodeo.bus import validate
+from rodeo.bus.messages import Id, Party, Payment, Support
+from rodeo.bus.session import validate
+from rodeo.chain.contracts.types import ZERO_ADDRESS, TimelockRole, hex_bytes
 from rodeo.chain.proposals import (
     BUDGET_CREDITS,
     Operation,
@@ -17,7 +19,6 @@ from rodeo.chain.proposals import (
     protected_text,
     shares,
 )
-from rodeo.chain.types import ZERO_ADDRESS, TimelockRole, hex_bytes
 from rodeo.commands.declare import COMMANDS, Command, Line, NameOf, command
 from rodeo.commands.errors import (
     ActsAtOnce,
@@ -35,7 +36,6 @@ from rodeo.commands.errors import (
 )
 from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_MEMBER
 from rodeo.errors import InvalidRequest
-from rodeo.messages import Id, Party, Payment, Support
 
 if TYPE_CHECKING:
     from rodeo.chain.encoding import Call

@@ -9,25 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 from eth_utils import is_address, to_checksum_address
 from pydantic import Field, StringConstraints, model_validator
 
-from rodeo import signed_requests, votes
-from rodeo.chain.abi import Instance, Quorum
-from rodeo.chain.artifacts import ORACLES
-from rodeo.chain.types import halves, hex_bytes
-from rodeo.commands.declare import Command, Line, command
-from rodeo.commands.errors import (
-    CannotSign,
-    InvalidQuorum,
-    KindWithoutQuorum,
-    NoDispute,
-    NotAJudge,
-    StakeTooLow,
-    UnknownKind,
-    UnknownParticipant,
-)
-from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, REPORT_URI, SIGNATURE, VOTE
-from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_PROVIDER, FOR_GOOD, PEOPLE
-from rodeo.errors import InvalidRequest
-from rodeo.messages import (
+from rodeo.bus.messages import (
     JUDGES,
     NO_RULES,
     Address,
@@ -46,14 +28,33 @@ from rodeo.messages import (
     SignedVote,
     Vote,
 )
+from rodeo.chain import signed_requests
+from rodeo.chain.artifacts import ORACLES
+from rodeo.chain.contracts.abi import Instance, Quorum
+from rodeo.chain.contracts.types import halves, hex_bytes
+from rodeo.commands.declare import Command, Line, command
+from rodeo.commands.errors import (
+    CannotSign,
+    InvalidQuorum,
+    KindWithoutQuorum,
+    NoDispute,
+    NotAJudge,
+    StakeTooLow,
+    UnknownKind,
+    UnknownParticipant,
+)
+from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, REPORT_URI, SIGNATURE, VOTE
+from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_PROVIDER, FOR_GOOD, PEOPLE
+from rodeo.errors import InvalidRequest
+from rodeo.judging import votes
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount
     from eth_typing import ChecksumAddress
 
     from rodeo.chain.encoding import Call
+    from rodeo.chain.signed_requests import Said
     from rodeo.commands.desk import Desk, Row
-    from rodeo.signed_requests import Said
 
 
 @command("oracle", *PEOPLE)

@@ -9,9 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from eth_utils import to_checksum_address
 from pydantic import Field, model_validator
 
-from rodeo.chain import types
-from rodeo.chain.abi import Terms, Windows
-from rodeo.chain.types import Role, hex_bytes
+from rodeo.bus.messages import (
+    NO_RULES,
+    Address,
+    ExecutionWindow,
+    Hex32,
+    Iec,
+    Kind,
+    Party,
+    Payment,
+    Policy,
+    RoleName,
+    Window,
+)
+from rodeo.chain.contracts import types
+from rodeo.chain.contracts.abi import Terms, Windows
+from rodeo.chain.contracts.types import Role, hex_bytes
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.errors import KindWithoutChecks, KindWithoutQuorum, KindWithoutRules
 from rodeo.commands.examples import DIGEST
@@ -24,19 +37,6 @@ from rodeo.kinds import (
     MAX_WINDOW_S,
     PEOPLES_MIN_WINDOW_S,
     VERDICT_WINDOWS_S,
-)
-from rodeo.messages import (
-    NO_RULES,
-    Address,
-    ExecutionWindow,
-    Hex32,
-    Iec,
-    Kind,
-    Party,
-    Payment,
-    Policy,
-    RoleName,
-    Window,
 )
 
 if TYPE_CHECKING:

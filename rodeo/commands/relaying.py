@@ -8,16 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from eth_utils import keccak
 from pydantic import BaseModel, Field
 
-from rodeo import signed_requests, typed_data
-from rodeo.bus import validate
-from rodeo.chain.abi import ChallengeRequest
-from rodeo.chain.errors import ContractReverted
-from rodeo.commands.declare import Command, NameOf, Subject, command
-from rodeo.commands.errors import NoPermit, NotSigned, OtherContracts
-from rodeo.commands.examples import SIGNED
-from rodeo.errors import InvalidRequest
-from rodeo.messages import Message, SignedRequest, TypedSignature
-from rodeo.signed_requests import (
+from rodeo.bus.messages import Message, SignedRequest, TypedSignature
+from rodeo.bus.session import validate
+from rodeo.chain import signed_requests
+from rodeo.chain.contracts.abi import ChallengeRequest
+from rodeo.chain.node.errors import ContractReverted
+from rodeo.chain.signed_requests import (
     UNLIMITED,
     AbandonTask,
     AcceptTask,
@@ -29,12 +25,17 @@ from rodeo.signed_requests import (
     SubmitProof,
     Typed,
 )
+from rodeo.commands.declare import Command, NameOf, Subject, command
+from rodeo.commands.errors import NoPermit, NotSigned, OtherContracts
+from rodeo.commands.examples import SIGNED
+from rodeo.errors import InvalidRequest
+from rodeo.signing import typed_data
 
 if TYPE_CHECKING:
     from rodeo.chain.client import ChainClient
     from rodeo.chain.encoding import Call
+    from rodeo.chain.signed_requests import Said
     from rodeo.commands.desk import Desk
-    from rodeo.signed_requests import Said
 
 _NONCE_BYTES = 6
 """So that JSON numbers hold a nonce in every language."""

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from rodeo.chain import abi
+from rodeo.bus.messages import Id, Iec, Kind, Namers, Party
+from rodeo.chain.contracts import abi
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.errors import AlreadyOffered, DailyLimitReached, UnknownService
 from rodeo.commands.examples import OTHER
 from rodeo.commands.people import BY_ADMINISTRATOR, BY_PROVIDER
 from rodeo.errors import InvalidRequest
-from rodeo.messages import Id, Iec, Kind, Namers, Party
 
 if TYPE_CHECKING:
     from rodeo.chain.encoding import Call

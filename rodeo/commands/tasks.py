@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from rodeo import signed_requests
-from rodeo.chain.abi import TaskRequest
-from rodeo.chain.types import ZERO_ADDRESS, hex_bytes
+from rodeo.bus.messages import NO_RULES, ORGANIZATION, Attempt, Hex32, Id, Iec, Kind, Party, Window
+from rodeo.chain import signed_requests
+from rodeo.chain.contracts.abi import TaskRequest
+from rodeo.chain.contracts.types import ZERO_ADDRESS, hex_bytes
 from rodeo.commands.declare import Command, Line, Subject, command
 from rodeo.commands.errors import (
     AssignmentChanged,
@@ -25,12 +26,11 @@ from rodeo.commands.examples import DIGEST, PROOF_URI
 from rodeo.commands.people import BY_OPERATOR, PEOPLE
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import EXECUTION_WINDOW_S
-from rodeo.messages import NO_RULES, ORGANIZATION, Attempt, Hex32, Id, Iec, Kind, Party, Window
 
 if TYPE_CHECKING:
     from rodeo.chain.encoding import Call
+    from rodeo.chain.signed_requests import Said
     from rodeo.commands.desk import Desk
-    from rodeo.signed_requests import Said
 
 
 def _matched_in_words(said: Mapping[str, Any]) -> str:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from eth_utils import to_checksum_address
 from pydantic import Field, model_validator
 
-from rodeo.chain.types import Role
+from rodeo.bus.messages import Address, Iec, Party, Payment
+from rodeo.chain.contracts.types import Role
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.people import BY_ADMINISTRATOR, BY_TREASURER
-from rodeo.durations import span
-from rodeo.messages import Address, Iec, Party, Payment
+from rodeo.display.formatting import span
 
 if TYPE_CHECKING:
     from rodeo.chain.encoding import Call

@@ -2,4 +2,5 @@
 
 `Recorder` writes a recording, `open_proof` reads one from a stranger, `open_bag` one that nobody sealed,
 `Store` keeps and fetches them, `attest` and `verify_attestation` sign and check statements of other devices.
+Nothing here judges (`rodeo.checks`), and nothing uses the bus (`rodeo.recording`).
 """

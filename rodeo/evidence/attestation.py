@@ -1,7 +1,8 @@
 """Signed statements by devices: canonical JSON (RFC 8785) under an Ethereum personal signature (EIP-191).
 
-Every device checks every other one's seals, one a second, so this signs and recovers with `rodeo.secp256k1`:
-eth-account spends half of its time (to recover) and four fifths (to sign) on conversions.
+Every device checks every other one's seals, one a second, so this signs and recovers with
+`rodeo.signing.secp256k1`: eth-account spends half of its time (to recover) and four fifths (to sign) on
+conversions.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import rfc8785
 from eth_utils import keccak, to_checksum_address
 from pydantic import BaseModel, ConfigDict
 
-from rodeo import keys, secp256k1
 from rodeo.evidence.errors import BadAttestation
+from rodeo.signing import keys, secp256k1
 
 
 class Attestation(BaseModel):

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from rodeo.evidence.errors import LayoutChanged
-from rodeo.readings import is_rotation
 from rodeo.ros2.definitions import ARRAY, BASE, NAME, definition
+from rodeo.ros2.readings import is_rotation
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """XCDR1, little endian: what rmw implementations write on common machines."""

@@ -15,8 +15,8 @@ from rodeo.evidence.errors import CorruptProof, LayoutChanged, ProofNotFound, Un
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.series import Payloads, Table, table
-from rodeo.strict_json import read_json
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.text.strict_json import read_json
 
 
 class TopicMessages:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rodeo.evidence.container import Container, Limits, RawMessage, limit
 from rodeo.evidence.errors import BrokenSeal
 from rodeo.evidence.seal import RunningHash, SealAudit, channel_digest
-from rodeo.topics import SEAL_CHANNEL
+from rodeo.site.topics import SEAL_CHANNEL
 
 
 class SealedReader:

@@ -18,7 +18,6 @@ from hashlib import file_digest
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rodeo.clock import TimeSource
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import (
     BrokenSeal,
@@ -31,10 +30,11 @@ from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import SEAL_PERIOD_NS, Binding, RunningHash, SealAudit, SealChain, channel_digest
 from rodeo.evidence.tally import CLOSED, RESUMED, Tally
 from rodeo.evidence.writer import McapWriter
-from rodeo.keys import Signer
+from rodeo.host.clock import TimeSource
 from rodeo.ros2.definitions import schema_text
-from rodeo.strict_json import plain, write_json
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
+from rodeo.signing.keys import Signer
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
+from rodeo.text.strict_json import plain, write_json
 
 log = logging.getLogger(__name__)
 
@@ -202,8 +202,8 @@ class Recorder:
 
         What is `urgent` is signed and on disk at once: being killed right after it must not lose it.
 
-        A payload that readers refuse (`rodeo.strict_json`) is left out, and an event `UNREADABLE` says so:
-        others wrote it, and the whole file would be refused for it.
+        A payload that readers refuse (`rodeo.text.strict_json`) is left out, and an event `UNREADABLE` says
+        so: others wrote it, and the whole file would be refused for it.
         """
         if channel not in _JSON_CHANNELS:
             raise ValueError(f"no such JSON channel: {channel}")

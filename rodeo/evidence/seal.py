@@ -25,10 +25,10 @@ from typing import Annotated, Any, Literal
 from eth_utils.address import to_checksum_address
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from rodeo import keys, typed_data
 from rodeo.evidence.attestation import Attestation, attest, recover, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BrokenSeal, UnsealedProof
-from rodeo.strict_json import read_json, write_json
+from rodeo.signing import keys, typed_data
+from rodeo.text.strict_json import read_json, write_json
 
 SEAL_PERIOD_NS = 1_000_000_000
 """Longest stretch of recorded time that one seal leaves unsigned."""

@@ -17,7 +17,6 @@ from typing import IO, Any
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
-from rodeo.config import Site
 from rodeo.errors import DiskFull
 from rodeo.evidence.errors import (
     EvidenceError,
@@ -28,8 +27,9 @@ from rodeo.evidence.errors import (
     StoreUnavailable,
 )
 from rodeo.evidence.upload import blocks, upload
-from rodeo.files import writing
-from rodeo.proxies import proxy_of
+from rodeo.host.files import writing
+from rodeo.host.proxies import proxy_of
+from rodeo.site.config import Site
 
 _NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json)$")
 

@@ -38,7 +38,7 @@ from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, EvidenceError, ProofNotFound, ProofTooLarge, TruncatedProof
 from rodeo.evidence.proof import Proof, TopicMessages
 from rodeo.ros2.types import STORE
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
 _JSON = {"/" + channel: channel for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)}
 _STRING = "std_msgs/msg/String"

@@ -12,7 +12,7 @@ from hashlib import md5
 from pathlib import Path
 from typing import IO, Any
 
-from rodeo.files import replacing
+from rodeo.host.files import replacing
 
 BLOCK_BYTES = 1 << 20
 PART_BYTES = 8 << 20

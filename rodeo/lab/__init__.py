@@ -1,4 +1,7 @@
-"""The lab: its description, its geometry and its MuJoCo model, shared by simulator, agent and oracle."""
+"""The lab: its description, its geometry and its MuJoCo model, shared by simulator, agent and oracle.
+
+Nothing here moves by itself (`services.robot_sim`) or decides (`rodeo.robot`).
+"""
 
 import os
 from ctypes.util import find_library

@@ -20,10 +20,10 @@ from pydantic import (
     model_validator,
 )
 
-from rodeo import redaction
-from rodeo.addresses import typed_address
-from rodeo.pricing import PricingConfig
-from rodeo.schedule import Schedule, parse_hours, require_apart, zone
+from rodeo.lab.schedule import Schedule, parse_hours, require_apart, zone
+from rodeo.money.pricing import PricingConfig
+from rodeo.text import redaction
+from rodeo.text.addresses import typed_address
 
 Positive = Annotated[float, Field(gt=0)]
 Point2 = tuple[float, float]
@@ -350,15 +350,15 @@ class RobotConfig(Section):
     pose: Pose2
     """Where a simulated body stands in a new world."""
     working_hours: tuple[Annotated[str, AfterValidator(_are_hours)], ...] | None = Field(None, min_length=1)
-    """Hours of the day in which the robot works, like "08:00-18:00" (rodeo.schedule); by default always. At
-    other times it is off: it takes no work and draws its battery's standby power."""
+    """Hours of the day in which the robot works, like "08:00-18:00" (rodeo.lab.schedule); by default always.
+    At other times it is off: it takes no work and draws its battery's standby power."""
     timezone: Annotated[str, AfterValidator(_is_a_zone)] = "UTC"
     """Time zone of the working hours, by its IANA name, for instance "Europe/Berlin"."""
     battery: BatteryConfig = BatteryConfig()
     limits: MotionLimits = MotionLimits()
     noise: NoiseConfig = NoiseConfig()
     pricing: PricingConfig = PricingConfig()
-    """What it asks for its work (rodeo.pricing)."""
+    """What it asks for its work (rodeo.money.pricing)."""
 
     @field_validator("working_hours")
     @classmethod

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rodeo.config import Site
-from rodeo.durations import span
+from rodeo.bus.messages import Task
+from rodeo.display.formatting import span
 from rodeo.kinds import Kinds
-from rodeo.messages import Task
+from rodeo.site.config import Site
 
 STANDS = 1e-3
 """Share of real time: a clock that is slower than this stands."""

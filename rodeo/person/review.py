@@ -17,16 +17,16 @@ from typing import Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rodeo import queries
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.queries import A, Query
 from rodeo.evidence.errors import EvidenceError, StoreError
 from rodeo.evidence.store import Store
-from rodeo.files import replace_file
+from rodeo.host.files import replace_file
 from rodeo.kinds import kinds_of
-from rodeo.messages import DaoEvent, Task
 from rodeo.person.photo_code import photo_code
 from rodeo.person.statement import BadPhoto, NotSubmitted, Statement, check_photo, fetch_statement
-from rodeo.queries import A, Query
+from rodeo.site.config import Site
 
 READ_FOR_S = 20.0
 """Wall time for reading submissions that were not read before; the next review continues from there."""

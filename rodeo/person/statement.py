@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rodeo.clock import Clock
+from rodeo.bus.messages import Fault, Ruling, Task
 from rodeo.commands.judging import Rule
-from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import RequestError
 from rodeo.evidence.container import Limits
@@ -28,13 +27,14 @@ from rodeo.evidence.errors import EvidenceError, RecordingSealed
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
-from rodeo.keys import Signer
+from rodeo.host.clock import Clock
 from rodeo.kinds import kinds_of
-from rodeo.messages import Fault, Ruling, Task
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.strict_json import plain
-from rodeo.topics import EVENT_CHANNEL
+from rodeo.signing.keys import Signer
+from rodeo.site.config import Site
+from rodeo.site.topics import EVENT_CHANNEL
+from rodeo.text.strict_json import plain
 from rodeo.vision.images import ImageError, decode_image, ends_early, media_type
 
 PHOTO_TOPIC = "/statement/photo"

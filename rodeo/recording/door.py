@@ -13,17 +13,17 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Literal
 
-from rodeo import topics
-from rodeo.budget import Bucket
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.layout import Layout
-from rodeo.metrics import RECORDER_REFUSED
+from rodeo.host.budget import Bucket
+from rodeo.host.metrics import RECORDER_REFUSED
+from rodeo.host.stamps import FASTEST_CLOCK, SECOND_NS
 from rodeo.ros2 import plain
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.stamps import FASTEST_CLOCK, SECOND_NS
-from rodeo.topics import Topic
+from rodeo.site import topics
+from rodeo.site.topics import Topic
 
 What = Literal["message", "statement"]
 

@@ -16,11 +16,11 @@ from hashlib import sha256
 
 import numpy as np
 
-from rodeo import topics
-from rodeo.bus import Bus
+from rodeo.bus.session import Bus
 from rodeo.errors import BusError, RemoteError
+from rodeo.host.stamps import set_stamp
 from rodeo.ros2 import types
-from rodeo.stamps import set_stamp
+from rodeo.site import topics
 from rodeo.witness.statement import MAX_LOOKS, Classification, Drop, Look
 
 log = logging.getLogger(__name__)

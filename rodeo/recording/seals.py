@@ -8,9 +8,9 @@ from collections import deque
 
 import zenoh
 
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.metrics import SEALS_UNPUBLISHED
+from rodeo.bus.session import Bus
+from rodeo.host.metrics import SEALS_UNPUBLISHED
+from rodeo.site import topics
 
 log = logging.getLogger(__name__)
 

@@ -20,15 +20,15 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from rodeo import topics
-from rodeo.budget import Bucket
-from rodeo.bus import Bus, decode_json
-from rodeo.clock import Clock
+from rodeo.bus.session import Bus, decode_json
 from rodeo.errors import BusError, MalformedJson, RemoteError, RodeoError
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
-from rodeo.keystores import SiteDevice
+from rodeo.host.budget import Bucket
+from rodeo.host.clock import Clock
 from rodeo.recording.door import Refusal, Refusals
+from rodeo.signing.keystores import SiteDevice
+from rodeo.site import topics
 from rodeo.witness.devices import Device, DeviceTable
 from rodeo.witness.statement import Scope, Statement, parse, payload_digest
 

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from rodeo.clock import Clock
-from rodeo.config import Site
+from rodeo.bus.messages import Task
+from rodeo.host.clock import Clock
 from rodeo.lab.config import Pose2
-from rodeo.messages import Task
 from rodeo.robot.bin import SmartBin
 from rodeo.robot.body import Body
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
+from rodeo.site.config import Site
 from rodeo.witness.statement import Claimant
 
 Report = Callable[[str, float], None]

@@ -10,18 +10,18 @@ from collections import deque
 from functools import partial
 from typing import TypeVar, get_args
 
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.clock import Clock, Patience
-from rodeo.config import Site
+from rodeo.bus.session import Bus
 from rodeo.errors import BusError, RemoteError
 from rodeo.evidence.attestation import Attestation
-from rodeo.keystores import SiteDevice
+from rodeo.host.clock import Clock, Patience
 from rodeo.lab.drop import WEIGHS_THE_SAME_N
 from rodeo.recording.door import Refusals, stamp_slack_s
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
+from rodeo.signing.keystores import SiteDevice
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.witness.statement import Claimant, Classification, Drop, Presentation, Removal, Scope
 from rodeo.witness.witness import Witness
 

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rodeo.files import replace_file
-from rodeo.messages import Id, Message
+from rodeo.bus.messages import Id, Message
+from rodeo.host.files import replace_file
 
 KEPT = 1000
 """Decisions that are kept at least. Twice as many are pruned to this."""

@@ -11,8 +11,7 @@ from contextlib import AbstractContextManager
 
 import numpy as np
 
-from rodeo.clock import Clock
-from rodeo.config import Site
+from rodeo.host.clock import Clock
 from rodeo.lab.config import DockConfig, ItemConfig, Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import top_grasps
@@ -32,6 +31,7 @@ from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import Sighting, View
 from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
+from rodeo.site.config import Site
 
 log = logging.getLogger(__name__)
 

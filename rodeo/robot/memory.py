@@ -6,9 +6,9 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from rodeo.config import Site
-from rodeo.files import read_model, replace_file
+from rodeo.host.files import read_model, replace_file
 from rodeo.robot.errors import JournalBroken
+from rodeo.site.config import Site
 
 Point = tuple[float, float]
 

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import Rectangle, ahead, seen_from, wrap
 from rodeo.lab.layout import (
@@ -23,6 +22,7 @@ from rodeo.lab.layout import (
     furniture_floor,
 )
 from rodeo.robot.errors import Unreachable
+from rodeo.site.config import Site
 
 Point = tuple[float, float]
 

@@ -9,21 +9,21 @@ from collections import deque
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.charging import dock_of
-from rodeo.clock import Clock
-from rodeo.config import Site
+from rodeo.bus.messages import Task
+from rodeo.bus.session import Bus
+from rodeo.charging.metering import METER_CLASS, STEP_WH
+from rodeo.charging.orders import dock_of
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement
-from rodeo.keystores import SiteDevice
+from rodeo.host.clock import Clock
+from rodeo.host.stamps import stamp_s
 from rodeo.lab.config import BatteryConfig, RobotConfig
-from rodeo.messages import Task
-from rodeo.metering import METER_CLASS, STEP_WH
 from rodeo.recording.door import Refusals, stamp_slack_s
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
 from rodeo.ros2.node import Node
-from rodeo.stamps import stamp_s
+from rodeo.signing.keystores import SiteDevice
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.witness import ocmf
 from rodeo.witness.devices import DeviceTable
 from rodeo.witness.statement import MeterRecord, Receipt, parse, payload_digest

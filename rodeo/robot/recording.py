@@ -12,18 +12,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.clock import Clock, Patience
-from rodeo.config import Site
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Bus
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement, ContainerError, EvidenceError
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
-from rodeo.keys import Signer
-from rodeo.keystores import device_names
-from rodeo.messages import DaoEvent
+from rodeo.host.clock import Clock, Patience
 from rodeo.recording.door import LEFT_OUT, MessageDoor, Refusals, stamp_slack_s
 from rodeo.recording.pictures import PictureFetcher
 from rodeo.recording.seals import SealPublisher
@@ -32,8 +28,12 @@ from rodeo.robot.errors import EvidenceHole, NoAnswer
 from rodeo.robot.interrupts import Interrupts
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.node import Node
-from rodeo.strict_json import plain, read_json
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
+from rodeo.signing.keys import Signer
+from rodeo.signing.keystores import device_names
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
+from rodeo.text.strict_json import plain, read_json
 from rodeo.witness.statement import Claimant, Classification, Drop, Motion, Scope, Statement, parse
 
 log = logging.getLogger(__name__)

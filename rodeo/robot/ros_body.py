@@ -12,15 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rodeo import topics
-from rodeo.clock import Clock, Patience
-from rodeo.config import Site
+from rodeo.host.clock import Clock, Patience
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.geometry import on_plane, quaternion_of
 from rodeo.lab.layout import on_contacts
 from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
-from rodeo.readings import unknown_charge, unknown_joints, unknown_pose
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
@@ -38,6 +35,9 @@ from rodeo.ros2.errors import (
     ServiceTimeout,
 )
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import unknown_charge, unknown_joints, unknown_pose
+from rodeo.site import topics
+from rodeo.site.config import Site
 
 log = logging.getLogger(__name__)
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rodeo import topics
-from rodeo.clock import Clock, Patience
+from rodeo.host.clock import Clock, Patience
 from rodeo.lab.config import RobotConfig
 from rodeo.robot.arm import Arm
 from rodeo.robot.errors import NoAnswer
@@ -21,7 +20,8 @@ from rodeo.ros2 import types
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.ros2.node import Node
-from rodeo.topics import Topic
+from rodeo.site import topics
+from rodeo.site.topics import Topic
 
 log = logging.getLogger(__name__)
 

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from rodeo import stamps
-from rodeo.clock import Clock, WallClock
 from rodeo.errors import RodeoError
+from rodeo.host import stamps
+from rodeo.host.clock import Clock, WallClock
 from rodeo.ros2 import types, wire
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import (

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, Protocol
 import zenoh
 import zenoh.ext
 
+from rodeo.bus.receiving import direct
 from rodeo.errors import DiskFull
-from rodeo.receiving import direct
 from rodeo.ros2 import wire
 from rodeo.ros2.definitions import definition
 from rodeo.ros2.errors import MalformedMessage

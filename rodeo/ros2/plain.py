@@ -12,11 +12,11 @@ from typing import Any
 
 import zenoh
 
+from rodeo.host.stamps import SECOND_NS
 from rodeo.ros2 import definitions
 from rodeo.ros2.base import BaseNode, NanosecondClock
 from rodeo.ros2.definitions import ARRAY, BASE, NAME
 from rodeo.ros2.errors import MalformedMessage, UnknownType
-from rodeo.stamps import SECOND_NS
 
 _ENCAPSULATION_BYTES = 4
 _STAMP = struct.Struct("<iI")

@@ -14,13 +14,13 @@ from typing import Any, Protocol
 
 import zenoh
 
+from rodeo.bus.receiving import direct
 from rodeo.errors import RodeoError
-from rodeo.receiving import direct
-from rodeo.redaction import redacted_json
 from rodeo.ros2 import wire
 from rodeo.ros2.definitions import definition
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
-from rodeo.strict_json import encode
+from rodeo.text.redaction import redacted_json
+from rodeo.text.strict_json import encode
 
 log = logging.getLogger(__name__)
 

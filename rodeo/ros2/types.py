@@ -29,9 +29,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 
+from rodeo.host.stamps import sec_nanosec
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.interfaces import ACTIONS, MESSAGES, SERVICES
-from rodeo.stamps import sec_nanosec
 
 
 def _parse(typename: str, text: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.keys import Signer
+from rodeo.signing.keys import Signer
 from rodeo.witness import ocmf
 from rodeo.witness.days import Days
 from rodeo.witness.heads import HeadBook

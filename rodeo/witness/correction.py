@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from rodeo.queries import Answer
+from rodeo.bus.queries import Answer
 from rodeo.witness.statement import Digest, Name, Scope
 
 

@@ -19,8 +19,8 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rodeo.evidence.attestation import Attestation, attest, verify_attestation
 from rodeo.evidence.errors import BadStatement
-from rodeo.files import replace_file
-from rodeo.keys import Signer
+from rodeo.host.files import replace_file
+from rodeo.signing.keys import Signer
 from rodeo.witness.journal import Journal
 from rodeo.witness.statement import Address, Digest, Name, Scope, payload_digest
 

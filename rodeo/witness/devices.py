@@ -7,10 +7,10 @@ import threading
 import time
 from contextlib import AbstractContextManager, nullcontext
 
-from rodeo import queries
-from rodeo.bus import Bus
+from rodeo.bus import queries
+from rodeo.bus.messages import Device
+from rodeo.bus.session import Bus
 from rodeo.errors import BusError, RemoteError
-from rodeo.messages import Device
 
 log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from rodeo.errors import DiskFull
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BrokenJournal
-from rodeo.files import is_full
+from rodeo.host.files import is_full
 from rodeo.witness.statement import digest
 
 MAX_BYTES = 256 << 20

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rodeo.evidence.errors import BadStatement
-from rodeo.readings import is_rotation
+from rodeo.ros2.readings import is_rotation
 from rodeo.witness.poses import LARGEST_M, REST_M, REST_PERIOD_US, REST_RAD, pack, unpack_all
 from rodeo.witness.statement import MAX_STALLS, Motion
 

@@ -12,8 +12,8 @@ from datetime import UTC, datetime
 from hashlib import sha256
 from typing import Any
 
-from rodeo import keys, secp256k1
 from rodeo.evidence.errors import BadStatement
+from rodeo.signing import keys, secp256k1
 from rodeo.witness.statement import MeterRecord
 
 ALGORITHM = "ECDSA-secp256k1-SHA256"

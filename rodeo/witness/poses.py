@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rodeo.evidence.errors import BadStatement
-from rodeo.readings import UNIT_SLACK
+from rodeo.ros2.readings import UNIT_SLACK
 
 Array = np.ndarray[Any, Any]
 

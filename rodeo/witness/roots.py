@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 
-from rodeo import queries
+from rodeo.bus import queries
 from rodeo.commands.devices import PostRoot
-from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.store import Store
+from rodeo.site.config import Site
 from rodeo.witness.days import Unposted, day_of
 from rodeo.witness.witness import Witness
 

@@ -245,7 +245,7 @@ class MeterRecord(Header):
     """Site time of the newest reading."""
     since_ms: int = Field(ge=0)
     readings: str = Field(max_length=24_000)
-    """Readings since the previous record, from `since_ms` on (`rodeo.metering`)."""
+    """Readings since the previous record, from `since_ms` on (`rodeo.charging.metering`)."""
     soc: float | None = Field(ge=0, le=1)
     """State of charge that the robot signed last."""
     ocmf: str = Field(max_length=MAX_OCMF)

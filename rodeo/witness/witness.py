@@ -19,15 +19,16 @@ from typing import Any, NamedTuple
 import zenoh
 from pydantic import ValidationError
 
-from rodeo import queries, topics
-from rodeo.budget import CheckBudget
-from rodeo.bus import Bus, Request, decode_json
+from rodeo.bus import queries
+from rodeo.bus.session import Bus, Request, decode_json
 from rodeo.errors import BusError, ClockUnavailable, InvalidRequest, MalformedJson, RemoteError
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.evidence.seal import SealHead
-from rodeo.keys import Signer
-from rodeo.metrics import HEADS_REFUSED
+from rodeo.host.budget import CheckBudget
+from rodeo.host.metrics import HEADS_REFUSED
+from rodeo.signing.keys import Signer
+from rodeo.site import topics
 from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.days import Days, Unposted
 from rodeo.witness.devices import Device, DeviceTable

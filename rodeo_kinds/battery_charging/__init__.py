@@ -2,9 +2,9 @@
 
 from decimal import Decimal
 
-from rodeo.charging import ChargingParams
+from rodeo.charging.orders import ChargingParams
 from rodeo.kinds import Kind, Recorded
-from rodeo.topics import BATTERY_STATE, DOCK_OUTPUT, WITNESS_STATEMENT
+from rodeo.site.topics import BATTERY_STATE, DOCK_OUTPUT, WITNESS_STATEMENT
 from rodeo_kinds.battery_charging.problems import complete, problems
 
 KIND = Kind(

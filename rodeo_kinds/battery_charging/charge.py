@@ -9,20 +9,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from rodeo.charging import ChargingParams, dock_of
+from rodeo.bus.messages import Device
+from rodeo.charging.metering import REGISTER_DIGITS, Reading
+from rodeo.charging.orders import ChargingParams, dock_of
 from rodeo.checks.case import Case, CaseError, ordered
-from rodeo.checks.keys import counts_until_s
 from rodeo.checks.payment import Step
-from rodeo.checks.readings import Readings, unpack
 from rodeo.checks.results import once_per_case, reads
-from rodeo.checks.statements import Said, Testimony, joined
-from rodeo.checks.testimony import by_signer, keys_of
+from rodeo.checks.signed.keys import counts_until_s
+from rodeo.checks.signed.statements import Said, Testimony, joined
+from rodeo.checks.signed.testimony import by_signer, keys_of
 from rodeo.errors import ConfigError
 from rodeo.evidence.seal import Binding
-from rodeo.messages import Device
-from rodeo.metering import REGISTER_DIGITS, Reading
-from rodeo.topics import DOCK_OUTPUT
+from rodeo.site.topics import DOCK_OUTPUT
 from rodeo.witness.statement import MeterRecord, Receipt, Scope
+from rodeo_kinds.battery_charging.readings import Readings, unpack
 
 DATED_S = 60.0
 """How far the times of a reading, of the statement that holds it, of the receipt for it, and of the recording

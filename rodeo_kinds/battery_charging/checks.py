@@ -13,22 +13,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from rodeo.charging import SOC_SLACK, SOC_USED, ChargingParams
-from rodeo.checks import completeness, provenance, witnesses
+from rodeo.charging.metering import METER_CLASS
+from rodeo.charging.orders import SOC_SLACK, SOC_USED, ChargingParams
+from rodeo.checks import provenance
 from rodeo.checks.case import Case, CaseError, Checks, ordered
-from rodeo.checks.heads import fork, listed
+from rodeo.checks.motion import completeness, witnesses
+from rodeo.checks.motion.sources import doubtful, signed_twice, whose
 from rodeo.checks.payment import by_rates_iec, payable_iec
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
-from rodeo.checks.sources import doubtful, signed_twice, whose
+from rodeo.checks.signed.heads import fork, listed
+from rodeo.checks.signed.statements import Testimony
 from rodeo.checks.stages import COUNTED, PROVENANCE
-from rodeo.checks.statements import Testimony
-from rodeo.config import Site
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.proof import Proof
-from rodeo.foreign_text import in_words, quoted
 from rodeo.kinds import providing_energy
-from rodeo.metering import METER_CLASS
-from rodeo.topics import BATTERY_STATE, JOINT_STATES
+from rodeo.site.config import Site
+from rodeo.site.topics import BATTERY_STATE, JOINT_STATES
+from rodeo.text.foreign_text import in_words, quoted
 from rodeo.witness.ocmf import check
 from rodeo_kinds.battery_charging.charge import DATED_S, charge_of, names
 

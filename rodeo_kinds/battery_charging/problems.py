@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rodeo.charging import order_wh
-from rodeo.config import Site
+from rodeo.charging.orders import order_wh
 from rodeo.kinds import choose, is_number
+from rodeo.site.config import Site
 
 
 def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:

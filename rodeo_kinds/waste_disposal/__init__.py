@@ -3,7 +3,7 @@
 from decimal import Decimal
 
 from rodeo.kinds import Kind, Recorded
-from rodeo.topics import BIN_IMAGE, BIN_LOAD, DOCK_OUTPUT, ITEM_POSE, ROBOT_STATE, WITNESS_STATEMENT
+from rodeo.site.topics import BIN_IMAGE, BIN_LOAD, DOCK_OUTPUT, ITEM_POSE, ROBOT_STATE, WITNESS_STATEMENT
 from rodeo_kinds.waste_disposal.params import CleaningParams, complete, doubt, problems
 
 KIND = Kind(

@@ -14,14 +14,13 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from rodeo.bus.messages import Task
 from rodeo.errors import wrong_fields
 from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S, SPEAKS_AGAIN_S, SUBMITTED_S
 from rodeo.lab.geometry import wrap
 from rodeo.lab.items import NotGraspable
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
-from rodeo.lab.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
-from rodeo.messages import Task
 from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot, Work
 from rodeo.robot.bin import SmartBin
 from rodeo.robot.body import Point
@@ -42,6 +41,7 @@ from rodeo.robot.recording import last_s, notes, statements
 from rodeo.vision.classification import UNKNOWN
 from rodeo.witness.statement import Claimant, Classification, Drop
 from rodeo_kinds.waste_disposal.params import CleaningParams
+from rodeo_kinds.waste_disposal.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
 
 log = logging.getLogger(__name__)
 

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from rodeo.charging import Name, Number, shown
-from rodeo.config import Site
+from rodeo.bus.messages import Task
+from rodeo.charging.orders import Name, Number, shown
 from rodeo.kinds import choose, is_number
 from rodeo.lab.layout import BinLayout, furniture_floor
-from rodeo.messages import Task
+from rodeo.site.config import Site
 
 FARTHEST_M = 10_000.0
 """From the origin of a site's map: no robot drives so far."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rodeo.chain.types import Event
-from rodeo.currency import Currency
+from rodeo.chain.contracts.types import Event
+from rodeo.money.currency import Currency
 
 _AMOUNTS = frozenset({"reward", "price", "paid", "refund", "value", "amount", "bond", "penalty"})
 """Arguments of contract events that are wei of the payment token."""

@@ -11,16 +11,16 @@ from pathlib import Path
 from eth_account.signers.local import LocalAccount
 from prometheus_client import Gauge
 
-from rodeo import keystores, wallets
+from rodeo.bus.messages import DaoEvent
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import DeploymentMismatch
+from rodeo.chain.node.errors import DeploymentMismatch
 from rodeo.commands.desk import Desk
-from rodeo.config import WalletLimits
 from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
-from rodeo.messages import DaoEvent
-from rodeo.process import Process
+from rodeo.runtime.process import Process
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import WalletLimits
 from services.bridge.chain import Chain
 from services.bridge.continuity import Continuity, open_journal
 from services.bridge.fees import Limits

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainError, ChainUnavailable, InvalidAnswer
+from rodeo.chain.node.errors import ChainError, ChainUnavailable, InvalidAnswer
 from services.bridge.index import Index
 from services.bridge.journal import Journal
 from services.bridge.node import Call, Node

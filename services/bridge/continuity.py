@@ -12,9 +12,9 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 
-from rodeo.chain.errors import ChainError, ChainUnavailable
-from rodeo.config import BRIDGE, Site
-from rodeo.files import set_aside
+from rodeo.chain.node.errors import ChainError, ChainUnavailable
+from rodeo.host.files import set_aside
+from rodeo.site.config import BRIDGE, Site
 from services.bridge.database import damage
 from services.bridge.errors import JournalDamaged, JournalIncomplete, JournalUnwritable
 from services.bridge.journal import Accounted, Journal

@@ -5,7 +5,7 @@ from __future__ import annotations
 from eth_utils import function_signature_to_4byte_selector
 
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainError
+from rodeo.chain.node.errors import ChainError
 from services.bridge.index import Index
 from services.bridge.node import Call, Node
 

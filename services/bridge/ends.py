@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 from eth_account.signers.local import LocalAccount
 
-from rodeo import rulings
+from rodeo.bus.messages import Standing
 from rodeo.errors import ClockUnavailable, RodeoError
-from rodeo.messages import Standing
-from rodeo.process import Process
-from rodeo.verdicts import FAULTS, LAST_RULINGS, counted_voids
+from rodeo.judging import rulings
+from rodeo.judging.verdicts import FAULTS, LAST_RULINGS, counted_voids
+from rodeo.runtime.process import Process
 from services.bridge.attachment import Attachment
 from services.bridge.names import ORGANIZATION
 from services.bridge.offers import Match, Update, due_matches, due_updates

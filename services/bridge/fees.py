@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rodeo.chain.fees import Fees, Market
+from rodeo.chain.node.fees import Fees, Market
 from rodeo.commands.errors import DailyLimitReached
-from rodeo.config import WalletLimits
-from rodeo.currency import ETHER, Currency
+from rodeo.money.currency import ETHER, Currency
+from rodeo.site.config import WalletLimits
 from services.bridge.errors import FeeTooHigh
 
 GAS_MARGIN = 1.25

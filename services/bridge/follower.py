@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from rodeo.bus.messages import DaoEvent
+from rodeo.chain.contracts.logs import Log, decode_json_log, event_topics
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainError, InvalidAnswer, NotNow, RpcFailed
-from rodeo.chain.logs import Log, decode_json_log, event_topics
-from rodeo.messages import DaoEvent
+from rodeo.chain.node.errors import ChainError, InvalidAnswer, NotNow, RpcFailed
 from services.bridge.errors import ChainReorganized
 from services.bridge.heads import Header
 from services.bridge.index import KEPT_BLOCKS, NOWHERE, Index, Position, TimedLog

@@ -14,10 +14,10 @@ from pydantic_core import from_json
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from rodeo.chain import answers
-from rodeo.chain.errors import ChainUnavailable
-from rodeo.proxies import proxy_of
-from rodeo.redaction import shown
+from rodeo.chain.node import answers
+from rodeo.chain.node.errors import ChainUnavailable
+from rodeo.host.proxies import proxy_of
+from rodeo.text.redaction import shown
 
 log = logging.getLogger(__name__)
 

@@ -32,11 +32,11 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DBAPIError
 
-from rodeo.chain import events
+from rodeo.bus.messages import LIVE_STATES, DaoEvent, Ruling
 from rodeo.chain.artifacts import ORACLES
-from rodeo.chain.logs import Log
-from rodeo.currency import IEC, Currency
-from rodeo.messages import LIVE_STATES, DaoEvent, Ruling
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.logs import Log
+from rodeo.money.currency import IEC, Currency
 from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, open_database, upsert

@@ -7,14 +7,14 @@ from typing import Any
 
 from eth_utils import is_address, to_checksum_address
 
-from rodeo import keystores
 from rodeo.chain import artifacts
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Policy
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.types import ZERO_ADDRESS, Policy
 from rodeo.commands.errors import UnknownParticipant
-from rodeo.config import Site, oracle_names
 from rodeo.dao import cannot_do, most_offers
-from rodeo.strict_json import Json
+from rodeo.signing import keystores
+from rodeo.site.config import Site, oracle_names
+from rodeo.text.strict_json import Json
 
 ORGANIZATION = "organization"
 

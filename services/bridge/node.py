@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rodeo.chain.answers import Refusal
-from rodeo.chain.asking import Call
-from rodeo.chain.errors import ChainError
-from rodeo.chain.fees import Market, market
-from rodeo.chain.rpc import Rpc
-from rodeo.chain.translation import said
-from rodeo.currency import IEC, Currency
+from rodeo.chain.node.answers import Refusal
+from rodeo.chain.node.asking import Call
+from rodeo.chain.node.errors import ChainError
+from rodeo.chain.node.fees import Market, market
+from rodeo.chain.node.rpc import Rpc
+from rodeo.chain.node.translation import said
+from rodeo.money.currency import IEC, Currency
 
 __all__ = ["Call", "Node"]
 

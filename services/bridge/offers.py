@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
-from rodeo.messages import PATIENCE_S, PROVEN_FROM
-from rodeo.rulings import GRACE_S
+from rodeo.bus.messages import PATIENCE_S, PROVEN_FROM
+from rodeo.judging.rulings import GRACE_S
 from services.bridge.index import Index
 
 Row = Mapping[str, Any]

@@ -11,10 +11,10 @@ from pathlib import Path
 from sqlalchemy import create_engine, select
 from sqlalchemy.exc import DBAPIError
 
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Transaction
 from rodeo.chain.deployment import Deployment
-from rodeo.config import BRIDGE, Site
-from rodeo.messages import Task
-from rodeo.queries import Transaction
+from rodeo.site.config import BRIDGE, Site
 from services.bridge import schema
 from services.bridge.errors import IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Row, sqlite_url

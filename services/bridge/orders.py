@@ -14,7 +14,7 @@ from eth_account.signers.local import LocalAccount
 from eth_utils import keccak
 
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainError, InvalidAnswer, NotNow, RateLimited, TransactionTimeout
+from rodeo.chain.node.errors import ChainError, InvalidAnswer, NotNow, RateLimited, TransactionTimeout
 from rodeo.errors import RemoteError, RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import RequestIdReused, WalletElsewhere

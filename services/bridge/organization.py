@@ -10,14 +10,14 @@ from typing import Any
 from eth_typing import HexStr
 from eth_utils import to_bytes
 
-from rodeo.bus import Request, validate
+from rodeo.bus.queries import BudgetVoteFilters, ProposalFilters
+from rodeo.bus.session import Request, validate
 from rodeo.chain.client import ChainClient
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Role
 from rodeo.chain.governance import described
 from rodeo.chain.proposals import BUDGET_CREDITS, SUPPORT, WHY, shares
-from rodeo.chain.types import ZERO_ADDRESS, Role
-from rodeo.queries import BudgetVoteFilters, ProposalFilters
-from rodeo.strict_json import Json
-from rodeo.verdicts import LAST_RULINGS, counted_voids
+from rodeo.judging.verdicts import LAST_RULINGS, counted_voids
+from rodeo.text.strict_json import Json
 from services.bridge.chain import Chain
 from services.bridge.index import Page
 from services.bridge.names import ORGANIZATION, Names

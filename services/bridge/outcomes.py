@@ -7,18 +7,18 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from rodeo.chain import events
-from rodeo.chain.answers import Kind
-from rodeo.chain.errors import (
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.logs import UnlikeOurs, decode_event, event_topics
+from rodeo.chain.contracts.types import Event
+from rodeo.chain.node.answers import Kind
+from rodeo.chain.node.errors import (
     ChainError,
     ChainUnavailable,
     ContractReverted,
     InvalidAnswer,
     TransactionFailed,
 )
-from rodeo.chain.logs import UnlikeOurs, decode_event, event_topics
 from rodeo.chain.proposals import proposal_key
-from rodeo.chain.types import Event
 from rodeo.errors import RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import JournalUnwritable, TransactionDropped

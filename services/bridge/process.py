@@ -15,9 +15,9 @@ from typing import Any
 from prometheus_client import Counter, Histogram
 from sqlalchemy.exc import DBAPIError
 
-from rodeo import topics
-from rodeo.bus import Request
-from rodeo.chain.errors import (
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Request
+from rodeo.chain.node.errors import (
     ChainError,
     ChainUnavailable,
     DeploymentMismatch,
@@ -27,13 +27,13 @@ from rodeo.chain.errors import (
     RpcFailed,
 )
 from rodeo.commands.errors import UnknownParticipant
-from rodeo.config import BRIDGE, Site, bridge_process, bridge_wallets
-from rodeo.deploying import deployment_under_way
 from rodeo.errors import KeystoreMissing, RodeoError, WalletError
-from rodeo.messages import DaoEvent
-from rodeo.metrics import LATENCY_BUCKETS_S
-from rodeo.process import Process
-from rodeo.serving import served_by
+from rodeo.host.metrics import LATENCY_BUCKETS_S
+from rodeo.runtime.process import Process
+from rodeo.runtime.serving import served_by
+from rodeo.site import topics
+from rodeo.site.config import BRIDGE, Site, bridge_process, bridge_wallets
+from rodeo.site.deploying import deployment_under_way
 from services.bridge.attachment import Attachment, Opener
 from services.bridge.contradiction import contradiction
 from services.bridge.ends import Ends

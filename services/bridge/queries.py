@@ -5,14 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from rodeo.bus import Request, validate
-from rodeo.chain.client import ChainClient
-from rodeo.chain.reputation import Work
-from rodeo.chain.types import Role
-from rodeo.commands.errors import UnknownTask
-from rodeo.currency import Currency
-from rodeo.messages import Message, TaskState
-from rodeo.queries import (
+from rodeo.bus.messages import Message, TaskState
+from rodeo.bus.queries import (
     Account,
     EventRange,
     HistoryRange,
@@ -22,9 +16,15 @@ from rodeo.queries import (
     TransactionFilters,
     TransferFilters,
 )
-from rodeo.redaction import shown
-from rodeo.strict_json import Json
-from rodeo.verdicts import LAST_RULINGS, counted_voids
+from rodeo.bus.session import Request, validate
+from rodeo.chain.client import ChainClient
+from rodeo.chain.contracts.types import Role
+from rodeo.chain.reputation import Work
+from rodeo.commands.errors import UnknownTask
+from rodeo.judging.verdicts import LAST_RULINGS, counted_voids
+from rodeo.money.currency import Currency
+from rodeo.text.redaction import shown
+from rodeo.text.strict_json import Json
 from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery
 from services.bridge.index import Page
@@ -164,7 +164,7 @@ class Queries:
         }
 
     def _known_json(self, address: str, providers: Mapping[str, Mapping[str, Any]]) -> Json:
-        """`rodeo.queries.Known`."""
+        """`rodeo.bus.queries.Known`."""
         known = providers.get(address, {})
         is_organization = address == self._names.addresses[ORGANIZATION]
         vouched = bool(known.get("vouched"))
@@ -368,7 +368,7 @@ class Queries:
 
 
 def task_json(row: Mapping[str, Any], names: Names, currency: Currency) -> Json:
-    """`rodeo.messages.Task`."""
+    """`rodeo.bus.messages.Task`."""
     amounts = {"reward", "price", "paid", "refunded"}
     return {
         **{key: value for key, value in row.items() if key not in {*amounts, *_KEPT_OF_TASK}},
@@ -381,7 +381,7 @@ def task_json(row: Mapping[str, Any], names: Names, currency: Currency) -> Json:
 
 
 def transaction_json(row: Mapping[str, Any], names: Names) -> Json:
-    """`rodeo.queries.Transaction`."""
+    """`rodeo.bus.queries.Transaction`."""
     receipt = row["receipt"]
     cost: Json = dict.fromkeys(("sender", "sender_name", "gas_used", "gas_price_wei", "fee_wei"))
     if receipt is not None:

@@ -10,8 +10,8 @@ from typing import Any
 
 from eth_utils import function_signature_to_4byte_selector
 
-from rodeo.chain.errors import ChainError, ChainUnavailable
-from rodeo.chain.logs import event_topics
+from rodeo.chain.contracts.logs import event_topics
+from rodeo.chain.node.errors import ChainError, ChainUnavailable
 from services.bridge.chain import Chain
 from services.bridge.index import Position
 from services.bridge.node import Call

@@ -141,7 +141,10 @@ tasks = Table(
     Column("verdict_window_s", BigInteger, nullable=False),
     Column("grace_s", BigInteger, nullable=False, doc="of the kind when the task was posted"),
     Column(
-        "passed", JSON, nullable=False, doc="who had it in attempts that do not count: rodeo.messages.Passed"
+        "passed",
+        JSON,
+        nullable=False,
+        doc="who had it in attempts that do not count: messages.Passed",
     ),
     Column("audit_window_s", BigInteger, nullable=False, doc="of the kind when the task was posted"),
     Column("number", Integer, nullable=False, doc="of its kind and judge"),
@@ -154,12 +157,12 @@ tasks = Table(
     Column("reason", Written),
     Column("report_sha256", String(66)),
     Column("report_uri", Written),
-    Column("standing", JSON, doc="the last ruling on the proof that waits: rodeo.messages.Standing"),
+    Column("standing", JSON, doc="the last ruling on the proof that waits: rodeo.bus.messages.Standing"),
     Column("standing_until", BigInteger, index=True, doc="null unless a ruling stands"),
     Column("after_removal", Boolean, nullable=False, doc="it was made after the judge was removed"),
     Column("passed_on", Boolean, nullable=False, doc="the judge of the last proof could not decide"),
     Column("set_aside", Wei, nullable=False, doc="of the executor's bond, until the case ends"),
-    Column("dispute", JSON, doc="how its last ruling can be or was challenged: rodeo.messages.Dispute"),
+    Column("dispute", JSON, doc="how its last ruling can be or was challenged: rodeo.bus.messages.Dispute"),
     Index("tasks_by_state_and_kind", "state", "kind"),
 )
 
@@ -182,7 +185,7 @@ services = Table(
     Column("set_aside", Wei, nullable=False, doc="what of it waits for the end of its cases"),
     Column("penalty", Wei, nullable=False),
     Column("max_failures", Integer, nullable=False),
-    Column("namers", String(16), nullable=False, doc="whose tasks may name it: rodeo.messages.Namers"),
+    Column("namers", String(16), nullable=False, doc="whose tasks may name it: rodeo.bus.messages.Namers"),
     Column(
         "max_void_percent", Integer, nullable=False, doc="of what a creator named somebody for; 0 for any"
     ),

@@ -11,8 +11,8 @@ from eth_typing import HexStr
 from eth_utils import to_checksum_address
 
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainError, ChainUnavailable, TransactionTimeout
-from rodeo.chain.fees import Fees, Market
+from rodeo.chain.node.errors import ChainError, ChainUnavailable, TransactionTimeout
+from rodeo.chain.node.fees import Fees, Market
 from rodeo.errors import RequestError, RodeoError
 from services.bridge.chain import Chain
 from services.bridge.fees import GAS_MARGIN

@@ -17,7 +17,7 @@ import logging
 import threading
 from collections.abc import Callable
 
-from rodeo.chain.errors import ChainUnavailable
+from rodeo.chain.node.errors import ChainUnavailable
 from rodeo.errors import RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import BridgeNotReady, JournalUnwritable

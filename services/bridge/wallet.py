@@ -10,16 +10,16 @@ from typing import Any
 from eth_account import Account
 from eth_utils import to_checksum_address
 
-from rodeo import signed_requests
-from rodeo.bus import validate
+from rodeo.bus.messages import ORGANIZATION, Broadcast, Prepare, SignedRequest, TypedSignature
+from rodeo.bus.session import validate
+from rodeo.chain import signed_requests
+from rodeo.chain.contracts.types import ZERO_ADDRESS
 from rodeo.chain.encoding import Call
-from rodeo.chain.types import ZERO_ADDRESS
 from rodeo.commands import COMMANDS, Command
 from rodeo.commands.desk import Desk
 from rodeo.commands.errors import CannotSign
 from rodeo.commands.judging import SignVote
 from rodeo.commands.relaying import Requests, Sign, nonce_of
-from rodeo.messages import ORGANIZATION, Broadcast, Prepare, SignedRequest, TypedSignature
 from services.bridge.errors import NotThisWallets, UnknownCommand
 from services.bridge.journal import decoded
 from services.bridge.orders import Order

@@ -12,22 +12,22 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-from rodeo import topics
-from rodeo.charging import ChargingParams
-from rodeo.clock import Clock
+from rodeo.bus.messages import DaoEvent
+from rodeo.charging.meter import Meter, load_register, store_register
+from rodeo.charging.metering import RECORD_WH, STEP_WH, Reading
+from rodeo.charging.orders import ChargingParams
 from rodeo.errors import RodeoError
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.recorder import OnSeal, Recorder, SealedProof
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding
-from rodeo.keys import Signer
-from rodeo.messages import DaoEvent
-from rodeo.meter import Meter, load_register, store_register
-from rodeo.metering import RECORD_WH, STEP_WH, Reading
+from rodeo.host.clock import Clock
+from rodeo.host.stamps import stamp_s
 from rodeo.recording.door import MessageDoor, Refusals
 from rodeo.recording.statements import Heard
 from rodeo.ros2.base import MessageInfo
-from rodeo.stamps import stamp_s
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.signing.keys import Signer
+from rodeo.site import topics
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.statement import MeterRecord, Receipt, digest, parse, payload_digest
 from services.charger.job import Job, Recorded, recover

@@ -9,23 +9,23 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from rodeo import topics
-from rodeo.charging import SOC_USED, ChargingParams, dock_of, most_due_iec, order_wh
-from rodeo.config import Site
+from rodeo.bus.messages import Task
+from rodeo.charging.metering import Reading
+from rodeo.charging.orders import SOC_USED, ChargingParams, dock_of, most_due_iec, order_wh
 from rodeo.dao import Assignment
 from rodeo.errors import ConfigError, RodeoError
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
-from rodeo.files import read_model, replace_file, set_aside
+from rodeo.host.files import read_model, replace_file, set_aside
+from rodeo.host.stamps import stamp_s
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
-from rodeo.messages import Task
-from rodeo.metering import Reading
 from rodeo.ros2.plain import deserialize
-from rodeo.stamps import stamp_s
-from rodeo.strict_json import read_json
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
+from rodeo.text.strict_json import read_json
 from services.charger.session import SessionState
 
 log = logging.getLogger(__name__)

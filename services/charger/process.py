@@ -20,31 +20,32 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rodeo import queries, topics
-from rodeo.bus import DaoEvents
-from rodeo.charging import ChargingParams
-from rodeo.config import Site, dock_process
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.session import DaoEvents
+from rodeo.charging.orders import ChargingParams
 from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
-from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
-from rodeo.keystores import SiteDevice
+from rodeo.judging.rulings import Rulings
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
-from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, Task
-from rodeo.process import Process, Result, repeated
-from rodeo.readings import unknown_power
+from rodeo.recording.copies import Copies
 from rodeo.recording.door import stamp_slack_s
 from rodeo.recording.seals import SealPublisher
 from rodeo.recording.statements import StatementDoor, StatementListener
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.plain import PlainNode, new
-from rodeo.rulings import Rulings
-from rodeo.serving import served_by
-from rodeo.tls import bus_is_closed
+from rodeo.ros2.readings import unknown_power
+from rodeo.runtime.logs import about_task
+from rodeo.runtime.process import Process, Result, repeated
+from rodeo.runtime.serving import served_by
+from rodeo.signing.keystores import SiteDevice
+from rodeo.site import topics
+from rodeo.site.config import Site, dock_process
+from rodeo.site.tls import bus_is_closed
 from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.statement import Scope

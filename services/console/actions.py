@@ -14,28 +14,23 @@ from typing import Annotated, Any
 
 from pydantic import Base64Bytes, BaseModel, Field, StringConstraints, create_model
 
-from rodeo import keystores, topics
-from rodeo.bus import Bus, validate
-from rodeo.clock import Clock
+from rodeo.access.accounts import MAX_PASSPHRASE, MIN_PASSPHRASE, Accounts, User, require_participant
+from rodeo.access.roles import Role
+from rodeo.bus.messages import Fault, Id, Message, Payment, Ruling
+from rodeo.bus.session import Bus, validate
 from rodeo.commands import COMMANDS
 from rodeo.commands.tasks import RegisterTask
-from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, NoResponder, RodeoError
+from rodeo.host.clock import Clock
 from rodeo.kinds import Kinds
-from rodeo.messages import Fault, Id, Message, Payment, Ruling
 from rodeo.person.statement import MAX_NOTE_CHARACTERS, MAX_PHOTOS, Executor, judge
-from rodeo.strict_json import Json
-from services.console.accounts import (
-    MAX_PASSPHRASE,
-    MIN_PASSPHRASE,
-    Accounts,
-    User,
-    require_participant,
-)
+from rodeo.signing import keystores
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.text.strict_json import Json
 from services.console.errors import Forbidden, RobotUnavailable
 from services.console.posting import problems
-from services.console.roles import Role
 
 log = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rodeo.messages import DaoEvent, Fault
+from rodeo.bus.messages import DaoEvent, Fault
 
 _ENDS = ("TaskSettled", "TaskFailed", "TaskCancelled")
 _EXPIRED = {

@@ -10,8 +10,8 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from fastapi.responses import FileResponse, JSONResponse, Response
 
-from rodeo import queries
-from rodeo.earnings import as_csv
+from rodeo.bus import queries
+from rodeo.display.earnings import as_csv
 from rodeo.errors import RodeoError
 from services.console.money import transfers_csv
 from services.console.pages.frame import Console

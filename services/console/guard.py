@@ -17,13 +17,13 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rodeo.charset import is_utf8
-from rodeo.config import ConsoleConfig
+from rodeo.access.accounts import Accounts, Session
+from rodeo.access.errors import NotLoggedIn
 from rodeo.errors import ConfigError
-from rodeo.http import LimitBody, problem
-from rodeo.proxies import is_loopback
-from services.console.accounts import Accounts, Session
-from services.console.errors import NotLoggedIn
+from rodeo.host.http import LimitBody, problem
+from rodeo.host.proxies import is_loopback
+from rodeo.site.config import ConsoleConfig
+from rodeo.text.charset import is_utf8
 
 MAX_BODY_BYTES = 12 << 20
 """A photo of a finished task, and the form around it."""

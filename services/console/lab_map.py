@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from rodeo.strict_json import Json
+from rodeo.text.strict_json import Json
 
 
 class LabMap(ui.element, component="lab_map.js"):

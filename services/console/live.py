@@ -19,20 +19,21 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from rodeo import queries, topics
-from rodeo.bus import Bus, DaoEvents, heard_status
-from rodeo.config import BRIDGE, Site
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, Status, Task
+from rodeo.bus.session import Bus, DaoEvents, heard_status
 from rodeo.errors import BusError, RemoteError, RodeoError
-from rodeo.instance import HEARTBEAT_S
+from rodeo.host.instance import HEARTBEAT_S
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.geometry import on_plane
-from rodeo.messages import DaoEvent, Status, Task
 from rodeo.person.pace import Pace
-from rodeo.processes import processes_of
-from rodeo.readings import unknown_charge, unknown_joints, unknown_pose
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.strict_json import Json
+from rodeo.ros2.readings import unknown_charge, unknown_joints, unknown_pose
+from rodeo.site import topics
+from rodeo.site.config import BRIDGE, Site
+from rodeo.site.processes import processes_of
+from rodeo.text.strict_json import Json
 from services.console.queries import Queries
 from services.console.scene import arm_drawing
 

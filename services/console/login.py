@@ -16,8 +16,9 @@ from fastapi import APIRouter, Form, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
-from services.console.accounts import Accounts
-from services.console.errors import LoginRefused, TooManyAttempts
+from rodeo.access.accounts import Accounts
+from rodeo.access.errors import LoginRefused
+from services.console.errors import TooManyAttempts
 from services.console.guard import Guard
 
 PAIR_FAILURES = 5

@@ -7,8 +7,8 @@ import io
 from collections.abc import Iterable
 from decimal import Decimal
 
-from rodeo.queries import Transfer
-from services.console.formatting import moment
+from rodeo.bus.queries import Transfer
+from rodeo.display.formatting import moment
 
 _REASONS = {
     "escrow": "Reward of task {task} into escrow",

@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Offer
 from rodeo.commands.tasks import RegisterTask
-from rodeo.config import Site
+from rodeo.display.formatting import iec, party
 from rodeo.kinds import Kinds
-from rodeo.messages import Task
-from rodeo.queries import Offer
-from services.console.formatting import iec, party
+from rodeo.site.config import Site
 
 MIN_WINDOW_S = 60
 

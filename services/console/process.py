@@ -20,13 +20,13 @@ from nicegui import app as nicegui_app
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
-from rodeo.config import Site
-from rodeo.http import Limits, configuration, health, listen
+from rodeo.access.accounts import Accounts, accounts_path
+from rodeo.host.http import Limits, configuration, health, listen
 from rodeo.kinds import kinds_of
-from rodeo.process import Process
-from rodeo.serving import served_by
+from rodeo.runtime.process import Process
+from rodeo.runtime.serving import served_by
+from rodeo.site.config import Site
 from services.console import files, login, rest, scene
-from services.console.accounts import Accounts, accounts_path
 from services.console.actions import Actions
 from services.console.guard import MAX_BODY_BYTES, Guard, origins_of
 from services.console.live import Live

@@ -11,18 +11,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rodeo import queries, topics
-from rodeo.bus import Bus
-from rodeo.config import Site
-from rodeo.earnings import Line, earnings
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.queries import A, Query
+from rodeo.bus.session import Bus
+from rodeo.display.earnings import Line, earnings
 from rodeo.errors import MalformedJson
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
-from rodeo.messages import DaoEvent, Task
 from rodeo.person.review import Review, Reviewer
 from rodeo.person.statement import Statement, fetch_statement
-from rodeo.queries import A, Query
-from rodeo.strict_json import Json
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.text.strict_json import Json
 from services.console.attempts import Attempt, attempts
 from services.console.errors import UnknownFile
 

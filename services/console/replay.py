@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rodeo import topics
-from rodeo.config import Site
+from rodeo.display.formatting import phrase
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement, LayoutChanged
 from rodeo.evidence.proof import Proof
 from rodeo.evidence.series import Table
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.headings import yaws_of
-from rodeo.strict_json import Json
-from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.text.strict_json import Json
 from rodeo.witness.motion import track as signed_track
 from rodeo.witness.statement import Classification, Drop, Motion, Removal, Watch, parse
-from services.console.formatting import phrase
 from services.console.scene import arm_drawing
 
 Array = np.ndarray[Any, Any]

@@ -14,6 +14,9 @@ from fastapi.responses import FileResponse, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from pydantic import BaseModel, Field
 
+from rodeo.access.accounts import User
+from rodeo.access.errors import NotLoggedIn
+from rodeo.bus.messages import Kind, Task, TaskState
 from rodeo.errors import (
     BusUnavailable,
     ConfigError,
@@ -24,14 +27,12 @@ from rodeo.errors import (
     RodeoError,
 )
 from rodeo.evidence.errors import EvidenceError
-from rodeo.http import answer_with_problems, problem, problems
-from rodeo.messages import Kind, Task, TaskState
-from rodeo.strict_json import Json
-from services.console.accounts import User
+from rodeo.host.http import answer_with_problems, problem, problems
+from rodeo.text.strict_json import Json
 from services.console.actions import ACTIONS, ORGANIZATION, Action
 from services.console.attempts import Attempt
 from services.console.attempts import attempts as attempts_of
-from services.console.errors import Forbidden, NotLoggedIn
+from services.console.errors import Forbidden
 from services.console.pages.frame import Console
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from rodeo.config import Site
 from rodeo.lab.config import BinConfig
 from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout
-from rodeo.strict_json import Json
+from rodeo.site.config import Site
+from rodeo.text.strict_json import Json
 
 Array = np.ndarray[Any, Any]
 

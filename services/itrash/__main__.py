@@ -2,8 +2,8 @@
 
 import sys
 
-from rodeo.config import bin_process
-from rodeo.process import main_of_one
+from rodeo.runtime.process import main_of_one
+from rodeo.site.config import bin_process
 from services.itrash.process import run
 
 DESCRIPTION = "A smart bin: classifies items and confirms what falls in."

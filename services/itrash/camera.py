@@ -15,16 +15,16 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from rodeo import topics
-from rodeo.clock import Clock
 from rodeo.errors import RodeoError
+from rodeo.host.clock import Clock
+from rodeo.host.stamps import stamp_s
 from rodeo.lab.config import CameraConfig
-from rodeo.redaction import redacted
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
-from rodeo.stamps import stamp_s
+from rodeo.site import topics
+from rodeo.text.redaction import redacted
 from rodeo.vision.images import MOST_READ_BYTES, picture_of
 
 log = logging.getLogger(__name__)

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ValidationError
 from rodeo.errors import InvalidRequest, RequestError, RodeoError, unreadable, wrong_fields
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation
-from rodeo.files import replace_file
+from rodeo.host.files import replace_file
 from rodeo.witness.correction import Correction, Judged
 from rodeo.witness.statement import Classification, Scope
 from services.itrash.pictures import NoSuchPicture, Pictures

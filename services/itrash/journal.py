@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence.attestation import Attestation
-from rodeo.files import replace_file
+from rodeo.host.files import replace_file
 from services.itrash.behaviour import Memory
 
 Kind = Literal["classification", "disposal", "removal", "watch"]

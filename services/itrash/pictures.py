@@ -7,7 +7,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from rodeo.errors import DiskFull, RequestError, RodeoError
-from rodeo.files import replace_file
+from rodeo.host.files import replace_file
 
 _KEPT = 64
 """More than a robot causes in one recording (`rodeo.recording.pictures`)."""

@@ -15,19 +15,20 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rodeo import queries, topics
-from rodeo.bus import Request
-from rodeo.config import Site, bin_process
+from rodeo.bus import queries
+from rodeo.bus.session import Request
 from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import RodeoError
-from rodeo.http import HttpServer
+from rodeo.host.http import HttpServer
+from rodeo.host.stamps import stamp_s
 from rodeo.lab.config import BinConfig
-from rodeo.process import Process
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.node import Node
-from rodeo.serving import served_by
-from rodeo.stamps import stamp_s
-from rodeo.tls import bus_is_closed
+from rodeo.runtime.process import Process
+from rodeo.runtime.serving import served_by
+from rodeo.site import topics
+from rodeo.site.config import Site, bin_process
+from rodeo.site.tls import bus_is_closed
 from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier
 from rodeo.witness import correction
@@ -67,7 +68,7 @@ log = logging.getLogger(__name__)
 _TELL_S = 0.5
 """Wall time between two looks at what is missing."""
 _READING_S = 0.1
-"""Site time between two looks while the bin is attentive: its sensors speak at 10 Hz (rodeo/topics.py)."""
+"""Site time between two looks while the bin is attentive: its sensors speak at 10 Hz (rodeo.site.topics)."""
 _SILENCE_S = 3.0
 """Wall time without a reading after which a sensor counts as missing."""
 _NOT_LOGGED = {"probabilities", "image_sha256", "earlier", "model_sha256", "thresholds_sha256"}

@@ -15,9 +15,9 @@ from pydantic import BaseModel, Field
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 
-from rodeo.charset import is_utf8
 from rodeo.errors import RodeoError
-from rodeo.http import Limits, answer_with_problems, health, problems
+from rodeo.host.http import Limits, answer_with_problems, health, problems
+from rodeo.text.charset import is_utf8
 from rodeo.vision.classification import Classification
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import (

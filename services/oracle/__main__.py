@@ -2,8 +2,8 @@
 
 import sys
 
-from rodeo.config import oracle_names, oracle_process
-from rodeo.process import main_of_one
+from rodeo.runtime.process import main_of_one
+from rodeo.site.config import oracle_names, oracle_process
 from services.oracle.process import run
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ A store may lose or damage what it was given, be out of reach, or be one that th
 None of that is the executor's failure. But a proof that nobody but its executor ever saw proves nothing, and
 auditors should not have to look for it. So what decides is whether the executor hands over, when it is asked,
 the bytes that it submitted the hash of. It keeps a copy until long after its verdict
-(`rodeo.evidence.copies`); asked over the bus it puts them into the store again, and hands them to the oracle
+(`rodeo.recording.copies`); asked over the bus it puts them into the store again, and hands them to the oracle
 directly where the store cannot be read.
 
     the bytes come, from wherever         verified as any other proof
@@ -26,17 +26,17 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from rodeo.bus import Bus
+from rodeo.bus.messages import Task
+from rodeo.bus.session import Bus
 from rodeo.checks.report import Check, Report
-from rodeo.clock import Clock
-from rodeo.config import Site
 from rodeo.errors import BusError, ClockUnavailable, DiskFull, RodeoError
-from rodeo.evidence.copies import ask_to_put, hand_over
 from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
-from rodeo.foreign_text import in_words, quoted
-from rodeo.logs import about_task
-from rodeo.messages import Task
+from rodeo.host.clock import Clock
+from rodeo.recording.copies import ask_to_put, hand_over
+from rodeo.runtime.logs import about_task
+from rodeo.site.config import Site
+from rodeo.text.foreign_text import in_words, quoted
 
 log = logging.getLogger(__name__)
 

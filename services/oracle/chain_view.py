@@ -8,16 +8,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from rodeo import queries
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, Device, Root
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.counts import COUNTS
-from rodeo.checks.daily_logs import logged
+from rodeo.checks.signed.daily_logs import logged
 from rodeo.checks.verify import case_of
-from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.evidence.errors import EvidenceError
 from rodeo.evidence.proof import Proof, open_proof
-from rodeo.messages import DaoEvent, Device, Root
+from rodeo.site.config import Site
 from rodeo.witness.days import day_of
 
 _PAGE = 500

@@ -26,23 +26,23 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from rodeo import queries
-from rodeo.bus import DaoEvents
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, Task, Vote
+from rodeo.bus.session import DaoEvents
 from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_listed, acts_unspent
 from rodeo.checks.report import Check, Report
 from rodeo.commands.judging import Rule
-from rodeo.config import Site, oracle_process
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
 from rodeo.evidence.errors import EvidenceError, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
-from rodeo.files import replace_file, writing
-from rodeo.foreign_text import in_words
+from rodeo.host.files import replace_file, writing
 from rodeo.kinds import Kinds, kinds_of
-from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, Task, Vote
-from rodeo.process import Process, repeated
-from rodeo.serving import served_by
+from rodeo.runtime.logs import about_task
+from rodeo.runtime.process import Process, repeated
+from rodeo.runtime.serving import served_by
+from rodeo.site.config import Site, oracle_process
+from rodeo.text.foreign_text import in_words
 from services.oracle import worker
 from services.oracle.away import FAULT, MissingProofs, ProofAway, due_s, is_due, owner_of
 from services.oracle.chain_view import read_chain_record

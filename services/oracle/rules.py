@@ -14,10 +14,10 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import partial
 
+from rodeo.bus.messages import DaoEvent, Task
 from rodeo.checks.report import Check, Report
-from rodeo.clock import Clock
-from rodeo.config import Site
-from rodeo.messages import DaoEvent, Task
+from rodeo.host.clock import Clock
+from rodeo.site.config import Site
 from services.oracle.away import FAULT, due_s, is_due
 
 log = logging.getLogger(__name__)

@@ -16,14 +16,14 @@ from pathlib import Path
 
 from pydantic import BaseModel, ValidationError
 
-from rodeo.bus import Bus
+from rodeo.bus.session import Bus
 from rodeo.checks.acts import Judged
-from rodeo.config import Site
 from rodeo.errors import BusError, DiskFull
-from rodeo.evidence.copies import ask_to_put, hand_over
 from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.store import Store
-from rodeo.files import replace_file
+from rodeo.host.files import replace_file
+from rodeo.recording.copies import ask_to_put, hand_over
+from rodeo.site.config import Site
 
 log = logging.getLogger(__name__)
 

@@ -23,7 +23,7 @@ from contextlib import ExitStack
 from functools import partial
 from typing import NamedTuple
 
-from rodeo.clock import Clock
+from rodeo.host.clock import Clock
 
 Key = tuple[int, int]
 """Task and attempt."""

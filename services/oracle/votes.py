@@ -21,16 +21,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rodeo import queries, topics, votes
-from rodeo.budget import CheckBudget
-from rodeo.bus import Bus, decode_json, validate
-from rodeo.clock import Clock
+from rodeo.bus import queries
+from rodeo.bus.messages import SealedVote, Task, Vote
+from rodeo.bus.session import Bus, decode_json, validate
 from rodeo.commands.judging import PostVotes
-from rodeo.config import Site, votes_needed
 from rodeo.dao import Participant
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
-from rodeo.keys import Signer
-from rodeo.messages import SealedVote, Task, Vote
+from rodeo.host.budget import CheckBudget
+from rodeo.host.clock import Clock
+from rodeo.judging import votes
+from rodeo.signing.keys import Signer
+from rodeo.site import topics
+from rodeo.site.config import Site, votes_needed
 
 log = logging.getLogger(__name__)
 

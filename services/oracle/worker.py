@@ -31,7 +31,6 @@ from typing import Any, NamedTuple
 
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Check, Report, given_up, undecided
-from rodeo.config import OracleConfig, Site
 from rodeo.errors import DiskFull, RodeoError, snake_case
 from rodeo.evidence.errors import (
     EvidenceError,
@@ -41,10 +40,11 @@ from rodeo.evidence.errors import (
     ProofUriNotAllowed,
     StoreUnavailable,
 )
-from rodeo.files import is_full, replace_file, writing
+from rodeo.host.files import is_full, replace_file, writing
 from rodeo.kinds import KindError, kinds_of
-from rodeo.process import die_with
-from rodeo.strict_json import plain, read_json, write_json
+from rodeo.runtime.process import die_with
+from rodeo.site.config import OracleConfig, Site
+from rodeo.text.strict_json import plain, read_json, write_json
 from services.oracle.away import FAULT
 
 log = logging.getLogger(__name__)

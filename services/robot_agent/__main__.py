@@ -2,8 +2,8 @@
 
 import sys
 
-from rodeo.config import agent_process
-from rodeo.process import main_of_one
+from rodeo.runtime.process import main_of_one
+from rodeo.site.config import agent_process
 from services.robot_agent.process import run
 
 if __name__ == "__main__":

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 
 from pydantic import ValidationError
 
-from rodeo.clock import Clock
-from rodeo.config import Site
+from rodeo.bus.messages import Task
 from rodeo.errors import BusError, RemoteError, wrong_fields
+from rodeo.host.clock import Clock
 from rodeo.lab.config import Pose2
-from rodeo.messages import Task
 from rodeo.robot.behaviour import Behaviour
 from rodeo.robot.errors import TaskFailed
+from rodeo.site.config import Site
 from services.robot_agent.decision import require_time_for_verdict, require_time_for_work
 from services.robot_agent.participant import RobotParticipant
 

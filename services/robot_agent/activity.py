@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from rodeo.messages import Task
-from rodeo.process import Process
+from rodeo.bus.messages import Task
 from rodeo.robot.ros_body import RosBody
+from rodeo.runtime.process import Process
 from services.robot_agent.news import News
 from services.robot_agent.upkeep import Upkeep
 

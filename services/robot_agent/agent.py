@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 
 from rodeo.errors import BusError, DiskFull, RemoteError
 from rodeo.evidence.errors import EvidenceError
-from rodeo.files import is_full
-from rodeo.process import Process
+from rodeo.host.files import is_full
 from rodeo.robot.decisions import Decided, Decisions
 from rodeo.robot.errors import AgentError, CapReached, Halted, JournalBroken, Stopped
+from rodeo.runtime.process import Process
 from services.robot_agent.activity import REFUSED_WALL_S, RETRY_WALL_S, Patience
 from services.robot_agent.attempts import Attempts
 from services.robot_agent.charging import Charging

@@ -6,15 +6,14 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from rodeo import topics
-from rodeo.bus import DaoEvents
-from rodeo.chance import generator
-from rodeo.evidence.copies import Copies
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
 from rodeo.evidence.store import Store
+from rodeo.host.stamps import set_stamp
+from rodeo.judging.rulings import Rulings
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.lab.config import RobotConfig
-from rodeo.messages import DaoEvent
-from rodeo.process import Process
+from rodeo.recording.copies import Copies
 from rodeo.robot.arm import Arm
 from rodeo.robot.behaviour import Behaviour, Robot
 from rodeo.robot.bin import SmartBin
@@ -30,9 +29,10 @@ from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
-from rodeo.rulings import Rulings
-from rodeo.stamps import set_stamp
-from rodeo.tls import bus_is_closed
+from rodeo.runtime.process import Process
+from rodeo.site import topics
+from rodeo.site.chance import generator
+from rodeo.site.tls import bus_is_closed
 from rodeo.witness.chain import Inputs
 from rodeo.witness.witness import Witness
 from services.robot_agent.acceptance import Acceptance

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+from rodeo.bus.messages import Task
 from rodeo.errors import RemoteError
 from rodeo.evidence.store import Store
-from rodeo.logs import about_task
-from rodeo.messages import Task
-from rodeo.process import Process
+from rodeo.runtime.logs import about_task
+from rodeo.runtime.process import Process
 from services.robot_agent.acceptance import Acceptance
 from services.robot_agent.decision import Situation
 from services.robot_agent.execution import Records

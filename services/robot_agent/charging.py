@@ -9,21 +9,21 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from typing import Protocol
 
-from rodeo import queries
-from rodeo.charging import dock_of, order_wh
-from rodeo.clock import Clock
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Offer
+from rodeo.charging.orders import dock_of, order_wh
 from rodeo.commands.tasks import RegisterTask
-from rodeo.config import Site
 from rodeo.dao import ORGANIZATION, dock_offers
 from rodeo.errors import ConfigError
+from rodeo.host.clock import Clock
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.lab.layout import dock_parking
-from rodeo.messages import Task
-from rodeo.queries import Offer
 from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
+from rodeo.site.config import Site
 from services.robot_agent.participant import RobotParticipant
 
 log = logging.getLogger(__name__)

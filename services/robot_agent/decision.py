@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rodeo.config import AgentConfig, Site
-from rodeo.messages import Task
+from rodeo.bus.messages import Task
 from rodeo.robot.errors import TaskFailed
+from rodeo.site.config import AgentConfig, Site
 
 
 class Intent(StrEnum):

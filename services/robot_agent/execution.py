@@ -8,12 +8,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from rodeo.bus import DaoEvents
+from rodeo.bus.messages import Task
+from rodeo.bus.session import DaoEvents
 from rodeo.errors import BusError, DiskFull, RemoteError, wrong_fields
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.evidence.recorder import Recorder
-from rodeo.messages import Task
-from rodeo.process import Process
 from rodeo.robot.behaviour import Irrevocable, Work
 from rodeo.robot.errors import (
     AgentError,
@@ -28,6 +27,7 @@ from rodeo.robot.errors import (
 )
 from rodeo.robot.recording import RecordedRobot, Recording
 from rodeo.ros2.node import Node
+from rodeo.runtime.process import Process
 from services.robot_agent.acceptance import Acceptance, OtherAssignments
 from services.robot_agent.activity import Activity
 from services.robot_agent.journal import Journal, Phase

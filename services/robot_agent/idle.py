@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from rodeo.process import Process
 from rodeo.robot.errors import AgentError, Halted, MotionFailed, Unreachable
+from rodeo.runtime.process import Process
 from services.robot_agent.activity import Activity
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.charging import Charging

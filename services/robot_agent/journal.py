@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rodeo.dao import Assignment
 from rodeo.errors import unreadable
-from rodeo.files import replace_file, set_aside, writing
+from rodeo.host.files import replace_file, set_aside, writing
 from rodeo.robot.errors import JournalBroken
 
 log = logging.getLogger(__name__)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import ValidationError
 
-from rodeo.clock import Clock
+from rodeo.bus.messages import Task
+from rodeo.host.clock import Clock
 from rodeo.kinds import Kind
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.messages import Task
 from rodeo.robot.behaviour import Behaviour, Estimate
 from rodeo.robot.errors import MotionFailed, TaskFailed, Unreachable
 from rodeo.robot.interrupts import Interrupts

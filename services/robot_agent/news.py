@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from collections import deque
 
-from rodeo.clock import Clock
-from rodeo.messages import DaoEvent, Task
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.host.clock import Clock
 from rodeo.robot.recording import Recording
 
 _KEPT = 500

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection
 
-from rodeo import queries
-from rodeo.clock import Clock
-from rodeo.config import Site
+from rodeo.bus import queries
 from rodeo.errors import RemoteError
+from rodeo.host.clock import Clock
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.world import CONTROL_PERIOD_S
-from rodeo.process import Process
+from rodeo.runtime.process import Process
+from rodeo.site.config import Site
 from services.robot_agent.machine import Skills
 from services.robot_agent.news import News
 from services.robot_agent.participant import RobotParticipant

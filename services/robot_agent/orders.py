@@ -18,12 +18,12 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, field_validator
 
-from rodeo import topics
-from rodeo.bus import Bus, Request, validate
+from rodeo.bus.session import Bus, Request, validate
 from rodeo.errors import DiskFull, RequestError
-from rodeo.files import read_model, replace_file
+from rodeo.host.files import read_model, replace_file
 from rodeo.robot.decisions import Decided, Explain, Explained
 from rodeo.robot.errors import JournalBroken
+from rodeo.site import topics
 
 log = logging.getLogger(__name__)
 

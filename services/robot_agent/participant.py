@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from decimal import Decimal
 
-from rodeo import queries
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
 from rodeo.commands.services import UpdateService
 from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant
 from rodeo.errors import MalformedAnswer
-from rodeo.messages import Task
 from rodeo.robot.errors import CapReached
 
 _AHEAD = ("open", "assigned", "submitted")

@@ -9,16 +9,16 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rodeo import queries
-from rodeo.clock import Clock
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
+from rodeo.charging.tariff import hourly_mean_iec
 from rodeo.errors import DiskFull
-from rodeo.files import replace_file
+from rodeo.host.clock import Clock
+from rodeo.host.files import replace_file
 from rodeo.kinds import Kind, providing_energy
 from rodeo.lab.config import RobotConfig
-from rodeo.messages import Task
-from rodeo.pricing import CostPlus, Experience, Fixed, Learned, Moving, Situation
-from rodeo.tariff import hourly_mean_iec
+from rodeo.money.pricing import CostPlus, Experience, Fixed, Learned, Moving, Situation
+from rodeo.site.config import Site
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.upkeep import Upkeep
 

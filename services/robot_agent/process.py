@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 
-from rodeo.config import Site, agent_process
-from rodeo.process import Process
-from rodeo.serving import served_by
+from rodeo.runtime.process import Process
+from rodeo.runtime.serving import served_by
+from rodeo.site.config import Site, agent_process
 from services.robot_agent.assembly import assembled
 
 

@@ -10,20 +10,20 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from rodeo import topics
-from rodeo.clock import Clock
+from rodeo.bus.messages import Task
 from rodeo.commands.tasks import RegisterTask
-from rodeo.config import MaintenanceConfig, Site
 from rodeo.errors import DiskFull, RemoteError
+from rodeo.host.clock import Clock
+from rodeo.host.stamps import stamp_s
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.layout import dock_parking
-from rodeo.messages import Task
 from rodeo.robot.behaviour import Estimate
-from rodeo.robot.energy import DETOUR, Consumption, EnergyMeter, battery_suffices
 from rodeo.robot.errors import CapReached
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2.node import Node
-from rodeo.stamps import stamp_s
+from rodeo.site import topics
+from rodeo.site.config import MaintenanceConfig, Site
+from services.robot_agent.energy import DETOUR, Consumption, EnergyMeter, battery_suffices
 from services.robot_agent.participant import RobotParticipant
 
 log = logging.getLogger(__name__)

@@ -3,8 +3,8 @@ import sys
 import threading
 from pathlib import Path
 
-from rodeo.config import Site
-from rodeo.process import noting_its_end, supervise
+from rodeo.runtime.process import noting_its_end, supervise
+from rodeo.site.config import Site
 from services.robot_sim.process import run
 
 parser = argparse.ArgumentParser(

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from rodeo import topics
+from rodeo.host.stamps import SECOND_NS, stamp_s
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import on_plane
-from rodeo.readings import unknown_pose
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionServer, ServerGoal
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import unknown_pose
 from rodeo.ros2.wire import LATCHED
-from rodeo.stamps import SECOND_NS, stamp_s
+from rodeo.site import topics
 from services.robot_sim import messages
 from services.robot_sim.arm import (
     GOAL_TIME_TOLERANCE_S,

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from rodeo.host.stamps import sec_nanosec
 from rodeo.ros2 import types
-from rodeo.stamps import sec_nanosec
 
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import zenoh
 
-from rodeo import topics
-from rodeo.receiving import direct
+from rodeo.bus.receiving import direct
 from rodeo.ros2 import wire
+from rodeo.site import topics
 
 log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """For whom the clock waits: processes that work on what the simulation sent, or have something to do now.
 
-The decision is `docs/decisions/0027-time-that-waits.md`, what they say of themselves `rodeo.holding`.
+The decision is `docs/decisions/0027-time-that-waits.md`, what they say of themselves `rodeo.bus.holding`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import zenoh
 
-from rodeo import topics
-from rodeo.bus import Bus, decode_json, validate
-from rodeo.config import Site, agent_process, bin_process, dock_process
+from rodeo.bus.holding import EVERYBODY
+from rodeo.bus.messages import ClockHold
+from rodeo.bus.receiving import direct
+from rodeo.bus.session import Bus, decode_json, validate
 from rodeo.errors import RodeoError
-from rodeo.holding import EVERYBODY
-from rodeo.messages import ClockHold
-from rodeo.receiving import direct
+from rodeo.site import topics
+from rodeo.site.config import Site, agent_process, bin_process, dock_process
 
 log = logging.getLogger(__name__)
 

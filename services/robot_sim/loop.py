@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Protocol, TypeVar
 
-from rodeo.config import ClockConfig
 from rodeo.errors import RodeoError
+from rodeo.site.config import ClockConfig
 from services.robot_sim.holders import NEVER_NS, Holders
 from services.robot_sim.publish_queue import PublishQueue
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, Simulation

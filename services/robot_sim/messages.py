@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from rodeo.host.stamps import sec_nanosec
 from rodeo.lab.battery import Battery, Supply, SupplyStatus
 from rodeo.lab.config import BatteryConfig, NoiseConfig
 from rodeo.lab.geometry import quaternion_of
 from rodeo.lab.sensors import Lidar, Pinhole
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE
 from rodeo.ros2 import types
-from rodeo.stamps import sec_nanosec
 from services.robot_sim.cdr import (
     ControllerStates,
     DoublesRows,

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rodeo import keystores
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus.session import Bus
 from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import DiskFull, KeystoreMissing
+from rodeo.signing import keystores
+from rodeo.site.config import Site
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.motion import MotionLog, Sample
 from rodeo.witness.roots import DailyRoots

@@ -15,14 +15,15 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rodeo import queries, topics
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import A, Query
+from rodeo.bus.session import Bus
 from rodeo.errors import BusError, RemoteError
 from rodeo.kinds import kinds_of
-from rodeo.messages import Task
 from rodeo.person.pace import deadline_s, runs_fast
-from rodeo.queries import A, Query
+from rodeo.site import topics
+from rodeo.site.config import Site
 
 log = logging.getLogger(__name__)
 

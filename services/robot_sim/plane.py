@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from rodeo import topics
+from rodeo.host.stamps import stamp_ns
 from rodeo.lab.body import Twist2, joint_names
 from rodeo.lab.config import BinConfig
 from rodeo.lab.world import CAMERA_SITE
-from rodeo.readings import is_rotation
 from rodeo.ros2 import types
 from rodeo.ros2.base import MessageInfo, Publisher
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import is_rotation
 from rodeo.ros2.wire import DEFAULT, LATCHED
-from rodeo.stamps import stamp_ns
+from rodeo.site import topics
 from services.robot_sim import messages
 from services.robot_sim.camera import WristCamera, open_camera
 from services.robot_sim.commander import Commander

@@ -6,12 +6,12 @@ import threading
 import time
 from functools import partial
 
-from rodeo import tls
-from rodeo.bus import Bus
-from rodeo.config import Site
-from rodeo.process import Process
+from rodeo.bus.session import Bus
 from rodeo.ros2.node import Node
-from rodeo.serving import served_by
+from rodeo.runtime.process import Process
+from rodeo.runtime.serving import served_by
+from rodeo.site import tls
+from rodeo.site.config import Site
 from services.robot_sim.actions import Actions
 from services.robot_sim.commander import Commander
 from services.robot_sim.holders import Holders

@@ -14,10 +14,10 @@ from typing import Any
 
 import zenoh
 
-from rodeo import tls, topics
-from rodeo.bus import Bus, validate
-from rodeo.config import Site, body_identity
-from rodeo.messages import ClockMark
+from rodeo.bus.messages import ClockMark
+from rodeo.bus.session import Bus, validate
+from rodeo.site import tls, topics
+from rodeo.site.config import Site, body_identity
 
 _ANSWER_S = 1.0
 """Wall time that the router has to pass on what the bodies said."""

@@ -5,15 +5,12 @@ import math
 import mujoco
 import numpy as np
 
-from rodeo.chance import Moments, generator
-from rodeo.config import Site
 from rodeo.errors import ConfigError
 from rodeo.lab.battery import Battery, Supply
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import DockConfig, RobotConfig, gripper_body
 from rodeo.lab.layout import BUMPER_M, BinLayout, on_contacts
 from rodeo.lab.sensors import DepthCamera, Lidar
-from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import (
     CAMERA_SITE,
     CONTROL_PERIOD_S,
@@ -24,6 +21,8 @@ from rodeo.lab.world import (
     scale_weight_n,
     world_spec,
 )
+from rodeo.site.chance import Moments, generator
+from rodeo.site.config import Site
 from services.robot_sim.arm import ArmDriver, GripperDriver
 from services.robot_sim.entities import Entities, EntityState
 from services.robot_sim.frames import Transform, lab_frames
@@ -32,6 +31,7 @@ from services.robot_sim.odometry import Odometry
 from services.robot_sim.planner import Map
 from services.robot_sim.steps import Steps
 from services.robot_sim.surroundings import blocked, unknown_returns
+from services.robot_sim.urdf import to_urdf
 
 PROCESS = "robot_sim"
 PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)

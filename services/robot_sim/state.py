@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from rodeo.errors import DiskFull, RodeoError
-from rodeo.files import replace_file, writing
+from rodeo.host.files import replace_file, writing
 
 log = logging.getLogger(__name__)
 

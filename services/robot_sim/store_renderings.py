@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 # The lab chooses MuJoCo's OpenGL back end, which counts only before the first import of mujoco.
-from rodeo.config import Site
+from rodeo.site.config import Site
 
 # isort: split
 import mujoco

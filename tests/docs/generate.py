@@ -16,7 +16,7 @@ from typing import Any, get_args
 import typer
 from pydantic import BaseModel
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_cli import app
 from tests.docs.text import DOCS, ROOT
 

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo.bus import Bus
-from rodeo.config import Site
-from rodeo.tls import OPERATOR, identity
+from rodeo.bus.session import Bus
+from rodeo.site.config import Site
+from rodeo.site.tls import OPERATOR, identity
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.docs.not_run import reason
 from tests.docs.text import ROOT, Command, blocks, commands
@@ -157,7 +157,8 @@ def typed(reader: Reader, command: Command) -> None:
 
 def questions(reader: Reader) -> None:
     """The questions of docs/reference/keys.md are answered with the fields that the page says."""
-    from rodeo import payloads, queries
+    from rodeo import payloads
+    from rodeo.bus import queries
 
     for what, query in queries.QUERIES.items():
         parameters = {name: str(value) for name, value in payloads.parameters_of(what).items()}

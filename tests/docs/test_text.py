@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from rodeo.config import Site
 from rodeo.kinds import kinds_of
-from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
+from rodeo.site.config import Site
+from services.robot_sim.urdf import to_urdf
 from tests.docs.not_run import NOT_RUN, reason
 from tests.docs.text import (
     ROOT,
@@ -179,7 +179,7 @@ def check_module(module: str, words: list[str]) -> None:
     assert source.exists(), module
     declared = source.read_text()
     if re.search(r"\bmain(_of_one)?\(", declared):
-        declared += (ROOT / "rodeo" / "process.py").read_text()
+        declared += (ROOT / "rodeo" / "runtime" / "process.py").read_text()
     for word in words:
         if word.startswith("--"):
             assert f'"{word}"' in declared, f"{module} knows no {word}"

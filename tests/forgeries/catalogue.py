@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rodeo.checks.report import Report
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_kinds.battery_charging import harness as charging
 from rodeo_kinds.battery_charging.harness.film import KIND as BATTERY_CHARGING
 from rodeo_kinds.waste_disposal import harness as cleaning

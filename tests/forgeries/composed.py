@@ -16,7 +16,7 @@ import numpy as np
 from eth_account.signers.local import LocalAccount
 
 from rodeo.checks.case import ChainRecord
-from rodeo.checks.completeness import MISSED_SHARE
+from rodeo.checks.motion.completeness import MISSED_SHARE
 from rodeo.checks.report import Report
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.seal import Binding

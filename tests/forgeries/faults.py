@@ -24,10 +24,10 @@ import numpy as np
 
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_proof
-from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import Proof
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S, SPEAKS_AGAIN_S
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, watched
 from rodeo_kinds.waste_disposal.harness.giving_up import gives_up, waits
 from rodeo_testing.assignments import BINDING, ROBOT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from tests.forgeries.catalogue import HARNESSES, Shops
 from tests.forgeries.composed import NOISES, Composition, composed
 from tests.support.site import LAB

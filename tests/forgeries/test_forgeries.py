@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_testing.harness import ROLES
 from rodeo_testing.workshop import Submission
 from tests.forgeries.catalogue import CATALOGUE, HARNESSES, Shops, kinds, listed

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from rodeo.config import Site
 from rodeo.evidence.seal import RunningHash
 from rodeo.evidence.tally import Tally
+from rodeo.site.config import Site
 from tests.forgeries.catalogue import Shops
 from tests.forgeries.fuzz import fuzzed
 from tests.support.site import LAB

@@ -20,17 +20,17 @@ from eth_account import Account
 
 from deploy.access import commands_of, everybody
 from deploy.certificates import ensure_certificates
-from rodeo import tls, topics
-from rodeo.bus import Bus
-from rodeo.config import Site, body_identity
+from rodeo.bus.holding import EVERYBODY
+from rodeo.bus.session import Bus
 from rodeo.errors import BusUnavailable, NoResponder
 from rodeo.evidence.seal import RunningHash, SealChain
-from rodeo.holding import EVERYBODY
-from rodeo.metrics import HEADS_REFUSED
+from rodeo.host.metrics import HEADS_REFUSED
 from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
+from rodeo.site import tls, topics
+from rodeo.site.config import Site, body_identity
 from rodeo.witness.witness import Witness, unverified_seal
 from rodeo_testing import answers
 from rodeo_testing.assignments import BINDING
@@ -314,9 +314,9 @@ def test_a_simulated_body_speaks_as_itself_and_follows_its_own_mind_only(
 FLOOD = """
 import sys, time
 from pathlib import Path
-from rodeo import tls
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.site import tls
+from rodeo.bus.session import Bus
+from rodeo.site.config import Site
 site, name, folder, rate_hz, *keys = sys.argv[1:]
 site = Site.load(Path(site))
 payloads = [path.read_bytes() for path in sorted(Path(folder).iterdir())]

@@ -17,24 +17,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo import topics
-from rodeo.bus import DaoEvents
-from rodeo.clock import WallClock
+from rodeo.bus.messages import DaoEvent, Status, Task
+from rodeo.bus.session import DaoEvents
 from rodeo.dao import Participant
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
+from rodeo.host.clock import WallClock
 from rodeo.lab.world import begin, build_world
-from rodeo.messages import DaoEvent, Status, Task
-from rodeo.processes import processes_of
 from rodeo.robot.decisions import Explained
-from rodeo.robot.energy import Consumption
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
+from rodeo.site import topics
+from rodeo.site.processes import processes_of
 from rodeo.witness.motion import track
 from rodeo.witness.statement import Classification, Drop, Motion, parse
 from rodeo_testing.waiting import HANG_S, wait_until
+from services.robot_agent.energy import Consumption
 from tests.support.site import RunningSite, write_site
 
 MIN_UPDATE_S = 120.0

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 from web3 import HTTPProvider, Web3
 
-from rodeo import keystores
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.signing import keystores
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support import command
 from tests.support.dao import Dao

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.messages import Status
-from rodeo.processes import PROCESSES
+from rodeo.bus.messages import Status
+from rodeo.site.processes import PROCESSES
 from tests.support.site import RunningSite
 
 pytestmark = pytest.mark.long

@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
-from rodeo import wallets
-from rodeo.chain.abi import TaskRequest
-from rodeo.chain.types import ZERO_ADDRESS
+from rodeo.bus.messages import DaoEvent
+from rodeo.chain.contracts.abi import TaskRequest
+from rodeo.chain.contracts.types import ZERO_ADDRESS
 from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, RemoteError
 from rodeo.evidence.store import Store
-from rodeo.messages import DaoEvent
+from rodeo.signing import wallets
 from rodeo_testing.recordings import START_NS, Sample, Take, seal
 from rodeo_testing.waiting import HANG_S
 from tests.support.dao import CHARGING, PARAMS, Dao

@@ -18,13 +18,15 @@ import pytest
 from eth_account import Account
 from web3 import Web3
 
-from rodeo import keystores, possession, queries, topics, wallets
-from rodeo.bus import Bus, DaoEvents
-from rodeo.config import Site
+from rodeo.bus import queries
+from rodeo.bus.messages import DaoEvent, Status, Task
+from rodeo.bus.session import Bus, DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
 from rodeo.evidence.store import Store
-from rodeo.messages import DaoEvent, Status, Task
+from rodeo.signing import keystores, possession, wallets
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.witness.days import SignedDay, day_of
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.statement import Removal

@@ -19,10 +19,10 @@ from deploy.chain.process import run as serve_chain
 from deploy.chain.record import give_up_chain
 from deploy.chain.server import RpcServer
 from deploy.contracts import run as deploy
-from rodeo import keystores
 from rodeo.chain.client import connect
-from rodeo.chain.errors import WrongChain
+from rodeo.chain.node.errors import WrongChain
 from rodeo.errors import NoResponder, RemoteError
+from rodeo.signing import keystores
 from rodeo_testing.waiting import HANG_S
 from services.bridge.node import Node
 from tests.support import soak

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from rodeo.chain import events
-from rodeo.chain.abi import Cause, Fault, Ruling
-from rodeo.chain.logs import Log
-from rodeo.chain.types import Event
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import Cause, Fault, Ruling
+from rodeo.chain.contracts.logs import Log
+from rodeo.chain.contracts.types import Event
 from services.bridge.database import open_database
 from services.bridge.index import NOWHERE, UNDONE, Index, Page, Position, TimedLog, sqlite_url
 from tests.integration.test_bridge import assert_index_equals_contracts

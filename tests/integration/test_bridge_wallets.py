@@ -19,15 +19,15 @@ from eth_account.signers.local import LocalAccount
 from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
-from rodeo import keystores
+from rodeo.bus.messages import SignedRequest, TypedSignature
 from rodeo.commands.relaying import RevokeRequest
 from rodeo.commands.services import RegisterService, SetPayout, UpdateService
 from rodeo.commands.tasks import CancelTask, RegisterTask, SubmitProof
 from rodeo.commands.treasury import Transfer
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, RemoteError
-from rodeo.instance import GAVE_UP, PARENT_VARIABLE
-from rodeo.messages import SignedRequest, TypedSignature
+from rodeo.host.instance import GAVE_UP, PARENT_VARIABLE
+from rodeo.signing import keystores
 from rodeo_testing.waiting import HANG_S
 from tests.support import command
 from tests.support.dao import PARAMS, Dao

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from rodeo.bus import Bus, Handler, Request
+from rodeo.bus.session import Bus, Handler, Request
 from rodeo.commands.treasury import Transfer
 from rodeo.errors import (
     BusUnavailable,

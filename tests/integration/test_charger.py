@@ -13,16 +13,18 @@ from typing import Any
 
 import pytest
 
-from rodeo import keystores, queries, topics
-from rodeo.checks.readings import unpack
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
+from rodeo.charging.metering import STEP_WH
 from rodeo.commands.judging import Rule
 from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant, dock_offers
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.store import Store
-from rodeo.messages import Task
-from rodeo.metering import STEP_WH
+from rodeo.signing import keystores
+from rodeo.site import topics
 from rodeo.witness.statement import MeterRecord, Receipt, parse
+from rodeo_kinds.battery_charging.readings import unpack
 from rodeo_testing.dock import TARGET_SOC, Buyer, Hardware
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.charger.process import PROOF_SHARE

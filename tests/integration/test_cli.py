@@ -17,9 +17,9 @@ import pytest
 from eth_account import Account
 from typer.testing import CliRunner
 
-from rodeo.config import Site
-from rodeo.instance import lock_holder
-from rodeo.processes import PROCESSES
+from rodeo.host.instance import lock_holder
+from rodeo.site.config import Site
+from rodeo.site.processes import PROCESSES
 from rodeo_cli import app
 from rodeo_testing.waiting import HANG_S
 from tests.support import command

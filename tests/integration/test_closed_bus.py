@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.instance import GAVE_UP
-from rodeo.messages import Status
-from rodeo.sim_clock import SimClock
-from rodeo.tls import bus_is_closed
+from rodeo.bus.messages import Status
+from rodeo.bus.session import Bus
+from rodeo.host.instance import GAVE_UP
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site import topics
+from rodeo.site.tls import bus_is_closed
 from rodeo_testing.waiting import HANG_S
 from tests.integration.test_itrash import Office
 from tests.support import command

@@ -28,16 +28,17 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from rodeo import keystores, possession, queries, wallets
+from rodeo.access.roles import Role
+from rodeo.bus import queries
 from rodeo.chain.client import ChainClient
+from rodeo.chain.contracts.events import ServiceRegistered
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.events import ServiceRegistered
-from rodeo.config import LOCAL_CHAIN_ID
-from rodeo.currency import IEC
 from rodeo.errors import BusError
+from rodeo.money.currency import IEC
+from rodeo.signing import keystores, possession, wallets
+from rodeo.site.config import LOCAL_CHAIN_ID
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.console.rest import make_api
-from services.console.roles import Role
 from tests.support.accessibility import tab_to
 from tests.support.browser import chromium, log_in
 from tests.support.console import PASSPHRASE, Desk, click_map, open_page, there

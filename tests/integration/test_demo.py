@@ -15,7 +15,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from rodeo.processes import PROCESSES
+from rodeo.site.processes import PROCESSES
 from rodeo_cli.demo import DEMO_SOC_ABOVE
 from rodeo_testing.waiting import HANG_S
 

@@ -11,12 +11,13 @@ import pytest
 from playwright.sync_api import expect
 from typer.testing import CliRunner
 
-from rodeo import keystores, votes, wallets
-from rodeo.currency import IEC
+from rodeo.access.roles import Role
+from rodeo.bus.messages import Vote
 from rodeo.errors import RemoteError
-from rodeo.messages import Vote
+from rodeo.judging import votes
+from rodeo.money.currency import IEC
+from rodeo.signing import keystores, wallets
 from rodeo_cli import app
-from services.console.roles import Role
 from tests.support.browser import chromium
 from tests.support.console import PASSPHRASE, Desk, open_page
 from tests.support.dao import Dao

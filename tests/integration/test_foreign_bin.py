@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from rodeo.bus import DaoEvents
-from rodeo.instance import PARENT_VARIABLE
-from rodeo.messages import DaoEvent
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
+from rodeo.host.instance import PARENT_VARIABLE
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import RunningSite, write_site
 

@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
-from rodeo.bus import DaoEvents
-from rodeo.instance import PARENT_VARIABLE
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
+from rodeo.host.instance import PARENT_VARIABLE
 from rodeo.lab.items import shape_of
-from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
-from rodeo.messages import DaoEvent
 from rodeo_testing.waiting import HANG_S
+from services.robot_sim.urdf import to_urdf
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 

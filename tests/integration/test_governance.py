@@ -13,11 +13,11 @@ from eth_account import Account
 from playwright.sync_api import Page, expect
 from typer.testing import CliRunner
 
-from rodeo import wallets
+from rodeo.access.roles import Role
 from rodeo.commands.governance import CastBudgetVote
 from rodeo.dao import Participant
+from rodeo.signing import wallets
 from rodeo_cli import app
-from services.console.roles import Role
 from tests.support.browser import chromium
 from tests.support.console import PASSPHRASE, Desk, open_page
 from tests.support.dao import Dao

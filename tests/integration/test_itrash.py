@@ -16,11 +16,12 @@ import pytest
 from eth_account import Account
 from typer.testing import CliRunner
 
-from rodeo import keystores, topics
 from rodeo.errors import RemoteError
 from rodeo.evidence.attestation import Attestation, attest, verify_attestation
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
+from rodeo.signing import keystores
+from rodeo.site import topics
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.correction import Correction

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import Site
-from rodeo.instance import lock_holder
+from rodeo.host.instance import lock_holder
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S
 from tests.integration.test_demo import start_demo
 

@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo import topics, wallets
-from rodeo.bus import Request
+from rodeo.bus.session import Request
 from rodeo.evidence.attestation import verify_attestation
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.recording import RecordedRobot, Recording
 from rodeo.ros2.node import Node
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.signing import wallets
+from rodeo.site import topics
 from rodeo.witness.motion import track
 from rodeo.witness.statement import Motion, parse
 from rodeo_testing import answers

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 
-from rodeo import wallets
 from rodeo.dao import Participant
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
@@ -20,7 +19,8 @@ from rodeo.person.statement import Executor, NotAccepted, NotYourTask, read_stat
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2.node import Node
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.signing import wallets
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.integration.test_agent import Organization, living
 from tests.support.site import write_site

@@ -13,15 +13,15 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rodeo import wallets
 from rodeo.checks.report import Report
 from rodeo.commands.devices import PostRoot
-from rodeo.currency import IEC
 from rodeo.dao import Participant
 from rodeo.evidence.attestation import attest
-from rodeo.evidence.copies import Copies
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
+from rodeo.money.currency import IEC
+from rodeo.recording.copies import Copies
+from rodeo.signing import wallets
 from rodeo.witness.days import DayLog, day_of
 from rodeo.witness.statement import Scope
 from rodeo_cli import app

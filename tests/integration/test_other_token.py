@@ -12,11 +12,11 @@ from eth_account.signers.local import LocalAccount
 from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
-from rodeo import keystores
 from rodeo.commands.relaying import AllowPayments
 from rodeo.commands.tasks import RegisterTask
 from rodeo.dao import Participant
 from rodeo.errors import RemoteError
+from rodeo.signing import keystores
 from rodeo_cli.formatting import iec
 from rodeo_testing.waiting import HANG_S
 from tests.support import command

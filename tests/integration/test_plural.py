@@ -10,7 +10,7 @@ import pytest
 
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
-from rodeo.processes import processes_of
+from rodeo.site.processes import processes_of
 from rodeo.witness.statement import Drop, parse
 from rodeo_testing.waiting import HANG_S
 from tests.integration.test_agent import Organization

@@ -10,10 +10,12 @@ import pytest
 from eth_account import Account
 from typer.testing import CliRunner
 
-from rodeo import keystores, topics, votes, wallets
-from rodeo.currency import IEC
+from rodeo.bus.messages import SealedVote, Task, Vote
 from rodeo.errors import RemoteError
-from rodeo.messages import SealedVote, Task, Vote
+from rodeo.judging import votes
+from rodeo.money.currency import IEC
+from rodeo.signing import keystores, wallets
+from rodeo.site import topics
 from rodeo_cli import app
 from tests.support.dao import Dao
 from tests.support.executor import Executor, Film, stored

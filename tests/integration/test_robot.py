@@ -23,7 +23,7 @@ from rodeo.ros2 import types
 from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import GoalCanceled
 from rodeo.ros2.node import Node
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import RunningSite, write_site
 

@@ -24,7 +24,7 @@ from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import ActionServerLost, GoalAborted, GoalRejected
 from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.robot_sim.state import saved_time_ns
 from tests.support.site import RunningSite, write_site

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.instance import GAVE_UP
-from rodeo.serving import Claim, served_by
+from rodeo.host.instance import GAVE_UP
+from rodeo.runtime.serving import Claim, served_by
 from rodeo_cli.site import read_rows
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.dao import Dao

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from rodeo import topics
-from rodeo.chain import events
 from rodeo.chain.client import ChainClient
+from rodeo.chain.contracts import events
 from rodeo.chain.deployment import Deployment
 from rodeo.checks.report import Report
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
+from rodeo.site import topics
 from rodeo_testing.waiting import HANG_S
 from tests.integration.test_agent import Organization
 from tests.support.load import busy_machine

@@ -12,7 +12,7 @@ import pytest
 from web3 import HTTPProvider, Web3
 from web3.types import Wei
 
-from rodeo import keystores
+from rodeo.signing import keystores
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 

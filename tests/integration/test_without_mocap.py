@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from rodeo.bus import DaoEvents
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
 from rodeo.checks.report import Report
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
-from rodeo.messages import DaoEvent
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import RunningSite, write_site
 

@@ -17,15 +17,15 @@ from types import SimpleNamespace
 from typing import Any, cast
 from unittest.mock import patch
 
-from rodeo import clock, http
-from rodeo.chain.rpc import Rpc
-from rodeo.clock import WallClock
-from rodeo.config import ConsoleConfig, Site, StoreConfig
-from rodeo.endpoint import make_socket_folder
+from rodeo.access.errors import NotLoggedIn
+from rodeo.chain.node.rpc import Rpc
 from rodeo.errors import RodeoError
 from rodeo.evidence.store import Store
+from rodeo.host import clock, http
+from rodeo.host.clock import WallClock
+from rodeo.site.config import ConsoleConfig, Site, StoreConfig
+from rodeo.site.endpoint import make_socket_folder
 from services.bridge.heads import SubscribedHeads
-from services.console.errors import NotLoggedIn
 from services.console.guard import Guard, origins_of
 from tests.outside.rows import Row
 

@@ -16,7 +16,7 @@ from hexbytes import HexBytes
 from pydantic import BaseModel, ConfigDict
 
 from deploy.chain.errors import ExecutionReverted, RpcError
-from rodeo.strict_json import Json
+from rodeo.text.strict_json import Json
 
 Answer = Callable[[str, Sequence[Any]], Any]
 

@@ -18,12 +18,12 @@ import numpy as np
 from mcap.writer import CompressionType, IndexType, Writer
 
 from rodeo.checks.verify import verify_file
-from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.evidence.unsealed import open_bag
-from rodeo.logs import TextFormatter
 from rodeo.person.statement import check_photo
 from rodeo.ros2 import types
+from rodeo.runtime.logs import TextFormatter
+from rodeo.site.config import Site
 from rodeo.vision.images import decode_image
 from rodeo_cli.classify import classified
 from rodeo_cli.common import console_on

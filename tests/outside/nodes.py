@@ -12,11 +12,11 @@ from typing import Any
 from unittest.mock import patch
 
 from deploy.chain.server import RpcServer
-from rodeo.chain import rpc, transactions
 from rodeo.chain.client import connect
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainError, ContractReverted
-from rodeo.config import Site
+from rodeo.chain.node import rpc, transactions
+from rodeo.chain.node.errors import ChainError, ContractReverted
+from rodeo.site.config import Site
 from services.bridge import orders, outcomes, signer
 from services.bridge.chain import Chain
 from services.bridge.readiness import Probe

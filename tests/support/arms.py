@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-from rodeo.config import Site
 from rodeo.lab.config import PosturesConfig
 from rodeo.lab.world import ROBOT_XML
+from rodeo.site.config import Site
 
 JOINTS = {
     5: ("waist", "shoulder", "elbow", "wrist_angle", "wrist_rotate"),

@@ -6,9 +6,9 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-from rodeo import keystores, wallets
-from rodeo.config import WalletLimits
-from rodeo.currency import IEC
+from rodeo.money.currency import IEC
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import WalletLimits
 from rodeo_testing.waiting import HANG_S
 from services.bridge.chain import Chain
 from services.bridge.fees import Limits

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.stamps import sec_nanosec
+from rodeo.bus.session import Bus
+from rodeo.host.stamps import sec_nanosec
+from rodeo.site import topics
 
 
 def publish_clock(bus: Bus, domain_id: int, time_s: float) -> None:

@@ -8,9 +8,9 @@ import secrets
 import httpx
 from playwright.sync_api import Browser, Page, expect
 
+from rodeo.access.accounts import Accounts, accounts_path
+from rodeo.access.roles import Role
 from rodeo_testing.waiting import HANG_S
-from services.console.accounts import Accounts, accounts_path
-from services.console.roles import Role
 from tests.support.browser import log_in
 from tests.support.site import RunningSite
 

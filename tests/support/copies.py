@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rodeo.evidence.copies import PART_BYTES
+from rodeo.bus.messages import ProofCopy
 from rodeo.evidence.store import Store
-from rodeo.messages import ProofCopy
+from rodeo.recording.copies import PART_BYTES
 
 
 class CopyBus:

@@ -9,11 +9,12 @@ from typing import Any
 from eth_account.signers.local import LocalAccount
 from web3 import Web3
 
-from rodeo import topics, votes
-from rodeo.bus import DaoEvents
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
-from rodeo.messages import DaoEvent
+from rodeo.judging import votes
+from rodeo.site import topics
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.clock import publish_clock
 from tests.support.site import RunningSite

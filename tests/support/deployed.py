@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
-from rodeo.config import Site
+from rodeo.site.config import Site
 from tests.support.chain import FaultyNode
 
 

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from rodeo.checks import grip, replay
+from rodeo.checks.motion import grip, replay
 from rodeo.vision.classifier import Classifier
 
 _MOST = 400

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rodeo import wallets
 from rodeo.dao import Participant
 from rodeo.evidence.store import Store
+from rodeo.signing import wallets
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning
 from rodeo_testing.recordings import Take, Witnesses, later, seal
 from tests.support.dao import Dao

@@ -8,11 +8,11 @@ from decimal import Decimal
 from enum import Enum
 from typing import Any
 
-from rodeo.chain.abi import Hire, Revocation
+from rodeo.bus.messages import Task
 from rodeo.chain.client import ChainClient
-from rodeo.chain.types import ZERO_ADDRESS, Policy, Role
-from rodeo.currency import IEC
-from rodeo.messages import Task
+from rodeo.chain.contracts.abi import Hire, Revocation
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Policy, Role
+from rodeo.money.currency import IEC
 from tests.support.views import view
 
 _PAGE = 500

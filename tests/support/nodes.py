@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 import zenoh
 
-from rodeo.bus import zenoh_config
+from rodeo.bus.session import zenoh_config
 from rodeo.ros2.node import Node
 from tests.support.site import free_port
 

@@ -30,7 +30,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
-from rodeo.instance import PARENT_VARIABLE
+from rodeo.host.instance import PARENT_VARIABLE
 
 _ROOT = Path(__file__).parents[2]
 
@@ -196,7 +196,7 @@ def main(control: socket.socket) -> None:
         asked = json.loads(message)
         # A module that cannot be imported is the child's to tell of.
         with suppress(ImportError):
-            importlib.import_module(_IMPORTED.get(asked["module"], "rodeo.process"))
+            importlib.import_module(_IMPORTED.get(asked["module"], "rodeo.runtime.process"))
             for name in _IMPORTED_LATER.get(asked["module"], ()):
                 importlib.import_module(name)
         gc.collect()

@@ -8,10 +8,10 @@ from typing import Any
 
 from eth_account.signers.local import LocalAccount
 
-from rodeo import wallets
-from rodeo.bus import Request
+from rodeo.bus.session import Request
 from rodeo.chain.encoding import Call
 from rodeo.commands.desk import Desk
+from rodeo.signing import wallets
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.bridge.names import Names
 from services.bridge.queries import Queries

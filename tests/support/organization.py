@@ -19,16 +19,16 @@ from deploy.chain.local_chain import LocalChain
 from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
-from rodeo import wallets
-from rodeo.chain import events
-from rodeo.chain.abi import TaskRequest
 from rodeo.chain.client import ChainClient
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import TaskRequest
+from rodeo.chain.contracts.logs import Log
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Event
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.logs import Log
-from rodeo.chain.types import ZERO_ADDRESS, Event
-from rodeo.config import Site
-from rodeo.currency import IEC
+from rodeo.money.currency import IEC
+from rodeo.signing import wallets
+from rodeo.site.config import Site
 from tests.support.site import write_site
 from tests.support.snapshot import found, give_wallets
 from tests.support.views import logs_of

@@ -17,14 +17,14 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from rodeo import topics
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus.messages import Status
+from rodeo.bus.session import Bus
 from rodeo.errors import BusError
-from rodeo.instance import PARENT_VARIABLE
-from rodeo.messages import Status
-from rodeo.processes import processes_of
-from rodeo.tls import OPERATOR, identity
+from rodeo.host.instance import PARENT_VARIABLE
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.processes import processes_of
+from rodeo.site.tls import OPERATOR, identity
 from rodeo_testing import BINS
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.nursery import Fork, Nursery

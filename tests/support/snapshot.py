@@ -27,9 +27,9 @@ from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
 from rodeo.checks.rules import rules_hash
-from rodeo.config import Site
-from rodeo.keystores import address, device_names, keystore_path, wallet_names
 from rodeo.kinds import kinds_of
+from rodeo.signing.keystores import address, device_names, keystore_path, wallet_names
+from rodeo.site.config import Site
 
 _ROOT = Path(__file__).parents[2]
 _FOLDER = _ROOT / "out" / "snapshots"

@@ -16,8 +16,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rodeo import topics
-from rodeo.bus import Bus, DaoEvents
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Bus, DaoEvents
 from rodeo.chain.client import ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.commands import Command
@@ -26,7 +26,7 @@ from rodeo.commands.services import RegisterService
 from rodeo.commands.tasks import RegisterTask, SubmitProof
 from rodeo.commands.treasury import Transfer
 from rodeo.errors import BusError, RemoteError, RodeoError
-from rodeo.messages import DaoEvent
+from rodeo.site import topics
 from services.bridge.index import UNDONE
 from tests.support.index import index_differences
 from tests.support.site import RunningSite, write_site

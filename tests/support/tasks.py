@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rodeo.messages import Task
+from rodeo.bus.messages import Task
 
 UNTIL_S, DEADLINE_S, CASE_END_S = 1_000.0, 1_500.0, 2_000.0
 """Ends of the time for which a ruling stands, of the verdict window, and of the case."""

@@ -9,7 +9,7 @@ from web3.types import TxReceipt
 
 from rodeo.chain import artifacts
 from rodeo.chain.client import ChainClient
-from rodeo.chain.logs import Log, decode_logs, event_topics
+from rodeo.chain.contracts.logs import Log, decode_logs, event_topics
 
 
 def view(client: ChainClient, contract: str, name: str, *arguments: Any) -> Any:

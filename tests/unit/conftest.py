@@ -13,9 +13,9 @@ from eth_account.signers.local import LocalAccount
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Check, Report
 from rodeo.checks.verify import verify_proof
-from rodeo.config import Site
 from rodeo.evidence.proof import Proof
 from rodeo.evidence.seal import Binding
+from rodeo.site.config import Site
 from rodeo_kinds.battery_charging.harness.film import film_charging
 from rodeo_kinds.waste_disposal.harness.film import film_cleaning
 from rodeo_testing.assignments import BINDING, ROBOT

@@ -13,8 +13,8 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
 from rodeo import kinds
-from rodeo.processes import PROCESSES
-from rodeo.topics import BODY, TOPICS, Form
+from rodeo.site.processes import PROCESSES
+from rodeo.site.topics import BODY, TOPICS, Form
 from tests.docs.text import ROOT
 
 ARCHITECTURE, ONE_TASK = "docs/explanation/architecture.md", "docs/explanation/one-task.md"

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rodeo.chance import Moments, generator
-from rodeo.config import ClockConfig, Site, agent_process
 from rodeo.errors import ConfigError
 from rodeo.lab.body import Twist2
+from rodeo.site.chance import Moments, generator
+from rodeo.site.config import ClockConfig, Site, agent_process
 from services.robot_sim.simulation import Simulation
 from tests.support.site import LAB
 
@@ -140,17 +140,17 @@ def test_two_robots_have_minds_and_sensors_of_their_own() -> None:
 
 ELSEWHERE = {
     "rodeo/evidence/upload.py": "names of files that are being written",
-    "rodeo/chance.py": "this is where",
+    "rodeo/site/chance.py": "this is where",
     "rodeo/lab/items.py": "the geometry of a shape, which bin, simulator and oracle share",
     "rodeo/ros2/action.py": "goal ids are unique, and decide nothing",
-    "rodeo/wallets.py": "a passphrase",
+    "rodeo/signing/wallets.py": "a passphrase",
     "rodeo/commands/governance.py": "salts by which equal proposals are told apart",
     "rodeo/commands/relaying.py": "nonces of signed requests, which only have to be new",
     "rodeo_cli/accounts.py": "the passphrase of the demo's account, which nobody learns",
-    "services/console/accounts.py": "tokens, and the hash of nobody's passphrase",
+    "rodeo/access/accounts.py": "tokens, and the hash of nobody's passphrase",
     "services/console/guard.py": "the nonce of a page",
     "services/console/pages/tasks.py": "ids of requests",
-    "rodeo/checks/replay.py": "a verdict is the same on every site",
+    "rodeo/checks/motion/replay.py": "a verdict is the same on every site",
     "rodeo_experiments/ablation.py": "draws forgeries by a seed that it is given; does not run on a site",
     "deploy/contracts.py": "salts by which a timelock tells its acts apart; they decide nothing",
     "deploy/chain/local_chain.py": "the identity of a local chain and of its blocks",

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from rodeo import topics
-from rodeo.bus import zenoh_config
-from rodeo.receiving import direct
+from rodeo.bus.receiving import direct
+from rodeo.bus.session import zenoh_config
 from rodeo.ros2.base import Publisher
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site import topics
 from rodeo_testing.waiting import wait_until
 from tests.support.nodes import make_node as make_node
 from tests.support.nodes import router_port as router_port
@@ -92,7 +92,7 @@ def test_bytes_from_a_session_that_announces_nothing_do_not_move_it(
 def test_nobody_takes_over_unannounced_when_the_body_has_ended(
     make_node: MakeNode, follower: SimClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rodeo.sim_clock._SILENT_S", 0.0)
+    monkeypatch.setattr("rodeo.runtime.sim_clock._SILENT_S", 0.0)
     node, stranger = make_node("lab"), make_node("stranger")
     first = publisher(node)
     reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
@@ -111,7 +111,7 @@ def test_who_may_speak_and_what_is_said_are_heard_in_the_order_in_which_they_arr
         received.append(callback.__name__)
         return direct(callback, *more)
 
-    monkeypatch.setattr("rodeo.sim_clock.direct", noted)
+    monkeypatch.setattr("rodeo.runtime.sim_clock.direct", noted)
     SimClock(make_node("follower").session, 0).close()
     assert received == ["_on_graph", "_on_clock"]
 

@@ -5,9 +5,16 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from rodeo.config import GovernanceConfig, Site, bridge_wallets, oracle_names, oracle_process, votes_needed
 from rodeo.errors import ConfigError
 from rodeo.lab.config import RobotConfig
+from rodeo.site.config import (
+    GovernanceConfig,
+    Site,
+    bridge_wallets,
+    oracle_names,
+    oracle_process,
+    votes_needed,
+)
 from rodeo_cli.site_check import check
 from tests.support.site import LAB
 

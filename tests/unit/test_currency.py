@@ -9,9 +9,9 @@ import pytest
 from eth_abi import encode
 from eth_utils import function_signature_to_4byte_selector
 
+from rodeo.chain.node.translation import decode_revert
 from rodeo.chain.reputation import Work
-from rodeo.chain.translation import decode_revert
-from rodeo.currency import IEC, Currency, InvalidAmount
+from rodeo.money.currency import IEC, Currency, InvalidAmount
 
 DOLLAR = Currency(6)
 

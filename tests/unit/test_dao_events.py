@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rodeo.bus import DaoEvents
-from rodeo.clock import WallClock
-from rodeo.messages import DaoEvent
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
+from rodeo.host.clock import WallClock
 from rodeo_testing.waiting import wait_until
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import Site
-from rodeo.deploying import deploying, deployment_under_way, forget_deployment
 from rodeo.errors import AlreadyRunning
-from rodeo.instance import LAUNCHER, lock_instance
+from rodeo.host.instance import LAUNCHER, lock_instance
+from rodeo.site.config import Site
+from rodeo.site.deploying import deploying, deployment_under_way, forget_deployment
 from tests.support.site import write_site
 
 

@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 from eth_account import Account
 
-from rodeo import disk
-from rodeo.config import Site
 from rodeo.errors import DiskFull
 from rodeo.evidence.attestation import attest
-from rodeo.files import is_full, replace_file
-from rodeo.logs import TextFormatter, WholeLines
+from rodeo.host.files import is_full, replace_file
+from rodeo.runtime import disk
+from rodeo.runtime.logs import TextFormatter, WholeLines
+from rodeo.site.config import Site
 from rodeo.witness.journal import Journal
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB
@@ -79,7 +79,7 @@ def test_a_process_logs_on_when_its_log_has_room_again(tmp_path: Path) -> None:
     """The log as a launcher gives it to a process."""
     logs = """
 import logging, resource
-from rodeo.logs import configure
+from rodeo.runtime.logs import configure
 configure("p")
 log = logging.getLogger("x")
 log.warning("one")

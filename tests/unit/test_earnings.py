@@ -5,10 +5,10 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from decimal import Decimal
 
-from rodeo.config import TariffConfig
-from rodeo.earnings import COLUMNS, Line, as_csv, cells, earnings, sums
-from rodeo.messages import Task
-from rodeo.queries import Transaction
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Transaction
+from rodeo.display.earnings import COLUMNS, Line, as_csv, cells, earnings, sums
+from rodeo.site.config import TariffConfig
 from rodeo_cli.earnings_page import page
 from tests.support.tasks import task
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from rodeo import endpoint
-from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.bus.session import Bus
 from rodeo.errors import ConfigError, UnsafeSocketFolder
-from rodeo.tls import bus_is_closed, openness, wants_certificates
+from rodeo.site import endpoint
+from rodeo.site.config import Site
+from rodeo.site.tls import bus_is_closed, openness, wants_certificates
 from tests.support.site import LAB
 
 

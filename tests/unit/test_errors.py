@@ -2,7 +2,7 @@
 
 import pytest
 
-from rodeo.chain import errors as chain_errors
+from rodeo.chain.node import errors as chain_errors
 from rodeo.errors import _PASSING, InvalidRequest, RemoteError, snake_case
 from services.bridge import errors as bridge_errors
 

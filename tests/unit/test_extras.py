@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from rodeo.kinds import GROUP
-from rodeo.processes import PROCESSES
+from rodeo.site.processes import PROCESSES
 from tests.support.extras import EXTRA_OF, PROJECT, ROOT, closure
 
 KINDS = sorted(one.partition(":")[0] for one in PROJECT["entry-points"][GROUP].values())

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rodeo.errors import FolderTaken
-from rodeo.files import begin_folder, replace_file, replacing
+from rodeo.host.files import begin_folder, replace_file, replacing
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,7 +60,7 @@ def test_no_other_file_renames_what_it_wrote_beside() -> None:
         if renames.search(path.read_text())
     }
     # A running recording is flushed and renamed while it is open; a journal that begins again is kept aside.
-    assert found == {"rodeo/files.py": 2, "rodeo/evidence/recorder.py": 3, "rodeo/witness/journal.py": 1}
+    assert found == {"rodeo/host/files.py": 2, "rodeo/evidence/recorder.py": 3, "rodeo/witness/journal.py": 1}
 
 
 LINE = "# Written by a test."

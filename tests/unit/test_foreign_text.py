@@ -10,8 +10,8 @@ import pytest
 
 from rodeo.errors import ConfigError, MalformedJson, is_machines
 from rodeo.evidence.errors import CorruptProof, StoreUnavailable
-from rodeo.foreign_text import in_words, printable, quoted, shortened
-from rodeo.strict_json import DEPTH, plain, read_json, whole_characters, write_json
+from rodeo.text.foreign_text import in_words, printable, quoted, shortened
+from rodeo.text.strict_json import DEPTH, plain, read_json, whole_characters, write_json
 
 
 @pytest.mark.parametrize(

@@ -22,15 +22,15 @@ from starlette.routing import Route
 
 from deploy.chain import server as chain
 from deploy.chain.server import RpcServer
-from rodeo import http
+from rodeo.access.errors import NotLoggedIn
+from rodeo.bus.messages import Status
 from rodeo.errors import PortUnavailable
-from rodeo.http import HttpServer, Limits, answer_with_problems, health
-from rodeo.messages import Status
-from rodeo.metrics_server import metrics_server
+from rodeo.host import http
+from rodeo.host.http import HttpServer, Limits, answer_with_problems, health
+from rodeo.runtime.metrics_server import metrics_server
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.console import process as console
 from services.console import rest
-from services.console.errors import NotLoggedIn
 from services.console.guard import MAX_API_BODY_BYTES, Guard
 from services.itrash import web as bin_web
 from tests.support.site import free_port

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from rodeo.errors import AlreadyRunning
-from rodeo.instance import forget_ending, last_ending, lock_holder, lock_instance, note_ending
+from rodeo.host.instance import forget_ending, last_ending, lock_holder, lock_instance, note_ending
 from rodeo_testing.waiting import HANG_S
 
 HOLDS = """
 import sys
 from pathlib import Path
-from rodeo.instance import lock_instance
+from rodeo.host.instance import lock_instance
 
 lock_instance(Path(sys.argv[1]))
 print(flush=True)

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from rodeo import kinds
-from rodeo.config import Site
 from rodeo.errors import ConfigError, InvalidRequest
 from rodeo.kinds import Kind, KindError, kinds_of, place_problems, with_place
 from rodeo.lab.config import PlaceConfig, Pose2
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB
 

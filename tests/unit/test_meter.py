@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rodeo.checks.readings import energy_wh, unpack
+from rodeo.charging.meter import MOST_READINGS, Meter, RegisterBroken, load_register, store_register
+from rodeo.charging.metering import MAX_READINGS, RECORD_WH, Reading, pack
 from rodeo.evidence.errors import BadStatement
-from rodeo.meter import MOST_READINGS, Meter, RegisterBroken, load_register, store_register
-from rodeo.metering import MAX_READINGS, RECORD_WH, Reading, pack
+from rodeo_kinds.battery_charging.readings import energy_wh, unpack
 
 
 def read(meter: Meter, seconds: int, start_s: float = 0.0, volt: float = 40.0, ampere: float = 9.0) -> None:

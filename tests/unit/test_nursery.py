@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.instance import lock_holder
+from rodeo.host.instance import lock_holder
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support import command
 from tests.support.nursery import Fork, Nursery

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from rodeo.bus import Bus, zenoh_config
-from rodeo.config import Site
+from rodeo.bus.origin import check_bus, record_path
+from rodeo.bus.session import Bus, zenoh_config
 from rodeo.errors import WrongBus
-from rodeo.origin import check_bus, record_path
-from rodeo.process import Process
+from rodeo.runtime.process import Process
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import free_port, write_site
 

@@ -14,13 +14,13 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo.bus import Bus, DaoEvents, heard_status
-from rodeo.config import Site
+from rodeo.bus.messages import DaoEvent, ProofCopy, Status
+from rodeo.bus.origin import statuses_at
+from rodeo.bus.session import Bus, DaoEvents, heard_status
 from rodeo.errors import InvalidRequest
-from rodeo.evidence import copies
 from rodeo.evidence.attestation import Attestation
-from rodeo.messages import DaoEvent, ProofCopy, Status
-from rodeo.origin import statuses_at
+from rodeo.recording import copies
+from rodeo.site.config import Site
 from rodeo.witness.statement import Scope
 from rodeo_cli.site import StatusWatcher
 from rodeo_testing.waiting import wait_until

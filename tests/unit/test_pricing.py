@@ -7,7 +7,7 @@ from decimal import Decimal
 import pytest
 from pydantic import ValidationError
 
-from rodeo.pricing import CostPlus, Experience, Fixed, Learned, PricingConfig, Situation
+from rodeo.money.pricing import CostPlus, Experience, Fixed, Learned, PricingConfig, Situation
 
 HOUR_S = 3600.0
 

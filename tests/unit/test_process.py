@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from rodeo.bus import Bus
-from rodeo.config import Site
-from rodeo.instance import GAVE_UP
-from rodeo.process import Process
+from rodeo.bus.session import Bus
+from rodeo.host.instance import GAVE_UP
+from rodeo.runtime.process import Process
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.clock import publish_clock
 from tests.support.nodes import router_port as router_port
@@ -23,7 +23,7 @@ from tests.support.site import write_site
 def test_a_process_that_was_asked_to_stop_is_gone_in_time_whatever_it_waits_for() -> None:
     waits_for_ever = """
 import sys, threading
-from rodeo.process import supervise
+from rodeo.runtime.process import supervise
 
 def body(stop):
     print("up", flush=True)
@@ -55,7 +55,7 @@ def test_the_exit_status_says_whether_a_restart_may_cure_it(error: str, status: 
     fails = f"""
 import sys
 from rodeo.errors import *
-from rodeo.process import supervise
+from rodeo.runtime.process import supervise
 
 def body(stop):
     raise {error}("the reason")
@@ -109,7 +109,7 @@ def test_a_process_whose_clock_should_be_the_walls_and_is_not_is_not_ready(
 def test_that_it_is_ready_is_said_at_once_and_not_with_the_next_heartbeat(
     tmp_path: Path, router_port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rodeo.process.HEARTBEAT_S", 3600.0)
+    monkeypatch.setattr("rodeo.runtime.process.HEARTBEAT_S", 3600.0)
     site = Site.load(write_site(tmp_path, extra=OPEN_BUS.format(speed=1, port=router_port)))
     heard = threading.Event()
 

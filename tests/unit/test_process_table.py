@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rodeo.config import ChainConfig, OtherBridgeConfig, Site
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.processes import processes_of
+from rodeo.site.config import ChainConfig, OtherBridgeConfig, Site
+from rodeo.site.processes import processes_of
 from tests.support.site import LAB
 
 SITE = Site.load(LAB)

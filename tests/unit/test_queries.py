@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from rodeo import queries
+from rodeo.bus import queries
 from rodeo.commands.services import RegisterService
 from rodeo.dao import Participant
 from rodeo.errors import MalformedAnswer

@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo import topics
-from rodeo.config import Site
+from rodeo.bus.messages import Status
 from rodeo.errors import RodeoError
-from rodeo.http import problem
-from rodeo.messages import Status
-from rodeo.readings import unknown_charge, unknown_joints, unknown_pose, unknown_power
+from rodeo.host.http import problem
 from rodeo.robot import ros_body
-from rodeo.robot.energy import EnergyMeter
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import types
-from rodeo.strict_json import encode
+from rodeo.ros2.readings import unknown_charge, unknown_joints, unknown_pose, unknown_power
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.text.strict_json import encode
 from rodeo_experiments.conduct import Meters
 from rodeo_experiments.lab import Lab
 from services.charger.process import Charger
 from services.console.live import Newest, _number
 from services.console.replay import _rounded
+from services.robot_agent.energy import EnergyMeter
 from services.robot_agent.upkeep import Upkeep
 from services.robot_sim.actions import _goal_pose
 from services.robot_sim.plane import _entity_state
@@ -113,7 +113,7 @@ class Robot:
         monkeypatch.setattr(ros_body, "ActionClient", lambda *_names, **_how: None)
         wall_s = time.monotonic()
         monkeypatch.setattr(ros_body.time, "monotonic", lambda: wall_s + self.clock.now_s())
-        monkeypatch.setattr("rodeo.clock.time.monotonic", lambda: wall_s + self.clock.now_s())
+        monkeypatch.setattr("rodeo.host.clock.time.monotonic", lambda: wall_s + self.clock.now_s())
         node: Any = SimpleNamespace(raw_subscription=self._subscribe, client=lambda *_name: None)
         site = Site.load(LAB)
         self.body = RosBody(node, site, site.robots[0], self.clock, Interrupts())

@@ -14,15 +14,16 @@ import pytest
 import requests
 import urllib3
 
-from rodeo import logs, redaction
 from rodeo.chain.client import connect
-from rodeo.chain.errors import ChainUnavailable
-from rodeo.chain.translation import translated
-from rodeo.config import Site
+from rodeo.chain.node.errors import ChainUnavailable
+from rodeo.chain.node.translation import translated
 from rodeo.errors import ConfigError
-from rodeo.http import problem
-from rodeo.instance import last_ending, note_ending
-from rodeo.redaction import learn, redacted, redacted_json, shown
+from rodeo.host.http import problem
+from rodeo.host.instance import last_ending, note_ending
+from rodeo.runtime import logs
+from rodeo.site.config import Site
+from rodeo.text import redaction
+from rodeo.text.redaction import learn, redacted, redacted_json, shown
 from rodeo_cli.layout import printable
 from services.bridge.heads import SubscribedHeads
 from services.bridge.node import Node

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from decimal import Decimal
 
-from rodeo.rewards import Rise
+from rodeo.money.rewards import Rise
 
 
 def test_a_reward_rises_by_its_part_and_never_above_the_highest() -> None:

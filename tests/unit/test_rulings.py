@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from rodeo import rulings
-from rodeo.clock import WallClock
+from rodeo.bus.messages import DaoEvent, Task
 from rodeo.dao import Participant
 from rodeo.errors import RemoteError
-from rodeo.messages import DaoEvent, Task
+from rodeo.host.clock import WallClock
+from rodeo.judging import rulings
 from rodeo_testing.waiting import HANG_S
 from tests.support.tasks import CASE_END_S, DEADLINE_S, UNTIL_S, ruled
 

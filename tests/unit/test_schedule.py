@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from rodeo.schedule import Schedule, parse_hours, require_apart, zone
+from rodeo.lab.schedule import Schedule, parse_hours, require_apart, zone
 
 BERLIN = ZoneInfo("Europe/Berlin")
 

@@ -12,11 +12,12 @@ from eth_keys import KeyAPI
 from eth_keys.backends import NativeECCBackend, get_backend
 from eth_keys.exceptions import BadSignature
 
-from rodeo import keys, keystores, secp256k1, signed_requests, typed_data
-from rodeo.config import Site
-from rodeo.ecc_backend import Libsecp256k1
+from rodeo.chain import signed_requests
 from rodeo.errors import WalletError
 from rodeo.evidence.seal import RunningHash, final_typed_data
+from rodeo.signing import keys, keystores, secp256k1, typed_data
+from rodeo.signing.ecc_backend import Libsecp256k1
+from rodeo.site.config import Site
 from rodeo_testing.assignments import BINDING
 
 

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 import pytest
 import zenoh
 
-from rodeo.bus import zenoh_config
-from rodeo.config import OtherBridgeConfig, Site
+from rodeo.bus.session import zenoh_config
 from rodeo.errors import Interrupted, ServedElsewhere
-from rodeo.serving import Claim, Holder, Rival, Thing, served_by
+from rodeo.runtime.serving import Claim, Holder, Rival, Thing, served_by
+from rodeo.site.config import OtherBridgeConfig, Site
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB, free_port
 

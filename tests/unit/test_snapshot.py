@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rodeo import wallets
 from rodeo.chain.deployment import Deployment
-from rodeo.config import Site
-from rodeo.keystores import address
+from rodeo.signing import wallets
+from rodeo.signing.keystores import address
+from rodeo.site.config import Site
 from tests.support import snapshot
 from tests.support.organization import CHAIN_ID, Organization, founded
 from tests.support.site import write_site

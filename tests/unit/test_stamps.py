@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rodeo import stamps
+from rodeo.host import stamps
 from rodeo.ros2.types import duration_message, new, time_message
 
 ROOT = Path(__file__).parents[2]
@@ -41,7 +41,7 @@ def test_no_other_file_splits_or_joins_seconds_and_nanoseconds() -> None:
         for path in (ROOT / folder).rglob("*.py")
         if _BY_HAND.search(path.read_text())
     }
-    assert found == {"rodeo/stamps.py"}
+    assert found == {"rodeo/host/stamps.py"}
 
 
 @pytest.mark.parametrize(

@@ -30,44 +30,48 @@ Call = tuple[str, str, str]
 """File, where in it, and the call up to its first argument."""
 
 ROWS: dict[Call, str] = {
-    ("rodeo/bus.py", "Bus.subscribe_json", "self.subscribe_bytes(key)"): HANDED_ON,
-    ("rodeo/bus.py", "Bus.subscribe_bytes", "self.subscribe_with_source(key)"): HANDED_ON,
-    ("rodeo/bus.py", "Bus.subscribe_with_source", "self.session.declare_subscriber(key)"): HANDED_ON,
-    ("rodeo/bus.py", "Bus.serve", "self.session.declare_queryable(key)"): HANDED_ON,
-    ("rodeo/bus.py", "DaoEvents.__init__", "bus.subscribe_json(topics.EVENT.pattern(org=org))"): NAMED,
+    ("rodeo/bus/session.py", "Bus.subscribe_json", "self.subscribe_bytes(key)"): HANDED_ON,
+    ("rodeo/bus/session.py", "Bus.subscribe_bytes", "self.subscribe_with_source(key)"): HANDED_ON,
+    ("rodeo/bus/session.py", "Bus.subscribe_with_source", "self.session.declare_subscriber(key)"): HANDED_ON,
+    ("rodeo/bus/session.py", "Bus.serve", "self.session.declare_queryable(key)"): HANDED_ON,
+    (
+        "rodeo/bus/session.py",
+        "DaoEvents.__init__",
+        "bus.subscribe_json(topics.EVENT.pattern(org=org))",
+    ): NAMED,
     ("rodeo/dao.py", "Participant.wait", "self._bus.subscribe_json(topics.EVENT.pattern(org=self._org))"): (
         WAKES
     ),
     (
-        "rodeo/evidence/copies.py",
+        "rodeo/recording/copies.py",
         "Copies.__init__",
         "bus.serve(topics.PROOF_COPY.name(org=org, device=device))",
     ): ASKED,
-    ("rodeo/evidence/copies.py", "_asked", "bus.query_all(key)"): HASHED + ", one answer on each key",
+    ("rodeo/recording/copies.py", "_asked", "bus.query_all(key)"): HASHED + ", one answer on each key",
     (
-        "rodeo/holding.py",
+        "rodeo/bus/holding.py",
         "Holder.__init__",
         "session.declare_subscriber(topics.CLOCK_MARK.name(org=org, to=to))",
     ): ONE,
-    ("rodeo/bus.py", "Bus.query", "self.session.get(selector)"): (
+    ("rodeo/bus/session.py", "Bus.query", "self.session.get(selector)"): (
         ONE + ": bridge, bin and so on, which a closed bus lets answer there"
     ),
-    ("rodeo/bus.py", "Bus.query_all", "self.session.get(selector)"): HANDED_ON,
-    ("rodeo/origin.py", "statuses_at", "bus.session.get(key)"): NAMED,
+    ("rodeo/bus/session.py", "Bus.query_all", "self.session.get(selector)"): HANDED_ON,
+    ("rodeo/bus/origin.py", "statuses_at", "bus.session.get(key)"): NAMED,
     (
         "rodeo/ros2/service.py",
         "Client.call",
         "self._session.get(self._key)",
     ): ONE,
-    ("rodeo/serving.py", "Claim._look", "self._session.liveliness().get(self._expression)"): TOKENS,
-    ("rodeo/sim_clock.py", "SimClock.__init__", "session.liveliness().get(graph)"): TOKENS,
+    ("rodeo/runtime/serving.py", "Claim._look", "self._session.liveliness().get(self._expression)"): TOKENS,
+    ("rodeo/runtime/sim_clock.py", "SimClock.__init__", "session.liveliness().get(graph)"): TOKENS,
     ("services/robot_sim/holders.py", "Holders.__init__", "liveliness.get(self._everybody)"): TOKENS,
     (
         "services/robot_sim/holders.py",
         "Holders._ask_who_is_there",
         "self._asking.liveliness().get(self._everybody)",
     ): TOKENS,
-    ("rodeo/process.py", "Process.__enter__", "self.bus.serve(key)"): ASKED,
+    ("rodeo/runtime/process.py", "Process.__enter__", "self.bus.serve(key)"): ASKED,
     (
         "rodeo/recording/pictures.py",
         "PictureFetcher._fetch",
@@ -117,13 +121,17 @@ ROWS: dict[Call, str] = {
         "(wire.servers_expression(node.domain_id, name, typename))",
     ): TOKENS,
     (
-        "rodeo/serving.py",
+        "rodeo/runtime/serving.py",
         "Claim.watch",
         "self._session.liveliness().declare_subscriber(self._expression)",
     ): TOKENS,
-    ("rodeo/sim_clock.py", "SimClock.__init__", "session.liveliness().declare_subscriber(graph)"): TOKENS,
     (
-        "rodeo/sim_clock.py",
+        "rodeo/runtime/sim_clock.py",
+        "SimClock.__init__",
+        "session.liveliness().declare_subscriber(graph)",
+    ): TOKENS,
+    (
+        "rodeo/runtime/sim_clock.py",
         "SimClock.__init__",
         "session.declare_subscriber(f'{domain_id}/{topics.CLOCK.name()}/**')",
     ): ONE + "; of its publishers one is followed",

@@ -6,8 +6,8 @@ from decimal import Decimal
 
 import pytest
 
-from rodeo.config import RateConfig
-from rodeo.tariff import applying_between, hourly_mean_iec
+from rodeo.charging.tariff import applying_between, hourly_mean_iec
+from rodeo.site.config import RateConfig
 
 DAY_S = 20_000 * 86_400
 RATES = [RateConfig(from_hour=hour, iec=Decimal(iec)) for hour, iec in ((22, 10), (6, 30), (12, 20))]

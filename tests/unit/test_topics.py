@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from rodeo import payloads, queries, topics
+from rodeo import payloads
+from rodeo.bus import queries
 from rodeo.commands import COMMANDS
 from rodeo.commands.declare import example_of
 from rodeo.payloads import keys_page
 from rodeo.ros2 import definitions
-from rodeo.topics import TOPICS, Form, Plane, robot_interface
+from rodeo.site import topics
+from rodeo.site.topics import TOPICS, Form, Plane, robot_interface
 
 
 def test_keys_are_unique() -> None:
@@ -36,7 +38,7 @@ def test_every_robot_plane_type_is_a_ros_type_with_a_hash() -> None:
 
 
 def test_a_name_fills_its_template() -> None:
-    from rodeo.topics import ODOM
+    from rodeo.site.topics import ODOM
 
     assert ODOM.name(ns="panther1") == "panther1/odom"
 
@@ -122,7 +124,7 @@ def test_no_file_beside_the_table_writes_a_key_or_topic_by_hand() -> None:
         (str(path.relative_to(ROOT)), text)
         for folder in SOURCES
         for path in (ROOT / folder).rglob("*.py")
-        if path != ROOT / "rodeo" / "topics.py"
+        if path != ROOT / "rodeo" / "site" / "topics.py"
         for text in _by_hand(path.read_text())
     }
     assert found == set(NO_TOPICS.items())
@@ -170,7 +172,7 @@ def test_the_page_of_keys_is_the_table(page: str) -> None:
 
 def test_the_page_for_who_brings_a_robot_lists_the_robots_part_of_the_table() -> None:
     page = Path(__file__).parents[2] / "docs" / "tutorials" / "robot.md"
-    assert robot_interface() in page.read_text(), "paste what rodeo.topics.robot_interface() returns"
+    assert robot_interface() in page.read_text(), "paste what rodeo.site.topics.robot_interface() returns"
 
 
 @pytest.mark.parametrize("name", COMMANDS)

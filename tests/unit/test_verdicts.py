@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from rodeo.messages import Fault
-from rodeo.queries import Transaction
-from rodeo.verdicts import FAULTS, is_peoples_verdict, judge_of, standing_words, verdict_words
+from rodeo.bus.messages import Fault
+from rodeo.bus.queries import Transaction
+from rodeo.judging.verdicts import FAULTS, is_peoples_verdict, judge_of, standing_words, verdict_words
 from rodeo_testing import answers
 from tests.support.tasks import task
 

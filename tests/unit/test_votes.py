@@ -5,9 +5,9 @@ from decimal import Decimal
 import pytest
 from eth_account import Account
 
-from rodeo import votes
-from rodeo.currency import IEC, Currency
-from rodeo.messages import Vote
+from rodeo.bus.messages import Vote
+from rodeo.judging import votes
+from rodeo.money.currency import IEC, Currency
 
 JUDGE = Account.from_key("0x" + "11" * 32)
 COMMITTEE = "0x" + "00" * 19 + "07"

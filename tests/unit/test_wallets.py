@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from rodeo import keystores, wallets
-from rodeo.config import Site
 from rodeo.errors import KeystoreMissing, WalletError
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S
 
 
@@ -110,7 +110,8 @@ def test_a_terminal_is_asked_for_the_passphrase_once(site: Site, site_path: Path
     typed = passphrase.read_text()
     passphrase.unlink()
     program = (
-        "import sys; from pathlib import Path; from rodeo import wallets; from rodeo.config import Site\n"
+        "import sys; from pathlib import Path\n"
+        "from rodeo.signing import wallets; from rodeo.site.config import Site\n"
         "site = Site.load(Path(sys.argv[1]))\n"
         "print(*(wallets.load(site, name).address for name in ('panther1', 'oracle')))\n"
     )

@@ -5,13 +5,13 @@ from __future__ import annotations
 from math import nan
 from typing import Any
 
-from rodeo import topics
+from rodeo.charging.meter import Meter
+from rodeo.charging.metering import Reading
 from rodeo.checks.case import ChainRecord
-from rodeo.config import Site
 from rodeo.lab.battery import Battery, Supply
-from rodeo.meter import Meter
-from rodeo.metering import Reading
 from rodeo.ros2.types import new
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo_testing.assignments import ORGANIZATION, chain_record
 from rodeo_testing.recordings import (
     BATTERY,

@@ -11,8 +11,8 @@ from unittest.mock import patch
 
 from eth_account import Account
 
+from rodeo.bus.messages import Device
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.messages import Device
 from rodeo.witness import ocmf
 from rodeo.witness.statement import Header, MeterRecord, Receipt
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record

@@ -1,12 +1,13 @@
 """How a cleaning's proof is checked."""
 
-from rodeo import topics
-from rodeo.checks import arm, base, carrying, declared, gripper, provenance, witnesses
-from rodeo.checks import completeness as recorded
+from rodeo.checks import declared, provenance
 from rodeo.checks.case import Checks
+from rodeo.checks.motion import arm, base, carrying, gripper, witnesses
+from rodeo.checks.motion import completeness as recorded
 from rodeo.checks.stages import COUNTED, PROVENANCE
-from rodeo.config import Site
 from rodeo.evidence.proof import Proof
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.vision.classification import model_sha256
 from rodeo_kinds.waste_disposal.checks import carry, completeness, disposal
 from rodeo_kinds.waste_disposal.checks.acts import acts

@@ -1,8 +1,8 @@
 """What a cleaning claims to have done, so that it is paid once."""
 
 from rodeo.checks.case import Case
-from rodeo.checks.phases import phases_of
-from rodeo.checks.testimony import bin_testimony, motion_capture_of
+from rodeo.checks.motion.phases import phases_of
+from rodeo.checks.signed.testimony import bin_testimony, motion_capture_of
 from rodeo.evidence.errors import EvidenceError
 from rodeo_kinds.waste_disposal.checks.disposal import claim_of, drop_of
 

@@ -3,11 +3,11 @@
 import numpy as np
 
 from rodeo.checks.case import Case, ordered
-from rodeo.checks.replay import compartment_at, replay_of
+from rodeo.checks.motion.replay import compartment_at, replay_of
 from rodeo.checks.report import Finding, at_most, equal
-from rodeo.lab.place import JUDGED_LIMIT_M
 from rodeo_kinds.waste_disposal.checks.disposal import asked_compartment
 from rodeo_kinds.waste_disposal.params import CleaningParams
+from rodeo_kinds.waste_disposal.place import JUDGED_LIMIT_M
 
 
 def item_place(case: Case) -> Finding:

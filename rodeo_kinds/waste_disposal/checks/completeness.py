@@ -1,12 +1,12 @@
 """Does the recording of a cleaning hold what the other checks need, without holes?"""
 
 from rodeo.checks.case import NO_MOCAP, Case
-from rodeo.checks.completeness import least_covered, missed, rates
-from rodeo.checks.phases import phases_of
-from rodeo.checks.poses import pose_of
+from rodeo.checks.motion.completeness import least_covered, missed, rates
+from rodeo.checks.motion.phases import phases_of
+from rodeo.checks.motion.poses import pose_of
 from rodeo.checks.report import Finding, skipped
 from rodeo.lab.layout import BinLayout
-from rodeo.topics import ARM_STATE, GRIPPER_STATE, JOINT_STATES, ODOM, POSE, Topic
+from rodeo.site.topics import ARM_STATE, GRIPPER_STATE, JOINT_STATES, ODOM, POSE, Topic
 
 
 def _cleaning(case: Case) -> list[tuple[Topic, str]]:

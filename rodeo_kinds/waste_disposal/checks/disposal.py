@@ -8,14 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from rodeo.checks.case import Case, CaseError, OthersFailed
-from rodeo.checks.heads import LISTED_S, fork, in_file, listed
-from rodeo.checks.kinematics import kinematics_of
-from rodeo.checks.phases import REST_M, phases_of
-from rodeo.checks.poses import Pose, base_of, motion_of, moving_s, pose_of
-from rodeo.checks.replay import replay_of
-from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, standing, undecided
-from rodeo.checks.results import once_per_case
-from rodeo.checks.sources import (
+from rodeo.checks.motion.kinematics import kinematics_of
+from rodeo.checks.motion.phases import REST_M, phases_of
+from rodeo.checks.motion.poses import Pose, base_of, motion_of, moving_s, pose_of
+from rodeo.checks.motion.replay import replay_of
+from rodeo.checks.motion.sources import (
     THE_SITE,
     doubtful,
     revoked_meanwhile,
@@ -24,16 +21,19 @@ from rodeo.checks.sources import (
     unheard,
     whose,
 )
-from rodeo.checks.statements import Said
+from rodeo.checks.motion.witnesses import UNLISTED_S
+from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, standing, undecided
+from rodeo.checks.results import once_per_case
+from rodeo.checks.signed.heads import LISTED_S, fork, in_file, listed
+from rodeo.checks.signed.statements import Said
+from rodeo.checks.signed.testimony import bin_said, bin_testimony, by_signer, own_said
 from rodeo.checks.tables import gaps_of
-from rodeo.checks.testimony import bin_said, bin_testimony, by_signer, own_said
-from rodeo.checks.witnesses import UNLISTED_S
 from rodeo.evidence.errors import EvidenceError
-from rodeo.foreign_text import quoted
 from rodeo.kinds import kinds_of
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S, WEIGHS_THE_SAME_N
 from rodeo.lab.layout import BinLayout
-from rodeo.topics import SEAL_CHANNEL
+from rodeo.site.topics import SEAL_CHANNEL
+from rodeo.text.foreign_text import quoted
 from rodeo.witness.heads import TOLD
 from rodeo.witness.statement import Classification, Drop, Motion, Presentation, Removal
 from rodeo_kinds.waste_disposal.checks import picture

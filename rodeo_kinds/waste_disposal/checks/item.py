@@ -3,10 +3,10 @@
 import numpy as np
 
 from rodeo.checks.case import Case, CaseError, ordered
-from rodeo.checks.poses import motions_of, pose_of
+from rodeo.checks.motion.poses import motions_of, pose_of
 from rodeo.checks.results import once_per_case
+from rodeo.checks.signed.testimony import testimony_of
 from rodeo.checks.tables import events_of
-from rodeo.checks.testimony import testimony_of
 from rodeo.lab.config import BinConfig, ItemConfig
 from rodeo.witness.statement import Classification, Drop
 from rodeo_kinds.waste_disposal.params import CleaningParams

@@ -10,13 +10,13 @@ from functools import cache
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
-from rodeo import topics
 from rodeo.checks.case import CaseError
 from rodeo.checks.report import Finding, at_most, undecided
 from rodeo.evidence.proof import Proof
-from rodeo.foreign_text import in_words, quoted
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.site import topics
+from rodeo.text.foreign_text import in_words, quoted
 from rodeo.vision.classification import (
     MODEL_DIR,
     UNKNOWN,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rodeo.checks.case import Case, ordered
-from rodeo.checks.poses import base_of
-from rodeo.checks.sources import silent_s
+from rodeo.checks.motion.poses import base_of
+from rodeo.checks.motion.sources import silent_s
 from rodeo_kinds.waste_disposal.checks.undoable import SEARCHED_M
 from rodeo_kinds.waste_disposal.params import CleaningParams
 

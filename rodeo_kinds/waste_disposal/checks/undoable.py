@@ -10,18 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from rodeo.checks import carrying, gripper, witnesses
 from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, Case, CaseError, CheckFunction, ordered
 from rodeo.checks.declared import reported_failure
-from rodeo.checks.heads import fork, in_file, listed
-from rodeo.checks.poses import Pose, base_of, motion_of, moving_s, pose_of
+from rodeo.checks.motion import carrying, gripper, witnesses
+from rodeo.checks.motion.poses import Pose, base_of, motion_of, moving_s, pose_of
+from rodeo.checks.motion.sources import doubtful, whose
+from rodeo.checks.motion.witnesses import MOVED_M, UNSEEN_S
 from rodeo.checks.report import Finding, given_up, impossible, standing, undecided
-from rodeo.checks.sources import doubtful, whose
-from rodeo.checks.testimony import bin_said, own_said, said_before
-from rodeo.checks.witnesses import MOVED_M, UNSEEN_S
-from rodeo.foreign_text import quoted
+from rodeo.checks.signed.heads import fork, in_file, listed
+from rodeo.checks.signed.testimony import bin_said, own_said, said_before
 from rodeo.lab.config import RobotConfig
-from rodeo.lab.place import PLACE_LIMIT_M
+from rodeo.text.foreign_text import quoted
 from rodeo.witness.motion import PERIOD_US
 from rodeo.witness.statement import Classification, Motion, Presentation, Removal
 from rodeo_kinds.waste_disposal.checks.disposal import (
@@ -32,6 +31,7 @@ from rodeo_kinds.waste_disposal.checks.disposal import (
     lost_in_a_row,
 )
 from rodeo_kinds.waste_disposal.params import CleaningParams
+from rodeo_kinds.waste_disposal.place import PLACE_LIMIT_M
 
 SEARCHED_M = 1.6
 """From the task's place to the middle of a robot that looks at it: it stands 0.85 to 1.1 m away."""

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from rodeo import topics
 from rodeo.checks.case import ChainRecord
-from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S, WATCHED_S
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo_testing.assignments import chain_record
 from rodeo_testing.recordings import RENDERINGS, Camera, FilmedOperator, Reality, Sample, Take, moved

@@ -7,8 +7,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from rodeo.bus.messages import Device
 from rodeo.evidence.attestation import Attestation
-from rodeo.messages import Device
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, PLACE, CleaningWorkshop
 from rodeo_testing.assignments import EXECUTOR
 from rodeo_testing.recordings import Sample, Take, Witnesses

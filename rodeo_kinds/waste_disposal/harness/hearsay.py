@@ -9,8 +9,8 @@ from typing import Any
 
 from eth_account.signers.local import LocalAccount
 
+from rodeo.bus.messages import Device
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.messages import Device
 from rodeo.witness.statement import digest
 from rodeo_kinds.waste_disposal.harness.film import watched
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM_POSE, CleaningWorkshop

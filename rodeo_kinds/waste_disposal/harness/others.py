@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from eth_account import Account
 
+from rodeo.bus.messages import Device
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.messages import Device
 from rodeo.person.statement import PHOTO_TOPIC, PHOTO_TYPE
 from rodeo.ros2.types import new
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM_POSE, PLACE, CleaningWorkshop

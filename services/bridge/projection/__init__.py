@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rodeo.chain.logs import Log
-from rodeo.chain.types import Event
+from rodeo.chain.contracts.logs import Log
+from rodeo.chain.contracts.types import Event
 
 
 @dataclass(frozen=True)

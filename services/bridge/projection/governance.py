@@ -7,10 +7,10 @@ from typing import Any
 
 from eth_utils import keccak
 
-from rodeo.chain import events
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.types import TimelockRole
 from rodeo.chain.proposals import SUPPORT, proposal_key, shown_text, text_of
-from rodeo.chain.types import TimelockRole
-from rodeo.currency import Currency
+from rodeo.money.currency import Currency
 from services.bridge import schema
 from services.bridge.projection import At, Table, hex_of
 from services.bridge.rows import Rows

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rodeo.chain import artifacts, events
-from rodeo.chain.abi import Ruling
+from rodeo.chain import artifacts
 from rodeo.chain.artifacts import ORACLES
-from rodeo.currency import Currency
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import Ruling
+from rodeo.money.currency import Currency
 from services.bridge import schema
 from services.bridge.projection import At, Table
 from services.bridge.projection.kinds import Kinds

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rodeo.chain import events
-from rodeo.chain.types import ZERO_ADDRESS
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.types import ZERO_ADDRESS
 from services.bridge import schema
 from services.bridge.projection import At, Table, hex_of
 from services.bridge.rows import Rows

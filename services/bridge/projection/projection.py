@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from rodeo.chain import events
-from rodeo.chain.logs import Log, woken
-from rodeo.currency import Currency
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.logs import Log, woken
+from rodeo.money.currency import Currency
 from services.bridge.projection import At, Table
 from services.bridge.projection.governance import BudgetVotes, Proposals, Settings
 from services.bridge.projection.judges import Judges

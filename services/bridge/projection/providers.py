@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rodeo.chain import events
+from rodeo.chain.contracts import events
 from rodeo.chain.reputation import is_own
 from services.bridge import schema
 from services.bridge.projection import At, Table

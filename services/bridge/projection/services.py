@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rodeo.chain import events
+from rodeo.chain.contracts import events
 from services.bridge import schema
 from services.bridge.projection import At, Table
 from services.bridge.projection.kinds import Kinds

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from rodeo.bus import decode_json
-from rodeo.chain import events
-from rodeo.chain.abi import Cause
+from rodeo.bus.session import decode_json
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import Cause
 from rodeo.chain.reputation import Work
-from rodeo.currency import Currency
 from rodeo.errors import MalformedJson
-from rodeo.strict_json import whole_characters
+from rodeo.money.currency import Currency
+from rodeo.text.strict_json import whole_characters
 from services.bridge import schema
 from services.bridge.projection import At, Table, hex_of
 from services.bridge.projection.kinds import Kinds

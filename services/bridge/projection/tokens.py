@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rodeo.chain import events
-from rodeo.chain.logs import Log
-from rodeo.chain.types import ZERO_ADDRESS, Event
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.logs import Log
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Event
 from services.bridge import schema
 from services.bridge.projection import At, Table
 from services.bridge.projection.providers import Providers

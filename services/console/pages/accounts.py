@@ -6,9 +6,10 @@ from functools import partial
 
 from nicegui import ui
 
-from rodeo.strict_json import Json
-from services.console.accounts import User, workers
-from services.console.formatting import moment
+from rodeo.access.accounts import User, workers
+from rodeo.access.roles import Role
+from rodeo.display.formatting import moment
+from rodeo.text.strict_json import Json
 from services.console.pages.frame import Console, act, ask, frame, user
 from services.console.pages.widgets import (
     Field,
@@ -22,7 +23,6 @@ from services.console.pages.widgets import (
     on_page,
     table,
 )
-from services.console.roles import Role
 
 _ROLES = {role.value: role.value for role in Role}
 

@@ -6,9 +6,10 @@ from functools import partial
 
 from nicegui import ui
 
-from rodeo import queries
+from rodeo.access.roles import Role
+from rodeo.bus import queries
+from rodeo.display.formatting import count, iec, moment, party, split_in_words
 from rodeo.errors import RodeoError
-from services.console.formatting import count, iec, moment, party, split_in_words
 from services.console.pages.frame import Console, act, ask, follow_async, may, problem_section, stale, user
 from services.console.pages.widgets import (
     Section,
@@ -22,7 +23,6 @@ from services.console.pages.widgets import (
     on_page,
     progress_bar,
 )
-from services.console.roles import Role
 
 SHOWN = 20
 LOOK_S = 5.0

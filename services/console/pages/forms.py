@@ -7,14 +7,14 @@ from typing import Any, Literal, get_args, get_origin
 
 from nicegui import ui
 
+from rodeo.access.roles import Role
 from rodeo.commands import COMMANDS, Command
 from rodeo.commands.declare import bare
-from rodeo.strict_json import Json
+from rodeo.display.formatting import phrase
+from rodeo.text.strict_json import Json
 from services.console.actions import ACTIONS
-from services.console.formatting import phrase
 from services.console.pages.frame import Console, act
 from services.console.pages.widgets import Field, ask_form, confirm, on_page
-from services.console.roles import Role
 
 _UNITS = {"iec": "IEC", "s": "s", "sha256": "0x…"}
 

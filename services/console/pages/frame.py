@@ -11,19 +11,19 @@ from typing import ParamSpec, TypeVar
 from nicegui import background_tasks, context, run, ui
 from pydantic import BaseModel
 
-from rodeo.config import Site
+from rodeo.access.accounts import Accounts, Session, User
+from rodeo.access.roles import Role
+from rodeo.display.formatting import explain
 from rodeo.errors import RodeoError
 from rodeo.kinds import Kinds
 from rodeo.person import pace
-from rodeo.strict_json import Json
-from rodeo.tls import openness
-from services.console.accounts import Accounts, Session, User
+from rodeo.site.config import Site
+from rodeo.site.tls import openness
+from rodeo.text.strict_json import Json
 from services.console.actions import ACTIONS, Actions
-from services.console.formatting import explain
 from services.console.live import Live
 from services.console.pages.widgets import Link, Section, Text, notice
 from services.console.queries import Queries
-from services.console.roles import Role
 
 log = logging.getLogger(__name__)
 

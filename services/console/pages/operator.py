@@ -7,11 +7,11 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo.durations import span
+from rodeo.access.roles import Role
+from rodeo.bus.queries import SERVICES, Offer
+from rodeo.display.formatting import explain, known_in_words, moment, share, span
 from rodeo.errors import RodeoError
-from rodeo.queries import SERVICES, Offer
-from rodeo.strict_json import Json
-from services.console.formatting import explain, known_in_words, moment, share
+from rodeo.text.strict_json import Json
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -35,7 +35,6 @@ from services.console.pages.widgets import (
     notice,
     progress_bar,
 )
-from services.console.roles import Role
 
 _ORDERS = (
     ("Pause", "pause_robot", "pause", "finishes its attempt, then waits"),

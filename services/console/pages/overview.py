@@ -6,12 +6,12 @@ from functools import partial
 
 from nicegui import ui
 
-from rodeo.durations import span
-from rodeo.messages import Task
-from rodeo.queries import Wallet
-from rodeo.strict_json import Json
-from rodeo.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
-from services.console.formatting import iec, kind, moment, party, process, share
+from rodeo.access.roles import Role
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Wallet
+from rodeo.display.formatting import iec, kind, moment, party, process, share, span
+from rodeo.judging.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
+from rodeo.text.strict_json import Json
 from services.console.lab_map import LabMap
 from services.console.live import ProcessState
 from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
@@ -26,7 +26,6 @@ from services.console.pages.widgets import (
     table,
     tile,
 )
-from services.console.roles import Role
 
 _WORKERS = ("robot_agent", "charger", "itrash", "oracle")
 """Processes that do something which people want to follow."""

@@ -8,12 +8,12 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo.bus import decode_json
-from rodeo.config import Site
+from rodeo.bus.session import decode_json
+from rodeo.display.formatting import parameter
 from rodeo.kinds import Kind
 from rodeo.lab.config import BinConfig, DockConfig, PlaceConfig
-from rodeo.strict_json import Json
-from services.console.formatting import parameter
+from rodeo.site.config import Site
+from rodeo.text.strict_json import Json
 
 
 class Parameters:

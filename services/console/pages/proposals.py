@@ -9,10 +9,11 @@ from typing import get_args
 
 from nicegui import ui
 
-from rodeo import queries
+from rodeo.access.roles import Role
+from rodeo.bus import queries
+from rodeo.bus.messages import Support
+from rodeo.display.formatting import calls_in_words, moment, party
 from rodeo.errors import RodeoError
-from rodeo.messages import Support
-from services.console.formatting import calls_in_words, moment, party
 from services.console.pages.budget_votes import LOOK_S, BudgetVotesSection
 from services.console.pages.frame import (
     Console,
@@ -26,7 +27,6 @@ from services.console.pages.frame import (
     user,
 )
 from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts, on_page
-from services.console.roles import Role
 
 SHOWN = 50
 

@@ -9,14 +9,10 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo import queries
+from rodeo.access.roles import Role
+from rodeo.bus import queries
 from rodeo.dao import cannot_do
-from rodeo.durations import span
-from rodeo.errors import RodeoError
-from rodeo.kinds import KindError
-from rodeo.strict_json import Json
-from services.console.actions import ORGANIZATION, speaks_for
-from services.console.formatting import (
+from rodeo.display.formatting import (
     iec,
     kind,
     known_in_words,
@@ -26,9 +22,14 @@ from services.console.formatting import (
     quorum_in_words,
     share,
     short,
+    span,
     voids_in_words,
     windows_in_words,
 )
+from rodeo.errors import RodeoError
+from rodeo.kinds import KindError
+from rodeo.text.strict_json import Json
+from services.console.actions import ORGANIZATION, speaks_for
 from services.console.pages.forms import ask_command, choose_command
 from services.console.pages.frame import (
     Console,
@@ -55,7 +56,6 @@ from services.console.pages.widgets import (
     on_page,
     table,
 )
-from services.console.roles import Role
 
 _UNSAID = "unsaid"
 """The choice that is none."""

@@ -10,29 +10,11 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo.durations import span
-from rodeo.errors import RodeoError
-from rodeo.evidence.proof import open_proof
-from rodeo.kinds import Kinds
-from rodeo.messages import LIVE_STATES, Task
-from rodeo.person.pace import running_out_s
-from rodeo.person.photo_code import photo_code
-from rodeo.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
-from rodeo.strict_json import Json
-from rodeo.verdicts import (
-    MEANINGS,
-    NO_REPORT,
-    WORDS,
-    is_peoples_verdict,
-    judge_of,
-    judge_words,
-    standing_words,
-    verdict_words,
-)
-from services.console.accounts import User, workers
-from services.console.actions import speaks_for
-from services.console.attempts import Attempt, attempts, ended_s
-from services.console.formatting import (
+from rodeo.access.accounts import User, workers
+from rodeo.access.roles import Role
+from rodeo.bus.messages import LIVE_STATES, Task
+from rodeo.bus.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
+from rodeo.display.formatting import (
     explain,
     iec,
     kind,
@@ -43,8 +25,27 @@ from services.console.formatting import (
     passed_in_words,
     phrase,
     short,
+    span,
     tries_in_words,
 )
+from rodeo.errors import RodeoError
+from rodeo.evidence.proof import open_proof
+from rodeo.judging.verdicts import (
+    MEANINGS,
+    NO_REPORT,
+    WORDS,
+    is_peoples_verdict,
+    judge_of,
+    judge_words,
+    standing_words,
+    verdict_words,
+)
+from rodeo.kinds import Kinds
+from rodeo.person.pace import running_out_s
+from rodeo.person.photo_code import photo_code
+from rodeo.text.strict_json import Json
+from services.console.actions import speaks_for
+from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -81,7 +82,6 @@ from services.console.pages.widgets import (
 from services.console.posting import fitting
 from services.console.queries import Seal
 from services.console.replay import track
-from services.console.roles import Role
 
 _ORACLES_REPORT = "Oracle's report"
 _TOKEN_EVENTS = ("Transfer", "Approval")

@@ -11,15 +11,15 @@ from urllib.parse import urlencode
 
 from nicegui import ui
 
-from rodeo import queries
-from rodeo.bus import validate
+from rodeo.access.roles import Role
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
+from rodeo.bus.session import validate
 from rodeo.commands.tasks import RegisterTask
-from rodeo.durations import span
+from rodeo.display.formatting import exact, explain, iec, kind, moment, party, span
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
-from rodeo.messages import Task
 from rodeo.person.pace import runs_fast
-from rodeo.strict_json import Json
-from services.console.formatting import exact, explain, iec, kind, moment, party
+from rodeo.text.strict_json import Json
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -36,7 +36,6 @@ from services.console.pages.frame import (
 from services.console.pages.parameters import Parameters
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import hireable, hired, problems
-from services.console.roles import Role
 
 PAGE_ROWS = 25
 MAX_PAGES = 10**6

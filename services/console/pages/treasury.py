@@ -8,13 +8,14 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo import queries
-from rodeo.earnings import Line
+from rodeo.access.roles import Role
+from rodeo.bus import queries
+from rodeo.charging.tariff import prices
+from rodeo.display.earnings import Line
+from rodeo.display.formatting import count, iec, moment, party, short
 from rodeo.errors import RodeoError
-from rodeo.strict_json import Json
-from rodeo.tariff import prices
+from rodeo.text.strict_json import Json
 from services.console.actions import ORGANIZATION
-from services.console.formatting import count, iec, moment, party, short
 from services.console.money import change, reason
 from services.console.pages.forms import buttons
 from services.console.pages.frame import (
@@ -37,7 +38,6 @@ from services.console.pages.widgets import (
     table,
     tile,
 )
-from services.console.roles import Role
 
 CHARTED = 500
 """Transfers in the chart: as many as the bridge gives at once."""

@@ -12,7 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from services.console.formatting import STATE_COLOURS, short
+from rodeo.display.formatting import STATE_COLOURS, short
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -10,15 +10,16 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
-from rodeo import queries
+from rodeo.access.roles import Role
+from rodeo.bus import queries
+from rodeo.bus.messages import Task
+from rodeo.display.formatting import count, explain, iec, kind, moment
 from rodeo.errors import RodeoError
-from rodeo.messages import Task
+from rodeo.judging.verdicts import FAULTS, MEANINGS, WORDS, is_peoples_verdict, standing_words, verdict_words
 from rodeo.person import pace
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.person.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
-from rodeo.verdicts import FAULTS, MEANINGS, WORDS, is_peoples_verdict, standing_words, verdict_words
-from services.console.formatting import count, explain, iec, kind, moment
 from services.console.pages.frame import (
     Console,
     act,
@@ -44,7 +45,6 @@ from services.console.pages.widgets import (
     on_page,
     tile,
 )
-from services.console.roles import Role
 
 SHOWN = 20
 

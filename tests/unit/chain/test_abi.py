@@ -10,7 +10,14 @@ import pytest
 
 from rodeo import chain
 from rodeo.chain import artifacts
-from rodeo.chain.abi import (
+from rodeo.chain.calls import Calls, OrganizationCalls
+from rodeo.chain.contract_calls import (
+    CommitteeJudgeCalls,
+    DeviceRegistryCalls,
+    DisputeJudgeCalls,
+    RoleJudgeCalls,
+)
+from rodeo.chain.contracts.abi import (
     ChallengeRequest,
     Fault,
     Finding,
@@ -23,17 +30,10 @@ from rodeo.chain.abi import (
     Terms,
     Windows,
 )
-from rodeo.chain.calls import Calls, OrganizationCalls
-from rodeo.chain.contract_calls import (
-    CommitteeJudgeCalls,
-    DeviceRegistryCalls,
-    DisputeJudgeCalls,
-    RoleJudgeCalls,
-)
+from rodeo.chain.contracts.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
+from rodeo.chain.contracts.types import Event, Policy, Role
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import ContractCalls
-from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
-from rodeo.chain.types import Event, Policy, Role
 
 ADDRESS = "0x" + "00" * 19 + "01"
 DEPLOYMENT = Deployment(
@@ -81,9 +81,9 @@ def _entries(kind: str) -> list[tuple[str, dict[str, Any]]]:
     ]
 
 
-@pytest.mark.parametrize("name", ["abi.py", "contract_calls.py", "events.py"])
+@pytest.mark.parametrize("name", ["contracts/abi.py", "contract_calls.py", "contracts/events.py"])
 def test_the_generated_files_are_what_the_artifacts_say(name: str) -> None:
-    assert Path(chain.__file__).with_name(name).read_text() == generated()[name], "run `make contracts`"
+    assert (Path(chain.__file__).parent / name).read_text() == generated()[name], "run `make contracts`"
 
 
 def test_another_abi_makes_another_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,9 +100,9 @@ def test_another_abi_makes_another_file(monkeypatch: pytest.MonkeyPatch) -> None
         ),
     )
     monkeypatch.setattr(artifacts, "enums", lambda: {"Fault": ["Nobody", "Oracle", "TwoOracles"]})
-    after = generated()
-    assert "    by: str\n" in after["events.py"] and "    by: str\n" not in before["events.py"]
-    assert "    TWO_ORACLES = 2\n" in after["abi.py"]
+    after, events = generated(), "contracts/events.py"
+    assert "    by: str\n" in after[events] and "    by: str\n" not in before[events]
+    assert "    TWO_ORACLES = 2\n" in after["contracts/abi.py"]
 
 
 def test_every_event_has_a_record_or_is_ignored_on_purpose() -> None:

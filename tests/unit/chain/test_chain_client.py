@@ -8,11 +8,9 @@ from decimal import Decimal
 import pytest
 from eth_account import Account
 
-from rodeo.chain.abi import Cause, Fault, Finding, Ruling, ServiceState, TaskRequest, TaskState
 from rodeo.chain.client import ChainClient
-from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed
-from rodeo.chain.events import (
+from rodeo.chain.contracts.abi import Cause, Fault, Finding, Ruling, ServiceState, TaskRequest, TaskState
+from rodeo.chain.contracts.events import (
     ProofSubmitted,
     Reported,
     Ruled,
@@ -25,8 +23,10 @@ from rodeo.chain.events import (
     TaskSettled,
     Transfer,
 )
-from rodeo.chain.types import ZERO_ADDRESS, Event, Role
-from rodeo.currency import IEC
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Event, Role
+from rodeo.chain.encoding import Call
+from rodeo.chain.node.errors import ChainUnavailable, ContractReverted, RpcFailed
+from rodeo.money.currency import IEC
 from tests.support.organization import KIND, PROOF, REPORT, Organization
 from tests.support.site import free_port
 from tests.support.views import logs_of, view

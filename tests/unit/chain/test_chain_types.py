@@ -6,8 +6,8 @@ from decimal import Decimal
 
 import pytest
 
-from rodeo.chain.types import bytes32_to_kind, kind_to_bytes32
-from rodeo.currency import IEC
+from rodeo.chain.contracts.types import bytes32_to_kind, kind_to_bytes32
+from rodeo.money.currency import IEC
 
 
 @pytest.mark.parametrize(

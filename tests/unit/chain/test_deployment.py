@@ -13,20 +13,21 @@ from eth_utils import to_bytes
 
 from deploy import contracts
 from deploy.contracts import WithoutGasMoney
-from rodeo import keys, keystores, votes, wallets
 from rodeo.chain import artifacts
-from rodeo.chain.abi import Instance, Terms
 from rodeo.chain.client import ChainClient, connect
+from rodeo.chain.contracts.abi import Instance, Terms
+from rodeo.chain.contracts.events import Transfer
+from rodeo.chain.contracts.types import Role, kind_to_bytes32
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ChainError, ContractReverted, DeploymentMismatch, NotDeployed
-from rodeo.chain.events import Transfer
 from rodeo.chain.governance import batch_id
+from rodeo.chain.node.errors import ChainError, ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.proposals import WHY, Operation
-from rodeo.chain.types import Role, kind_to_bytes32
-from rodeo.config import AppealConfig, DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
-from rodeo.currency import IEC
+from rodeo.judging import votes
 from rodeo.kinds import kinds_of
+from rodeo.money.currency import IEC
+from rodeo.signing import keys, keystores, wallets
+from rodeo.site.config import AppealConfig, DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from tests.support.organization import CHAIN_ID, GENESIS_S, Organization, running_chain
 from tests.support.views import view
 

@@ -12,11 +12,11 @@ from pydantic import ValidationError
 from web3 import Web3
 
 from deploy import contracts, founding
-from rodeo.chain.abi import Terms
 from rodeo.chain.client import connect
-from rodeo.chain.errors import ContractReverted
-from rodeo.chain.types import Role
-from rodeo.config import BudgetConfig, GovernanceConfig, Site, TermsConfig, TokenConfig
+from rodeo.chain.contracts.abi import Terms
+from rodeo.chain.contracts.types import Role
+from rodeo.chain.node.errors import ContractReverted
+from rodeo.site.config import BudgetConfig, GovernanceConfig, Site, TermsConfig, TokenConfig
 from tests.support.organization import Organization, running_chain
 from tests.support.plain_token import create, init_code
 

@@ -6,14 +6,15 @@ import pytest
 from eth_abi import encode
 from eth_utils import keccak
 
-from rodeo.chain import artifacts, events
-from rodeo.chain.abi import Terms
+from rodeo.chain import artifacts
 from rodeo.chain.calls import OrganizationCalls
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import Terms
+from rodeo.chain.contracts.logs import decode_json_log, event_topics
+from rodeo.chain.contracts.types import ZERO_ADDRESS
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.governance import described
-from rodeo.chain.logs import decode_json_log, event_topics
 from rodeo.chain.proposals import protected_text, shown_text
-from rodeo.chain.types import ZERO_ADDRESS
 
 MEMBER = "0x" + "0a" * 20
 DEPLOYMENT = Deployment(

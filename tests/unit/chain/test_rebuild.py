@@ -13,9 +13,9 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from rodeo import possession, votes
-from rodeo.chain import artifacts, events
-from rodeo.chain.abi import (
+from rodeo.chain import artifacts
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import (
     Device,
     Fault,
     Finding,
@@ -33,12 +33,14 @@ from rodeo.chain.abi import (
     Terms,
     Windows,
 )
+from rodeo.chain.contracts.logs import Log
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Policy, Role
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ContractReverted
-from rodeo.chain.logs import Log
+from rodeo.chain.node.errors import ContractReverted
 from rodeo.chain.reputation import Work
-from rodeo.chain.types import ZERO_ADDRESS, Policy, Role
-from rodeo.currency import IEC
+from rodeo.judging import votes
+from rodeo.money.currency import IEC
+from rodeo.signing import possession
 from services.bridge.index import Index, Page, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, founded
 from tests.support.views import view

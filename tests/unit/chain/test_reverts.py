@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from eth_abi import encode
 
-from rodeo.chain.translation import decode_revert
+from rodeo.chain.node.translation import decode_revert
 from tests.support.evm import error_string
 
 

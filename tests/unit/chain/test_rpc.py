@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from rodeo import redaction
-from rodeo.chain import answers, rpc
-from rodeo.chain.answers import Refusal
 from rodeo.chain.client import connect
-from rodeo.chain.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RateLimited
-from rodeo.chain.habits import Habits
-from rodeo.chain.rpc import Rpc
-from rodeo.chain.translation import translated
+from rodeo.chain.node import answers, rpc
+from rodeo.chain.node.answers import Refusal
+from rodeo.chain.node.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RateLimited
+from rodeo.chain.node.habits import Habits
+from rodeo.chain.node.rpc import Rpc
+from rodeo.chain.node.translation import translated
+from rodeo.text import redaction
 from tests.support.bad_answers import (
     BAD_BODIES,
     BLOCK,

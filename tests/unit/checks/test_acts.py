@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from rodeo.bus.messages import DaoEvent
 from rodeo.checks.acts import Act, ConsumedActs, MalformedAct, Spent, Wait, acts_unspent
-from rodeo.messages import DaoEvent
 
 DROP = "bin/itrash/drop/7"
 STORE = "file:///store"

@@ -9,15 +9,15 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from rodeo import topics
-from rodeo.checks import replay
 from rodeo.checks.counts import BURST_S, COUNTS, SIGNED_HZ, TALKATIVE, Counts, counts_of
+from rodeo.checks.motion import replay
 from rodeo.checks.report import Report
-from rodeo.config import Site
 from rodeo.evidence.attestation import attest
 from rodeo.kinds import kinds_of
 from rodeo.robot.recording import recorded_topics
 from rodeo.ros2.types import new
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
 from rodeo_testing.assignments import ROBOT, chain_record
 from rodeo_testing.recordings import Sample, Take, shifted_by

@@ -9,11 +9,11 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
+from rodeo.bus.messages import Device, Root
 from rodeo.checks.case import ChainRecord
-from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.evidence.store import Store
-from rodeo.messages import Device, Root
+from rodeo.site.config import Site
 from rodeo.witness.days import DayLog, day_of
 from rodeo.witness.statement import digest
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record

@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.checks import grip
 from rodeo.checks.case import Case
-from rodeo.checks.kinematics import kinematics_of
-from rodeo.checks.replay import Motion, Perturbation, Replay, World, compartment_at, replay_of
+from rodeo.checks.motion import grip
+from rodeo.checks.motion.kinematics import kinematics_of
+from rodeo.checks.motion.replay import Motion, Perturbation, Replay, World, compartment_at, replay_of
 from rodeo.checks.verify import case_of
-from rodeo.config import Site
 from rodeo.evidence.proof import open_proof
 from rodeo.lab.body import joint_names
 from rodeo.lab.world import arm_model
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Sample, Take, seal

@@ -10,10 +10,10 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
+from rodeo.bus.messages import Device
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.messages import Device
 from rodeo.witness.statement import digest
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rodeo.checks.poses import clock_ahead_s
-from rodeo.checks.replay import replay_of
+from rodeo.checks.motion.poses import clock_ahead_s
+from rodeo.checks.motion.replay import replay_of
 from rodeo.checks.verify import case_of
-from rodeo.config import Site
 from rodeo.evidence.proof import open_proof
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.noise import HEAVY, Noise, noisy

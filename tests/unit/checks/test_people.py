@@ -9,11 +9,11 @@ from eth_account import Account
 
 from rodeo.checks.report import Check, Report
 from rodeo.checks.verify import verify_file
-from rodeo.clock import WallClock
-from rodeo.config import Site
 from rodeo.evidence.recorder import Recorder
+from rodeo.host.clock import WallClock
 from rodeo.kinds import kinds_of
-from rodeo.topics import EVENT_CHANNEL
+from rodeo.site.config import Site
+from rodeo.site.topics import EVENT_CHANNEL
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING
 from rodeo_testing.recordings import Sample, Take

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rodeo.checks.case import CaseError
-from rodeo.checks.phases import FALL_S, find_phases
-from rodeo.checks.poses import Pose
+from rodeo.checks.motion.phases import FALL_S, find_phases
+from rodeo.checks.motion.poses import Pose
 from rodeo.evidence.series import Array
 
 PERIOD_S = 0.02

@@ -10,8 +10,8 @@ import pytest
 from mujoco import rollout
 
 from rodeo.checks.verify import verify_proof
-from rodeo.config import Site
 from rodeo.evidence.proof import Proof, open_proof
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, open_sealed, seal

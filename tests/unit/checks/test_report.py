@@ -8,7 +8,7 @@ from decimal import Decimal
 import pytest
 
 from rodeo.checks.report import Check, Report, describe, equal, undecided
-from rodeo.strict_json import read_json
+from rodeo.text.strict_json import read_json
 
 PASSED = Check(name="fine", passed=True)
 SKIPPED = Check(name="not_asked", passed=None)

@@ -16,8 +16,8 @@ from pydantic import BaseModel
 
 from rodeo.checks import rules
 from rodeo.checks.rules import Source, rules_hash
-from rodeo.config import RateConfig
 from rodeo.kinds import Kind, KindError, load
+from rodeo.site.config import RateConfig
 from rodeo.vision.classification import model_sha256
 
 CHECKS = '''"""Is the robot there?"""
@@ -157,31 +157,31 @@ def test_a_kind_that_people_judge_has_no_rules() -> None:
 
 
 BEHIND = {
-    "rodeo.budget": "how often somebody may ask",
-    "rodeo.bus": "carries messages",
-    "rodeo.chain.abi": "names of what is on chain",
+    "rodeo.host.budget": "how often somebody may ask",
+    "rodeo.bus.session": "carries messages",
+    "rodeo.chain.contracts.abi": "names of what is on chain",
     "rodeo.chain.artifacts": "names of what is on chain",
-    "rodeo.chain.errors": "what a node or a contract refuses",
+    "rodeo.chain.node.errors": "what a node or a contract refuses",
     "rodeo.chain.proposals": "what members decide about",
-    "rodeo.chain.types": "names of what is on chain",
-    "rodeo.clock": "whose time a process goes by",
+    "rodeo.chain.contracts.types": "names of what is on chain",
+    "rodeo.host.clock": "whose time a process goes by",
     "rodeo.dao": "asks the organization's index",
-    "rodeo.durations": "times in words",
-    "rodeo.endpoint": "addresses of processes",
+    "rodeo.display.formatting": "times in words",
+    "rodeo.site.endpoint": "addresses of processes",
     "rodeo.evidence.recorder": "writes recordings",
     "rodeo.evidence.upload": "stores recordings",
     "rodeo.evidence.writer": "writes recordings",
     "rodeo.lab.rooms": "a site's own walls",
-    "rodeo.metrics": "counts",
+    "rodeo.host.metrics": "counts",
     "rodeo.person.statement": "writes recordings",
-    "rodeo.proxies": "ways to servers",
-    "rodeo.queries": "shapes of what the index answers",
-    "rodeo.receiving": "carries messages",
-    "rodeo.rewards": "what is offered for work",
-    "rodeo.rulings": "who rules on what is on chain",
-    "rodeo.signed_requests": "signs for relayers",
-    "rodeo.tls": "certificates",
-    "rodeo.votes": "what judges sign",
+    "rodeo.host.proxies": "ways to servers",
+    "rodeo.bus.queries": "shapes of what the index answers",
+    "rodeo.bus.receiving": "carries messages",
+    "rodeo.money.rewards": "what is offered for work",
+    "rodeo.judging.rulings": "who rules on what is on chain",
+    "rodeo.chain.signed_requests": "signs for relayers",
+    "rodeo.site.tls": "certificates",
+    "rodeo.judging.votes": "what judges sign",
 }
 """What is imported behind `UNDECIDING` alone, and why it decides nothing."""
 
@@ -189,7 +189,7 @@ BEHIND = {
 @pytest.mark.parametrize(
     ("kind", "more"),
     [
-        ("waste_disposal", {"rodeo.currency": "a cleaning is paid its price, in no parts"}),
+        ("waste_disposal", {"rodeo.money.currency": "a cleaning is paid its price, in no parts"}),
         (
             "battery_charging",
             {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rodeo.checks.gripper import LONGEST_OFF_S, most_of
+from rodeo.checks.motion.gripper import LONGEST_OFF_S, most_of
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rodeo.checks.smoothing import smoothed
+from rodeo.checks.motion.smoothing import smoothed
 
 TIME_S = np.arange(0.0, 30.0, 0.02)
 

@@ -11,8 +11,8 @@ import pytest
 
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.results import reads, sources_read
-from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, watched
 from rodeo_testing.assignments import EXECUTOR
 from rodeo_testing.recordings import Sample, Take, Witnesses

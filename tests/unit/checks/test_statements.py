@@ -9,8 +9,8 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from rodeo.checks import statements as module
-from rodeo.checks.statements import MAX_BAD_SIGNATURES, Recorded
+from rodeo.checks.signed import statements as module
+from rodeo.checks.signed.statements import MAX_BAD_SIGNATURES, Recorded
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.witness.statement import Removal, Scope, payload_digest
 

@@ -11,9 +11,9 @@ import pytest
 from rodeo.checks import verify
 from rodeo.checks.case import Case, CaseError, Checks
 from rodeo.checks.report import Finding, Report
-from rodeo.config import Site
 from rodeo.kinds import KindError
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.site.config import Site
 from tests.support.site import LAB
 from tests.unit.person.test_statement import JPEG, by_another_program
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_cli import app, bins
 from tests.support.site import LAB
 

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.config import Site
+from rodeo.chain.signed_requests import AbandonTask, AcceptTask, CancelTask, SubmitProof
 from rodeo.errors import InvalidRequest, QueryTimeout
-from rodeo.signed_requests import AbandonTask, AcceptTask, CancelTask, SubmitProof
+from rodeo.site.config import Site
 from rodeo_cli import app, common
 from rodeo_cli.common import send_command, write_file
 from rodeo_testing.waiting import HANG_S, wait_until

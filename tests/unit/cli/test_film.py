@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from rodeo import topics
 from rodeo.checks.case import CaseError
-from rodeo.config import Site
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.render import RendererUnavailable
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo_cli.film import Film, write
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, seal

@@ -15,11 +15,11 @@ from pydantic import BaseModel
 from rich.console import Console
 from typer.testing import CliRunner
 
-from rodeo import messages
-from rodeo.bus import validate
-from rodeo.chain.errors import ContractReverted
-from rodeo.chain.translation import why_unanswered
-from rodeo.charging import ChargingParams
+from rodeo.bus import messages
+from rodeo.bus.session import validate
+from rodeo.chain.node.errors import ContractReverted
+from rodeo.chain.node.translation import why_unanswered
+from rodeo.charging.orders import ChargingParams
 from rodeo.checks.report import Check, Report, at_most, equal, skipped
 from rodeo.commands import Command
 from rodeo.commands.devices import RegisterDevice
@@ -27,14 +27,14 @@ from rodeo.commands.judging import Challenge
 from rodeo.commands.organization import AllowKind, SetTerms
 from rodeo.commands.tasks import RegisterTask
 from rodeo.commands.treasury import Deposit
-from rodeo.config import Site
+from rodeo.display.formatting import phrase
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo.person.pace import running_out_s
+from rodeo.site.config import Site
 from rodeo_cli import app, common, disputes, formatting, forms, organization, robot, tasks
 from rodeo_cli import report as report_command
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
-from services.console.formatting import phrase
 from tests.support.command import tree
 from tests.support.site import LAB
 from tests.support.tasks import task as whole_task

@@ -18,16 +18,16 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.config import Site
+from rodeo.access.accounts import Accounts, accounts_path
+from rodeo.access.roles import Role
+from rodeo.bus.messages import Status
 from rodeo.errors import RemoteError
-from rodeo.messages import Status
-from rodeo.processes import processes_of
+from rodeo.site.config import Site
+from rodeo.site.processes import processes_of
 from rodeo_cli import app, budget_votes, common, organization, people, proposals, robot, tasks
 from rodeo_cli import site as site_commands
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
-from services.console.accounts import Accounts, accounts_path
-from services.console.roles import Role
 from tests.support.command import tree
 from tests.support.site import LAB, write_site
 

@@ -14,9 +14,9 @@ from eth_account import Account
 from typer.testing import CliRunner
 
 from rodeo.checks.rules import rules_hash
-from rodeo.config import Site
+from rodeo.judging.votes import possession
 from rodeo.kinds import kinds_of, load
-from rodeo.votes import possession
+from rodeo.site.config import Site
 from rodeo_cli import app, forms, organization
 from rodeo_testing import answers
 from tests.support.site import LAB
@@ -110,7 +110,7 @@ def test_a_judge_signs_that_it_sits_for_its_owner(monkeypatch: pytest.MonkeyPatc
         yield Site.load(LAB), None
 
     monkeypatch.setattr(organization, "connected", connected)
-    monkeypatch.setattr("rodeo.keystores.open_key", lambda *_: key)
+    monkeypatch.setattr("rodeo.signing.keystores.open_key", lambda *_: key)
     monkeypatch.setattr(
         organization.queries, "ask", lambda _bus, _org, query, **_: query.answer.model_validate(asked[query])
     )

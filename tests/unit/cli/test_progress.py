@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from rodeo.messages import Status
+from rodeo.bus.messages import Status
 from rodeo_cli.progress import NoProgress, Patience, TooSlow, cpu_s, duration, told_by
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import Site
 from rodeo.errors import ConfigError
 from rodeo.lab.config import SHAPE_NAMES
 from rodeo.lab.items import SHAPES
+from rodeo.site.config import Site
 from rodeo_cli.site_check import check
 from rodeo_cli.toml_lines import lines_of
 from tests.support.site import LAB

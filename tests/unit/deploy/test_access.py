@@ -6,10 +6,17 @@ import pytest
 import zenoh
 
 from deploy.access import access_control, everybody
-from rodeo import topics
-from rodeo.config import JudgeConfig, OtherBridgeConfig, Site, agent_process, body_identity, oracle_process
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
+from rodeo.site import topics
+from rodeo.site.config import (
+    JudgeConfig,
+    OtherBridgeConfig,
+    Site,
+    agent_process,
+    body_identity,
+    oracle_process,
+)
+from rodeo.site.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
 from tests.support.site import LAB
 
 

@@ -13,8 +13,8 @@ import zenoh
 
 from deploy.access import access_control, commands_of, everybody
 from rodeo.commands import COMMANDS
-from rodeo.config import JudgeConfig, OtherBridgeConfig, ParticipantConfig, Site
 from rodeo.lab.config import Pose2, RobotConfig
+from rodeo.site.config import JudgeConfig, OtherBridgeConfig, ParticipantConfig, Site
 from services.bridge.wallet import KNOWN
 from tests.support.site import LAB
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from deploy.contracts import _told
-from rodeo import keystores, wallets
-from rodeo.chain.abi import Windows
-from rodeo.config import KindConfig, Site
+from rodeo.chain.contracts.abi import Windows
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import KindConfig, Site
 from tests.support.organization import KIND, founded
 from tests.support.site import write_site
 

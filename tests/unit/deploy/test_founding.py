@@ -14,17 +14,18 @@ from web3 import Web3
 from web3.types import TxReceipt
 
 from deploy import contracts, founding
-from rodeo import keystores, wallets
-from rodeo.chain import artifacts, registry, transactions
+from rodeo.chain import artifacts, registry
 from rodeo.chain.client import ChainClient, connect
+from rodeo.chain.contracts.types import Role
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainUnavailable, ContractReverted
+from rodeo.chain.node import transactions
+from rodeo.chain.node.errors import ChainUnavailable, ContractReverted
 from rodeo.chain.registry import Registry
-from rodeo.chain.types import Role
-from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig, Site
-from rodeo.deploying import deployment_under_way
 from rodeo.errors import ConfigError
 from rodeo.kinds import kinds_of
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig, Site
+from rodeo.site.deploying import deployment_under_way
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
 

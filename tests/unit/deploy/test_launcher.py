@@ -11,7 +11,7 @@ import pytest
 
 from deploy import launcher as launcher_module
 from deploy.launcher import LONGEST_PAUSE_S, AllGaveUp, Launcher
-from rodeo.instance import GAVE_UP
+from rodeo.host.instance import GAVE_UP
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import write_site
 

@@ -22,12 +22,12 @@ from deploy import contracts
 from deploy import prepare as module
 from deploy.contracts import OtherRelease, WithoutGasMoney
 from deploy.prepare import prepare
-from rodeo import keystores, wallets
 from rodeo.chain import artifacts
 from rodeo.chain.client import connect
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import ChainUnavailable
-from rodeo.config import Site
+from rodeo.chain.node.errors import ChainUnavailable
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import Site
 from rodeo_cli import app
 from rodeo_cli.wallets import accounts
 from rodeo_testing.waiting import HANG_S

@@ -7,9 +7,9 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from rodeo.config import Site
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofTooLarge, ProofUriNotAllowed
 from rodeo.evidence.store import Store
+from rodeo.site.config import Site
 from tests.support.site import LAB
 
 DATA = b"a proof" * 1000

@@ -15,10 +15,10 @@ import fsspec
 import pytest
 from moto.server import ThreadedMotoServer
 
-from rodeo.config import Site
 from rodeo.evidence import upload
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofTooLarge, StoreUnavailable
 from rodeo.evidence.store import Store
+from rodeo.site.config import Site
 from tests.support.site import LAB, free_port
 
 DATA = os.urandom(3 << 20)

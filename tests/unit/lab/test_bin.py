@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.config import ItemClass, ItemConfig, Pose2
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import begin, build_world, scale_weight_n
+from rodeo.site.config import Site
 from tests.support.site import LAB
 
 GRAVITY = 9.81

@@ -5,12 +5,12 @@ import math
 import mujoco
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.body import Body
 from rodeo.lab.config import ItemClass, ItemConfig, Pose2
 from rodeo.lab.items import SHAPES
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
 from rodeo.lab.world import begin, build_world, scale_weight_n
+from rodeo.site.config import Site
 from rodeo_testing.operator import Operator
 from tests.support.site import LAB
 

@@ -8,22 +8,22 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.checks.arm import arm_commanded, joint_range
-from rodeo.checks.kinematics import kinematics_of
+from rodeo.checks.motion.arm import arm_commanded, joint_range
+from rodeo.checks.motion.kinematics import kinematics_of
 from rodeo.checks.verify import case_of
-from rodeo.config import Site
 from rodeo.errors import ConfigError
 from rodeo.evidence.proof import open_proof
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.body import Body
 from rodeo.lab.config import PosturesConfig
-from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import arm_model, begin, build_world, robot_model
 from rodeo.robot.arm import Arm, pointing_down
+from rodeo.site.config import Site
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Camera, FilmedOperator, Take, seal
 from services.console.scene import arm_drawing
 from services.robot_sim.simulation import Simulation
+from services.robot_sim.urdf import to_urdf
 from tests.support.arms import JOINTS, with_arm
 
 

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.errors import ConfigError
 from rodeo.lab.arm import GRASP_SITE
 from rodeo.lab.body import Body
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.sensors import Lidar
-from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import CAMERA_SITE, ROBOT_XML, begin, build_world, robot_model, robot_spec
+from rodeo.site.config import Site
+from services.robot_sim.urdf import to_urdf
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from rodeo.config import Site
 from rodeo.errors import ConfigError
 from rodeo.lab.config import LabConfig, Pose2
 from rodeo.lab.rooms import DoorConfig, RoomConfig, walls
 from rodeo.lab.world import build_world
 from rodeo.robot.navigation import Floor
+from rodeo.site.config import Site
 from services.robot_sim.planner import Map, PlanningFailed, plan
 from tests.support.site import LAB
 

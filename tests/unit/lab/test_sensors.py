@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.lab.layout import BUMPER_M
 from rodeo.lab.sensors import WRIST_CAMERA, DepthCamera, Lidar
 from rodeo.lab.world import CAMERA_SITE, begin, build_world
+from rodeo.site.config import Site
 from tests.support.site import LAB
 
 Lab = tuple[mujoco.MjModel, mujoco.MjData]

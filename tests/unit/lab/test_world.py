@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.body import Body, Twist2, joint_names
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import wrap
 from rodeo.lab.world import CONTROL_STEPS, arm_model, begin, build_world, robot_model
+from rodeo.site.config import Site
 from tests.support.site import LAB
 
 

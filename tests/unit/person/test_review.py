@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from eth_account import Account
 
-from rodeo.config import Site
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import A, Query
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
-from rodeo.messages import Task
 from rodeo.person.photo_code import photo_code
 from rodeo.person.review import Review, Reviewer
 from rodeo.person.statement import PHOTO_TOPIC, PHOTO_TYPE, NotSubmitted, photo_cdr
-from rodeo.queries import A, Query
+from rodeo.site.config import Site
 from rodeo_testing import answers
 from tests.support.site import LAB
 from tests.support.tasks import task

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from eth_account import Account
 
-from rodeo.config import Site
+from rodeo.bus.messages import Ruling
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
-from rodeo.messages import Ruling
 from rodeo.person.statement import (
     MAX_PHOTO_BYTES,
     PHOTO_TOPIC,
@@ -36,6 +35,7 @@ from rodeo.person.statement import (
     photo_cdr,
     read_statement,
 )
+from rodeo.site.config import Site
 from tests.support.site import LAB
 from tests.support.tasks import task
 

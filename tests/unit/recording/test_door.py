@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo import topics
 from rodeo.recording.door import MessageDoor, Refusal, Refusals
 from rodeo.ros2 import types
 from rodeo.ros2.base import MessageInfo
-from rodeo.topics import Plane, Topic
+from rodeo.site import topics
+from rodeo.site.topics import Plane, Topic
 
 START_NS = 1_800_000_000 * 10**9
 PERIOD_NS = 20_000_000

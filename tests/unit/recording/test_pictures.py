@@ -12,7 +12,7 @@ import pytest
 
 from rodeo.recording.pictures import PictureFetcher
 from rodeo.ros2 import types
-from rodeo.topics import BIN_IMAGE
+from rodeo.site.topics import BIN_IMAGE
 from rodeo.witness.statement import Classification, Drop
 from rodeo_testing.waiting import HANG_S
 from tests.unit.robot.fakes import BIN, payload_of

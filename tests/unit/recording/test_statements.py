@@ -12,10 +12,10 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
 from rodeo.evidence.attestation import Attestation, attest
-from rodeo.keystores import SiteDevice
 from rodeo.recording import statements as statements_module
 from rodeo.recording.door import Refusal, Refusals
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
+from rodeo.signing.keystores import SiteDevice
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.devices import Device
 from rodeo.witness.heads import HeadBook

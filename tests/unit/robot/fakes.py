@@ -14,10 +14,9 @@ import mujoco
 import numpy as np
 from eth_account import Account
 
-from rodeo.clock import WallClock
-from rodeo.config import Site
 from rodeo.errors import NoResponder, RodeoError
 from rodeo.evidence.attestation import Attestation, attest
+from rodeo.host.clock import WallClock
 from rodeo.lab.config import ItemConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose, shape_of
@@ -39,6 +38,7 @@ from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import View
 from rodeo.robot.ros_body import Grip, Joints
+from rodeo.site.config import Site
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal

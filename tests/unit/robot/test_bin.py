@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo.config import Site
 from rodeo.errors import MalformedAnswer, RemoteError
 from rodeo.evidence.attestation import verify_attestation
 from rodeo.robot import bin as bin_module
 from rodeo.robot.bin import SmartBin
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
+from rodeo.site.config import Site
 from rodeo.witness import devices as devices_module
 from rodeo.witness.statement import Classification, Drop, Presentation, Removal, parse
 from rodeo_testing.waiting import HANG_S, wait_until

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from rodeo.lab.config import BatteryConfig
-from rodeo.robot.energy import Consumption, EnergyMeter, battery_suffices
 from rodeo.robot.errors import JournalBroken
+from services.robot_agent.energy import Consumption, EnergyMeter, battery_suffices
 
 BATTERY = BatteryConfig(capacity_wh=700.0)
 

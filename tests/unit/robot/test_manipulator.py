@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.lab.layout import dock_parking
 from rodeo.robot.memory import Memory
+from rodeo.site.config import Site
 from tests.support.site import LAB
 from tests.unit.robot.fakes import KinematicBody, ManualClock, RayCamera, manipulator
 

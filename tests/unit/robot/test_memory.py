@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import Site
 from rodeo.robot.errors import JournalBroken
 from rodeo.robot.memory import Held, Memory
+from rodeo.site.config import Site
 from tests.support.site import LAB
 
 SITE = Site.load(LAB)

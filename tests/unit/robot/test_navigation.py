@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import Rectangle
 from rodeo.lab.layout import FOOTPRINT_RADIUS_M, PICK_DISTANCE_M, BinLayout, footprint
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor, in_base_frame
+from rodeo.site.config import Site
 from tests.support.site import LAB
 
 SITE = Site.load(LAB)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2, PosturesConfig
 from rodeo.lab.items import SHAPES, rest_pose, shape_of, top_grasps
 from rodeo.robot.arm import Arm, pointing_down
 from rodeo.robot.errors import NotFound
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Cloud, View, best, cloud, clusters, level
+from rodeo.site.config import Site
 from tests.support.site import LAB
 from tests.unit.robot.fakes import KinematicBody, ManualClock, RayCamera
 

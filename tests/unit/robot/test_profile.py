@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from rodeo.robot.arm import RestToRest
 from rodeo.robot.errors import Unreachable
-from rodeo.robot.profile import RestToRest
 
 
 def problems(count: int) -> list[list[float]]:

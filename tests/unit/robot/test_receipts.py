@@ -10,12 +10,12 @@ from typing import Any, cast
 
 import pytest
 
-from rodeo.config import Site
+from rodeo.charging.metering import STEP_WH
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.lab.config import BatteryConfig
-from rodeo.metering import STEP_WH
 from rodeo.robot.receipts import RESOLUTION_WH, Gauge, ReceiptPolicy, Receipts
 from rodeo.ros2.types import new
+from rodeo.site.config import Site
 from rodeo.witness import ocmf
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook

@@ -13,14 +13,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from rodeo import topics
-from rodeo.bus import Bus, zenoh_config
-from rodeo.clock import WallClock
-from rodeo.config import Site
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import Bus, zenoh_config
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import UNREADABLE, Recorder
-from rodeo.messages import DaoEvent
+from rodeo.host.clock import WallClock
 from rodeo.robot import recording as recording_module
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.interrupts import Interrupts
@@ -31,7 +29,9 @@ from rodeo.robot.recording import (
 )
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
-from rodeo.topics import Plane
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import Plane
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal

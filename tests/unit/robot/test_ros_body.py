@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import zenoh
 
-from rodeo.bus import zenoh_config
-from rodeo.clock import WallClock
-from rodeo.config import Site
+from rodeo.bus.session import zenoh_config
+from rodeo.host.clock import WallClock
+from rodeo.host.stamps import set_stamp
 from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.robot.arm import Trajectory
 from rodeo.robot.errors import BodySilent, MotionFailed, NoAnswer, Stopped
@@ -24,7 +24,7 @@ from rodeo.robot.ros_body import Latest, RosBody
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionServer, ServerGoal
 from rodeo.ros2.node import Node
-from rodeo.stamps import set_stamp
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import LAB, free_port
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from rodeo_cli import experiment
 from rodeo_experiments import report
 from rodeo_experiments.site import Variation

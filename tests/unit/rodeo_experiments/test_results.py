@@ -8,9 +8,9 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from rodeo.config import Site
-from rodeo.messages import Task
-from rodeo.queries import Person, Transaction, Transfer
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Person, Transaction, Transfer
+from rodeo.site.config import Site
 from rodeo_cli.experiment import PAPER
 from rodeo_experiments import paper
 from rodeo_experiments.arrivals import day_begins_s

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.config import Pose2
+from rodeo.site.config import Site
 from rodeo_cli.experiment import PAPER
 from rodeo_experiments import site as experiment_site
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace

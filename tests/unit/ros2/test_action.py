@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from rodeo.bus import zenoh_config
+from rodeo.bus.session import zenoh_config
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionClient, ActionServer, GoalStatus, ServerGoal
 from rodeo.ros2.errors import (

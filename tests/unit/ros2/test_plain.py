@@ -9,7 +9,7 @@ import pytest
 from rodeo.ros2 import definitions, plain, types
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.generate import generated
-from rodeo.topics import TOPICS
+from rodeo.site.topics import TOPICS
 
 BATTERY, SET_BOOL, WRENCH = (
     "sensor_msgs/msg/BatteryState",

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 
 import zenoh
 
-from rodeo import receiving
+from rodeo.bus import receiving
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import free_port
 
@@ -65,7 +65,7 @@ def test_the_end_of_a_query_is_told_after_its_answers() -> None:
 SESSIONS = """
 import json, threading, zenoh
 from contextlib import ExitStack
-from rodeo import receiving
+from rodeo.bus import receiving
 from tests.unit.ros2.test_receiving import HANG_S, free_port, opened
 for _ in range(5):
     endpoint, heard = f"tcp/127.0.0.1:{free_port()}", threading.Event()

@@ -18,11 +18,11 @@ from eth_account.signers.local import LocalAccount
 
 torch = pytest.importorskip("torch", reason="needs pip install -r training/requirements.txt")
 
-from rodeo.bus import Bus  # noqa: E402
-from rodeo.config import Site, bin_process  # noqa: E402
+from rodeo.bus.messages import Device  # noqa: E402
+from rodeo.bus.session import Bus  # noqa: E402
 from rodeo.errors import BusUnavailable  # noqa: E402
 from rodeo.evidence.attestation import attest  # noqa: E402
-from rodeo.messages import Device  # noqa: E402
+from rodeo.site.config import Site, bin_process  # noqa: E402
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS, digest, load_preprocessing  # noqa: E402
 from rodeo.vision.classifier import Classifier, to_input  # noqa: E402
 from rodeo.vision.images import decode_image  # noqa: E402

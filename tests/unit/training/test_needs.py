@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rodeo.config import Site
+from rodeo.site.config import Site
 from tests.support.site import LAB
 from training import __main__ as command
 from training import crossed, needs, others

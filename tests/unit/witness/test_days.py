@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from eth_account import Account
 
+from rodeo.bus.queries import A, Query
 from rodeo.commands.devices import PostRoot
-from rodeo.config import Site
 from rodeo.errors import NoResponder, RemoteError
 from rodeo.evidence.errors import BadAttestation, BadStatement, StoreUnavailable
 from rodeo.evidence.store import Store
-from rodeo.queries import A, Query
+from rodeo.site.config import Site
 from rodeo.witness import roots
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.days import DAY_S, Days, SignedDay, lacks

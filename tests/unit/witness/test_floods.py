@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo.budget import CheckBudget
 from rodeo.evidence.seal import Binding, RunningHash, SealChain
+from rodeo.host.budget import CheckBudget
 from rodeo.witness import witness as witness_module
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import RECORDINGS, HeadBook

@@ -10,8 +10,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from pyocmf import OCMF
 
-from rodeo import secp256k1
 from rodeo.evidence.errors import BadStatement
+from rodeo.signing import secp256k1
 from rodeo.witness import ocmf
 from rodeo.witness.statement import Head, MeterRecord
 from rodeo_testing.assignments import METER, ROBOT

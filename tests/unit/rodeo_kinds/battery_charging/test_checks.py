@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
+from rodeo.bus.messages import DaoEvent
 from rodeo.checks.acts import Act, ConsumedActs, Spent
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
-from rodeo.config import KindConfig, RateConfig, Site, TokenConfig
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.tally import RESUMED
-from rodeo.messages import DaoEvent
-from rodeo.topics import ATTESTATION_CHANNEL
+from rodeo.site.config import KindConfig, RateConfig, Site, TokenConfig
+from rodeo.site.topics import ATTESTATION_CHANNEL
 from rodeo.witness import ocmf
 from rodeo.witness.statement import Header, MeterRecord, Receipt
 from rodeo_kinds.battery_charging.harness.film import (

@@ -9,12 +9,10 @@ from typing import Any
 
 import pytest
 
-from rodeo.config import Site
 from rodeo.evidence.recorder import Recorder
 from rodeo.lab.config import Pose2
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
-from rodeo.lab.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
 from rodeo.robot import bin as bin_module
 from rodeo.robot.behaviour import Estimate, Robot, Work
@@ -23,10 +21,12 @@ from rodeo.robot.errors import GraspFailed, MotionFailed, Stopped, TaskFailed
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
+from rodeo.site.config import Site
 from rodeo.witness.statement import Classification, Drop
 from rodeo_kinds.waste_disposal import behaviour as cleaning_module
 from rodeo_kinds.waste_disposal.behaviour import WasteDisposal, ordered
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_kinds.waste_disposal.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Sample, Take
 from tests.support.site import LAB

@@ -13,10 +13,8 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
-from rodeo import topics
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.verify import verify_file
-from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import UNREADABLE, Recorder
@@ -25,6 +23,8 @@ from rodeo.lab.body import joint_names
 from rodeo.lab.config import BinConfig, ItemClass, Pose2
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.lab.world import arm_model
+from rodeo.site import topics
+from rodeo.site.config import Site
 from rodeo.vision.classification import Classification as Answer
 from rodeo.vision.classification import thresholds_sha256
 from rodeo.witness.poses import pack, unpack

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rodeo.topics import TOPICS, Form, Plane
+from rodeo.site.topics import TOPICS, Form, Plane
 from rodeo_kinds.waste_disposal import KIND
 
 

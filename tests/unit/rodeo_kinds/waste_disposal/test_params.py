@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from rodeo.messages import Task
+from rodeo.bus.messages import Task
 from rodeo_kinds.waste_disposal.params import doubt
 
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from rodeo import topics
 from rodeo.checks.case import CaseError
 from rodeo.checks.report import Finding
 from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.ros2 import types
+from rodeo.site import topics
 from rodeo.vision.classification import (
     MODEL_DIR,
     PREPROCESSING,

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from rodeo.checks.case import ChainRecord
-from rodeo.config import Site
 from rodeo.evidence.attestation import Attestation
 from rodeo.robot.errors import NotFound
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
 from rodeo_testing.recordings import Sample, Take, Witnesses, moved
 from rodeo_testing.workshop import resting, told

@@ -10,7 +10,7 @@ import pytest
 
 from deploy.chain.server import RpcServer
 from rodeo.chain.deployment import Deployment
-from rodeo.config import Site
+from rodeo.site.config import Site
 from services.bridge import orders, outcomes, signer
 from tests.support.bridge_wallet import Robot
 from tests.support.chain import CHAIN_ID, EmbeddedChain, FaultyNode

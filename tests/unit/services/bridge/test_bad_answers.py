@@ -15,14 +15,14 @@ import pytest
 from eth_account import Account
 
 from deploy.chain.errors import RpcError
-from rodeo import wallets
-from rodeo.chain.errors import (
+from rodeo.chain.node.errors import (
     ChainError,
     ChainUnavailable,
     ContractReverted,
     TransactionFailed,
     TransactionTimeout,
 )
+from rodeo.signing import wallets
 from rodeo_testing.waiting import wait_until
 from services.bridge import orders, process, readiness
 from services.bridge.chain import Chain

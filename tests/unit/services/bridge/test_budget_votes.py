@@ -10,13 +10,12 @@ from typing import Any
 
 import pytest
 
-from rodeo import keystores
-from rodeo.bus import Request
+from rodeo.bus.session import Request
 from rodeo.chain import artifacts
 from rodeo.chain.encoding import Call
-from rodeo.chain.errors import ContractReverted
+from rodeo.chain.node.errors import ContractReverted
+from rodeo.chain.node.translation import decode_revert
 from rodeo.chain.proposals import BUDGET_CREDITS, SUPPORT, shares
-from rodeo.chain.translation import decode_revert
 from rodeo.commands.errors import (
     AlreadyProposed,
     HasToBeProposed,
@@ -30,8 +29,9 @@ from rodeo.commands.errors import (
     UnknownBudgetVote,
 )
 from rodeo.commands.governance import OpenBudgetVote
-from rodeo.config import BudgetConfig, GovernanceConfig, ParticipantConfig
 from rodeo.errors import InvalidRequest
+from rodeo.signing import keystores
+from rodeo.site.config import BudgetConfig, GovernanceConfig, ParticipantConfig
 from services.bridge.wallet import parse
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, founded

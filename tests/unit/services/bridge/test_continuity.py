@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from eth_account.signers.local import LocalAccount
 
-from rodeo import keystores, wallets
-from rodeo.config import Site
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import Site
 from services.bridge.continuity import Continuity, give_up_journal, open_journal
 from services.bridge.errors import JournalDamaged, JournalIncomplete
 from services.bridge.journal import Journal

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from eth_utils import keccak, to_checksum_address
 
+from rodeo.bus.messages import DaoEvent
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import InvalidAnswer
-from rodeo.messages import DaoEvent
+from rodeo.chain.node.errors import InvalidAnswer
 from services.bridge.follower import Follower
 from services.bridge.heads import Header
 from services.bridge.index import UNDONE, Index, sqlite_url

@@ -11,10 +11,19 @@ from typing import Any
 import pytest
 import sqlalchemy
 
-from rodeo.chain import events
-from rodeo.chain.abi import Cause, Fault, Instance, Namers, Revocation, Ruling, ServiceState, Windows
-from rodeo.chain.logs import Log
-from rodeo.chain.types import ZERO_ADDRESS, Event
+from rodeo.chain.contracts import events
+from rodeo.chain.contracts.abi import (
+    Cause,
+    Fault,
+    Instance,
+    Namers,
+    Revocation,
+    Ruling,
+    ServiceState,
+    Windows,
+)
+from rodeo.chain.contracts.logs import Log
+from rodeo.chain.contracts.types import ZERO_ADDRESS, Event
 from services.bridge import schema
 from services.bridge.errors import IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url

@@ -10,14 +10,14 @@ import pytest
 from eth_utils import to_checksum_address
 
 from rodeo.chain import artifacts
-from rodeo.chain.abi import Windows
 from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, RoleJudgeCalls
+from rodeo.chain.contracts.abi import Windows
 from rodeo.chain.deployment import Deployment
 from rodeo.commands.desk import Desk
 from rodeo.commands.errors import KindWithoutQuorum, KindWithoutRules, NoDispute, NotAJudge, UnknownKind
-from rodeo.currency import IEC
 from rodeo.errors import InvalidRequest
+from rodeo.money.currency import IEC
 from services.bridge.names import Names
 from services.bridge.wallet import parse
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rodeo.chain import rpc
-from rodeo.chain.errors import ContractReverted, RpcFailed
-from rodeo.chain.rpc import Rpc
+from rodeo.chain.node import rpc
+from rodeo.chain.node.errors import ContractReverted, RpcFailed
+from rodeo.chain.node.rpc import Rpc
 from services.bridge.node import Node
 from tests.support.bad_answers import BadNode, json_reply
 

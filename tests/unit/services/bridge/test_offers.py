@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from rodeo.messages import PATIENCE_S
-from rodeo.rulings import GRACE_S
+from rodeo.bus.messages import PATIENCE_S
+from rodeo.judging.rulings import GRACE_S
 from services.bridge.offers import Match, Update, due_matches, due_updates
 
 HERE = {"0x01": "alice"}

@@ -12,12 +12,11 @@ import pytest
 from eth_utils import to_bytes
 
 from deploy import contracts, founding
-from rodeo import keystores, wallets
 from rodeo.chain import contract_calls
 from rodeo.chain.client import ChainClient, connect
-from rodeo.chain.errors import ContractReverted
+from rodeo.chain.contracts.types import Role, TimelockRole
+from rodeo.chain.node.errors import ContractReverted
 from rodeo.chain.proposals import WHY
-from rodeo.chain.types import Role, TimelockRole
 from rodeo.commands import COMMANDS
 from rodeo.commands.errors import (
     ActsAtOnce,
@@ -28,8 +27,9 @@ from rodeo.commands.errors import (
     UnknownProposal,
 )
 from rodeo.commands.governance import CancelProposal, HandOver
-from rodeo.config import GovernanceConfig, ParticipantConfig
 from rodeo.errors import InvalidRequest
+from rodeo.signing import keystores, wallets
+from rodeo.site.config import GovernanceConfig, ParticipantConfig
 from tests.support.office import Office
 from tests.support.organization import GENESIS_S, Organization, founded, running_chain
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from rodeo.chain.errors import ContractReverted, RpcFailed
-from rodeo.config import Site
-from rodeo.rulings import GRACE_S
+from rodeo.chain.node.errors import ContractReverted, RpcFailed
+from rodeo.judging.rulings import GRACE_S
+from rodeo.site.config import Site
 from services.bridge.ends import End, Ends, late_verdicts, many_voids, own_rulings, send_end
 from services.bridge.index import Position
 from services.bridge.readiness import Probe, why_late

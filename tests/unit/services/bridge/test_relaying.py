@@ -8,14 +8,15 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo import signed_requests, typed_data
+from rodeo.bus.messages import SignedRequest, TypedSignature
+from rodeo.chain import signed_requests
 from rodeo.chain.encoding import Call
+from rodeo.chain.signed_requests import AbandonTask, AcceptTask, CancelTask, Challenge, Said, SubmitProof
 from rodeo.commands.desk import Desk
 from rodeo.commands.errors import NoPermit, NotSigned, OtherContracts
 from rodeo.commands.relaying import Requests
 from rodeo.errors import InvalidRequest
-from rodeo.messages import SignedRequest, TypedSignature
-from rodeo.signed_requests import AbandonTask, AcceptTask, CancelTask, Challenge, Said, SubmitProof
+from rodeo.signing import typed_data
 from services.bridge.wallet import Wallet, parse
 
 ROBOT = Account.from_key("0x" + "01" * 32)

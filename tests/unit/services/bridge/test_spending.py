@@ -13,8 +13,8 @@ from rodeo.commands import COMMANDS
 from rodeo.commands.desk import Desk
 from rodeo.commands.errors import DailyLimitReached
 from rodeo.commands.tasks import RaiseReward
-from rodeo.config import WalletLimits
-from rodeo.currency import ETHER, IEC
+from rodeo.money.currency import ETHER, IEC
+from rodeo.site.config import WalletLimits
 from services.bridge.errors import FeeTooHigh
 from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Limits, Market
 from services.bridge.wallet import Wallet, parse

@@ -14,11 +14,11 @@ import pytest
 import sqlalchemy
 
 from deploy.chain.errors import InternalError, TransactionRejected
-from rodeo.chain.errors import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
+from rodeo.chain.node.errors import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
 from rodeo.commands.errors import DailyLimitReached
-from rodeo.config import WalletLimits
-from rodeo.currency import ETHER, IEC
 from rodeo.errors import RemoteError
+from rodeo.money.currency import ETHER, IEC
+from rodeo.site.config import WalletLimits
 from services.bridge import orders, outcomes, signer
 from services.bridge.errors import (
     BridgeNotReady,

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from rodeo.chain.abi import Windows
+from rodeo.chain.contracts.abi import Windows
 from rodeo.commands.organization import AllowKind
-from rodeo.currency import IEC
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import MAX_WINDOW_S, PEOPLES_MIN_WINDOW_S, VERDICT_WINDOWS_S
+from rodeo.money.currency import IEC
 
 ON_CHAIN = {
     "min_window_s": 600,

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from rodeo.charging import ChargingParams
-from rodeo.clock import WallClock
+from rodeo.charging.metering import STEP_WH
+from rodeo.charging.orders import ChargingParams
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.seal import Binding
-from rodeo.metering import STEP_WH
+from rodeo.host.clock import WallClock
 from rodeo.recording.statements import Heard
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.types import new, serialize

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo.charging import ChargingParams
-from rodeo.config import ClockConfig, KindConfig, RateConfig, Site
+from rodeo.bus.messages import Task
+from rodeo.charging.orders import ChargingParams
 from rodeo.dao import ORGANIZATION, most_offers
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.seal import Binding
 from rodeo.kinds import providing_energy
-from rodeo.messages import Task
-from rodeo.topics import EVENT_CHANNEL
+from rodeo.site.config import ClockConfig, KindConfig, RateConfig, Site
+from rodeo.site.topics import EVENT_CHANNEL
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.recordings import Sample, Take
 from services.charger.job import BadTask, Job, JobBroken, is_for, recover, require_payable, wrong_order

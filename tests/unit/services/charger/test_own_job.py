@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from rodeo.clock import WallClock
-from rodeo.config import ClockConfig, Site
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.queries import A, Query
 from rodeo.dao import Assignment
 from rodeo.errors import NoResponder, RemoteError
+from rodeo.host.clock import WallClock
 from rodeo.kinds import providing_energy
-from rodeo.messages import DaoEvent, Task
-from rodeo.queries import A, Query
+from rodeo.site.config import ClockConfig, Site
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Sample, Take

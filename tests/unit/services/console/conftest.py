@@ -10,4 +10,4 @@ from argon2 import PasswordHasher
 def passphrases_are_hashed_cheaply(monkeypatch: pytest.MonkeyPatch) -> None:
     """As argon2id still, with the least work and memory: these passphrases protect nothing."""
     cheap = partial(PasswordHasher, time_cost=1, memory_cost=8, parallelism=1)
-    monkeypatch.setattr("services.console.accounts.PasswordHasher", cheap)
+    monkeypatch.setattr("rodeo.access.accounts.PasswordHasher", cheap)

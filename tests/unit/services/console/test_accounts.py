@@ -7,12 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.config import ConsoleConfig, ParticipantConfig, Site
-from rodeo.errors import InvalidRequest
-from rodeo_cli import app
-from rodeo_cli.accounts import login_link
-from services.console.accounts import Accounts, accounts_path, require_participant
-from services.console.errors import (
+from rodeo.access.accounts import Accounts, accounts_path, require_participant
+from rodeo.access.errors import (
     AccountExists,
     AccountsDamaged,
     LoginRefused,
@@ -20,7 +16,11 @@ from services.console.errors import (
     UnknownAccount,
     WeakPassphrase,
 )
-from services.console.roles import Role
+from rodeo.access.roles import Role
+from rodeo.errors import InvalidRequest
+from rodeo.site.config import ConsoleConfig, ParticipantConfig, Site
+from rodeo_cli import app
+from rodeo_cli.accounts import login_link
 from tests.support.site import LAB, write_site
 
 PASSPHRASE = "correct horse battery"
@@ -35,7 +35,7 @@ def path(tmp_path: Path) -> Path:
 def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Wall time as the accounts see it."""
     time_s = [1_800_000_000.0]
-    monkeypatch.setattr("services.console.accounts.time.time", lambda: time_s[0])
+    monkeypatch.setattr("rodeo.access.accounts.time.time", lambda: time_s[0])
     return time_s
 
 

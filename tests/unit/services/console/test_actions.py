@@ -5,6 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+from rodeo.access.accounts import User
+from rodeo.access.roles import Role
 from rodeo.commands.governance import (
     CancelProposal,
     CastBudgetVote,
@@ -13,9 +15,7 @@ from rodeo.commands.governance import (
     PayBudgetShare,
     QueueProposal,
 )
-from services.console.accounts import User
 from services.console.actions import ACTIONS
-from services.console.roles import Role
 
 
 def test_a_person_votes_only_as_the_member_that_it_is_whatever_else_it_may_do() -> None:

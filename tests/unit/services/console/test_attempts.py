@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rodeo.messages import DaoEvent
+from rodeo.bus.messages import DaoEvent
 from services.console.attempts import attempts, ended_s
 
 ROBOT, OTHER = "0x" + "1" * 40, "0x" + "2" * 40

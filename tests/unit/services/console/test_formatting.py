@@ -6,8 +6,8 @@ from decimal import Decimal
 
 import pytest
 
-from rodeo.queries import KindRules, Known, ProposedCall
-from services.console.formatting import (
+from rodeo.bus.queries import KindRules, Known, ProposedCall
+from rodeo.display.formatting import (
     calls_in_words,
     exact,
     iec,

@@ -7,11 +7,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from rodeo.access.accounts import User
+from rodeo.access.roles import Role
 from rodeo.commands import COMMANDS, Command
 from rodeo.commands.declare import example_of
-from services.console.accounts import User
 from services.console.actions import ACTIONS, Actions
-from services.console.roles import Role
 
 GOLDEN = Path(__file__).with_name("actions.txt")
 AGAIN = "look at the difference, and run: python -m tests.unit.services.console.test_forms"

@@ -11,7 +11,7 @@ from starlette.responses import PlainTextResponse
 from starlette.testclient import TestClient
 from starlette.types import Receive, Scope, Send
 
-from services.console.errors import NotLoggedIn
+from rodeo.access.errors import NotLoggedIn
 from services.console.guard import MAX_LOGIN_BODY_BYTES, Guard
 
 ORIGIN = "http://127.0.0.1:8088"

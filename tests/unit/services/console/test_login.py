@@ -10,13 +10,13 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from rodeo.config import ConsoleConfig
+from rodeo.access.accounts import Accounts
+from rodeo.access.roles import Role
 from rodeo.errors import ConfigError
-from services.console.accounts import Accounts
+from rodeo.site.config import ConsoleConfig
 from services.console.errors import TooManyAttempts
 from services.console.guard import Guard, origins_of
 from services.console.login import Throttle, local_path, router
-from services.console.roles import Role
 
 ORIGIN = "http://127.0.0.1:8088"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 from decimal import Decimal
 
-from rodeo.config import TariffConfig
-from rodeo.queries import Transfer
-from rodeo.tariff import price_at, prices
+from rodeo.bus.queries import Transfer
+from rodeo.charging.tariff import price_at, prices
+from rodeo.site.config import TariffConfig
 from services.console.money import transfers_csv
 
 DAY_S = 86_400

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
+from rodeo.bus.queries import Offer
 from rodeo.commands.tasks import RegisterTask
-from rodeo.config import Site
 from rodeo.kinds import kinds_of
-from rodeo.queries import Offer
+from rodeo.site.config import Site
 from services.console import posting
 from tests.support.site import LAB
 from tests.support.tasks import task

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.evidence.attestation import attest
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.recorder import Recorder
+from rodeo.site.config import Site
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal

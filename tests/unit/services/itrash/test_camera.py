@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from rodeo import topics
 from rodeo.lab.config import CameraConfig
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
+from rodeo.site import topics
 from rodeo.vision.images import decode_image
 from rodeo_testing.waiting import wait_until
 from services.itrash.camera import BusCamera, CameraError, FolderCamera, VideoCamera

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from rodeo.config import Site
 from rodeo.payloads import EXAMPLES
+from rodeo.site.config import Site
 from rodeo.witness.statement import Presentation, parse
 from rodeo_testing.assignments import devices
 from services.itrash.behaviour import Bin, Memory, State

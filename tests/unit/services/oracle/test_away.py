@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from rodeo.bus.messages import Task
 from rodeo.checks.report import Report
-from rodeo.clock import WallClock
-from rodeo.config import DisputesConfig, Site
 from rodeo.evidence.store import Store
-from rodeo.messages import Task
+from rodeo.host.clock import WallClock
+from rodeo.site.config import DisputesConfig, Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Take
 from rodeo_testing.waiting import HANG_S, wait_until

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from rodeo.bus import Bus
-from rodeo.config import Site
-from rodeo.messages import Task
-from rodeo.sim_clock import SimClock
+from rodeo.bus.messages import Task
+from rodeo.bus.session import Bus
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site.config import Site
 from rodeo_testing.waiting import wait_until
 from services.oracle.away import MissingProofs, ProofAway, due_s
 from services.oracle.rules import PATIENCE, Judging

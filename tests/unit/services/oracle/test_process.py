@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.queries import A, Query
 from rodeo.checks.acts import Submission, Wait
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
-from rodeo.clock import WallClock
-from rodeo.config import Site
 from rodeo.errors import RemoteError
 from rodeo.evidence.errors import ProofNotFound, StoreUnavailable
-from rodeo.messages import DaoEvent, Task
-from rodeo.queries import A, Query
+from rodeo.host.clock import WallClock
+from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Take

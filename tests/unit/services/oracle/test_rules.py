@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from rodeo.clock import WallClock
-from rodeo.config import Site
-from rodeo.messages import DaoEvent, Task
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.host.clock import WallClock
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.oracle import rules
 from services.oracle.rules import Judging

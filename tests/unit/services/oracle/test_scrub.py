@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from rodeo.bus.messages import DaoEvent
 from rodeo.checks.acts import Judged, judged_files
-from rodeo.config import Site
 from rodeo.evidence.store import Store
-from rodeo.messages import DaoEvent
+from rodeo.site.config import Site
 from services.oracle import scrub
 from services.oracle.scrub import Scrub
 from tests.support.copies import CopyBus

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rodeo.clock import WallClock
+from rodeo.host.clock import WallClock
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.oracle.turns import Key, Turns
 

@@ -13,14 +13,16 @@ from eth_abi import encode
 from eth_account import Account
 from eth_utils.abi import function_signature_to_4byte_selector
 
-from rodeo import queries, topics, votes
-from rodeo.chain.translation import decode_revert
-from rodeo.clock import WallClock
+from rodeo.bus import queries
+from rodeo.bus.messages import SealedVote, Vote
+from rodeo.chain.node.translation import decode_revert
 from rodeo.commands.judging import PostVotes
-from rodeo.config import JudgeConfig, Site
-from rodeo.currency import IEC
 from rodeo.errors import RemoteError
-from rodeo.messages import SealedVote, Vote
+from rodeo.host.clock import WallClock
+from rodeo.judging import votes
+from rodeo.money.currency import IEC
+from rodeo.site import topics
+from rodeo.site.config import JudgeConfig, Site
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
 from services.oracle.votes import REPEAT_S, Votes

@@ -21,10 +21,10 @@ import rodeo
 from rodeo.checks.case import Case, ChainRecord, Checks
 from rodeo.checks.report import Finding, Report
 from rodeo.checks.verify import verify_file, verify_submission
-from rodeo.config import OracleConfig, Site
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.evidence.recorder import SealedProof
 from rodeo.evidence.store import Store
+from rodeo.site.config import OracleConfig, Site
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
@@ -274,7 +274,7 @@ import sys
 from pathlib import Path
 
 import rodeo
-from rodeo.config import Site
+from rodeo.site.config import Site
 from services.oracle.worker import start
 
 if __name__ == "__main__":

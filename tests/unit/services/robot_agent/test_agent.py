@@ -12,16 +12,16 @@ from typing import Any
 
 import pytest
 
-from rodeo.clock import WallClock
-from rodeo.config import AgentConfig, ClockConfig
+from rodeo.bus.messages import DaoEvent, Task
 from rodeo.errors import NoResponder, RemoteError, RodeoError
+from rodeo.host.clock import WallClock
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.messages import DaoEvent, Task
+from rodeo.lab.schedule import Schedule
 from rodeo.robot.behaviour import Estimate
 from rodeo.robot.errors import BodySilent, CapReached, MotionFailed, Revoked
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import Battery
-from rodeo.schedule import Schedule
+from rodeo.site.config import AgentConfig, ClockConfig
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Sample, Take
 from rodeo_testing.waiting import HANG_S

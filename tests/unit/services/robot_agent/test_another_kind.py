@@ -11,11 +11,10 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from rodeo.config import Site
+from rodeo.bus.messages import Task
+from rodeo.bus.queries import Offer
 from rodeo.dao import Assignment
 from rodeo.lab.config import Pose2
-from rodeo.messages import Task
-from rodeo.queries import Offer
 from rodeo.robot.behaviour import Behaviour, Estimate, Robot, Work
 from rodeo.robot.decisions import Decisions
 from rodeo.robot.errors import AgentError, MotionFailed, NoAnswer, NotFound, TaskFailed
@@ -23,6 +22,7 @@ from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
 from rodeo.robot.ros_body import Battery
+from rodeo.site.config import Site
 from services.robot_agent.acceptance import Acceptance
 from services.robot_agent.activity import Patience
 from services.robot_agent.agent import Agent, Senses

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from rodeo import queries
-from rodeo.charging import ChargingParams
+from rodeo.bus import queries
+from rodeo.charging.orders import ChargingParams
 from rodeo.commands.tasks import RegisterTask
-from rodeo.config import Site
 from rodeo.dao import ORGANIZATION
 from rodeo.lab.layout import dock_parking, on_contacts
 from rodeo.robot.memory import Memory
+from rodeo.site.config import Site
 from services.robot_agent.charging import Charging, left_s
 from tests.support.site import LAB
 from tests.unit.robot.fakes import KinematicBody, ManualClock, RayCamera, manipulator

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from rodeo.config import AgentConfig, ClockConfig, Site
-from rodeo.messages import Task
+from rodeo.bus.messages import Task
 from rodeo.robot.errors import TaskFailed
+from rodeo.site.config import AgentConfig, ClockConfig, Site
 from services.robot_agent.decision import (
     Intent,
     Situation,

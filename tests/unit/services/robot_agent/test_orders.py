@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rodeo.bus import Handler, Request
+from rodeo.bus.session import Handler, Request
 from rodeo.errors import DiskFull
 from rodeo.robot.errors import JournalBroken
 from services.robot_agent.orders import NothingToCancel, Order, Orders

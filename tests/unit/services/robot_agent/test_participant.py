@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from rodeo import queries
+from rodeo.bus import queries
+from rodeo.bus.messages import Mined, Task
 from rodeo.commands import Command
 from rodeo.commands.services import Agree, SetPayout
 from rodeo.commands.tasks import RegisterTask
-from rodeo.messages import Mined, Task
 from rodeo.robot.errors import CapReached
 from rodeo_testing import answers
 from services.robot_agent.participant import RobotParticipant

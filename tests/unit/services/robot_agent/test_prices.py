@@ -7,10 +7,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from rodeo.config import Site
+from rodeo.bus.messages import Task
 from rodeo.kinds import kinds_of
-from rodeo.messages import Task
-from rodeo.pricing import Experience, PricingConfig
+from rodeo.money.pricing import Experience, PricingConfig
+from rodeo.site.config import Site
 from services.robot_agent.prices import Period, Prices, experience
 from tests.support.site import LAB
 from tests.support.tasks import task

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from rodeo.bus.messages import Task
 from rodeo.commands.tasks import RegisterTask
-from rodeo.config import MaintenanceConfig, Site
 from rodeo.errors import RemoteError
-from rodeo.messages import Task
-from rodeo.rewards import Rise
+from rodeo.money.rewards import Rise
+from rodeo.site.config import MaintenanceConfig, Site
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.upkeep import Care
 from tests.support.site import LAB

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from rodeo.bus import zenoh_config
-from rodeo.config import ClockConfig, Site
+from rodeo.bus.session import zenoh_config
 from rodeo.lab.body import joint_names
 from rodeo.lab.world import WHEEL_JOINTS
 from rodeo.ros2 import types
@@ -21,6 +20,7 @@ from rodeo.ros2.action import ActionClient
 from rodeo.ros2.errors import GoalAborted, GoalCanceled
 from rodeo.ros2.node import Node
 from rodeo.ros2.wire import LATCHED
+from rodeo.site.config import ClockConfig, Site
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim import messages
 from services.robot_sim.actions import Actions

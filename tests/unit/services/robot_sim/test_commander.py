@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from rodeo import topics
-from rodeo.bus import zenoh_config
-from rodeo.receiving import direct
+from rodeo.bus.receiving import direct
+from rodeo.bus.session import zenoh_config
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionClient, ActionServer, ServerGoal
 from rodeo.ros2.errors import GoalRejected
 from rodeo.ros2.node import Node
+from rodeo.site import topics
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim.commander import Commander
 from tests.support.site import free_port

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.body import Twist2
 from rodeo.lab.config import NoiseConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import wrap
 from rodeo.lab.layout import BinLayout, dock_parking
+from rodeo.site.config import Site
 from services.robot_sim.arm import BadTrajectory, Grip, Motion, TrajectoryError, Waypoint, check
 from services.robot_sim.navigation import Drive, NavigationError
 from services.robot_sim.planner import Map, Route, plan

@@ -10,12 +10,12 @@ from unittest.mock import patch
 import pytest
 import zenoh
 
-from rodeo import topics
-from rodeo.bus import Bus, zenoh_config
-from rodeo.config import Site, agent_process
-from rodeo.holding import EVERYBODY
+from rodeo.bus.holding import EVERYBODY
+from rodeo.bus.session import Bus, zenoh_config
 from rodeo.ros2.node import Node
-from rodeo.sim_clock import SimClock
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site import topics
+from rodeo.site.config import Site, agent_process
 from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
 from services.robot_sim import holders as holders_module
 from services.robot_sim import messages

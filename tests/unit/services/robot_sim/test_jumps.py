@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 import zenoh
 
-from rodeo.config import ClockConfig, Site, agent_process, bin_process, dock_process
+from rodeo.site.config import ClockConfig, Site, agent_process, bin_process, dock_process
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim import holders as holders_module
 from services.robot_sim.loop import Loop

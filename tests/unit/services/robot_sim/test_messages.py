@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.body import joint_names
 from rodeo.lab.config import NoiseConfig
 from rodeo.lab.sensors import WRIST_CAMERA, Lidar
 from rodeo.lab.world import arm_model
 from rodeo.ros2 import types
+from rodeo.site.config import Site
 from services.robot_sim import messages
 from services.robot_sim.cdr import Rows
 from services.robot_sim.frames import RobotFrames, Transform, odom_in_map, reckoned_poses

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from rodeo.chain import events
-from rodeo.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
+from rodeo.bus.messages import Dispute, Standing, Task
+from rodeo.chain.contracts import events
 from rodeo.errors import NoResponder
-from rodeo.messages import Dispute, Standing, Task
+from rodeo.site.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
 from rodeo_testing import answers
 from rodeo_testing.waiting import wait_until
 from services.robot_sim import people as people_module

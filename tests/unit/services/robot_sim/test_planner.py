@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.layout import FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, dock_parking
+from rodeo.site.config import Site
 from services.robot_sim.planner import CELL_M, GoalOccupied, GoalOutsideMap, Map, NoValidPath, Route, plan
 from tests.support.site import LAB
 

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.body import Twist2
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.lab.world import scale_weight_n
+from rodeo.site.config import Site
 from services.robot_sim.arm import Grip
 from services.robot_sim.camera import RENDERINGS, StoredCamera
 from services.robot_sim.entities import EntityState

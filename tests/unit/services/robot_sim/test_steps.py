@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.arm import GRASP_SITE
 from rodeo.lab.body import Twist2
 from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.lab.world import CONTROL_PERIOD_S, TIMESTEP_S
+from rodeo.site.config import Site
 from services.robot_sim.arm import Grip, Motion, Waypoint
 from services.robot_sim.entities import EntityState
 from services.robot_sim.navigation import STANDING_M_S

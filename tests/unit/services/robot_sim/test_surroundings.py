@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from rodeo.config import Site
 from rodeo.lab.config import Pose2, RobotConfig
+from rodeo.site.config import Site
 from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.navigation import Drive
 from services.robot_sim.periods import Periods

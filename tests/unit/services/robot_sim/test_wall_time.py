@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.config import ClockConfig, Site
 from rodeo.lab.body import Twist2
+from rodeo.site.config import ClockConfig, Site
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim import loop as loop_module
 from services.robot_sim.loop import Loop

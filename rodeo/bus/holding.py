@@ -1,0 +1,192 @@
+"""Conservative time management: the processes that follow the simulator's clock say whether it may
+continue.
+
+A process that holds the clock is *busy* while it works on something that arrived, or has *nothing to do
+before T*. The simulator passes neither. What it sent is taken when each holder has answered the mark that it
+sends afterwards: one session's messages arrive in order.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import zenoh
+
+from rodeo.bus.messages import ClockMark
+from rodeo.bus.receiving import direct
+from rodeo.bus.session import decode_json, validate
+from rodeo.errors import RodeoError
+from rodeo.site import topics
+
+log = logging.getLogger(__name__)
+
+EVERYBODY = "all"
+"""To whom a mark goes that is not for one process."""
+
+
+class Waiter:
+    """A thread that waits for something to happen, or for `until_ns` of site time."""
+
+    def __init__(
+        self, until_ns: int | None, releases: bool, resting: bool, concerned: Callable[[], bool]
+    ) -> None:
+        self.until_ns = until_ns
+        self.concerned = concerned
+        """Whether what there is now has to be looked at: nobody is woken for what he does not wait for."""
+        self.releases = releases
+        """Whether it is one of those whose work holds the clock."""
+        self.resting = resting
+        self.news = self.seen = 0
+        """How often something arrived, and up to which of it the thread has looked."""
+
+    def is_due(self, now_ns: int | None) -> bool:
+        passed = self.until_ns is not None and now_ns is not None and now_ns >= self.until_ns
+        return passed or self.news != self.seen
+
+
+class Holder:
+    """What this process says of itself, from the first that it does. `tell` is called under `changed`.
+
+    Args:
+        changed: guards the waiters; the clock's.
+        now_ns: the site's time as it was heard last, None before.
+        starting: whether the process still gets ready, see `started`.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        org: str,
+        process: str,
+        changed: threading.Condition,
+        now_ns: Callable[[], int | None],
+        starting: bool = False,
+    ) -> None:
+        self._starting = starting
+        self._session = session
+        self._changed = changed
+        self._now_ns = now_ns
+        self._held = 0
+        """Works under way, also of threads that wait meanwhile."""
+        self._actors: set[int] = set()
+        self._heard = 0
+        self._asker: str | None = None
+        """Session of the simulator whose mark was heard last."""
+        self._works = 0
+        self._told: dict[str, Any] | None = None
+        self._started = False
+        self._closed = False
+        self.waiters: list[Waiter] = []
+        # Of this session: what a process said that was killed is not taken for its successor's word.
+        key = topics.CLOCK_HOLD.name(org=org, process=process, session=str(session.info.zid()))
+        self._token = session.liveliness().declare_token(key)
+        self._publisher = session.declare_publisher(
+            key,
+            # Lost, it would hold the clock indefinitely; sent late, for long.
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            express=True,
+        )
+        # In the receiving thread: an answer must not overtake what came before the mark.
+        self._marks = [
+            session.declare_subscriber(topics.CLOCK_MARK.name(org=org, to=to), direct(self._on_mark))
+            for to in (EVERYBODY, process)
+        ]
+
+    @contextmanager
+    def acting(self) -> Iterator[None]:
+        """All that the calling thread does holds the clock, but for its waits on the clock."""
+        thread = threading.get_ident()
+        with self.hold():
+            with self._changed:
+                self._actors.add(thread)
+            try:
+                yield
+            finally:
+                with self._changed:
+                    self._actors.discard(thread)
+
+    @contextmanager
+    def hold(self, within: bool = False) -> Iterator[None]:
+        with self._changed:
+            self._held += 1
+            # Whom a thread wakes counts its own work.
+            self._works += not within
+            self._started = True
+            self.tell()
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._held -= 1
+                self.tell()
+
+    def started(self) -> None:
+        """The process is ready. Before, it may have nothing to do and still does not rest: a clock that jumps
+        would not show it what it waits for."""
+        with self._changed:
+            self._starting = False
+            self.tell()
+
+    def waiter(self, until_ns: int | None, resting: bool, concerned: Callable[[], bool]) -> Waiter:
+        return Waiter(until_ns, threading.get_ident() in self._actors, resting, concerned)
+
+    def goes_on(self, waiter: Waiter) -> None:
+        """The thread does something now, and does not only look."""
+        if waiter.releases:
+            self._works += 1
+        self.tell()
+
+    def tell(self) -> None:
+        """Say how it is, where that is something else than was said last."""
+        if not self._started or self._closed:
+            return
+        now_ns = self._now_ns()
+        idle = [one for one in self.waiters if one.releases and not one.is_due(now_ns)]
+        busy = self._held > len(idle)
+        was_busy = self._told is not None and self._told["busy"]
+        until = [] if busy else [one.until_ns for one in self.waiters if one.until_ns is not None]
+        state = {
+            "heard": self._heard,
+            "busy": busy,
+            "until_ns": min(until, default=None),
+            "works": self._works,
+            "resting": not busy and not self._starting and all(one.resting for one in idle),
+        }
+        # A busy process answers a mark once it is done: until then the clock waits anyway.
+        if state != self._told and not (busy and was_busy):
+            self._told = state
+            try:
+                self._publisher.put(json.dumps(state))
+            except zenoh.ZError:
+                # Whoever has left the bus holds nothing any more.
+                if not self._session.is_closed():
+                    raise
+
+    def _on_mark(self, sample: zenoh.Sample) -> None:
+        payload = sample.payload.to_bytes()
+        try:
+            number = validate(ClockMark, decode_json(payload)).number
+        except RodeoError:
+            log.warning("left out a message on %s: not a ClockMark: %s", sample.key_expr, payload[:50])
+            return
+        asker = None if sample.timestamp is None else str(sample.timestamp.get_id())
+        with self._changed:
+            if asker != self._asker:
+                # A simulator that has just started has not heard what was said before.
+                self._asker, self._told = asker, None
+            self._heard = number
+            self.tell()
+
+    def close(self) -> None:
+        for mark in self._marks:
+            mark.undeclare()
+        with self._changed:
+            # Other threads may still work: one that says so in this moment must not find it borrowed.
+            self._closed = True
+            self._publisher.undeclare()
+        self._token.undeclare()

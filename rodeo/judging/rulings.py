@@ -1,0 +1,93 @@
+"""An executor concludes the rulings in its own favour that nobody else has concluded.
+
+A ruling stands for a while in which it may be replaced, and is paid when somebody concludes it after that.
+The organization's bridge does so at once. If it does not, the executor waits for its money, for the penalty
+that is set aside of its bond, or for its service, which a proof on which nobody has ruled keeps busy; and the
+judge may still change its mind. So the bridge that has an executor's key concludes rulings in its favour
+(`services.bridge.process`), and so does the executor's own process: robots and docks by `Rulings`, other
+programs, whose keys may be in no bridge, by `Rulings` or `Participant.conclude_rulings`.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import Protocol
+
+from rodeo.bus.messages import DaoEvent, Standing
+from rodeo.errors import BusError, ClockUnavailable, RemoteError
+from rodeo.host.clock import Clock
+
+log = logging.getLogger(__name__)
+
+GRACE_S = 60.0
+"""Site time that others have to conclude a ruling before its executor does."""
+
+_LOOK_WALL_S = 60.0
+"""Wall time after which the index is asked again without an event: one may have been lost."""
+_RETRY_WALL_S = 5.0
+
+STATES = "submitted,ruled"
+"""States of tasks that can be concluded."""
+LOST_RACES = frozenset({"wrong_state", "ruling_stands"})
+"""Codes of the contracts' refusals to conclude a ruling that somebody has concluded, replaced or challenged
+meanwhile."""
+_NEWS = ("ProofSubmitted", "Ruled")
+"""Events that change when a task can be concluded."""
+
+
+def due_s(standing: Standing | None, deadline_s: float | None = None) -> float | None:
+    """Site time after which the executor concludes its task: when the ruling that stands is over, unless that
+    is a rejection, which costs the executor its penalty; without a ruling when the time for one is over, at
+    `deadline_s`. None for never."""
+    if standing is not None:
+        return None if standing.ruling == "rejected" else standing.until + GRACE_S
+    return None if deadline_s is None else deadline_s + GRACE_S
+
+
+class _Participant(Protocol):
+    """The part of `rodeo.dao.Participant` that is needed here."""
+
+    def conclude_rulings(self, now_s: float) -> float | None: ...
+
+
+class Rulings:
+    """Concludes rulings in favour of `executor` in a thread of its own until `stop` is set."""
+
+    def __init__(self, executor: _Participant, clock: Clock, stop: threading.Event) -> None:
+        self._executor = executor
+        self._clock = clock
+        self._stop = stop
+        self._news = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="rulings", daemon=True)
+        self._thread.start()
+
+    def on_event(self, event: DaoEvent) -> None:
+        """To be called with the contracts' events."""
+        if event.name in _NEWS:
+            self._news.set()
+            self._clock.notify()
+
+    def close(self) -> None:
+        """Wait for the thread, which ends when `stop` is set; before the bus is closed."""
+        self._thread.join(timeout=2.0)
+
+    def _run(self) -> None:
+        with self._clock.acting():
+            while not self._stop.is_set():
+                self._news.clear()
+                next_s, wall_s = None, _LOOK_WALL_S
+                try:
+                    next_s = self._executor.conclude_rulings(self._clock.now_s())
+                except (BusError, RemoteError, ClockUnavailable) as error:
+                    log.log(_level(error), "cannot conclude rulings now, trying again: %s", error)
+                    wall_s = _RETRY_WALL_S
+                self._clock.wait_for(
+                    self._news.is_set, self._stop, until_s=next_s, wall_s=wall_s, resting=True
+                )
+
+
+def _level(error: BusError | RemoteError | ClockUnavailable) -> int:
+    """A bridge that is away says so itself."""
+    is_away = not isinstance(error, RemoteError) or error.code == "bridge_not_ready"
+    return logging.DEBUG if is_away else logging.WARNING

@@ -1,0 +1,569 @@
+"""What every process does the same way: one instance, signals, logs, bus, clock, heartbeat, readiness."""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import faulthandler
+import logging
+import math
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+import zenoh
+
+from rodeo.bus.messages import Status
+from rodeo.bus.origin import check_bus, origin_of
+from rodeo.bus.session import Bus, Request
+from rodeo.errors import (
+    BusUnavailable,
+    ClockUnavailable,
+    ConfigError,
+    Interrupted,
+    KeystoreMissing,
+    RodeoError,
+    ServedElsewhere,
+)
+from rodeo.host.clock import Clock, WallClock
+from rodeo.host.files import is_full
+from rodeo.host.instance import (
+    GAVE_UP,
+    HEARTBEAT_S,
+    PARENT_VARIABLE,
+    PREDECESSOR_S,
+    forget_ending,
+    lock_instance,
+    note_ending,
+)
+from rodeo.host.metrics import BUS_CONNECTED, NOT_READY, READY
+from rodeo.runtime import disk, logs
+from rodeo.runtime.metrics_server import metrics_server
+from rodeo.runtime.serving import Claim, Holder, Rival, Thing
+from rodeo.runtime.sim_clock import SimClock
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.tls import identity
+from rodeo.text.redaction import redacted, redacted_json
+
+if TYPE_CHECKING:
+    from rodeo.signing.keys import Key
+
+log = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
+
+CLOCK_OFF_S = 1.5
+"""By more than this the clock of a process that keeps the wall's time must not be off it: the simulator stays
+within half a second, and the rest is a busy machine's."""
+
+
+STATUS_WALL_S = 0.1
+"""Wall time between two statuses of a process that does the same as before."""
+
+RIVAL_SHOWN_S = 600.0
+"""Wall time for which a process's state tells of another that wanted to serve the same."""
+
+_STANDING_LEASE_S = 60.0
+"""Wall time for which a process that holds a simulated clock may stand still and is waited for."""
+
+
+class Process:
+    """A process of the organization, from the lock on its data to its last heartbeat.
+
+    >>> with Process("oracle", site) as process:
+    ...     process.wait_clock()
+    ...     process.ready()
+    ...     process.stop.wait()
+
+    `data_dir` is the process's own folder: what must survive a restart lives there. `open_session` makes
+    what stands in for a client session of our own (the router has one). Entering raises AlreadyRunning when
+    another instance holds the folder and does not let go of it within PREDECESSOR_S, and BusUnavailable when
+    stopped before a router was there.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        site: Site,
+        stop: threading.Event | None = None,
+        open_session: Callable[[], zenoh.Session] | None = None,
+    ) -> None:
+        self.name = name
+        self.site = site
+        self.stop = stop or threading.Event()
+        self.data_dir: Path = site.data_dir / name
+        self._open_session = open_session
+        self.bus: Bus
+        self.clock: Clock
+        self._started_s = time.time()
+        self._ready = False
+        self._ready_until_s: float | None = None
+        self._reason = "starting"
+        self._activity = "starting"
+        self._progress: float | None = None
+        self._details: dict[str, Any] = {}
+        self._published_s = -math.inf
+        self._warnings: list[str] = []
+        self._claim: Claim | None = None
+        self._rivals: dict[Holder, dict[Thing, float]] = {}
+        """Holders that wanted to serve the same, what, and when last (monotonic wall time)."""
+        self._failure: RodeoError | None = None
+        self._concerns: dict[str, str] = {}
+        """Subject -> what an operator should know of it now."""
+        self._disk_problem = ""
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        self._instance = lock_instance(self.data_dir, PREDECESSOR_S, self.stop)
+        forget_ending(self.data_dir)
+        self.look_at_disk()
+        if self._open_session is not None:
+            self.bus = Bus(self._open_session())
+        else:
+            shown = identity(self.site, self.name)
+            # A local socket ends with its process: who is silent there stands still, and may continue.
+            stands = self._holder() is not None and self.site.bus.router.startswith("unixsock")
+            lease_s = _STANDING_LEASE_S if stands else None
+            self.bus = Bus.open(self.site.bus.router, self.stop, identity=shown, lease_s=lease_s)
+            try:
+                check_bus(self.bus, self.site, strict=False)
+            except BaseException:
+                self.bus.close()
+                raise
+        self.clock = (
+            WallClock()
+            if self.site.clock.source == "wall"
+            else SimClock(self.bus.session, self.site.bus.domain_id, self._holder(), starting=True)
+        )
+        metrics = self.site.metrics
+        self._metrics = metrics_server(metrics.host, metrics.ports.get(self.name, 0), self.status)
+        self._metrics.start()
+        key = topics.STATUS.name(org=self.site.org, process=self.name)
+        self._alive = self.bus.session.liveliness().declare_token(
+            topics.ALIVE.name(org=self.site.org, process=self.name)
+        )
+        self._queryable = self.bus.serve(key, self._serve_status)
+        self._heartbeat = threading.Thread(target=self._beat, args=(key,), name="heartbeat", daemon=True)
+        self._heartbeat.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop.set()
+        self._heartbeat.join(timeout=2 * HEARTBEAT_S)
+        self._metrics.close()
+        if self._claim is not None:
+            self._claim.close()
+        self.bus.close()
+        os.close(self._instance)
+        if self._failure is not None:
+            raise self._failure from error
+
+    def fail(self, error: RodeoError) -> None:
+        """End the process for `error`, from any thread."""
+        log.error("%s: %s", error.code, error)
+        self._failure = error
+        self.not_ready(str(error))
+        self.stop.set()
+
+    # -- one at a time ---------------------------------------------------------------------------------
+
+    def serve_alone(self, things: Iterable[Thing]) -> None:
+        """Hold `things` (`rodeo.runtime.serving`) until the end; what the process does for them comes after.
+
+        Whoever still holds one of them is waited for. Raises ServedElsewhere when that continues, and
+        Interrupted when stopped before. An elder that turns up later, after a partition, ends the process.
+        """
+
+        def wait(reason: str) -> None:
+            with self._lock:
+                said = self._reason == reason
+            if not said:
+                log.warning("%s", reason)
+            self.not_ready(reason)
+
+        self._claim = Claim(self.bus.session, self.site.org, things, lambda: self.bus.connected)
+        self._claim.take(self.stop, wait)
+        self.not_ready("starting")
+        self._claim.watch(self._on_rival, self._on_lost)
+
+    def _on_rival(self, rival: Rival) -> None:
+        with self._lock:
+            wanted = self._rivals.setdefault(rival.holder, {})
+            new = rival.thing not in wanted
+            wanted[rival.thing] = time.monotonic()
+        if new:
+            log.warning("%s tries to serve %s, which is already served here", rival.holder, rival.thing)
+
+    def _on_lost(self, error: ServedElsewhere) -> None:
+        self.fail(error)
+
+    def _holder(self) -> tuple[str, str] | None:
+        """How the simulator's clock knows this process, if it waits for it."""
+        clock = self.site.clock
+        holds = self.name.partition(".")[0] in clock.holders and not clock.keeps_wall_time
+        return (self.site.org, self.name) if holds else None
+
+    # -- readiness and progress ------------------------------------------------------------------------
+
+    def wait_clock(self) -> None:
+        """Block until there is a site time. Raises ClockUnavailable when stopped before."""
+        if isinstance(self.clock, SimClock):
+            self.not_ready("waiting for /clock")
+            if not self.clock.wait_ready(self.stop):
+                raise ClockUnavailable("stopped while waiting for /clock")
+
+    def wait_account(self, name: str) -> Key:
+        """Open keystore `name`, waiting until there is one.
+
+        Raises WalletError when it cannot be opened and Interrupted when stopped before.
+        """
+        # Imported here: not every process signs.
+        from rodeo.signing import keystores
+
+        while not self.stop.is_set():
+            try:
+                return keystores.open_key(self.site, name)
+            except KeystoreMissing as error:
+                self.not_ready(f"waiting for the keystore {error.details['path']}")
+            self.stop.wait(HEARTBEAT_S)
+        raise Interrupted("stopped while waiting for a keystore", name=name)
+
+    def ready(self, lapses_s: float | None = None) -> None:
+        """`lapses_s` (wall): how soon it must be said again, so that a process that hangs is not ready."""
+        with self._lock:
+            news = not self._ready
+            if news:
+                log.info("ready")
+            self._ready, self._reason = True, ""
+            self._ready_until_s = None if lapses_s is None else time.monotonic() + lapses_s
+            if self._activity == "starting":
+                self._activity = "idle"
+        if news:
+            if isinstance(self.clock, SimClock):
+                self.clock.started()
+            # Whoever waits for it need not wait for the next heartbeat.
+            self._publish_status()
+
+    def not_ready(self, reason: str) -> None:
+        with self._lock:
+            if self._ready or self._reason != reason:
+                log.info("not ready: %s", reason)
+            if self._ready:
+                NOT_READY.inc()
+            self._ready, self._reason = False, reason
+
+    def activity(self, text: str, progress: float | None = None, **details: Any) -> None:
+        """Say what the process is doing, for the terminal and the console.
+
+        What is new is published at once, other details every STATUS_WALL_S at most: at a thousand times real
+        time a dock reads its meter, and says so, a thousand times a second.
+        """
+        with self._lock:
+            news = text != self._activity
+            if news:
+                log.info("%s", text)
+            self._activity, self._progress, self._details = text, progress, details
+            due = news or time.monotonic() - self._published_s >= STATUS_WALL_S
+        if due:
+            self._publish_status()
+
+    def warn(self, text: str) -> None:
+        """Show `text` wherever the process's state is shown, for as long as it runs."""
+        with self._lock:
+            self._warnings.append(text)
+
+    def concern(self, subject: str, text: str) -> None:
+        """Show `text` like `warn` until something else, or nothing, is said on the same subject."""
+        with self._lock:
+            self._concerns[subject] = text
+
+    @property
+    def disk_problem(self) -> str:
+        """Why nothing new should be written now; "" while there is room. Looked at with each heartbeat."""
+        return self._disk_problem
+
+    def look_at_disk(self) -> str:
+        """`disk_problem` as it is now."""
+        found = disk.problem(disk.written_folders(self.site, self.data_dir), self.site.disk.min_free_mb)
+        # What is measured changes with every message: once is enough for the log.
+        if bool(found) != bool(self._disk_problem):
+            log.warning("%s", found or "there is room on the disk again")
+        self._disk_problem = found
+        return found
+
+    def with_room(self, work: Callable[[], Result]) -> Result:
+        """What `work` returns; it is done again while the disk has no room for what it writes.
+
+        Raises Interrupted when stopped before.
+        """
+        while True:
+            try:
+                return work()
+            except Exception as error:
+                if not is_full(error):
+                    raise
+                log.error("waiting for room on the disk: %s", error)
+                self.not_ready(f"waiting for room on the disk: {error}")
+            # The threshold may be far above what is missing: `work` itself has to find out.
+            if self.stop.wait(HEARTBEAT_S):
+                raise Interrupted("stopped while waiting for room on the disk")
+
+    def status(self) -> Status:
+        connected = self._open_session is not None or self.bus.connected
+        with self._lock:
+            reason = self._reason
+            if self._ready and self._ready_until_s is not None and time.monotonic() > self._ready_until_s:
+                reason = "it hangs: its main loop has not reported in time"
+            if self._disk_problem:
+                reason = self._disk_problem
+            # What else is wrong may well come of it.
+            reason = "; ".join(filter(None, (self._clock_off(), reason)))
+            if not connected:
+                reason = f"no router at {self.site.bus.router}"
+            ready = self._ready and not reason
+            READY.set(ready)
+            BUS_CONNECTED.set(connected)
+            return Status(
+                process=self.name,
+                pid=os.getpid(),
+                ready=ready,
+                reason=redacted(reason),
+                metrics_url=self._metrics.url,
+                activity=redacted(self._activity),
+                progress=self._progress,
+                since_s=self._started_s,
+                time_s=time.time(),
+                details=redacted_json(self._details),
+                warnings=[
+                    *map(redacted, self._warnings),
+                    *map(redacted, filter(None, self._concerns.values())),
+                    *self._clock_warnings(),
+                    *self._rival_warnings(),
+                ],
+                origin=origin_of(self.site),
+            )
+
+    def _rival_warnings(self) -> list[str]:
+        since_s = time.monotonic() - RIVAL_SHOWN_S
+        texts = []
+        for holder, wanted in self._rivals.items():
+            if things := sorted(str(thing) for thing, heard_s in wanted.items() if heard_s > since_s):
+                texts.append(f"{holder} also tries to serve {', '.join(things)}")
+        return texts
+
+    def _clock_off(self) -> str:
+        """What keeps a process from being ready whose clock should be the wall's, and is not; else empty."""
+        if not (isinstance(self.clock, SimClock) and self.site.clock.keeps_wall_time):
+            return ""
+        try:
+            behind_s = time.time() - self.clock.now_s()
+        except ClockUnavailable:
+            return ""  # who needs the clock waits for it
+        if behind_s > CLOCK_OFF_S:
+            return f"clock {behind_s:.0f} s behind wall time; see robot_sim in `rodeo status`"
+        if behind_s < -CLOCK_OFF_S and self.site.chain.backend == "external":
+            return f"clock {-behind_s:.0f} s ahead of wall time; it waits for wall time to catch up"
+        return ""
+
+    def _clock_warnings(self) -> list[str]:
+        warning = self.clock.warning() if isinstance(self.clock, SimClock) else ""
+        return [warning] if warning else []
+
+    def _serve_status(self, _request: Request) -> dict[str, Any]:
+        return self.status().model_dump()
+
+    def _publish_status(self) -> None:
+        self._published_s = time.monotonic()
+        self.bus.put_json(topics.STATUS.name(org=self.site.org, process=self.name), self.status())
+
+    def _beat(self, key: str) -> None:
+        while not self.stop.wait(HEARTBEAT_S):
+            self.look_at_disk()
+            self.bus.put_json(key, self.status())
+
+
+def main(
+    name: str,
+    run: Callable[[Site, threading.Event], None],
+    description: str,
+) -> int:
+    """The body of every `__main__.py`: arguments -> site -> `run(site, stop)`; returns the exit status."""
+    parser = argparse.ArgumentParser(prog=name, description=description)
+    parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
+    arguments = parser.parse_args()
+
+    def body(stop: threading.Event) -> None:
+        site = Site.load(arguments.site)
+        with noting_its_end(site.data_dir / name, stop):
+            run(site, stop)
+
+    return supervise(name, body)
+
+
+def main_of_one(
+    job: str,
+    what: str,
+    names: Callable[[Site], Sequence[str]],
+    process: Callable[[Site, str], str],
+    run: Callable[[Site, str, threading.Event], None],
+    description: str,
+) -> int:
+    """The same for a process of which a site has one for each robot, bin, dock or bridge (`what`): `--<what>
+    NAME` says which, by default the first of `names(site)`, and `process(site, name)` is its name then."""
+    parser = argparse.ArgumentParser(prog=job, description=description)
+    parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
+    parser.add_argument(f"--{what}", dest="name", help=f"which {what} of the site; the first by default")
+    arguments = parser.parse_args()
+
+    def body(stop: threading.Event) -> None:
+        site = Site.load(arguments.site)
+        known = names(site)
+        if not known:
+            raise ConfigError(f"the site has no {what}")
+        name = arguments.name or known[0]
+        with noting_its_end(site.data_dir / process(site, name), stop):
+            run(site, name, stop)
+
+    return supervise(f"{job} {arguments.name}" if arguments.name else job, body)
+
+
+@contextmanager
+def noting_its_end(data_dir: Path, stop: threading.Event) -> Iterator[None]:
+    """Around all that a process does: `rodeo status` then finds in `data_dir` for what error it ended."""
+    try:
+        yield
+    except (BusUnavailable, ClockUnavailable, Interrupted) as error:
+        if not stop.is_set():
+            note_ending(data_dir, str(error), gave_up=False)
+        raise
+    except RodeoError as error:
+        note_ending(data_dir, f"{error.code}: {error}", gave_up=not error.restart_cures)
+        raise
+    except Exception as error:
+        note_ending(data_dir, repr(error), gave_up=False)
+        raise
+
+
+def repeated(
+    work: Callable[[], Result], failed: Callable[[RodeoError], None], stop: threading.Event
+) -> Result | None:
+    """The result of `work`, which is called again after each error until `stop` is set: then it is None.
+    `failed` gets the error, and waits before the next attempt or raises."""
+    while not stop.is_set():
+        try:
+            return work()
+        except RodeoError as error:
+            failed(error)
+    return None
+
+
+_PR_SET_PDEATHSIG = 1
+"""prctl(2) option: the signal that the kernel sends when the thread that started this process ends."""
+_LIBC = ctypes.CDLL(None, use_errno=True)
+"""Loaded here, as a child may not load anything between fork and exec."""
+
+
+def outlive_parent() -> None:
+    """Take back `die_with`."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, 0)
+
+
+def die_with(parent: int, number: signal.Signals) -> None:
+    """Have the kernel send this process `number` when its parent, process `parent`, ends."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, number)
+    if os.getppid() != parent:  # it died before prctl took effect
+        os.kill(os.getpid(), number)
+
+
+def _die_with_parent() -> None:
+    parent = os.environ.get(PARENT_VARIABLE)
+    if parent is not None:
+        die_with(int(parent), signal.SIGTERM)
+
+
+STOP_S = 6.0
+"""Wall time that a process has for its end; a launcher kills one that takes much longer."""
+
+
+def supervise(name: str, body: Callable[[threading.Event], None], stop_s: float = STOP_S) -> int:
+    """Run `body(stop)` with logging and signals set up; returns the process's exit status.
+
+    0 when it ended or was asked to stop; else the reason is in the log, and it is GAVE_UP when a restart
+    cannot cure it, 1 when it may. A process that was asked to stop is gone `stop_s` later, whatever it still
+    waits for.
+    """
+    faulthandler.enable()
+    logs.configure(name)
+    _die_with_parent()
+    stop = threading.Event()
+    status = [1]
+    ended = 0  # no signal has this number
+    # The body runs in a thread of its own and the main thread does nothing but listen for signals. Python
+    # handles a signal in the main thread once that wakes up: just before a wait without time-out it would
+    # never be seen, and in CPython 3.11 one that interrupts SimpleQueue.get(timeout) can turn the rest of
+    # the time-out negative, which waits indefinitely. The C handler itself writes the wake-up descriptor.
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: None)
+
+    def work() -> None:
+        try:
+            status[0] = _guarded(body, stop)
+        finally:
+            os.write(writer, bytes([ended]))
+
+    worker = threading.Thread(target=work, name=name)
+    worker.start()
+    while (received := os.read(reader, 1)[0]) != ended:
+        log.info("stopping on %s", signal.Signals(received).name)
+        if not stop.is_set():
+            stop.set()
+            last = threading.Timer(stop_s, _leave, (stop_s,))
+            last.daemon = True
+            last.start()
+    worker.join()
+    return status[0]
+
+
+def _leave(waited_s: float) -> None:
+    """End the process here and now. What must survive a SIGKILL survives this too.
+
+    Closing a Zenoh session waits 10 s for a router that takes nothing, as one does that is stopping itself.
+    """
+    log.warning(
+        "exiting because the shutdown took longer than %.1f s: some messages may not be sent", waited_s
+    )
+    logging.shutdown()
+    os._exit(0)
+
+
+def _guarded(body: Callable[[threading.Event], None], stop: threading.Event) -> int:
+    try:
+        body(stop)
+    except (BusUnavailable, ClockUnavailable, Interrupted) as error:
+        if stop.is_set():
+            return 0
+        log.error("%s", error)
+        return 1
+    except RodeoError as error:
+        log.error("%s: %s", error.code, error)
+        return 1 if error.restart_cures else GAVE_UP
+    except Exception as error:
+        if is_full(error):
+            log.error("disk_full: %s", error)
+            return 1
+        # The process's outermost frame: said in its log and in its exit status.
+        log.exception("failed")
+        return 1
+    return 0

@@ -1,0 +1,77 @@
+"""The table of processes: what a site is made of. Launcher, status, compose and systemd files follow it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from rodeo.site.config import (
+    Site,
+    agent_process,
+    bin_process,
+    bridge_process,
+    dock_process,
+    oracle_names,
+    oracle_process,
+)
+
+
+@dataclass(frozen=True)
+class ProcessEntry:
+    name: str
+    module: str
+    """Started as `python -m <module> --site FILE <arguments>`."""
+    job: str
+    arguments: tuple[str, ...] = ()
+
+
+PROCESSES: tuple[ProcessEntry, ...] = (
+    ProcessEntry("router", "deploy.router", "the Zenoh router of the bus"),
+    ProcessEntry("chain", "deploy.chain", "the shared chain: eth-tester or anvil"),
+    ProcessEntry("bridge", "services.bridge", "signs, sends and indexes for the others"),
+    ProcessEntry("oracle", "services.oracle", "verifies proofs and posts verdicts"),
+    ProcessEntry("itrash", "services.itrash", "the smart bin"),
+    ProcessEntry("charger", "services.charger", "the dock's energy meter"),
+    ProcessEntry("console", "services.console", "the web page where people run the organization"),
+    ProcessEntry("robot_sim", "services.robot_sim", "the simulated lab and robots"),
+    ProcessEntry("robot_agent", "services.robot_agent", "the robot's mind"),
+)
+
+
+def processes_of(site: Site) -> list[ProcessEntry]:
+    """The processes that `site` needs: no chain where it is elsewhere, and one for each bridge, oracle, bin,
+    dock and robot."""
+    own: dict[str, list[ProcessEntry]] = {
+        "bridge": [
+            BY_NAME["bridge"],
+            *_named("bridge", "bridge", {one.name: bridge_process(site, one.name) for one in site.bridges}),
+        ],
+        "oracle": _each(
+            "oracle", "oracle", {name: oracle_process(site, name) for name in oracle_names(site)}
+        ),
+        "itrash": _each("itrash", "bin", {one.name: bin_process(site, one.name) for one in site.bins}),
+        "charger": _each("charger", "dock", {one.name: dock_process(site, one.name) for one in site.docks}),
+        "robot_agent": _each(
+            "robot_agent", "robot", {one.name: agent_process(site, one.name) for one in site.robots}
+        ),
+    }
+    if site.chain.backend == "external":
+        own["chain"] = []
+    return [entry for process in PROCESSES for entry in own.get(process.name, [process])]
+
+
+def _each(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
+    """A process for each name. Where there is only one, its command needs no option that names it."""
+    if len(names) == 1:
+        return [BY_NAME[job]]
+    return _named(job, option, names)
+
+
+def _named(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
+    return [
+        replace(BY_NAME[job], name=process, arguments=(f"--{option}", name))
+        for name, process in names.items()
+    ]
+
+
+BY_NAME: dict[str, ProcessEntry] = {process.name: process for process in PROCESSES}
+assert len(BY_NAME) == len(PROCESSES), "process names must be unique"
