@@ -1,4 +1,4 @@
 """What buyer and seller of a charge agree on: the order, the tariff, the meter and its records.
 
-The kind of work itself is `rodeo_kinds.battery_charging`, the dock's process `services.charger`.
+The kind of work itself is in `rodeo_kinds`, the dock's process is `services.charger`.
 """

@@ -146,7 +146,7 @@ def test_a_changed_shared_check_changes_the_hash_of_kinds_that_use_it_alone(
         )
 
     read, before = rules._source, installed(CHECKS)
-    changed("gripper")
+    changed("motion.gripper")
     assert installed(CHECKS) == before
     changed("report")
     assert installed(CHECKS) != before
@@ -181,6 +181,7 @@ BEHIND = {
     "rodeo.judging.rulings": "who rules on what is on chain",
     "rodeo.chain.signed_requests": "signs for relayers",
     "rodeo.site.tls": "certificates",
+    "rodeo.judging.verdicts": "verdicts in words",
     "rodeo.judging.votes": "what judges sign",
 }
 """What is imported behind `UNDECIDING` alone, and why it decides nothing."""
