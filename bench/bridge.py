@@ -44,6 +44,7 @@ from rodeo.site.config import Site
 from rodeo.site.endpoint import free_port
 from services.bridge.follower import MAX_BLOCKS
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
+from services.oracle.voters import Voters
 from services.oracle.votes import Votes
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
@@ -162,7 +163,7 @@ def _verdicts_ms(site: Site, bus: Bus, names: Sequence[str]) -> Iterator[float]:
     def oracle(name: str) -> Votes:
         wallet, key = Participant(bus, site.org, name), wallets.load(site, f"{name}-device")
         return Votes(
-            *(site, name, key, bus, wallet, WallClock()),
+            *(site, name, Voters(site, key, wallet), bus, wallet, WallClock()),
             waits=lambda task_id, attempt: (task_id, attempt) in waiting,
             tell=lambda: None,
         )

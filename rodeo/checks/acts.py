@@ -261,6 +261,11 @@ class ConsumedActs:
         with self._lock:
             return self._find(task_id, attempt)
 
+    def waits(self, task_id: int, attempt: int) -> bool:
+        """Whether a submission is known, and waits for a ruling."""
+        submission = self.submission(task_id, attempt)
+        return submission is not None and submission.waits
+
     def waiting(self) -> list[Submission]:
         """Those whose first ruling is still to come."""
         with self._lock:

@@ -19,7 +19,7 @@ import logging
 import shutil
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -300,17 +300,23 @@ class MissingProofs:
         check = Check(
             name="fetched", passed=False, source=quoted(task.proof_uri or ""), detail=detail, fault=fault
         )
-        return Report.of(
-            [check],
-            kind=task.kind,
-            task_id=task.id,
-            attempt=task.attempt,
-            proof_sha256=task.proof_sha256,
-            rules_sha256=task.rules_sha256,
-        )
+        return report_on(task, check)
 
     def _verdict_is_due(self, task: Task) -> bool:
         return is_due(task, self._site, self._clock)
+
+
+def report_on(task: Task, check: Check, acts: Sequence[str] = ()) -> Report:
+    """The report on a submission that was not verified to its end: `check` decides."""
+    return Report.of(
+        [check],
+        kind=task.kind,
+        task_id=task.id,
+        attempt=task.attempt,
+        proof_sha256=task.proof_sha256,
+        rules_sha256=task.rules_sha256,
+        acts=acts,
+    )
 
 
 def due_s(task: Task, site: Site, patience: float = 1.0) -> float | None:

@@ -18,7 +18,7 @@ from rodeo.bus.messages import DaoEvent, Task
 from rodeo.checks.report import Check, Report
 from rodeo.host.clock import Clock
 from rodeo.site.config import Site
-from services.oracle.away import FAULT, due_s, is_due
+from services.oracle.away import FAULT, due_s, is_due, report_on
 
 log = logging.getLogger(__name__)
 
@@ -207,14 +207,7 @@ class Judging:
             detail="no oracle that has the rules of this task has judged it",
             fault=FAULT,
         )
-        return Report.of(
-            [check],
-            kind=task.kind,
-            task_id=task.id,
-            attempt=task.attempt,
-            proof_sha256=task.proof_sha256,
-            rules_sha256=task.rules_sha256,
-        )
+        return report_on(task, check)
 
 
 def _tasks(count: str | int | bool) -> str:

@@ -9,12 +9,14 @@ waits alone.
                              whosever they are; those that come later do not pass it, so that it does not
                              wait indefinitely
 
-What decides are counts and order, never how long something took: that differs from machine to machine.
+A submission is in line once until it is decided, and again if something was found meanwhile. What decides are
+counts and order, never how long something took: that differs from machine to machine.
 """
 
 from __future__ import annotations
 
 import itertools
+import logging
 import math
 import threading
 from collections import Counter, deque
@@ -23,7 +25,12 @@ from contextlib import ExitStack
 from functools import partial
 from typing import NamedTuple
 
+from rodeo.checks.acts import ConsumedActs
 from rodeo.host.clock import Clock
+from rodeo.runtime.logs import about_task
+from services.oracle.worker import VerificationFailed
+
+log = logging.getLogger(__name__)
 
 Key = tuple[int, int]
 """Task and attempt."""
@@ -132,3 +139,72 @@ class Turns:
             key=lambda one: (working[one.provider], self._last_turns.get(one.provider, 0), one.number),
             default=None,
         )
+
+
+class Line:
+    """Gives each submission its turn. Thread-safe.
+
+    Args:
+        places: how many are verified at the same time.
+        is_settled: whether what to say of a submission is known already: it waits for no verification.
+        decide: called as `decide(key, leave)` in a submission's turn; `leave` ends that.
+        done: called after it, whatever came of it.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        places: int,
+        acts: ConsumedActs,
+        is_settled: Callable[[Key], bool],
+        decide: Callable[[Key, Callable[[], None]], None],
+        done: Callable[[Key], None],
+    ) -> None:
+        self.turns, self.words = Turns(clock, places), Turns(clock, 1)
+        """Proofs to verify, and submissions whose last word is known."""
+        self._acts, self._is_settled, self._decide, self._done = acts, is_settled, decide, done
+        self.failed = Counter[Key]()
+        """How many verifications of a submission ended without a report."""
+        self._in_work: dict[Key, bool | None] = {}
+        """Submissions in line or being decided -> None, or whether what was found during their turn is their
+        last word."""
+        self._lock = threading.Lock()
+
+    def put(self, task_id: int, attempt: int, *, again: bool = True, word: bool = False) -> None:
+        """In line, if it is not yet; during its turn: once more after it. `word`: for its last word."""
+        key = task_id, attempt
+        submission = self._acts.submission(*key)
+        with self._lock:
+            if key in self._in_work:
+                self._in_work[key] = word or bool(self._in_work[key])
+                return
+            self._in_work[key] = None
+        turns = self.words if word or self._is_settled(key) else self.turns
+        turns.put(key, "" if submission is None else submission.executor, again=again)
+
+    def keys(self) -> set[Key]:
+        """Submissions that are in line or being decided."""
+        with self._lock:
+            return set(self._in_work)
+
+    def work(self, key: Key, leave: Callable[[], None]) -> None:
+        """Decide a submission whose turn has come."""
+        task_id, attempt = key
+        failed = self.failed[key]
+        with self._lock:
+            self._in_work[key] = None  # this turn sees what was found before it
+        with about_task(task_id):
+            try:
+                self._decide(key, leave)
+            except VerificationFailed:
+                self.failed[key] += 1
+            except Exception:
+                # The next proof must get its verdict whatever happened to this one.
+                log.exception("task %d attempt %d got no verdict", task_id, attempt)
+                self._acts.judged(task_id, attempt, None)
+            finally:
+                with self._lock:
+                    word = self._in_work.pop(key)
+                self._done(key)
+            if word is not None or self.failed[key] > failed:
+                self.put(*key, word=bool(word))

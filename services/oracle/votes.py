@@ -21,7 +21,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rodeo.bus import queries
 from rodeo.bus.messages import SealedVote, Task, Vote
 from rodeo.bus.session import Bus, decode_json, validate
 from rodeo.commands.judging import PostVotes
@@ -29,10 +28,9 @@ from rodeo.dao import Participant
 from rodeo.errors import BusError, ClockUnavailable, RemoteError
 from rodeo.host.budget import CheckBudget
 from rodeo.host.clock import Clock
-from rodeo.judging import votes
-from rodeo.signing.keys import Signer
 from rodeo.site import topics
-from rodeo.site.config import Site, votes_needed
+from rodeo.site.config import Site
+from services.oracle.voters import Voters
 
 log = logging.getLogger(__name__)
 
@@ -74,29 +72,6 @@ _UNKNOWN = "transaction_timeout"
 Key = tuple[int, int]
 
 
-@dataclass(frozen=True)
-class _Committee:
-    """The voters, and the contract that they vote for."""
-
-    chain_id: int
-    address: str
-    keys: Mapping[str, str]
-    """Oracle -> address of its key."""
-    needed: Mapping[str, int]
-    """Kind -> how many of them have to agree."""
-    panels: Mapping[str, tuple[int, int]]
-    """Kind -> how many may vote at once, and the time after which one more may, s; 0 for never."""
-    seats: Mapping[int, str]
-    """Seat -> oracle."""
-    unstaked: Mapping[str, frozenset[str]]
-    """Kind -> oracles whose stake is too low: with one of their votes the contract refuses all."""
-
-    @property
-    def counted(self) -> tuple[Mapping[str, int], Mapping[str, frozenset[str]]]:
-        """Upon what it depends whether votes are enough."""
-        return self.needed, self.unstaked
-
-
 @dataclass
 class _Held:
     """This oracle's vote on a submission, and who else has signed it."""
@@ -125,7 +100,7 @@ class Votes:
     """Signs, publishes and collects votes, and posts verdicts. Thread-safe.
 
     Args:
-        name: of this oracle; `account` is its key.
+        name: of this oracle.
         waits: whether a submission still waits for its verdict.
         tell: called when the votes that are held have changed.
     """
@@ -134,14 +109,14 @@ class Votes:
         self,
         site: Site,
         name: str,
-        account: Signer,
+        voters: Voters,
         bus: Bus,
         wallet: Participant,
         clock: Clock,
         waits: Callable[[int, int], bool],
         tell: Callable[[], None],
     ) -> None:
-        self._site, self._name, self._account = site, name, account
+        self._site, self._name, self.voters = site, name, voters
         self._bus, self._wallet, self._clock = bus, wallet, clock
         self._waits, self._tell = waits, tell
         self._judges = [one.name for one in site.oracles]
@@ -151,42 +126,40 @@ class Votes:
         self._checks = CheckBudget(_CHECKS_PER_WALL_S)
         """By oracle, on whose key the signatures come."""
         self._repeated_s = 0.0
-        self._known: _Committee | None = None
         self._acted_on: tuple[Mapping[str, int], Mapping[str, frozenset[str]]] | None = None
         """By what the votes that are held were last counted."""
-        self._asked_s = -REPEAT_S
         self._lock = threading.Lock()
 
     def run(self, stop: threading.Event) -> None:
         """Until `stop`."""
         everybodys = topics.VOTE.pattern(org=self._site.org)
         subscription = self._bus.subscribe_with_source(
-            everybodys, lambda key, payload, source: self._on_vote(key, decode_json(payload), source)
+            everybodys, lambda key, payload, source: self.on_vote(key, decode_json(payload), source)
         )
         with self._clock.acting():
             while not stop.is_set():
                 try:
-                    self._forget()
-                    self._repeat()
-                    for key in self._due():
-                        self._post(key)
+                    self.forget()
+                    self.repeat()
+                    for key in self.due():
+                        self.post(key)
                 except Exception:
                     # The next votes must be posted whatever happened to these.
                     log.exception("votes were not published or posted")
                 self._clock.wait_for(
-                    lambda: bool(self._due()),
+                    lambda: bool(self.due()),
                     stop,
-                    until_s=self._next_panel_s(),
-                    wall_s=self._pause_s(),
+                    until_s=self.next_panel_s(),
+                    wall_s=self.pause_s(),
                     resting=True,
                 )
         subscription.undeclare()
 
     def cast(self, task: Task, vote: Vote, report_uri: str) -> None:
         """Sign and publish this oracle's vote. Raises BusError, RemoteError."""
-        committee = self._known or self._ask()
-        currency = self._site.economy.currency
-        signature = votes.sign(vote, self._account, committee.chain_id, committee.address, currency)
+        signature = self.voters.sign(vote)
+        if self._acted_on is None and self.voters.known is not None:
+            self._acted_on = self.voters.known.counted
         key = task.id, task.attempt
         end_s = math.inf if task.case_end is None else task.case_end
         held = _Held(task.kind, task.proof_submitted, end_s, vote, report_uri, {self._name: signature})
@@ -213,7 +186,8 @@ class Votes:
         with self._lock:
             self._held.clear()
             self._early.clear()
-            self._known, self._acted_on, self._asked_s = None, None, -REPEAT_S
+            self._acted_on = None
+            self.voters.forget()
 
     def held(self) -> list[dict[str, Any]]:
         """The oracles that voted as this one did on what waits, and those that voted otherwise."""
@@ -222,7 +196,7 @@ class Votes:
                 {
                     "task_id": task_id,
                     "attempt": attempt,
-                    "needed": self._needed(held.kind),
+                    "needed": self.voters.needed(held.kind),
                     "same": sorted(held.signatures),
                     "other": sorted(held.others.keys() - held.signatures.keys()),
                     "posted": held.posted,
@@ -241,7 +215,7 @@ class Votes:
 
     # -- votes of others ---------------------------------------------------------------------------------
 
-    def _on_vote(self, key: str, data: dict[str, Any], source: str = "") -> None:
+    def on_vote(self, key: str, data: dict[str, Any], source: str = "") -> None:
         name = (topics.VOTE.parts(key) or {}).get("judge", "")
         sealed = validate(SealedVote, data)
         submission, signature = (sealed.task_id, sealed.attempt), sealed.signature
@@ -268,11 +242,10 @@ class Votes:
 
     def _count(self, held: _Held, name: str, signature: str) -> bool:
         """Hold it if it is the signature of the oracle called `name` of the same vote as this oracle's."""
-        committee = self._current()
+        committee = self.voters.current()
         if committee is None:
             return False  # it is published again
-        by = self._signer(committee, held.vote, signature)
-        same = by is not None and by == committee.keys.get(name)
+        same = self.voters.signing_key(held.vote, signature) == committee.keys.get(name, "")
         with self._lock:
             known = held.others.get(name) == signature
             (held.signatures if same else held.others)[name] = signature
@@ -287,56 +260,14 @@ class Votes:
             self._tell()
         return same
 
-    def _signer(self, committee: _Committee, vote: Vote, signature: str) -> str | None:
-        """Address of the key that signed it; None where it is nobody's."""
-        currency = self._site.economy.currency
-        return votes.signer(vote, signature, committee.chain_id, committee.address, currency)
-
-    def _current(self) -> _Committee | None:
-        """The present voters. The bridge is asked once in REPEAT_S, however many votes strangers publish."""
-        if time.monotonic() >= self._asked_s + REPEAT_S:
-            try:
-                self._ask()
-            except (BusError, RemoteError) as error:
-                log.warning("who votes cannot be learnt: %s", error)
-        return self._known
-
-    def _ask(self) -> _Committee:
-        """Raises BusError, RemoteError."""
-        self._asked_s = time.monotonic()
-        chain = self._wallet.ask(queries.CHAIN)
-        rules = self._wallet.ask(queries.ORGANIZATION)
-        judges = {one.name: one for one in rules.judges if one.name is not None}
-        keys = {name: one.key for name, one in judges.items()}
-        seats = {one.seat: name for name, one in judges.items()}
-        needed = {one.kind: one.votes for one in rules.kinds if one.votes}
-        panels = {one.kind: (one.panel, one.rotation_s) for one in rules.kinds if one.votes}
-        unstaked = {
-            one.kind: frozenset(
-                name for name, judge in judges.items() if judge.stake_iec < one.judge_stake_iec
-            )
-            for one in rules.kinds
-            if one.votes
-        }
-        address = chain.contracts.oracle_committee
-        self._known = _Committee(chain.chain_id, address, keys, needed, panels, seats, unstaked)
-        if self._acted_on is None:
-            self._acted_on = self._known.counted
-        return self._known
-
     # -- the verdict ---------------------------------------------------------------------------------------
 
     def _agreed(self, held: _Held, without: frozenset[str] = frozenset()) -> dict[str, str]:
         """Enough signatures, as few as are needed; none where there are not as many."""
-        needed = self._needed(held.kind)
-        without |= frozenset() if self._known is None else self._known.unstaked.get(held.kind, frozenset())
+        needed = self.voters.needed(held.kind)
+        without |= self.voters.unstaked(held.kind)
         counted = {name: one for name, one in sorted(held.signatures.items()) if name not in without}
         return dict(list(counted.items())[:needed]) if len(counted) >= needed else {}
-
-    def _needed(self, kind: str) -> int:
-        """As the organization last said, which may have changed it since the site was prepared."""
-        said = None if self._known is None else self._known.needed.get(kind)
-        return said or votes_needed(self._site, kind)
 
     def _take_turn(self, held: _Held) -> None:
         """Post it in this oracle's turn, if the votes are enough."""
@@ -350,7 +281,7 @@ class Votes:
         """How long this oracle leaves the votes to others."""
         return TURN_S * (sorted(agreed).index(self._name) if self._name in agreed else len(agreed))
 
-    def _due(self) -> list[Key]:
+    def due(self) -> list[Key]:
         now_s, site_s = time.monotonic(), self._site_s()
         with self._lock:
             return [
@@ -359,7 +290,7 @@ class Votes:
                 if one.due_s is not None and one.due_s <= now_s and one.from_s <= site_s <= one.end_s
             ]
 
-    def _pause_s(self) -> float:
+    def pause_s(self) -> float:
         """Wall time until something may be due."""
         now_s, site_s = time.monotonic(), self._site_s()
         with self._lock:
@@ -370,7 +301,7 @@ class Votes:
             )
             return min([_LOOK_S, *(max(0.0, in_s) for in_s in due)])
 
-    def _next_panel_s(self) -> float | None:
+    def next_panel_s(self) -> float | None:
         """Site time at which the next panel is large enough; None where no votes wait for one."""
         site_s = self._site_s()
         with self._lock:
@@ -384,7 +315,7 @@ class Votes:
         except ClockUnavailable:
             return -math.inf
 
-    def _post(self, key: Key) -> None:
+    def post(self, key: Key) -> None:
         """Post the verdict; what the contract does not count, or not yet, is left out."""
         without: frozenset[str] = frozenset()
         later_s: list[float] = []
@@ -443,7 +374,7 @@ class Votes:
         stake may be free again; None if never."""
         if error.code == _TOO_LOW:
             return self._site_s() + _TIED_S
-        committee = self._current()
+        committee = self.voters.current()
         panel, rotation_s = (0, 0) if committee is None else committee.panels.get(held.kind, (0, 0))
         if error.code != "not_in_panel" or held.submitted_s is None or not rotation_s:
             return None
@@ -452,17 +383,17 @@ class Votes:
     def _refused(self, error: RemoteError, held: _Held, posted: Mapping[str, str]) -> str:
         """The oracle whose seat the contract's error names, or the key that signed its vote, which may be
         another's by now."""
-        named, committee = {str(value) for value in error.details.values()}, self._current()
+        named, committee = {str(value) for value in error.details.values()}, self.voters.current()
         if committee is None:
             return ""
         if error.code == _TOO_LOW:
             return committee.seats.get(int(error.details["seat"]), "")
-        signers = {name: self._signer(committee, held.vote, one) for name, one in posted.items()}
+        signers = {name: self.voters.signing_key(held.vote, one) for name, one in posted.items()}
         return next((name for name, by in signers.items() if by in named), "")
 
     # -- one's own votes -----------------------------------------------------------------------------------
 
-    def _repeat(self) -> None:
+    def repeat(self) -> None:
         if time.monotonic() < self._repeated_s + REPEAT_S:
             return
         self._repeated_s = time.monotonic()
@@ -470,7 +401,7 @@ class Votes:
             own = {key: held.signatures[self._name] for key, held in self._held.items()}
         for key, signature in own.items():
             self._publish(key, signature)
-        if own and (now := self._current()) is not None and now.counted != self._acted_on:
+        if own and (now := self.voters.current()) is not None and now.counted != self._acted_on:
             self._acted_on = now.counted
             with self._lock:
                 for held in self._held.values():
@@ -481,7 +412,7 @@ class Votes:
         sealed = SealedVote(task_id=key[0], attempt=key[1], signature=signature)
         self._bus.put_json(topics.VOTE.name(org=self._site.org, judge=self._name), sealed)
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
         """What has its verdict."""
         with self._lock:
             known = [*self._held, *(key for _, key in self._early)]

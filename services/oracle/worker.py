@@ -45,7 +45,7 @@ from rodeo.kinds import KindError, kinds_of
 from rodeo.runtime.process import die_with
 from rodeo.site.config import OracleConfig, Site
 from rodeo.text.strict_json import plain, read_json, write_json
-from services.oracle.away import FAULT
+from services.oracle.away import FAULT, report_on
 
 log = logging.getLogger(__name__)
 
@@ -128,16 +128,7 @@ def verify_apart(
     found = undecided(f"{once.ended}, {ATTEMPTS} times", FAULT, source)
     if once.began:  # other judges find the same, and vote for equal reports: not how it ended
         found = given_up(f"the verification ended without a report, {ATTEMPTS} times", source, FAULT)
-    check = Check.of("verification_ended", found)
-    return Report.of(
-        [check],
-        kind=task.kind,
-        task_id=task.id,
-        attempt=task.attempt,
-        proof_sha256=task.proof_sha256,
-        rules_sha256=task.rules_sha256,
-        acts=once.acts,
-    )
+    return report_on(task, Check.of("verification_ended", found), once.acts)
 
 
 class _Once(NamedTuple):

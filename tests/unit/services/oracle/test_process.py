@@ -7,7 +7,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -30,6 +29,7 @@ from rodeo_testing.waiting import HANG_S, wait_until
 from services.oracle import process, rules, worker
 from services.oracle.away import ProofAway, due_s
 from services.oracle.process import Oracle
+from services.oracle.reports import Reports
 
 
 class HeldClock(WallClock):
@@ -188,13 +188,12 @@ def oracle(
             concerns=(concerns := {}),
             concern=concerns.__setitem__,
         )
-        made = Oracle(service, "oracle")  # type: ignore[arg-type]
-        made._judging.begin({"waste_disposal": rules_sha256})
-        made._wallet = bridge  # type: ignore[assignment]
-        bridge.hearers.append(made._on_event)
-        runs = (partial(turns.run, stop, made._work) for turns in (made._turns, made._words))
-        for target in (*runs, made._sweep, lambda: made._judging.run(stop)):
-            threads.append(threading.Thread(target=target, daemon=True))
+        made = Oracle(service, "oracle", bridge)  # type: ignore[arg-type]
+        made.judging.begin({"waste_disposal": rules_sha256})
+        bridge.hearers.append(made.on_event)
+        loops = made.loops()
+        for name in ("turns", "words", "sweep", "rules"):
+            threads.append(threading.Thread(target=loops[name], daemon=True))
             threads[-1].start()
         return made
 
@@ -219,8 +218,8 @@ def event(task: Task, seq: int, name: str, **args: Any) -> DaoEvent:
 
 def submit(oracle: Oracle, task: Task, executor: str = "panther1") -> None:
     seq = 2 * task.id
-    oracle._on_event(event(task, seq, "TaskRegistered", kind=task.kind, rules=task.rules_sha256))
-    oracle._on_event(event(task, seq + 1, "ProofSubmitted", attempt=task.attempt, executor=executor))
+    oracle.on_event(event(task, seq, "TaskRegistered", kind=task.kind, rules=task.rules_sha256))
+    oracle.on_event(event(task, seq + 1, "ProofSubmitted", attempt=task.attempt, executor=executor))
 
 
 class Verifications:
@@ -264,8 +263,8 @@ def test_a_submission_that_was_undone_while_the_index_is_behind_is_waited_for_no
         "undone_name": "ProofSubmitted",
         "attempt": bridge.current.attempt,
     }
-    judge._on_event(event(bridge.current, 1000, "EventUndone", **undone))
-    wait_until(lambda: not judge._in_work)
+    judge.on_event(event(bridge.current, 1000, "EventUndone", **undone))
+    wait_until(lambda: not judge.line.keys())
     assert not bridge.verdicts
 
 
@@ -297,7 +296,7 @@ def test_a_bridge_that_fails_at_one_task_keeps_no_other_from_its_turn(
     bridge.refuses = "internal"
     judge = oracle()
     submit(judge, bridge.current)
-    wait_until(lambda: bridge.refused == 1 and not judge._in_work)
+    wait_until(lambda: bridge.refused == 1 and not judge.line.keys())
 
 
 @pytest.mark.parametrize("code", ["case_over", "not_judge", "passed_on_before"])
@@ -307,9 +306,9 @@ def test_a_submission_that_this_oracle_may_not_rule_on_any_more_is_not_looked_at
     bridge.refuses = code
     judge = oracle()
     submit(judge, bridge.current)
-    wait_until(lambda: bridge.refused == 1 and not judge._in_work)
-    (waiting,) = judge._acts.waiting()
-    assert judge._for_auditors == {waiting.key}  # which the sweep leaves out
+    wait_until(lambda: bridge.refused == 1 and not judge.line.keys())
+    (waiting,) = judge.acts.waiting()
+    assert judge.status.for_auditors == {waiting.key}  # which the sweep leaves out
 
 
 def test_a_submission_on_which_nobody_ruled_in_time_is_ruled_on_until_its_case_ends(
@@ -317,10 +316,10 @@ def test_a_submission_on_which_nobody_ruled_in_time_is_ruled_on_until_its_case_e
 ) -> None:
     bridge.current = bridge.current.model_copy(update={"state": "ruled", "case_end": 2e9})
     judge, one = oracle(), bridge.current
-    judge._on_event(event(one, 1, "TaskRegistered", kind=one.kind, rules=one.rules_sha256))
-    judge._on_event(event(one, 2, "ProofSubmitted", attempt=one.attempt, executor="panther1"))
+    judge.on_event(event(one, 1, "TaskRegistered", kind=one.kind, rules=one.rules_sha256))
+    judge.on_event(event(one, 2, "ProofSubmitted", attempt=one.attempt, executor="panther1"))
     silent = {"attempt": one.attempt, "ruling": "void", "report": "0x" + "00" * 32}
-    judge._on_event(event(one, 3, "Ruled", **silent))
+    judge.on_event(event(one, 3, "Ruled", **silent))
     assert bridge.posted.wait(HANG_S) and [said.ruling for said in bridge.verdicts] == ["rejected"]
 
 
@@ -330,7 +329,7 @@ def test_a_task_whose_judge_was_removed_is_left_to_the_auditors(
     bridge.current = bridge.current.model_copy(update={"judge_removed": True})
     judge = oracle()
     submit(judge, bridge.current)
-    wait_until(lambda: bool(judge._for_auditors) and not judge._in_work)
+    wait_until(lambda: bool(judge.status.for_auditors) and not judge.line.keys())
     assert not bridge.verdicts
 
 
@@ -338,7 +337,7 @@ def test_a_verdict_holds_the_clock_until_it_is_posted_and_nothing_afterwards(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judge = oracle()
-    clock = judge._clock
+    clock = judge.process.clock
     assert isinstance(clock, HeldClock)
     held: list[int] = []
     monkeypatch.setattr(bridge, "task", lambda _id: (held.append(clock.held), bridge.current)[1])
@@ -355,11 +354,11 @@ def test_who_waits_for_the_bridge_holds_no_clock(
     monkeypatch.setattr(process, "RETRY_S", HANG_S)
     bridge.behind = 10**9
     judge = oracle()
-    clock = judge._clock
+    clock = judge.process.clock
     assert isinstance(clock, HeldClock)
     submit(judge, bridge.current)
     wait_until(lambda: bridge.behind < 10**9 and clock.held == 0)
-    assert judge._in_work == {(bridge.current.id, bridge.current.attempt)}
+    assert judge.line.keys() == {(bridge.current.id, bridge.current.attempt)}
 
 
 @pytest.mark.parametrize("waits", [True, False])
@@ -378,17 +377,17 @@ def test_a_proof_that_is_found_before_the_turn_ends_in_which_it_was_missing_is_v
 
     def find(_task: Task, _away: ProofAway) -> None:
         if not waits:
-            judge._on_event(event(bridge.current, 1000, "TaskRequeued"))
-        judge._missing._found(*key)
+            judge.on_event(event(bridge.current, 1000, "TaskRequeued"))
+        judge.line.put(*key)
 
     monkeypatch.setattr(worker, "verify_apart", verify)
     judge, key = oracle(), (bridge.current.id, bridge.current.attempt)
-    monkeypatch.setattr(judge._missing, "seek", find)
-    monkeypatch.setattr(judge._missing, "forget", lambda _key: forgotten.set())
+    monkeypatch.setattr(judge.missing, "seek", find)
+    monkeypatch.setattr(judge.missing, "forget", lambda _key: forgotten.set())
     submit(judge, bridge.current)
     assert forgotten.wait(HANG_S)  # in the last turn
     assert (len(verified), len(bridge.verdicts)) == ((2, 1) if waits else (1, 0))
-    wait_until(lambda: not judge._in_work and not judge._once_more)
+    wait_until(lambda: not judge.line.keys())
 
 
 def test_a_last_word_that_is_due_before_the_turn_ends_that_left_it_to_others_is_said_as_one(
@@ -398,21 +397,21 @@ def test_a_last_word_that_is_due_before_the_turn_ends_that_left_it_to_others_is_
     monkeypatch.setattr(rules, "_LOOK_S", 2 * HANG_S)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
     judge = oracle("0x" + "88" * 32)
-    leave, put, words = judge._judging.leave, judge._words.put, []
+    leave, put, words = judge.judging.leave, judge.line.words.put, []
 
     def leave_late(task: Task) -> Report | None:
         said = leave(task)
         if said is None:
             bridge.current = bridge.current.model_copy(update={"verdict_deadline": 1.0})
-            judge._judging._found(task.id, task.attempt)
+            judge.line.put(task.id, task.attempt, word=True)
         return said
 
     def noted(key: tuple[int, int], *args: Any, **more: Any) -> None:
         words.append(key)
         put(key, *args, **more)
 
-    monkeypatch.setattr(judge._judging, "leave", leave_late)
-    monkeypatch.setattr(judge._words, "put", noted)
+    monkeypatch.setattr(judge.judging, "leave", leave_late)
+    monkeypatch.setattr(judge.line.words, "put", noted)
     submit(judge, bridge.current)
     assert bridge.posted.wait(HANG_S)
     assert [one.ruling for one in bridge.verdicts] == ["undecided"]
@@ -427,7 +426,7 @@ def test_while_something_is_away_no_clock_jumps_but_to_a_verdict_that_is_due(
     monkeypatch.setattr(process, "RETRY_S", HANG_S)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
     judge = oracle()
-    clock, waits = judge._clock, []
+    clock, waits = judge.process.clock, []
     wait_for = clock.wait_for
 
     def noted(*args: Any, **more: Any) -> bool:
@@ -439,11 +438,11 @@ def test_while_something_is_away_no_clock_jumps_but_to_a_verdict_that_is_due(
         raise StoreUnavailable("the store does not answer", url="file:///store")
 
     monkeypatch.setattr(clock, "wait_for", noted)
-    monkeypatch.setattr(judge._store, "put", put)
+    monkeypatch.setattr(judge.reports.store, "put", put)
     bridge.behind = 10**9 if away == "bridge" else 0
     submit(judge, bridge.current)
     wait_until(lambda: bool(waits))
-    due = due_s(bridge.current, judge._site)
+    due = due_s(bridge.current, judge.process.site)
     assert waits == [(None, False) if away == "bridge" else (due, True)]
 
 
@@ -451,21 +450,25 @@ def test_once_a_verdict_is_due_no_clock_jumps_to_the_windows_end_while_a_report_
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judge, task, waits = oracle(), bridge.current, list[tuple[float | None, bool]]()
-    judge._stop = threading.Event()  # of what is asked here alone
+    stop = threading.Event()
 
     def noted(*_: Any, until_s: float | None, resting: bool) -> bool:
         waits.append((until_s, resting))
-        judge._stop.set()
+        stop.set()
         return False
 
-    judge._clock = SimpleNamespace(now_s=time.time, wait_for=noted)  # type: ignore[assignment]
-    judge._acts.on_event(event(task, 1, "TaskRegistered", kind=task.kind, rules=RULES))
-    judge._acts.on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt, executor="panther1"))
+    clock = SimpleNamespace(now_s=time.time, wait_for=noted)
+    process = SimpleNamespace(
+        site=judge.process.site, clock=clock, stop=stop, data_dir=judge.process.data_dir
+    )
+    reports = Reports(process, judge.acts)  # type: ignore[arg-type]
+    judge.acts.on_event(event(task, 1, "TaskRegistered", kind=task.kind, rules=RULES))
+    judge.acts.on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt, executor="panther1"))
     other = Submission(task.id - 1, 1, task.kind, "panther1", 1, 0)
-    monkeypatch.setattr(judge._acts, "spent", lambda *_, **__: Wait(other, "its report is missing"))
+    monkeypatch.setattr(judge.acts, "spent", lambda *_, **__: Wait(other, "its report is missing"))
     for deadline_s in (time.time() + 3600, time.time()):
-        judge._stop.clear()
-        judge._unspent(task.model_copy(update={"verdict_deadline": deadline_s}), [])
+        stop.clear()
+        reports.unspent(task.model_copy(update={"verdict_deadline": deadline_s}), [], lambda _why: None)
     assert [(until_s is None, resting) for until_s, resting in waits] == [(False, True), (True, False)]
 
 
@@ -489,13 +492,13 @@ def test_of_two_oracles_with_different_rules_the_one_that_has_the_tasks_judges_i
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
     updated, judge = oracle("0x" + "88" * 32), oracle(RULES)
     submit(updated, bridge.current)
-    wait_until(lambda: updated._judging.keys() == {(bridge.current.id, bridge.current.attempt)})
-    assert "which this oracle lacks" in updated._judging.lacking() and not bridge.verdicts
+    wait_until(lambda: updated.judging.keys() == {(bridge.current.id, bridge.current.attempt)})
+    assert "which this oracle lacks" in updated.judging.lacking() and not bridge.verdicts
     submit(judge, bridge.current)
     assert bridge.posted.wait(HANG_S)
-    wait_until(lambda: not updated._judging.keys() and not judge._in_work)
+    wait_until(lambda: not updated.judging.keys() and not judge.line.keys())
     assert [(one.ruling, one.reason) for one in bridge.verdicts] == [("rejected", "fetched")]
-    assert (judge._decided, updated._decided) == (1, 0)
+    assert (judge.status.decided, updated.status.decided) == (1, 0)
 
 
 # -- providers take turns ---------------------------------------------------------------------------------
@@ -552,10 +555,10 @@ def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     """People decide on one of those that claims the same act."""
     monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(ACCEPTED))
     judge = oracle()
-    clock, waits = judge._clock, f"task {bridge.current.id + 1} waiting for task {bridge.current.id} "
+    clock, waits = judge.process.clock, f"task {bridge.current.id + 1} waiting for task {bridge.current.id} "
     assert isinstance(clock, HeldClock)
     activities: list[str] = []
-    judge._process.activity = lambda text, *_, **__: activities.append(text)  # type: ignore[method-assign]
+    judge.process.activity = lambda text, *_, **__: activities.append(text)  # type: ignore[method-assign]
     honest = bridge.other(verdict_deadline=time.time() + 3600)
     submit(judge, bridge.current, "many")
     submit(judge, honest, "honest")
@@ -577,14 +580,14 @@ def test_who_waits_for_the_store_keeps_no_place(
     monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
     monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
     judge = oracle()
-    put, stored = judge._store.put, threading.Event()
+    put, stored = judge.reports.store.put, threading.Event()
 
     def put_later(path: Path) -> str:
         if not stored.is_set():
             raise StoreUnavailable("the store does not answer", url="file:///store")
         return put(path)
 
-    monkeypatch.setattr(judge._store, "put", put_later)
+    monkeypatch.setattr(judge.reports.store, "put", put_later)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
     submit(judge, bridge.current)
     submit(judge, other := bridge.other())
@@ -604,12 +607,12 @@ def test_a_last_word_waits_for_no_verification(
     judge = oracle()
     left = bridge.other(rules_sha256="0x" + "88" * 32, verdict_deadline=time.time() + 3600)
     submit(judge, left)
-    wait_until(lambda: judge._judging.keys() == {(left.id, left.attempt)} and not judge._in_work)
+    wait_until(lambda: judge.judging.keys() == {(left.id, left.attempt)} and not judge.line.keys())
     submit(judge, bridge.current)
     wait_until(lambda: verifications.begun == [bridge.current.id])
     due = left.model_copy(update={"verdict_deadline": 1.0})
     bridge.others[left.id] = due
-    judge._judging._left[left.id, left.attempt] = due
+    judge.judging._left[left.id, left.attempt] = due
     assert bridge.posted.wait(HANG_S)
     assert [(one.task_id, one.ruling) for one in bridge.verdicts] == [(left.id, "undecided")]
 
@@ -628,10 +631,10 @@ def test_what_is_due_before_its_turn_is_a_warning(
     late = bridge.other(verdict_deadline=1.0)
     submit(judge, late)
     submit(judge, bridge.other(verdict_deadline=time.time() + 3600))
-    concerns: dict[str, str] = judge._process.concerns  # type: ignore[attr-defined]
+    concerns: dict[str, str] = judge.process.concerns  # type: ignore[attr-defined]
     wait_until(lambda: concerns.get("turns", "").startswith("1 of 2 proofs in line are due"))
     assert f"task {late.id} attempt 1 is due, and its turn to be verified has not come" in caplog.text
-    judge._on_event(event(late, 1000, "TaskRequeued"))
+    judge.on_event(event(late, 1000, "TaskRequeued"))
     wait_until(lambda: concerns["turns"] == "")
     assert f"task {late.id} attempt 1: its window ended before it was verified" in caplog.text
     assert verifications.begun == [bridge.current.id]
@@ -657,20 +660,20 @@ def test_an_older_account_of_open_tasks_does_not_stay(oracle: Callable[[], Oracl
     """A verdict has ended, and a task is posted while the oracle says what is open."""
     judge = oracle()
     told: list[str] = []
-    judge._telling = telling = Door()  # type: ignore[assignment]
+    judge.status._publishing = telling = Door()  # type: ignore[assignment]
 
     def tell(text: str, *_: object, **__: object) -> None:
         if threading.current_thread().name == "first":
             open_task = event(bridge.current, 1, "TaskRegistered", kind="waste_disposal", rules=RULES)
-            judge._on_event(open_task)
+            judge.on_event(open_task)
             second.start()
             # The second one waits for its turn, or it has wrongly told already.
             wait_until(lambda: "second" in telling.came or told)
         told.append(text)
 
-    judge._process.activity = tell  # type: ignore[method-assign]
-    first = threading.Thread(target=judge._set_activity, args=((1, 1), None), name="first")
-    second = threading.Thread(target=judge._set_activity, args=(None, None), name="second")
+    judge.process.activity = tell  # type: ignore[method-assign]
+    first = threading.Thread(target=judge.status.publish, args=((1, 1),), name="first")
+    second = threading.Thread(target=judge.status.publish, name="second")
     first.start()
     first.join(HANG_S)
     second.join(HANG_S)
@@ -683,18 +686,18 @@ def test_a_task_that_is_posted_right_after_another_ended_is_told_of(
     """What is open is the same at both looks, and between them it was told that nothing is."""
     judge = oracle()
     told: list[str] = []
-    judge._process.activity = lambda text, *_, **__: told.append(text)  # type: ignore[method-assign]
-    judge._process.ready = lambda: None  # type: ignore[method-assign]
+    judge.process.activity = lambda text, *_, **__: told.append(text)  # type: ignore[method-assign]
+    judge.process.ready = lambda: None  # type: ignore[method-assign]
 
     def tell(seq: int, name: str, task: Task, **args: Any) -> None:
-        judge._on_event(event(task, seq, name, **args))
+        judge.on_event(event(task, seq, name, **args))
 
     terms = {"kind": "waste_disposal", "rules": RULES}
     tell(1, "TaskRegistered", bridge.current, **terms)
-    judge._update_status()
+    judge.status.update()
     tell(2, "TaskSettled", bridge.current)
-    judge._set_activity((bridge.current.id, 1), None)
+    judge.status.publish((bridge.current.id, 1))
     tell(3, "TaskRegistered", bridge.other(), **terms)
-    judge._update_status()
-    judge._update_status()
+    judge.status.update()
+    judge.status.update()
     assert [text.partition(" of ")[0] for text in told] == ["1 open task", "idle", "1 open task"]

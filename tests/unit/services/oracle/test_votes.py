@@ -25,6 +25,7 @@ from rodeo.site import topics
 from rodeo.site.config import JudgeConfig, Site
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
+from services.oracle.voters import Voters
 from services.oracle.votes import REPEAT_S, Votes
 from tests.support.site import LAB
 from tests.support.tasks import task
@@ -104,7 +105,7 @@ class Anna:
         self.votes = Votes(
             site,
             "anna",
-            KEYS["anna"],
+            Voters(site, KEYS["anna"], wallet),  # type: ignore[arg-type]
             bus,  # type: ignore[arg-type]
             wallet,  # type: ignore[arg-type]
             self.clock,
@@ -116,7 +117,7 @@ class Anna:
 
     def hear(self, name: str, one: SealedVote, session: str = "") -> None:
         key = topics.VOTE.name(org="lab", judge=name)
-        self.votes._on_vote(key, one.model_dump(mode="json"), session or name)
+        self.votes.on_vote(key, one.model_dump(mode="json"), session or name)
 
     def vote(self) -> None:
         window = {"proof_submitted": self.submitted_s, "case_end": self.submitted_s + 3600}
@@ -199,7 +200,7 @@ def test_who_listens_learns_nothing_that_it_could_vote_for(anna: Anna) -> None:
     anna.hear("bert", published)
     anna.hear("carl", signed("carl", vote(report_sha256="0x" + "00" * 32)))
     assert (anna.held(), anna.held("other")) == (["anna"], ["bert", "carl"])
-    assert anna.votes._due() == []
+    assert anna.votes.due() == []
 
 
 def test_a_false_vote_in_a_judges_name_displaces_none_of_its_own(anna: Anna) -> None:
@@ -277,12 +278,12 @@ def test_a_quorum_that_changes_counts_for_votes_that_are_held(
     anna.hear("bert", signed("bert"))
     anna.hear("carl", signed("carl"))
     anna.vote()
-    assert [one["needed"] for one in anna.votes.held()] == [4] and anna.votes._due() == []
+    assert [one["needed"] for one in anna.votes.held()] == [4] and anna.votes.due() == []
     anna.needed = 3
     later_s = time.monotonic() + REPEAT_S
     monkeypatch.setattr("services.oracle.votes.time.monotonic", lambda: later_s)
-    anna.votes._repeat()
-    assert anna.votes._pause_s() < 1.0  # something is due soon
+    anna.votes.repeat()
+    assert anna.votes.pause_s() < 1.0  # something is due soon
 
 
 def test_votes_for_something_else_do_not_make_a_verdict(anna: Anna) -> None:
@@ -291,7 +292,7 @@ def test_votes_for_something_else_do_not_make_a_verdict(anna: Anna) -> None:
     anna.hear("carl", signed("carl", vote(report_sha256="0x" + "11" * 32)))
     anna.hear("erin", signed("erin", vote(ruling="rejected", amount_iec="0")))
     assert (anna.held(), anna.held("other")) == (["anna", "bert"], ["carl", "erin"])
-    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+    assert anna.votes.due() == [] and anna.votes.pause_s() == 1.0
 
 
 def test_what_the_contract_does_not_count_is_left_out(anna: Anna) -> None:
@@ -313,7 +314,7 @@ def test_a_vote_whose_judge_has_another_key_by_now_holds_up_no_other(
         anna.hear(name, signed(name))
     anna.vote()
     monkeypatch.setitem(anna.keys, "bert", Account.from_key("0x" + "77" * 32).address)
-    anna.votes._ask()
+    anna.votes.voters.ask()
     anna.run(until=2)
     assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "carl", "dora")]
 
@@ -347,13 +348,13 @@ def test_a_vote_counts_once_somebody_has_added_to_its_judges_stake(
     for name in ("bert", "carl"):
         anna.hear(name, signed(name))
     anna.vote()
-    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+    assert anna.votes.due() == [] and anna.votes.pause_s() == 1.0
     anna.stakes["bert"] = 5
     later_s = time.monotonic() + REPEAT_S
     monkeypatch.setattr("services.oracle.votes.time.monotonic", lambda: later_s)
-    anna.votes._current()  # as for the vote of a stranger
-    anna.votes._repeat()
-    assert anna.votes._pause_s() < 1.0  # something is due soon
+    anna.votes.voters.current()  # as for the vote of a stranger
+    anna.votes.repeat()
+    assert anna.votes.pause_s() < 1.0  # something is due soon
 
 
 def test_votes_whose_judges_stake_stands_for_other_cases_are_tried_again_when_those_may_have_ended(
@@ -364,9 +365,9 @@ def test_votes_whose_judges_stake_stands_for_other_cases_are_tried_again_when_th
         anna.hear(name, signed(name))
     anna.vote()
     anna.run(until=1)
-    assert anna.votes._due() == []
+    assert anna.votes.due() == []
     anna.later(59)
-    assert anna.votes._due() == []
+    assert anna.votes.due() == []
     anna.later(60)
     anna.refused.clear()
     anna.run(until=2)
@@ -377,7 +378,7 @@ def test_nothing_is_kept_of_what_has_its_verdict(anna: Anna) -> None:
     anna.vote()
     anna.waits = False
     anna.hear("bert", signed("bert"))
-    anna.votes._forget()
+    anna.votes.forget()
     assert anna.votes.keys() == set() and anna.held() == []
 
 
@@ -388,13 +389,13 @@ def three_votes_of_which_one_is_early(anna: Anna) -> None:
         anna.hear(name, signed(name))
     anna.vote()
     anna.run(until=1)
-    assert anna.votes._due() == []
+    assert anna.votes.due() == []
 
 
 def test_a_vote_that_came_too_early_is_posted_when_its_judge_is_in_the_panel(anna: Anna) -> None:
     three_votes_of_which_one_is_early(anna)
     anna.later(599)
-    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+    assert anna.votes.due() == [] and anna.votes.pause_s() == 1.0
     anna.later(600)
     anna.refused.clear()
     anna.run(until=2)
@@ -405,15 +406,15 @@ def test_a_vote_that_came_too_early_is_posted_when_its_judge_is_in_the_panel(ann
 def test_a_panel_that_has_not_grown_as_said_is_asked_again_without_haste(anna: Anna) -> None:
     three_votes_of_which_one_is_early(anna)
     anna.later(600)
-    anna.votes._post((1, 1))
-    assert len(anna.posted) == 2 and anna.votes._due() == []
-    assert anna.votes._pause_s() > 0.5
+    anna.votes.post((1, 1))
+    assert len(anna.posted) == 2 and anna.votes.due() == []
+    assert anna.votes.pause_s() > 0.5
 
 
 def test_votes_are_not_posted_after_the_window(anna: Anna) -> None:
     three_votes_of_which_one_is_early(anna)
     anna.later(3600.5)
-    assert anna.votes._due() == []
+    assert anna.votes.due() == []
 
 
 @pytest.mark.parametrize("rotation_s", [0, 3601])
@@ -421,7 +422,7 @@ def test_a_judge_who_is_never_in_the_panel_in_time_is_not_waited_for(anna: Anna,
     anna.rotation_s = rotation_s
     three_votes_of_which_one_is_early(anna)
     anna.later(3599)
-    assert anna.votes._due() == [] and anna.votes._next_panel_s() is None
+    assert anna.votes.due() == [] and anna.votes.next_panel_s() is None
 
 
 def test_who_waits_for_the_panel_does_not_wait_for_it_once_others_in_it_agree(anna: Anna) -> None:
@@ -436,10 +437,10 @@ def test_votes_are_posted_once_however_late_the_oracle_hears_of_it(anna: Anna) -
     for name in ("bert", "carl"):
         anna.hear(name, signed(name))
     anna.vote()
-    anna.votes._post((1, 1))
+    anna.votes.post((1, 1))
     anna.hear("dora", signed("dora"))
     assert anna.waits and len(anna.posted) == 1
-    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+    assert anna.votes.due() == [] and anna.votes.pause_s() == 1.0
 
 
 def test_votes_that_may_still_be_mined_are_not_sent_a_second_time(anna: Anna) -> None:
@@ -448,5 +449,5 @@ def test_votes_that_may_still_be_mined_are_not_sent_a_second_time(anna: Anna) ->
         anna.hear(name, signed(name))
     anna.vote()
     for _ in range(2):
-        anna.votes._post((1, 1))
+        anna.votes.post((1, 1))
     assert anna.posted[0] == anna.posted[1]  # the bridge answers the same request without sending it

@@ -1,0 +1,135 @@
+"""Reports of verdicts: the oracle's own copies, and the acts that they say were paid for."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from rodeo.bus.messages import Task
+from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_listed, acts_unspent
+from rodeo.checks.report import Check, Report
+from rodeo.evidence.errors import EvidenceError, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.evidence.store import Store
+from rodeo.host.files import replace_file, writing
+from rodeo.runtime.process import Process
+from services.oracle.away import due_s, is_due
+
+log = logging.getLogger(__name__)
+
+RETRY_S = 1.0
+"""Wall time between attempts to reach the bridge or the store."""
+_REPORT_BYTES = 16 << 20
+
+
+class Reports:
+    """Keeps the reports of this oracle and reads those of others, to tell which acts were paid for."""
+
+    def __init__(self, process: Process, acts: ConsumedActs) -> None:
+        self._site, self._clock, self._stop = process.site, process.clock, process.stop
+        self._acts = acts
+        self.store = Store(process.site)
+        self.folder = process.data_dir / "reports"
+        """Own copies: a store that loses one must not keep anybody waiting."""
+
+    def keep(self, task: Task, report: Report) -> tuple[str, str]:
+        """Where the report is in the store, and its hash. A store that takes nothing until the verdict is due
+        gets the report later: the executor must not lose its pay by that.
+
+        Raises StoreUnavailable, DiskFull.
+        """
+        data = report.to_bytes()
+        sha256 = hashlib.sha256(data).hexdigest()
+        own = self.folder / f"{sha256}.json"
+        with writing(own):
+            own.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(own, data.decode())
+        try:
+            uri = self.store.put(own)
+        except StoreUnavailable as error:
+            if not is_due(task, self._site, self._clock):
+                raise
+            log.error("the verdict is due, but the store does not accept its report: %s", error)
+            uri = self.store.uri_of(sha256, ".json")
+        self._acts.read("0x" + sha256, report.acts)
+        return uri, "0x" + sha256
+
+    def unspent(self, task: Task, claimed: list[str], tell: Callable[[str], None]) -> Check | None:
+        """Whether what a proof claims was not paid for before, as a check; None if no verdict is needed any
+        more. `tell` gets why it waits.
+
+        Waits while that cannot be told: for the verdicts of earlier submissions that may claim it, too, and
+        for reports that cannot be fetched. Once the verdict is due it waits no longer for what others have in
+        line: who hands in many proofs must not cost anybody else the pay.
+        """
+        key = task.id, task.attempt
+        said: str | None = None
+        while not self._stop.is_set():
+            news = self._acts.news
+            if not self._acts.waits(*key):
+                log.info("task %d attempt %d was decided meanwhile", *key)
+                return None
+            due = is_due(task, self._site, self._clock)
+            found = self._acts.spent(*key, claimed, due=due)
+            if not isinstance(found, Wait):
+                return acts_unspent(claimed, found)
+            why = f"waiting for task {found.on.task_id} attempt {found.on.attempt}: {found.why}"
+            if why != said:
+                log.warning("task %d attempt %d: %s", *key, why)
+                tell(f"task {task.id} {why}")
+                said = why
+            # A clock that jumped to the end of the window would leave no time for the report.
+            until_s = None if due else due_s(task, self._site)
+            self._wait_for_news(news, until_s, resting=not due)
+        return None
+
+    def _wait_for_news(self, news: int, until_s: float | None = None, *, resting: bool = True) -> None:
+        """Until more was learnt of acts than when `news` was asked for, or `until_s`. No simulated clock
+        waits meanwhile: what is waited for may be that something is due."""
+        self._clock.wait_for(lambda: self._acts.news != news, self._stop, until_s=until_s, resting=resting)
+
+    def run(self) -> None:
+        """Read the reports of what was paid for, or may be, as soon as they are heard of."""
+        with self._clock.acting():
+            while not self._stop.is_set():
+                news = self._acts.news
+                missing = [one for one in self._acts.unread() if not self._read(one)]
+                if missing:
+                    # Those who wait for what they list are woken themselves when their verdict is due.
+                    self._clock.wait_for(lambda: False, self._stop, wall_s=RETRY_S, resting=True)
+                else:
+                    self._wait_for_news(news)
+
+    def _read(self, submission: Submission) -> bool:
+        """Learn the acts that a submission's reports list; False while one cannot be had."""
+        for uri, sha256 in submission.reports:
+            if self._acts.is_read(sha256):
+                continue
+            try:
+                data = self._fetch(uri, sha256)
+            except EvidenceError as error:
+                log.warning(
+                    "cannot read the report of task %d attempt %d; until then no proof is accepted that it "
+                    "may have paid for: %s",
+                    *submission.key,
+                    error,
+                )
+                return False
+            self._acts.read(sha256, acts_listed(data, sha256))
+        return True
+
+    def _fetch(self, uri: str, sha256: str) -> bytes:
+        """Raises EvidenceError."""
+        # The name is the content: a report that others keep elsewhere may be in our store, too.
+        own = self.store.uri_of(sha256, ".json")
+        kept = self.folder / f"{sha256.removeprefix('0x')}.json"
+        if kept.is_file() and hashlib.sha256(data := kept.read_bytes()).hexdigest() == kept.stem:
+            return data
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                path = self.store.fetch(uri, sha256, _REPORT_BYTES, Path(folder))
+            except (ProofUriNotAllowed, ProofNotFound):
+                path = self.store.fetch(own, sha256, _REPORT_BYTES, Path(folder))
+            return path.read_bytes()
