@@ -180,13 +180,13 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     function rescueTokens(IERC20 token_, address to) external onlyRole(DEFAULT_ADMIN_ROLE) {
         uint256 amount = tasks.rescue(token_, to);
         if (token_ != token) {
-            uint256 own = token_.balanceOf(address(this));
-            uint256 treasury = token.balanceOf(address(this));
+            uint256 own = _balance(token_, address(this));
+            uint256 treasury = _balance(token, address(this));
             amount += own;
             if (own != 0) token_.safeTransfer(to, own);
             // The payment token may have a second address.
-            bool missing = token.balanceOf(address(tasks)) < tasks.held();
-            if (missing || token.balanceOf(address(this)) < treasury) revert NotByMistake(token_);
+            bool missing = _balance(token, address(tasks)) < tasks.held();
+            if (missing || _balance(token, address(this)) < treasury) revert NotByMistake(token_);
         }
         emit TokensRescued(token_, to, amount);
     }
@@ -200,6 +200,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     function setMembersOnly(bool membersOnly_) external onlyRole(DEFAULT_ADMIN_ROLE) {
         membersOnly = membersOnly_;
         emit MembersOnlyChanged(membersOnly_);
+        _updateAdmission();
     }
 
     /// @inheritdoc IOrganization
@@ -237,6 +238,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
     /// @inheritdoc IOrganization
     function setPolicy(IMatchingPolicy policy_) external onlyRole(DEFAULT_ADMIN_ROLE) {
         _setPolicy(policy_);
+        _updateAdmission();
     }
 
     /// @inheritdoc IOrganization
@@ -251,14 +253,17 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         if (duration == 0 || duration > MAX_PAUSE) revert InvalidPause(duration, MAX_PAUSE);
         uint256 earliest = uint256(pausedUntil) + MAX_PAUSE;
         if (block.timestamp < earliest) revert PausedRecently(earliest);
-        pausedUntil = uint40(block.timestamp + duration);
-        emit TasksPaused(msg.sender, pausedUntil);
+        uint40 until = uint40(block.timestamp + duration);
+        pausedUntil = until;
+        emit TasksPaused(msg.sender, until);
+        _updateAdmission();
     }
 
     /// @inheritdoc IOrganization
     function resumeTasks() external onlyGuardianOrAdministrator {
         if (block.timestamp < pausedUntil) pausedUntil = uint40(block.timestamp);
         emit TasksResumed(msg.sender);
+        _updateAdmission();
     }
 
     /// @inheritdoc IOrganization
@@ -386,22 +391,31 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         address creator,
         uint32 executionWindow,
         uint32 verdictWindow,
-        bytes32 wantedRules
-    ) external view returns (IMatchingPolicy, bytes32, KindId, uint32, uint32) {
-        if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
-        Kind storage rules = _admit(kind, creator);
+        bytes32 wantedRules,
+        bool restricted
+    ) external view returns (bytes32, KindId, uint32, uint32) {
+        if (restricted) {
+            uint40 until = pausedUntil;
+            if (block.timestamp < until) revert TasksArePaused(until);
+            _requireAdmitted(creator);
+        }
+        Kind storage rules = _allowed(kind);
         if (executionWindow < rules.minWindow || executionWindow > rules.maxWindow) {
             revert InvalidWindow(kind, executionWindow, rules.minWindow, rules.maxWindow);
         }
         _requireVerdictWindow(kind, rules, verdictWindow);
-        IMatchingPolicy matching = _firstCome ? IMatchingPolicy(address(0)) : policy;
-        bytes32 judgedBy = _rulesFor(kind, wantedRules);
-        return (matching, judgedBy, rules.number, rules.auditWindow, rules.grace);
+        return (_rulesFor(kind, wantedRules), rules.number, rules.auditWindow, rules.grace);
+    }
+
+    /// @inheritdoc IOrganization
+    function admission() external view returns (bool asks, bool restricted) {
+        return (!_firstCome, membersOnly || block.timestamp < pausedUntil);
     }
 
     /// @inheritdoc IOrganization
     function admitService(bytes32 kind, address provider) external view returns (Terms memory, KindId) {
-        Kind storage rules = _admit(kind, provider);
+        Kind storage rules = _allowed(kind);
+        _requireAdmitted(provider);
         _requireNotSuspended(provider);
         return (_terms, rules.number);
     }
@@ -441,6 +455,10 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         }
     }
 
+    function _balance(IERC20 token_, address account) private view returns (uint256) {
+        return token_.balanceOf(account);
+    }
+
     function _withdraw(address to, uint256 amount) private {
         emit Withdrawn(to, amount);
         token.safeTransfer(to, amount);
@@ -471,10 +489,17 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         }
     }
 
-    /// @dev The organization itself needs no membership.
-    function _admit(bytes32 kind, address participant) private view returns (Kind storage rules) {
+    function _allowed(bytes32 kind) private view returns (Kind storage rules) {
         rules = _kinds[kind];
         if (!rules.allowed) revert UnknownKind(kind);
+    }
+
+    function _updateAdmission() private {
+        tasks.updateAdmission();
+    }
+
+    /// @dev The organization itself needs no membership.
+    function _requireAdmitted(address participant) private view {
         if (membersOnly && participant != address(this) && !isMember(participant)) {
             revert NotMember(participant);
         }

@@ -138,7 +138,7 @@ contract ServiceManager is IServiceManager {
         }
         if (state == ServiceState.Active) providers.requireReady(serviceId, provider);
         _requirePrice(price);
-        _setPrice(s, _leaveLine(serviceId, s), price);
+        _setPrice(s, _leaveLine(serviceId, s.kindId, s.turn), price);
         _setState(s, state);
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
@@ -160,7 +160,7 @@ contract ServiceManager is IServiceManager {
         if (taskId != NO_TASK) revert ServiceIsBusy(serviceId, taskId);
         // slither-disable-next-line unused-return
         (, KindId current) = organization.admitService(organization.kindNumbered(s.kindId), provider);
-        s.turn = _leaveLine(serviceId, s);
+        s.turn = _leaveLine(serviceId, s.kindId, s.turn);
         ServiceState state = s.state;
         // Counted among those of its kind's number while it is active.
         _setState(s, ServiceState.Paused);
@@ -222,19 +222,19 @@ contract ServiceManager is IServiceManager {
             (ServiceId other,) = _serviceOf(s.provider, s.kindId, maxPrice);
             if (other != NO_SERVICE) (taker, s) = (other, _services[other]);
         }
-        bool ofKind = s.kindId == kindId;
-        if (hired != Hire.None && s.state == ServiceState.None) revert UnknownService(taker);
+        Record memory r = s;
+        bool ofKind = r.kindId == kindId;
+        if (hired != Hire.None && r.state == ServiceState.None) revert UnknownService(taker);
         if (hired != Hire.None && !ofKind) {
             revert ServiceOfOtherKind(taker, organization.kindNumbered(kindId));
         }
-        price = _priceOf(s);
-        if (!_isFree(s) || price > maxPrice || !ofKind || !_mayDo(s, passed)) {
-            if (hired > s.hired) _hire(s, hired);
+        price = _priceOf(r);
+        if (!_isFree(r) || price > maxPrice || !ofKind || !_mayDo(r, passed)) {
+            if (hired > r.hired) _hire(s, hired);
             return (taker, address(0), 0, false);
         }
-        provider = s.provider;
-        s.turn = _leaveLine(taker, s).withTask(taskId);
-        return (taker, provider, price, s.autoAccept);
+        s.turn = _leaveLine(taker, kindId, r.turn).withTask(taskId);
+        return (taker, r.provider, price, r.autoAccept);
     }
 
     /// @inheritdoc IServiceManager
@@ -264,8 +264,9 @@ contract ServiceManager is IServiceManager {
         }
         turn = turn.withTask(NO_TASK);
         s.turn = turn;
-        if (s.state == ServiceState.Retired) (r.bond,) = _leave(serviceId, s);
-        r.available = s.state == ServiceState.Active && !p.rests;
+        ServiceState state = s.state;
+        if (state == ServiceState.Retired) (r.bond,) = _leave(serviceId, s);
+        r.available = state == ServiceState.Active && !p.rests;
         if (r.available && !_mayWait(turn, r.provider)) {
             r.available = false;
             emit ServiceStoodBack(serviceId);
@@ -509,10 +510,9 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev Out of its line, wherever it stands, if it waits. Returns the service's turn without that place.
-    function _leaveLine(ServiceId serviceId, Record storage s) private returns (Turn turn) {
-        turn = s.turn;
+    function _leaveLine(ServiceId serviceId, KindId kindId, Turn turn) private returns (Turn) {
         if (turn.place() == 0) return turn;
-        Idle storage idle = _idle[s.kindId][turn.isLineOfProven() ? 0 : 1];
+        Idle storage idle = _idle[kindId][turn.isLineOfProven() ? 0 : 1];
         (uint64 key, uint32 id) = (turn.line(), serviceId.pack());
         Line storage line = idle.line[key];
         (uint32 previous, uint32 next, bool known) = (turn.previous(), turn.next(), true);
@@ -531,7 +531,7 @@ contract ServiceManager is IServiceManager {
         } else if (next == 0) {
             line.first = 0;
             idle.lines.remove(key);
-            if (!turn.isLineOfProven() && idle.lines.root == 0) _idle[s.kindId][0].lines.marked = false;
+            if (!turn.isLineOfProven() && idle.lines.root == 0) _idle[kindId][0].lines.marked = false;
         } else {
             line.first = next;
             // The oldest line keeps its earlier age while it stays the oldest of all.
@@ -541,6 +541,7 @@ contract ServiceManager is IServiceManager {
                 if (!idle.lines.leads(key, weight)) idle.lines.put(key, weight);
             }
         }
+        return turn;
     }
 
     /// @dev Out of the latest of its line, among which it is. Returns who is behind it, 0 for nobody, and whether the service
@@ -592,7 +593,7 @@ contract ServiceManager is IServiceManager {
 
     function _suspend(ServiceId serviceId, Record storage s) private {
         if (s.state == ServiceState.Retired || s.state == ServiceState.Suspended) return;
-        s.turn = _leaveLine(serviceId, s);
+        s.turn = _leaveLine(serviceId, s.kindId, s.turn);
         _setState(s, ServiceState.Suspended);
         emit ServiceSuspended(serviceId);
     }
@@ -619,7 +620,7 @@ contract ServiceManager is IServiceManager {
             Turn turn = s.turn;
             bool placed = turn.place() != 0 && turn.isLineOfProven() == turn.isProven();
             if (placed || !_isAvailable(s)) continue;
-            s.turn = _leaveLine(serviceId, s);
+            s.turn = _leaveLine(serviceId, s.kindId, s.turn);
             _offer(serviceId, s);
         }
     }
@@ -630,7 +631,7 @@ contract ServiceManager is IServiceManager {
             ServiceId serviceId = unpackService(uint32(live));
             Record storage s = _services[serviceId];
             if (s.turn.place() == 0) continue;
-            s.turn = _leaveLine(serviceId, s);
+            s.turn = _leaveLine(serviceId, s.kindId, s.turn);
             emit ServiceStoodBack(serviceId);
         }
     }
@@ -675,17 +676,17 @@ contract ServiceManager is IServiceManager {
         _live[provider] = live | uint256(serviceId.pack()) << shift;
     }
 
-    function _isAvailable(Record storage s) private view returns (bool) {
+    function _isAvailable(Record memory s) private pure returns (bool) {
         return s.state == ServiceState.Active && s.turn.taskId() == NO_TASK;
     }
 
     /// @dev Whether it can be given a task: it waits, or may.
-    function _isFree(Record storage s) private view returns (bool) {
+    function _isFree(Record memory s) private view returns (bool) {
         return _isAvailable(s) && (s.turn.place() != 0 || _mayWait(s.turn, s.provider));
     }
 
     /// @dev Whether a task may be offered to the service that has passed these providers.
-    function _mayDo(Record storage s, Passed passed) private view returns (bool) {
+    function _mayDo(Record memory s, Passed passed) private view returns (bool) {
         if (passed.isEmpty()) return true;
         if (passed.has(s.turn.number())) return false;
         return !passed.isForProven() || _provenActive[s.kindId] == 0 || s.turn.isProven();
@@ -706,7 +707,7 @@ contract ServiceManager is IServiceManager {
         return Weight.unwrap(weigh(level + 1, MAX_MINOR - reputation));
     }
 
-    function _priceOf(Record storage s) private view returns (uint96) {
+    function _priceOf(Record memory s) private view returns (uint96) {
         return uint96(s.units * _unit);
     }
 

@@ -9,7 +9,6 @@ import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {SignedRequests} from "./SignedRequests.sol";
 import {ITaskQueues} from "./interfaces/ITaskQueues.sol";
 import {TaskQueues} from "./TaskQueues.sol";
-import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IProviders, Outcome} from "./interfaces/IProviders.sol";
 import {IServiceListener} from "./interfaces/IServiceListener.sol";
@@ -48,9 +47,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint40 waiting;
         /// @dev How often a service began to wait. Each gets the next number, so that the lower was there earlier.
         uint40 places;
-        /// @dev When the newest task came, the policy was one that has to be asked. Known here, because a verdict would pay
-        /// 2,100 gas to look it up. The policy may be another one by now, and is the one that is asked.
+        /// @dev What IOrganization.admission says. Known here, because each task and each verdict would pay 2,100 gas to look it up.
         bool asks;
+        bool restricted;
         uint120 held;
     }
 
@@ -122,6 +121,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         (_unit,) = Units.unitOf(token);
         signedRequests = address(new SignedRequests());
         queues = new TaskQueues(organization_, services_);
+        updateAdmission();
     }
 
     /// @inheritdoc ITaskManager
@@ -281,6 +281,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
+    function updateAdmission() public {
+        (_totals.asks, _totals.restricted) = organization.admission();
+    }
+
+    /// @inheritdoc ITaskManager
     function removeJudge(KindId kindId) external onlyOrganization {
         _benches[kindId].removed = true;
     }
@@ -347,17 +352,21 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _register(address creator, TaskRequest calldata request) private returns (TaskId taskId) {
         // slither-disable-next-line uninitialized-local
         Record memory t;
-        IMatchingPolicy policy;
         bytes32 rules;
-        (policy, rules, t.kindId, t.auditWindow, t.grace) = organization.admitTask(
-            request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
+        (rules, t.kindId, t.auditWindow, t.grace) = organization.admitTask(
+            request.kind,
+            creator,
+            request.executionWindow,
+            request.verdictWindow,
+            request.rules,
+            _totals.restricted
         );
         if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
             revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
         }
         Texts.requireParams(request.params);
         uint40 number = _totals.tasks + 1;
-        (_totals.tasks, _totals.asks) = (number, address(policy) != address(0));
+        _totals.tasks = number;
         taskId = TaskId.wrap(number);
         (t.creator, t.reward) = (creator, request.reward.toUint88());
         _totals.held += uint120(t.reward);

@@ -404,16 +404,14 @@ contract PolicyTest is Fixture {
         offer(robot2, 10 ether);
     }
 
-    function test_aPolicyAfterFirstComeIsAskedFromTheNextTaskOn() public {
+    function test_aPolicyAfterFirstComeIsAskedAtOnce() public {
         for (uint256 i = 0; i < 4; ++i) {
             post(alice, 40 ether);
         }
         _use(new StubPolicy(Way.Answers, 3));
-        assertAssigned(taskNo(1), offer(robot1, 10 ether));
-        post(alice, 40 ether);
-        assertAssigned(taskNo(3), offer(robot2, 10 ether));
+        assertAssigned(taskNo(3), offer(robot1, 10 ether));
         _use(policy);
-        assertAssigned(taskNo(2), offer(robot3, 10 ether));
+        assertAssigned(taskNo(1), offer(robot2, 10 ether));
     }
 
     function test_whatThePolicySaysCanBeAsked() public {

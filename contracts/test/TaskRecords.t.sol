@@ -7,6 +7,7 @@ import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {Hire, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {Record, TaskRecords} from "../src/libraries/TaskRecords.sol";
 import {KindId} from "../src/types/KindId.sol";
+import {GUARDIAN_ROLE} from "../src/types/Roles.sol";
 import {TaskId} from "../src/types/TaskId.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -99,16 +100,46 @@ contract TaskRecordsTest is Fixture {
     }
 
     function test_nobodyHasToAskWhoeverChoosesTheLongestIdle() public {
-        assertEq(address(_matching()), address(0));
-        IMatchingPolicy cheapest = IMatchingPolicy(deployed("LowestPrice"));
+        assertFalse(_asks());
         vm.prank(admin);
-        organization.setPolicy(cheapest);
-        assertEq(address(_matching()), address(cheapest));
+        organization.setPolicy(IMatchingPolicy(deployed("LowestPrice")));
+        assertTrue(_asks());
         IMatchingPolicy first = IMatchingPolicy(deployed("FirstComeFirstServed"));
         vm.prank(admin);
         organization.setPolicy(first);
-        assertEq(address(_matching()), address(0));
+        assertFalse(_asks());
         assertEq(address(organization.policy()), address(first));
+    }
+
+    /// @dev What new tasks look up stands with the task manager, and follows each change at once.
+    function test_tasksAreRestrictedWhileTheOrganizationSaysSo() public {
+        vm.prank(admin);
+        organization.grantRole(GUARDIAN_ROLE, admin);
+        TaskRequest memory r = request(1 ether);
+        vm.prank(admin);
+        organization.pauseTasks(1 hours);
+        vm.prank(alice);
+        vm.expectPartialRevert(IOrganization.TasksArePaused.selector);
+        tasks.registerTask(r);
+        vm.warp(block.timestamp + 1 hours);
+        vm.prank(alice);
+        tasks.registerTask(r);
+        tasks.updateAdmission();
+        vm.prank(alice);
+        tasks.registerTask(r);
+        vm.prank(admin);
+        organization.setMembersOnly(true);
+        vm.prank(alice);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.NotMember.selector, alice));
+        tasks.registerTask(r);
+        tasks.updateAdmission();
+        vm.prank(alice);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.NotMember.selector, alice));
+        tasks.registerTask(r);
+        vm.prank(admin);
+        organization.setMembersOnly(false);
+        vm.prank(alice);
+        tasks.registerTask(r);
     }
 
     function test_kindsAreNumbered() public {
@@ -137,7 +168,7 @@ contract TaskRecordsTest is Fixture {
         gas -= gasleft();
     }
 
-    function _matching() private view returns (IMatchingPolicy matching) {
-        (matching,,,,) = organization.admitTask(CLEANING, alice, WINDOW, WINDOW, 0);
+    function _asks() private view returns (bool asks) {
+        (asks,) = organization.admission();
     }
 }

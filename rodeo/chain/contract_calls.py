@@ -391,5 +391,8 @@ class TaskManagerCalls(ContractCalls):
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("TaskManager", "submitProof", task_id, attempt, proof_hash, uri)
 
+    def update_admission(self) -> Call:
+        return self._call("TaskManager", "updateAdmission")
+
     def withdraw_payments(self, account: str) -> Call:
         return self._call("TaskManager", "withdrawPayments", account)

@@ -372,7 +372,7 @@ interface IOrganization {
     /// @param executionWindow seconds from assignment to proof
     /// @param verdictWindow seconds from proof to verdict
     /// @param wantedRules the rules that the creator names; 0 for the newest
-    /// @return matching what matches it; 0 for the service that has waited longest, as FirstComeFirstServed chooses
+    /// @param restricted see admission: the caller has it in a word of its own, and saves what looking here costs
     /// @return rules by which it is judged; 0 where people judge and no rules were named
     /// @return kindId the number of the kind
     /// @return auditWindow how much longer than the verdict window a ruling can be replaced, s
@@ -382,11 +382,13 @@ interface IOrganization {
         address creator,
         uint32 executionWindow,
         uint32 verdictWindow,
-        bytes32 wantedRules
-    )
-        external
-        view
-        returns (IMatchingPolicy matching, bytes32 rules, KindId kindId, uint32 auditWindow, uint32 grace);
+        bytes32 wantedRules,
+        bool restricted
+    ) external view returns (bytes32 rules, KindId kindId, uint32 auditWindow, uint32 grace);
+
+    /// @return asks whether the policy has to be asked, because it is not FirstComeFirstServed
+    /// @return restricted whether only members post tasks, or nobody before the end of a pause
+    function admission() external view returns (bool asks, bool restricted);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @param provider who offers it
