@@ -46,7 +46,7 @@ node-packages:
 
 setup: $(DEV) node-packages  ## install all that developing needs; Foundry's tools where there is Node
 
-system:  ## install with apt-get what tests and pictures need: PostgreSQL, Chromium, Node, libEGL
+system:  ## install with apt-get what tests and pictures need: PostgreSQL, Chromium, Node, libEGL, rosidl
 	@$(SETUP) system
 
 # -- what people run ---------------------------------------------------------------------------------
@@ -86,13 +86,14 @@ experiment: $(VENV)/installed-experiment  ## the published experiment twice, abo
 bench: $(DEV) $(if $(filter mutants,$(or $(ONLY),mutants)),$(SOLVER)/stamp) node_modules/.stamp  ## measure; ONLY=area limits it (contracts, mutants, evidence, oracle, forgeries, fuzz, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console, outside, extras; by its name alone: verdicts)
 	@$(BIN)/python -m bench $(ONLY)
 
-lint: $(DEV) node-packages  ## linters, type checker, imports, sizes of classes, the network's answers, built contracts equal to their sources
+lint: $(DEV) node-packages  ## linters, type checker, imports, sizes of classes, ROS 2 interfaces, the network's answers, built contracts equal to their sources
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo --no-cache
 	@$(BIN)/python -m tests.docs.links
 	@$(BIN)/python -m tools.shape
+	@$(BIN)/python -m rodeo.interfaces.generate --check
 	@$(BIN)/python -m training.answers
 	@if [ -e node_modules/.stamp ]; then npm run --silent contracts:check; \
 	else echo "skipped: whether built contracts equal their sources; Node is missing: make system"; fi

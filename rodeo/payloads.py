@@ -446,7 +446,7 @@ def _table(model: type[BaseModel], without: type[BaseModel] | None = None) -> li
     """A row for each field that is not one of `without`."""
     schema = model.model_json_schema(by_alias=True, mode="validation")
     inherited = set() if without is None else set(without.model_fields)
-    meanings = dict(_meanings(model))
+    known = dict(meanings(model))
     rows = ["| field | JSON | needed | what |", "|---|---|---|---|"]
     for name, field in model.model_fields.items():
         if name in inherited:
@@ -454,7 +454,7 @@ def _table(model: type[BaseModel], without: type[BaseModel] | None = None) -> li
         alias = field.alias or name
         shape = _shape(schema["properties"][alias], schema.get("$defs", {}))
         needed = "yes" if field.is_required() else ""
-        rows.append(f"| `{alias}` | {shape} | {needed} | {field.description or meanings.get(name, '')} |")
+        rows.append(f"| `{alias}` | {shape} | {needed} | {field.description or known.get(name, '')} |")
     return rows
 
 
@@ -478,10 +478,10 @@ def _shape(schema: dict[str, Any], defs: dict[str, Any]) -> str:
     return str(kind)
 
 
-def _meanings(model: type[BaseModel]) -> Iterable[tuple[str, str]]:
+def meanings(model: type[BaseModel]) -> Iterable[tuple[str, str]]:
     """(field, the text under it in the source) of a model and those that it extends."""
     for cls in reversed(model.__mro__):
-        if not (issubclass(cls, BaseModel) and cls.__module__.startswith("rodeo.")):
+        if not (issubclass(cls, BaseModel) and cls.__module__.startswith("rodeo")):
             continue
         (body,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
         assert isinstance(body, ast.ClassDef)

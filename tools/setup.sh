@@ -122,6 +122,7 @@ has_node() {
 }
 has_postgresql() { command -v initdb >/dev/null || ls "$root"/usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1; }
 has_chromium() { command -v chromium-headless-shell || command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null
+has_rosidl() { "$root/usr/bin/python3" -c 'import em, rosidl_adapter' >/dev/null 2>&1; }
 
 check_optional() { # $1 site or dev
     has_egl || note "libEGL, for pictures: without it the bin's camera shows checked-in ones (apt-get install libegl1, 40 MB)"
@@ -129,6 +130,7 @@ check_optional() { # $1 site or dev
     has_node || note "Node $node_major or newer with npm: without it the tests of the contracts are skipped"
     has_postgresql || note "PostgreSQL: without it the tests of the bridge's index in it are skipped"
     has_chromium || note "Chromium: without it the tests of the console's pages are skipped"
+    has_rosidl || note "rosidl-tools: without it the grammar of the ROS 2 interfaces is not tested"
     [ -z "$optional" ] || note "\`make system\` installs these with apt-get"
 }
 
@@ -158,6 +160,7 @@ system() {
     command -v npm >/dev/null || want npm
     has_postgresql || want postgresql
     has_chromium || want chromium-headless-shell
+    has_rosidl || { want rosidl-tools; want python3-empy; }
     if [ -n "$packages" ]; then
         if ! command -v apt-get >/dev/null; then
             say "There is no apt-get here. Install with this system's own package manager (Debian's names):$packages"
@@ -180,11 +183,12 @@ system() {
     has_node || need "Node $node_major or newer with npm"
     has_postgresql || need "PostgreSQL"
     has_chromium || need "Chromium (on Ubuntu: Google Chrome's own package)"
+    has_rosidl || need "rosidl-tools"
     if [ -n "$missing" ]; then
         say "Still missing; their tests are skipped:$missing"
         exit 1
     fi
-    say "libEGL, Node, PostgreSQL and Chromium are here."
+    say "libEGL, Node, PostgreSQL, Chromium and rosidl are here."
 }
 
 goal=${GOAL:-demo}

@@ -22,6 +22,15 @@ ORGANIZATION = "organization"
 NO_RULES = "0x" + "00" * 32
 """Rules of a task that names none: the newest that are current, if there are any."""
 
+Instant = Annotated[float, "instant"]
+"""A time on the block's or site's clock, s since 1970. ROS 2 has a type for it (`rodeo.interfaces`)."""
+
+BlockSecond = Annotated[int, "instant"]
+"""A block's time in whole seconds; 0 for none."""
+
+TaskParams = Annotated[dict[str, Any], "task parameters"]
+"""The parameters of a task: the fields of its kind."""
+
 Hex32 = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{64}$")]
 """32 bytes as lower-case hex with 0x."""
 
@@ -94,9 +103,9 @@ class Device(BaseModel):
     """Name of the device among the devices of its role on the site."""
     owner: str
     """Address of the participant that owns the device."""
-    registered: float | None = None
+    registered: Instant | None = None
     """When it was registered, s of block time."""
-    revoked: float | None = None
+    revoked: Instant | None = None
     """When it was revoked, s of block time."""
     revoked_because: Literal["superseded", "compromised"] | None = None
 
@@ -180,7 +189,7 @@ class Standing(Message):
     fault: Fault = "nobody"
     amount_iec: Amount = Decimal(0)
     """What it pays the executor, before the tenth of an impossible task."""
-    until: float
+    until: Instant
     """Then anybody may conclude the task."""
 
 
@@ -189,7 +198,7 @@ class Dispute(Message):
 
     instance: int
     """The instance whose ruling it is: 0 for the oracles, 1 for the judges of challenges."""
-    until: float
+    until: Instant
     """End of the window in which it can be challenged, or of the time to decide about a challenge."""
     challenger: str | None = None
     """The account that challenged it."""
@@ -313,7 +322,7 @@ class DaoEvent(Message):
     block: int
     log_index: int
     tx_hash: str
-    time_s: float
+    time_s: Instant
     task_id: int | None
     args: dict[str, Any]
     chain: str = ""
@@ -365,15 +374,15 @@ class Task(Message):
     paid_iec: Amount
     refunded_iec: Amount = Decimal(0)
     """The part of the reward that was returned to the creator."""
-    params: dict[str, Any]
+    params: TaskParams
     description: str
-    registered: float
-    assigned: float | None
-    proof_submitted: float | None
-    settled: float | None
-    execution_deadline: float | None
-    verdict_deadline: float | None
-    case_end: float | None = None
+    registered: Instant
+    assigned: Instant | None
+    proof_submitted: Instant | None
+    settled: Instant | None
+    execution_deadline: Instant | None
+    verdict_deadline: Instant | None
+    case_end: Instant | None = None
     """Until then a ruling on the submitted proof can be replaced."""
     rules_sha256: str | None = None
     """Hash of the rules by which the task is judged, current when it was posted (`rodeo.checks.rules`).

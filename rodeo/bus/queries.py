@@ -10,10 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from rodeo.bus.messages import (
     Amount,
+    BlockSecond,
     DaoEvent,
     Device,
     Fault,
     Id,
+    Instant,
     Kind,
     Message,
     Namers,
@@ -30,7 +32,7 @@ MAX_PAGE = 500
 """Maximum number of entries in one answer."""
 
 Limit = Annotated[int, Field(ge=1, le=MAX_PAGE)]
-Time = Annotated[float, Field(ge=0, le=2**48, allow_inf_nan=False)]
+Time = Annotated[Instant, Field(ge=0, le=2**48, allow_inf_nan=False)]
 _END_OF_TIME = float(2**48)
 
 
@@ -154,10 +156,10 @@ class Known(Answer):
     their services at a time."""
     vouched: bool = False
     """The organization vouches for it."""
-    rests_until: float | None = None
+    rests_until: Instant | None = None
     """It is not proven, and gets no task before this block time, s, because it gave a task back, missed one,
     or made a void. None or in the past while it does not rest."""
-    bond_locked_until: float | None = None
+    bond_locked_until: Instant | None = None
     """Its bonds are not returned before this block time, s. None or in the past where they are at once."""
 
 
@@ -189,7 +191,7 @@ class Offer(Known):
     max_failures: int
     failures: int
     """Failures in a row of all the provider's services."""
-    asleep_until: float | None = None
+    asleep_until: Instant | None = None
     """When the provider, who let too many attempts pass without a proof, may wake up, s of block time. None
     while it is awake."""
     place: int
@@ -265,7 +267,7 @@ class Balance(Paid):
 class Transfer(Answer):
     seq: int
     block: int
-    time_s: float
+    time_s: Instant
     tx_hash: str
     sender: str
     sender_name: str | None
@@ -289,7 +291,7 @@ class Transaction(Answer):
 
     tx_hash: str
     block: int
-    time_s: float
+    time_s: Instant
     events: list[str]
     task_ids: list[int]
     sender: str | None
@@ -305,7 +307,7 @@ class Transactions(Answer):
 
 
 class Bucket(Answer):
-    start_s: float
+    start_s: Instant
     registered: int
     settled: int
     failed: int
@@ -329,7 +331,7 @@ class Devices(Answer):
 
 
 class PostedRoot(Root):
-    time_s: float
+    time_s: Instant
     """Time of the block in which it was posted."""
     tx_hash: str
 
@@ -393,7 +395,7 @@ class Judge(Answer):
     """What is deposited for it and counts for its votes. It loses by a vote for what is overturned."""
     leaving_iec: Amount = Decimal(0)
     """What is being withdrawn, and can be lost, too."""
-    leaving_until_s: int = 0
+    leaving_until_s: BlockSecond = 0
     """Block time after which that is paid."""
 
 
@@ -458,7 +460,7 @@ class Budget(Answer):
 
     amount_iec: Amount
     period_s: int
-    since_s: int
+    since_s: BlockSecond
     """Block time at which the first period began."""
 
 
@@ -476,7 +478,7 @@ class Organization(Answer):
     """They offer no services until the administrator reinstates them."""
     budgets: dict[str, Budget] = {}
     """By the contract's name of the role. A role without one has no limit."""
-    paused_until_s: int = 0
+    paused_until_s: BlockSecond = 0
     """Block time before which no new tasks are taken; in the past where they are."""
     decided_by: Literal["administrator", "vote"] = "administrator"
     delay_s: int = 0
@@ -543,10 +545,10 @@ class Proposal(Answer):
     description: str
     calls: list[ProposedCall]
     state: ProposalState
-    created_s: float
-    vote_end_s: float | None
+    created_s: Instant
+    vote_end_s: Instant | None
     """Last block time at which votes count; None where the administrator decides."""
-    ready_s: float | None
+    ready_s: Instant | None
     """Block time from which it can be executed; None before it is queued."""
     votes: dict[Support, int]
     ballots: list[Ballot]
@@ -587,9 +589,9 @@ class BudgetVote(Answer):
     state: Literal["open", "ended", "paid"]
     """Open while members vote, paid when everybody has their share."""
     amount_iec: Amount
-    opened_s: float
+    opened_s: Instant
     """Block time of its opening: who became a member then or later has no votes in it."""
-    end_s: float
+    end_s: Instant
     """Block time before which members vote, and from which shares are paid."""
     credits: int
     """Credits of each member."""
@@ -608,7 +610,7 @@ class Chain(Answer):
     url: str
     head: int
     """Number of the newest known block."""
-    time_s: float
+    time_s: Instant
     """Time of that block."""
     contracts: Contracts
     organization: str

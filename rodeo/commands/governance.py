@@ -86,6 +86,7 @@ class Propose(Command):
 
 
 @command(
+    "ros_dao",
     line=Line(
         "organization vote {proposal} {support}",
         "{participant} voted {support} on proposal {proposal}.",
@@ -108,6 +109,7 @@ class CastVote(Command):
 
 
 @command(
+    "ros_dao",
     line=Line(
         "organization queue {proposal}",
         "Proposal {proposal} can be executed after the delay: `rodeo organization proposals` says when.",
@@ -126,6 +128,7 @@ class QueueProposal(Command):
 
 
 @command(
+    "ros_dao",
     line=Line(
         "organization execute {proposal}", "Proposal {proposal} is executed.", spelled={"proposal": "NUMBER"}
     ),
@@ -239,6 +242,7 @@ def _budget_vote_in_words(said: Mapping[str, Any]) -> str:
 
 
 @command(
+    "ros_dao",
     line=Line(
         "organization vote-budget {budget_vote} {votes}",
         _budget_vote_in_words,
@@ -283,7 +287,7 @@ class CastBudgetVote(Command):
         return [desk.client.governance_calls.budgets.vote(row["number"], votes)]
 
 
-@command("operator", console=BY_ANYBODY)
+@command("ros_dao", "operator", console=BY_ANYBODY)
 class PayBudgetShare(Command):
     """Pay one recipient its share after the end of a budget vote. Anybody may."""
 

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from rodeo.commands.desk import Desk, Row
 
 
-@command("oracle", *PEOPLE)
+@command("ros_dao", "oracle", *PEOPLE)
 class Rule(Command):
     """Rule on a proof, as the judge of its kind, or as an auditor on what that judge has passed on."""
 
@@ -139,6 +139,7 @@ class PostVotes(Command):
 
 
 @command(
+    "ros_dao",
     line=Line(
         "task dispute challenge {task_id}",
         "{participant} challenged the ruling on task {task_id}.",
@@ -188,6 +189,7 @@ class Challenge(Command):
 
 
 @command(
+    "ros_dao",
     "robot_agent",
     "charger",
     line=Line("task conclude {task_id}", "Task {task_id} is {task.state}.", shows_task=True),
@@ -204,6 +206,7 @@ class Conclude(Command):
 
 
 @command(
+    "ros_dao",
     line=Line("task dispute settle {task_id}", "The stakes of task {task_id} are settled."),
     console=BY_ANYBODY,
 )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rodeo.commands.desk import Desk
 
 
-@command("robot_agent", "charger", "operator", console=BY_PROVIDER)
+@command("ros_dao", "robot_agent", "charger", "operator", console=BY_PROVIDER)
 class RegisterService(Command):
     """Offer to do tasks of a kind: from then on they may be assigned to the provider."""
 
@@ -95,7 +95,15 @@ class RegisterService(Command):
         return self._max_bond(desk)
 
 
-@command("robot_agent", "charger", "operator", console=BY_PROVIDER, proposable=True, of_administrator=False)
+@command(
+    "ros_dao",
+    "robot_agent",
+    "charger",
+    "operator",
+    console=BY_PROVIDER,
+    proposable=True,
+    of_administrator=False,
+)
 class UpdateService(Command):
     """Price, pause, resume or retire a service. What is left out stays as it is."""
 
@@ -133,6 +141,7 @@ class UpdateService(Command):
 
 
 @command(
+    "ros_dao",
     "robot_agent",
     "charger",
     line=Line(
@@ -160,6 +169,7 @@ def _namers_in_words(said: Mapping[str, Any]) -> str:
 
 
 @command(
+    "ros_dao",
     line=Line(
         "service set-namers {service_id} {namers}",
         _namers_in_words,

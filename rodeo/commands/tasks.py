@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from rodeo.bus.messages import NO_RULES, ORGANIZATION, Attempt, Hex32, Id, Iec, Kind, Party, Window
+from rodeo.bus.messages import (
+    NO_RULES,
+    ORGANIZATION,
+    Attempt,
+    Hex32,
+    Id,
+    Iec,
+    Kind,
+    Party,
+    TaskParams,
+    Window,
+)
 from rodeo.chain import signed_requests
 from rodeo.chain.contracts.abi import TaskRequest
 from rodeo.chain.contracts.types import ZERO_ADDRESS, hex_bytes
@@ -45,7 +56,7 @@ MAX_TEXT_BYTES = 16 * 1024
 """Most bytes of parameters and description together: everybody keeps and lists them indefinitely."""
 
 
-@command("robot_agent", *PEOPLE, signable=True)
+@command("ros_dao", "robot_agent", *PEOPLE, signable=True)
 class RegisterTask(Command):
     """Post a task. Its reward goes into escrow."""
 
@@ -53,7 +64,7 @@ class RegisterTask(Command):
         description="A kind of work that the organization accepts.", examples=["window_cleaning"]
     )
     reward_iec: Iec = Field(description="Reward in IEC, put into escrow.", examples=["100"])
-    params: dict[str, Any] = Field(
+    params: TaskParams = Field(
         {}, description="The task's parameters: the fields of its kind.", examples=[{"window": "north"}]
     )
     description: str = Field(default="", max_length=2000, description="Description for people.")
@@ -196,6 +207,7 @@ class RegisterTask(Command):
 
 
 @command(
+    "ros_dao",
     line=Line("task cancel {task_id}", "Task {task_id} is cancelled; {participant} got its reward back."),
     console=BY_OPERATOR,
     signable=True,
@@ -214,7 +226,7 @@ class CancelTask(Command):
         )
 
 
-@command("robot_agent", *PEOPLE, signable=True)
+@command("ros_dao", "robot_agent", *PEOPLE, signable=True)
 class AcceptTask(Command):
     """The executor agrees to do an assigned task: from then on a failure costs it the penalty of its terms. A
     proof accepts, too."""
@@ -231,7 +243,7 @@ class AcceptTask(Command):
         )
 
 
-@command("robot_agent", "charger", "operator", signable=True)
+@command("ros_dao", "robot_agent", "charger", "operator", signable=True)
 class AbandonTask(Command):
     """The executor gives an assigned task back, so that another attempt begins. In the kind's grace period
     the attempt does not count, and it costs a proven provider nothing; a provider that is not proven rests.
@@ -249,7 +261,7 @@ class AbandonTask(Command):
         )
 
 
-@command("robot_agent", "operator")
+@command("ros_dao", "robot_agent", "operator")
 class RaiseReward(Command):
     """Post an open task of one's own again for a higher reward. The contracts cannot raise a reward, so the
     task is cancelled, and the new one has another ID. A task that is already cancelled is only posted
@@ -306,7 +318,7 @@ class RaiseReward(Command):
         return desk.currency.to_units(self.reward_iec) - int(back)
 
 
-@command("robot_agent", "charger", *PEOPLE, signable=True)
+@command("ros_dao", "robot_agent", "charger", *PEOPLE, signable=True)
 class SubmitProof(Command):
     """Submit the proof of an attempt: its hash, and where it is."""
 

@@ -26,7 +26,7 @@ def _budget_in_words(said: Mapping[str, Any]) -> str:
     return f"The role {said['role']} may take {limit} out of the treasury."
 
 
-@command()
+@command("ros_dao")
 class Transfer(Command):
     """Pay from the wallet to another account."""
 
@@ -43,7 +43,7 @@ class Transfer(Command):
         return desk.currency.to_units(self.amount_iec)
 
 
-@command()
+@command("ros_dao")
 class Collect(Command):
     """Collect payments to the wallet that the token refused before."""
 

@@ -34,6 +34,11 @@ def _definitions() -> dict[str, list[Any]]:
     return found
 
 
+def add(entries: dict[str, list[Any]]) -> None:
+    """Interfaces that the file does not have, as it would have them."""
+    _definitions().update(entries)
+
+
 @cache
 def definition(typename: str) -> Definition:
     """The definition of a message, a service or a structure like `std_srvs/srv/SetBool_Request`. Raises

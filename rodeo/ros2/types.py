@@ -10,7 +10,7 @@ rosbags dataclasses: sequences of numbers are numpy arrays, nested messages are 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Any
 
@@ -30,8 +30,12 @@ from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 
 from rodeo.host.stamps import sec_nanosec
+from rodeo.ros2 import definitions
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.interfaces import ACTIONS, MESSAGES, SERVICES
+
+Texts = Mapping[str, str]
+"""Full name (package/kind/Name) -> its definition in ROS's language."""
 
 
 def _parse(typename: str, text: str) -> dict[str, Any]:
@@ -153,19 +157,31 @@ def _build_store() -> Typestore:
     store.types.update(jazzy.types)
     for typename, (constants, fields) in store.fielddefs.items():
         store.fielddefs[typename] = (constants, [(name, _char_as_uint8(desc)) for name, desc in fields])
-    added: dict[str, Any] = {}
-    for typename, text in MESSAGES.items():
-        added |= _parse(typename, text)
-    for typename, text in SERVICES.items():
-        added |= _service_structures(typename, *text.split("---\n"))
-    for typename, text in ACTIONS.items():
-        added |= _action_structures(typename, text)
-    store.register(added)
+    store.register(_declared(MESSAGES, SERVICES, ACTIONS))
     return store
+
+
+def _declared(messages: Texts, services: Texts, actions: Texts) -> dict[str, Any]:
+    """Every structure of the interfaces, the way rosidl derives them."""
+    added: dict[str, Any] = {}
+    for typename, text in messages.items():
+        added |= _parse(typename, text)
+    for typename, text in services.items():
+        added |= _service_structures(typename, *text.split("---\n"))
+    for typename, text in actions.items():
+        added |= _action_structures(typename, text)
+    return added
 
 
 STORE = _build_store()
 """Every type in use, for what of rosbags needs a store."""
+
+
+def register(messages: Texts, services: Texts, actions: Texts) -> None:
+    """Add interfaces that are declared elsewhere, with their RIHS01 hashes."""
+    added = _declared(messages, services, actions)
+    STORE.register(added)
+    definitions.add({name: [STORE.hash_rihs01(name), *STORE.fielddefs[name]] for name in added})
 
 
 def _known(typename: str) -> str:

@@ -34,9 +34,11 @@ from tests.support.site import LAB
 MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
 MADE_BY_THE_READER |= {"out/demo/site.toml"}
 """Files of which the text says that the reader brings them or writes them."""
-KINDS = {"{toctree}", "shell", "toml", "python", "json", "mermaid", "question", "diagram", "diff"}
+KINDS = {"{toctree}", "shell", "toml", "python", "json", "mermaid", "question", "diagram", "diff", "text"}
 DIAGRAMS = {"docs/reference/evidence.md"}
 """Pages with blocks that are only to be looked at."""
+INTERFACES = {"docs/reference/ros2.md"}
+"""The page whose blocks are files of `rodeo_msgs` (tests/unit/interfaces)."""
 PLACEHOLDERS = {'"0x..."': '"0x' + "1f" * 20 + '"'}
 
 
@@ -55,6 +57,7 @@ def test_every_block_is_checked_as_what_it_is() -> None:
     unknown = [str(block) for block in blocks() if block.kind not in KINDS]
     assert unknown == []
     assert {block.page for block in of_kind("diagram")} <= DIAGRAMS
+    assert {block.page for block in of_kind("text")} <= INTERFACES
 
 
 def test_what_is_not_run_stands_in_the_text_still() -> None:

@@ -1,0 +1,8 @@
+"""The organization as ROS 2 interfaces: `rodeo_msgs`, made from the commands, the queries and their models.
+
+naming      what ROS calls a field, a message and a service
+fields      the fields of a message, from those of a model
+package     every message, service and action, their texts, and their types in `rodeo.ros2`
+convert     values of models to messages, and back
+generate    writes the folder `rodeo_msgs` and its page of reference
+"""
