@@ -218,6 +218,8 @@ class Witnesses:
     """Whether what they hear at this time are heads of another version of it."""
     twin: Callable[[float], bool] = lambda time_s: False
     """Whether they hear at this time a head of another recording of the same device, too."""
+    twin_ends: int | None = None
+    """The last seal of that one, if it ends before this one does."""
     mocap_clock_s: float = 0.0
     """By how much the clock of the motion capture is ahead."""
     mocap_says: Callable[[dict[str, Any]], dict[str, Any]] = lambda fields: fields
@@ -301,7 +303,9 @@ class _Scene:
         )
         heads = [head]
         if self._witnesses.twin(time_s):
-            heads.append(head.model_copy(update={"chain": _TWIN, "digest": _NOTHING}))
+            last = head.index if self._witnesses.twin_ends is None else self._witnesses.twin_ends
+            twin = {"chain": _TWIN, "digest": _NOTHING, "index": min(head.index, last)}
+            heads.append(head.model_copy(update=twin))
         for chain in (self._chains["mocap"], self._chains["bin"], *self.charge):
             off = chain is self._chains["mocap"] and self._off(time_s)
             if self._witnesses.hears(time_s) and not off:

@@ -6,6 +6,8 @@ capture saw the gripper meanwhile.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from rodeo.checks.case import NO_MOCAP, Case, CaseError
@@ -146,7 +148,8 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
     """Whether motion capture shows that this robot cannot have moved the item that moved in this time: its
     base and its gripper were seen, and each was out of reach, or at least not at the item, and too slow.
 
-    What moves the item is fixed to one of them, and goes there as they do. It may fling the item away.
+    What moves the item is fixed to one of them, and goes there as they do. It may fling the item away. A
+    statement that the network lost of the second before does not hide how fast they came.
     """
     if not case.site.lab.mocap_gripper:
         return False
@@ -160,25 +163,67 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
         for before_s in (2 * HALF_WINDOW_S, FLINGS_S)
     )
     known = own_s[0] >= max(base.time_s[0], gripper.time_s[0]) and begin_s >= item.time_s[0]
-    lost_s = [span for one in (item, base, gripper) for span in one.unseen_s if span[1] - span[0] > BLINKS_S]
-    if not known or any(from_s < end_s and until_s > own_s[0] for from_s, until_s in lost_s):
+    if not known or any(
+        from_s < end_s and until_s > begin_s - (HALF_WINDOW_S if until_s - from_s < UNSEEN_S else FLINGS_S)
+        for from_s, until_s in (*_out_of_place(item), *base.unseen_s, *gripper.unseen_s)
+        if until_s - from_s > BLINKS_S
+    ):
         return False
     item_m = item.at(own_s)
     way_m = np.linalg.norm(np.diff(smoothed(item.time_s, item.position_m, item_s), axis=0), axis=1)
     item_m_s = float(way_m.max(initial=0.0)) / _STEP_S
-    ahead_m = np.abs(_inside(*_poses(base, own_s), item_m, _poses(item, own_s)[1])[0][:, :2])
-    base_m = (ahead_m - (BUMPER_M, HALF_WIDTH_M)).max(axis=1)
-    gripper_m = np.linalg.norm(gripper.at(own_s) - item_m, axis=1)
     # What it meets later did not set it in motion.
     before = own_s <= begin_s + _LOOK_S
     return all(
         away_m.min() > reaches_m
         or (away_m[before].min() > at_m and item_m_s > FLUNG * _fastest_m_s(pose, own_s, item_m))
         for pose, away_m, at_m, reaches_m in (
-            (base, base_m, AT_BASE_M, BASE_REACHES_M),
-            (gripper, gripper_m, FINGERS_REACH_M, GRIPPER_REACHES_M),
+            (base, _from_base_m(base, item, own_s), AT_BASE_M, BASE_REACHES_M),
+            (gripper, _from_gripper_m(gripper, item, own_s), FINGERS_REACH_M, GRIPPER_REACHES_M),
         )
     )
+
+
+def _out_of_place(item: Pose) -> list[tuple[float, float]]:
+    """Over which it was not seen, but those after which it lies where it lay."""
+    return [
+        span for span in item.unseen_s if np.linalg.norm(np.diff(item.at(np.array(span)), axis=0)) > LIES_M
+    ]
+
+
+def goes_along(case: Case, robot: str, at_s: Array) -> Array:
+    """(n,) whether motion capture saw the item at this robot's base or gripper, and moving as that did."""
+    along = np.zeros(len(at_s), bool)
+    item = pose_of(case, case.item.id)
+    for body, from_body_m, at_m in (
+        (robot, _from_base_m, AT_BASE_M),
+        (gripper_body(robot), _from_gripper_m, FINGERS_REACH_M),
+    ):
+        with suppress(CaseError):  # what was not seen shows nothing
+            pose = pose_of(case, body)
+            begin_s, end_s = at_s - HALF_WINDOW_S, at_s + HALF_WINDOW_S
+            way_m = np.linalg.norm(item.at(end_s) - item.at(begin_s), axis=1)
+            against_m = np.linalg.norm(
+                _in_hand_m(pose, item, end_s) - _in_hand_m(pose, item, begin_s), axis=1
+            )
+            with_it = (way_m > LIES_M) & (against_m < way_m / 2) & (from_body_m(pose, item, at_s) < at_m)
+            along |= (
+                with_it
+                & np.isin(begin_s, _seen(begin_s, pose, item))
+                & np.isin(end_s, _seen(end_s, pose, item))
+            )
+    return along
+
+
+def _from_base_m(base: Pose, item: Pose, at_s: Array) -> Array:
+    """(n,) how far the item is from the base's outline."""
+    ahead_m = np.abs(_in_hand_m(base, item, at_s)[:, :2])
+    return np.asarray((ahead_m - (BUMPER_M, HALF_WIDTH_M)).max(axis=1))
+
+
+def _from_gripper_m(gripper: Pose, item: Pose, at_s: Array) -> Array:
+    """(n,) how far it is from the gripper's middle."""
+    return np.asarray(np.linalg.norm(gripper.at(at_s) - item.at(at_s), axis=1))
 
 
 def _fastest_m_s(pose: Pose, at_s: Array, points_m: Array) -> float:
@@ -237,7 +282,7 @@ def _release_s(case: Case) -> float:
 
 
 def _in_hand_m(gripper: Pose, item: Pose, at_s: Array) -> Array:
-    """(n, 3) where the item is in the gripper's frame."""
+    """(n, 3) where the item is in the frame of the gripper, or of another body."""
     return _inside(*_poses(gripper, at_s), *_poses(item, at_s))[0]
 
 

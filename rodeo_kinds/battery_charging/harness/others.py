@@ -315,6 +315,32 @@ def receipts_to_a_meter_of_another_name(shop: ChargingWorkshop) -> Submission:
 
 
 @HARNESS.forgery("delivered", "no energy was delivered", role="buyer")
+def receipts_for_nothing_received(shop: ChargingWorkshop) -> Submission:
+    """Each receipt names its record, with the register at which the session opened."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"register_wh": one["begin_wh"]}))
+
+
+@HARNESS.forgery("delivered", "no energy was delivered", role="buyer")
+def receipts_for_half_of_each_step(shop: ChargingWorkshop) -> Submission:
+    """Each receipt has half of what the meter delivered since the opening."""
+
+    def half(one: Fields) -> Fields:
+        return one | {"register_wh": (one["register_wh"] + one["begin_wh"]) / 2}
+
+    return shop.charged(shop.take, sides=_receipts(half))
+
+
+@HARNESS.forgery("delivered", "no energy was delivered", role="buyer")
+def receipts_that_run_backwards(shop: ChargingWorkshop) -> Submission:
+    """The receipts' register falls from step to step."""
+
+    def falls(one: Fields) -> Fields:
+        return one | {"register_wh": 2 * one["begin_wh"] - one["register_wh"]}
+
+    return shop.charged(shop.take, sides=_receipts(falls))
+
+
+@HARNESS.forgery("delivered", "no energy was delivered", role="buyer")
 def a_robot_that_signs_only_the_opening(shop: ChargingWorkshop) -> Submission:
     """The robot signs that the session opened, and nothing that it received."""
     opening = lambda one: one if one["reason"] == "opening" else None  # noqa: E731

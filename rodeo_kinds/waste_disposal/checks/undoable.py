@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, Case, CaseError, CheckFunction, ordered
 from rodeo.checks.declared import reported_failure
@@ -19,6 +20,7 @@ from rodeo.checks.motion.witnesses import MOVED_M, UNSEEN_S
 from rodeo.checks.report import Finding, given_up, impossible, standing, undecided
 from rodeo.checks.signed.heads import fork, in_file, listed
 from rodeo.checks.signed.testimony import bin_said, own_said, said_before
+from rodeo.evidence.series import Array
 from rodeo.lab.config import RobotConfig
 from rodeo.text.foreign_text import quoted
 from rodeo.witness.motion import PERIOD_US
@@ -42,6 +44,8 @@ BEGINS_S = 30.0
 _NOT_FOUND, _NO_ANSWER = "not_found", "no_answer"
 """Codes of the robot's errors `NotFound` and `NoAnswer`."""
 _LOOK_S = 0.1
+_RESTS = 3
+"""Looks: so long it lies there between two movements."""
 _SOURCE = "motion capture of the item"
 _CARRY: tuple[CheckFunction, ...] = (
     witnesses.order,
@@ -288,12 +292,14 @@ def _rested_s(case: Case, body: str, item: Pose) -> float:
 
 
 def _moved(
-    case: Case, robot: RobotConfig, item: Pose, base: Pose, until_s: float, ends: bool = True
+    case: Case, robot: RobotConfig, item: Pose, base: Pose, lifted_s: float, ends: bool = True
 ) -> tuple[bool, bool]:
-    """Whether the item went more than `MOVED_M` before then while this robot may have been within reach, seen
-    or not; and whether it did so there when motion capture shows that somebody else moved it. `ends`: also
-    before the base was first seen, and after it was last seen."""
-    at_s = np.arange(item.time_s[0], min(item.time_s[-1] + _LOOK_S, until_s), _LOOK_S)
+    """Whether this robot, which may have been within reach, seen or not, may have moved the item by more than
+    `MOVED_M`; and whether somebody else did so there, as motion capture shows. Each movement, from one rest
+    to the next, is judged by itself. From `lifted_s` on somebody else has it, and in all movements of others
+    what goes along with the robot is the robot's. `ends`: also before the base was first seen, and after it
+    was last seen."""
+    at_s = np.arange(item.time_s[0], item.time_s[-1] + _LOOK_S, _LOOK_S)
     item_m, base_m = (pose.at(at_s) for pose in (item, base))
     away_m = np.linalg.norm(base_m[:, :2] - item_m[:, :2], axis=1)
     for start_s, end_s in base.unseen_s:
@@ -311,13 +317,33 @@ def _moved(
         near[hidden] |= near[hidden].any()
     # What is a reach away now lay within it a moment ago.
     near[1:-1] |= near[:-2] | near[2:]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]])))
-    way_m = {False: 0.0, True: 0.0}
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    by_another = at_s[1:] > lifted_s
+    for begin, end in _runs(~_rests(item_m) & near):
         run_s, run_m = at_s[begin:end], item_m[begin:end]
         gone_m, left_m = (np.linalg.norm(run_m - place_m, axis=1) for place_m in run_m[[0, -1]])
         first = max(int((gone_m > gripper.LIES_M).argmax()) - 1, 0)
         last = int(np.flatnonzero(np.r_[True, left_m[:-1] > gripper.LIES_M])[-1])
-        by_another = last > first and gripper.moved_by_another(case, robot.name, run_s[first], run_s[last])
-        way_m[by_another] += float(gone_m.max())
+        if last > first and gripper.moved_by_another(case, robot.name, run_s[first], run_s[last]):
+            by_another[begin : end - 1] = True
+    by_another[by_another] &= ~gripper.goes_along(case, robot.name, at_s[:-1][by_another])
+    steps_m = np.diff(item_m, axis=0)
+    way_m = [0.0, 0.0]
+    for begin, end in _runs(near):
+        for other in (False, True):
+            of_m = steps_m[begin : end - 1] * (by_another[begin : end - 1] == other)[:, None]
+            way_m[other] += float(np.linalg.norm(np.cumsum(of_m, axis=0), axis=1).max(initial=0.0))
     return way_m[False] > MOVED_M, way_m[True] > MOVED_M
+
+
+def _rests(place_m: Array) -> Array:
+    """(n,) whether a body stays where it is, from `_RESTS` looks before each to as many after it."""
+    windows_m = sliding_window_view(
+        np.pad(place_m, [(_RESTS, _RESTS), (0, 0)], "edge"), 2 * _RESTS + 1, axis=0
+    )
+    return np.asarray((np.linalg.norm(windows_m - place_m[:, :, None], axis=1) <= gripper.LIES_M).all(axis=1))
+
+
+def _runs(of: Array) -> list[tuple[int, int]]:
+    """From where to where these are true, without interruption."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], of, [False]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -13,6 +13,7 @@ from typing import Any
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.proof import open_proof
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S, SPEAKS_AGAIN_S
+from rodeo.lab.layout import BUMPER_M
 from rodeo_kinds.waste_disposal.harness.film import watched, without_mocap
 from rodeo_kinds.waste_disposal.harness.giving_up import assigned, gives_up, kicked, pushed, waits
 from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM, ITEM_POSE, CleaningWorkshop
@@ -289,7 +290,7 @@ def slid_by_the_gripper(shop: CleaningWorkshop) -> Submission:
     return _taken(shop, kicked(take, shop.take.start_s + 9.0, 0.4))
 
 
-def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float) -> Submission:
+def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float, **witnesses: Any) -> Submission:
     """A body of the robot goes aside within half a second and back, and the item goes farther."""
     take, begin_s = waits(shop.take), shop.take.start_s + 14.0
 
@@ -297,7 +298,8 @@ def _swept(shop: CleaningWorkshop, topic: str, by_m: float, flung: float) -> Sub
         share = (sample.time_ns * 1e-9 - begin_s) / 0.5
         return displaced(sample, y=by_m * max(1.0 - abs(share - 1.0), 0.0))
 
-    return _taken(shop, _slid(take.edited(topic, edit), begin_s, by_m * flung, 0.5))
+    swept = _slid(take.edited(topic, edit), begin_s, by_m * flung, 0.5)
+    return shop.submitted(gives_up(swept, 1.0), witnesses=Witnesses(**witnesses))
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
@@ -385,6 +387,117 @@ def lifted_by_an_accomplice_in_a_late_recording(shop: CleaningWorkshop) -> Submi
     """The recording begins a minute after the assignment. Who moved the item before?"""
     take = _lifted(waits(shop.take), shop.take.start_s + 9.0)
     return shop.submitted(gives_up(take, 1.0), **assigned(take, 60.0))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def flicked_by_an_accomplice_and_then_pushed(shop: CleaningWorkshop) -> Submission:
+    """An accomplice flicks the item, and when it lies again the robot pushes it away."""
+    take = kicked(waits(shop.take), shop.take.start_s + 13.0, 0.4)
+    return _taken(shop, _slid(take, shop.take.start_s + 7.5, 0.1, 0.1))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def pushed_and_then_flicked_by_an_accomplice(shop: CleaningWorkshop) -> Submission:
+    """The other way round."""
+    take = kicked(waits(shop.take), shop.take.start_s + 8.0, 0.1)
+    return _taken(shop, _slid(take, shop.take.start_s + 13.0, 0.6, 0.3))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def flicked_by_an_accomplice_and_pushed_on(shop: CleaningWorkshop) -> Submission:
+    """An accomplice flicks the item, and before it lies again the gripper pushes it on."""
+    take, begin_s = waits(shop.take), shop.take.start_s + 13.0
+    lies = take.of(ITEM_POSE)[0].message.pose.position
+
+    def follow(sample: Sample) -> Sample:
+        way_m = 0.1 * min(max(sample.time_ns * 1e-9 - begin_s - 0.5, 0.0), 3.0)
+        return moved(sample, x=lies.x, y=lies.y + 0.1 + way_m, z=lies.z + 0.1)
+
+    take = edited_between(take, GRIPPER_POSE, begin_s + 0.3, math.inf, follow)
+    return _taken(shop, _slid(_slid(take, begin_s, 0.1, 0.1), begin_s + 0.5, 0.3, 3.0))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def lifted_by_an_accomplice_and_then_pushed(shop: CleaningWorkshop) -> Submission:
+    """A person lifts the item, puts it back, and the robot pushes it away."""
+    take, begin_s = kicked(waits(shop.take), shop.take.start_s + 14.0, 0.4), shop.take.start_s + 8.0
+    lifted = edited_between(take, ITEM_POSE, begin_s, begin_s + 2.0, lambda s: moved(s, z=0.8))
+    return shop.submitted(gives_up(lifted, 1.0, "grasp_failed"))
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_twice(shop: CleaningWorkshop) -> Submission:
+    """A child kicks the item, and kicks it again when it lies."""
+    return _taken(
+        shop,
+        _slid(_slid(waits(shop.take), shop.take.start_s + 7.5, 0.4, 0.3), shop.take.start_s + 13.0, 0.4, 0.3),
+    )
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_against_the_robot(shop: CleaningWorkshop) -> Submission:
+    """A child kicks the item, which bounces off the robot's base while the robot lowers its arm."""
+    take, begin_s = waits(shop.take), shop.take.start_s + 13.0
+    x_m = take.of(ITEM_POSE)[0].message.pose.position.x - take.of(ROBOT_POSE)[0].message.pose.position.x
+    away_m = x_m - BUMPER_M - 0.05
+
+    def bounce(sample: Sample) -> Sample:
+        passed_s = sample.time_ns * 1e-9 - begin_s
+        return displaced(
+            sample,
+            x=-min(max(1.5 * passed_s, 0.0), away_m) + min(max(0.7 * (passed_s - away_m / 1.5), 0.0), 0.2),
+        )
+
+    return _taken(shop, take.edited(ITEM_POSE, bounce))
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_after_a_second_that_is_lost(shop: CleaningWorkshop) -> Submission:
+    """A child kicks the item, and the network has lost what motion capture said of the second before."""
+    begin_s = shop.take.start_s + 13.5
+    lost: list[Attestation] = []
+
+    def edit(one: Attestation) -> Attestation | None:
+        before = one.payload["device"] == "mocap" and begin_s - 1.5 < one.payload["time_s"] < begin_s
+        lost.extend([one] if before and not lost else [])
+        return None if one in lost else one
+
+    take = gives_up(_slid(waits(shop.take), begin_s, 0.6, 0.4), 1.0, "grasp_failed")
+    return shop.submitted(take, witnesses=Witnesses(edit=edit))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_with_a_stick_after_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
+    """The robot hits the item with a stick, and leaves out what motion capture said of the second before."""
+    return _hit_and_left_out(shop, -1.5, 0.0)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_with_a_stick_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
+    """The same with what it said of the second of the hit."""
+    return _hit_and_left_out(shop, 0.0, 1.2)
+
+
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+def hit_with_a_stick_in_seconds_that_are_left_out(shop: CleaningWorkshop) -> Submission:
+    """The same with both, and with the one after."""
+    return _hit_and_left_out(shop, -1.5, 2.2)
+
+
+def _hit_and_left_out(shop: CleaningWorkshop, from_s: float, until_s: float) -> Submission:
+    begin_s = shop.take.start_s + 14.0
+
+    def edit(one: Attestation) -> Attestation | None:
+        seen = one.payload["device"] == "mocap" and from_s < one.payload["time_s"] - begin_s < until_s
+        return None if seen else one
+
+    return _swept(shop, GRIPPER_POSE, 0.3, 2.0, edit=edit)
 
 
 # -- junk falls into the bin ------------------------------------------------------------------------------
@@ -545,6 +658,20 @@ def a_claim_that_was_paid_for(shop: CleaningWorkshop) -> Submission:
 
 
 # -- a witness is put out of action -----------------------------------------------------------------------
+
+
+@HARNESS.spoiling(role="bystander")
+def the_recorder_unplugged_at_the_beginning(shop: CleaningWorkshop) -> Submission:
+    """Somebody cuts the robot's power for a moment, and it records the same attempt anew. Motion capture and
+    bin list the last seal of the recording that broke off all the time."""
+    return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: True, twin_ends=0))
+
+
+@HARNESS.ruining("not_given_up", "the executor reports", role="bystander", ruling="given_up")
+def the_recorder_unplugged_before_it_gives_up(shop: CleaningWorkshop) -> Submission:
+    """The same, and the robot cannot grasp the item."""
+    left = Witnesses(twin=lambda time_s: True, twin_ends=0, lay=(ITEM, 60))
+    return shop.submitted(gives_up(waits(shop.take), 1.0, "grasp_failed"), witnesses=left)
 
 
 def _off(shop: CleaningWorkshop, begin_s: float, lasts_s: float) -> Submission:

@@ -547,6 +547,12 @@ def a_second_recording_begun_on_the_way(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: time_s > half_s))
 
 
+@HARNESS.forgery("order", "grew at the same time", role="executor")
+def a_second_recording_left_a_moment_later(shop: CleaningWorkshop) -> Submission:
+    """The other recording goes on for three seals beside this one, as if its process had just broken."""
+    return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: True, twin_ends=3))
+
+
 @HARNESS.forgery("recorded_in_assignment", role="creator")
 def posted_again_after_it_began(shop: CleaningWorkshop) -> Submission:
     """The task was posted a second time 59 s after the recording began."""
