@@ -549,7 +549,7 @@ def a_second_recording_begun_on_the_way(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("order", "grew at the same time", role="executor")
 def a_second_recording_left_a_moment_later(shop: CleaningWorkshop) -> Submission:
-    """The other recording goes on for three seals beside this one, as if its process had just broken."""
+    """The other recording grows by three seals beside this one, as if its process broke right then."""
     return shop.submitted(shop.take, witnesses=Witnesses(twin=lambda time_s: True, twin_ends=3))
 
 
