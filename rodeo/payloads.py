@@ -7,7 +7,8 @@ import inspect
 import json
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel
@@ -446,7 +447,7 @@ def _table(model: type[BaseModel], without: type[BaseModel] | None = None) -> li
     """A row for each field that is not one of `without`."""
     schema = model.model_json_schema(by_alias=True, mode="validation")
     inherited = set() if without is None else set(without.model_fields)
-    known = dict(meanings(model))
+    known = meanings(model)
     rows = ["| field | JSON | needed | what |", "|---|---|---|---|"]
     for name, field in model.model_fields.items():
         if name in inherited:
@@ -478,8 +479,10 @@ def _shape(schema: dict[str, Any], defs: dict[str, Any]) -> str:
     return str(kind)
 
 
-def meanings(model: type[BaseModel]) -> Iterable[tuple[str, str]]:
-    """(field, the text under it in the source) of a model and those that it extends."""
+@cache
+def meanings(model: type[BaseModel]) -> Mapping[str, str]:
+    """The text under each field in the source, of a model and those that it extends."""
+    found = {}
     for cls in reversed(model.__mro__):
         if not (issubclass(cls, BaseModel) and cls.__module__.startswith("rodeo")):
             continue
@@ -488,7 +491,8 @@ def meanings(model: type[BaseModel]) -> Iterable[tuple[str, str]]:
         for line, after in zip(body.body, body.body[1:], strict=False):
             match line, after:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                    yield name, " ".join(text.split()).replace("|", "\\|")
+                    found[name] = " ".join(text.split()).replace("|", "\\|")
+    return found
 
 
 if __name__ == "__main__":

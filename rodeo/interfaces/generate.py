@@ -30,7 +30,7 @@ def _comment(interface: Interface, part: int, field: Field, name: str) -> list[s
     else:
         info = model.model_fields.get(field.source) if model else None
         meaning = (info and info.description) or (
-            dict(meanings(model)).get(field.source, "") if model else ""
+            meanings(model).get(field.source, "") if model else ""
         )
         said += [meaning.replace("\\|", "|")] if meaning else []
         said += _form(field)

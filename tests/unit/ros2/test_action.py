@@ -102,8 +102,9 @@ def test_what_is_around_a_goal_begins_before_it_is_accepted_and_ends_after_it(ma
     assert told == ["around"]
     proceed.set()
     running.result(HANG_S)
-    client.send_goal(goal()).result(HANG_S)  # executed after the first is over
-    assert told[:4] == ["around", "its turn", "over", "around"]
+    client.send_goal(goal()).result(HANG_S)
+    # The second goal is accepted, perhaps, before the first is over, and executed afterwards.
+    assert [word for word in told if word != "around"][:3] == ["its turn", "over", "its turn"]
 
 
 def test_goals_are_executed_in_the_order_in_which_they_were_accepted(make_node: MakeNode) -> None:
