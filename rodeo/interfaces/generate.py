@@ -29,9 +29,7 @@ def _comment(interface: Interface, part: int, field: Field, name: str) -> list[s
         said.append(f"{field.name} in the token's smallest unit (wei): a whole decimal number as text.")
     else:
         info = model.model_fields.get(field.source) if model else None
-        meaning = (info and info.description) or (
-            meanings(model).get(field.source, "") if model else ""
-        )
+        meaning = (info and info.description) or (meanings(model).get(field.source, "") if model else "")
         said += [meaning.replace("\\|", "|")] if meaning else []
         said += _form(field)
     request = interface.form == "srv" and part == 0
