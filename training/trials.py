@@ -3,25 +3,25 @@
 
 TRIALS = """\
 The recipe (network, size of pictures, augmentation, steps, rates, pools, the way back towards ImageNet) was
-chosen by the 327 val photos alone, before there was cross-validation: decisions 0016 to 0018. So among the
-photos that the five networks are measured on are 327 that the recipe was chosen by, and what they say of
-those flatters a little. Of the pictures of nothing 0059 reports no trial.
+chosen by the 327 val photos alone, before there was cross-validation: decisions 0016 to 0018. So 327 of the
+photos that measure the five networks also chose the recipe, and flatter the figures a little. Decision 0059
+reports no trial of the pictures of nothing.
 
-The five networks leave out a fifth of the photos each. What is fine-tuned of them learnt from 72 %: until
-decision 84 a tenth of the groups of the rest chose temperature and threshold. The second opinion learnt from
-80 %, and the answers of the other four networks to their own folds choose both now. How much the second
-opinion counts (0085: 1, 1.5 and on to 2 on clear photos; 0, 0.5, 0.75 and 1 on others) was chosen by the same
-answers that measure it; from 1.25 to 2 the most probable class stayed within 0.1 %. Weights of the five are
-kept with 8 bits, those of the shipped network with 16 (fp16). An earlier network had the most probable class
-of 316 of 327 val photos right with either.
+Each of the five networks leaves out a fifth of the photos. The fine-tuned part of each learnt from 72 %:
+until decision 84 a tenth of the remaining groups chose temperature and threshold. The second opinion learnt
+from 80 %, and the answers of the other four networks to their own folds choose both now. The weight of the
+second opinion (0085: 1, 1.5 and on to 2 on clear photos; 0, 0.5, 0.75 and 1 on others) was chosen by the
+same answers that measure it; from 1.25 to 2 the most probable class stayed within 0.1 %. The five have
+weights of 8 bits, the shipped network of 16 (fp16). An earlier network had the most probable class of 316
+of 327 val photos right with either.
 
 ### Random splits flatter
 
 TrashNet shows many objects several times. A random split puts pictures of one object on both sides, and
 such a photo is easy: of our first network's answers to val photos, 98.5 % were right where a training photo
-was nearly the same, 91.9 % elsewhere. Published small networks on this data end at 93.7 to 95 %; larger ones
+was nearly the same, 91.9 % elsewhere. Published small networks reach 93.7 to 95 % on this data; larger ones
 claim 98 to 99.6 %, on random splits that leak near-duplicates. Our folds divide no near-duplicates (1,903
-groups of 2,091 photos), so their figures are not to be compared with those.
+groups of 2,091 photos), so their figures cannot be compared with those.
 
 ### What failed
 
@@ -47,8 +47,8 @@ Right classes and right compartments of 327 val photos. The network that was shi
 | the shipped network moved back by a tenth instead of a fifth | 314, 318 |
 | the shipped network at 240 and 272 px | 310; 312 |
 
-Statistics of batch norms that were estimated again gave a lower log loss and no more right answers. Looking
-at the middle 85 to 95 % of a photo helped no network.
+Re-estimated statistics of batch norms lowered the log loss, but gave no more right answers. Looking at the
+middle 85 to 95 % of a photo helped no network.
 
 With the networks of folds 0 and 3 on their 837 photos, the most probable class (0059):
 
@@ -59,32 +59,32 @@ With the networks of folds 0 and 3 on their 837 photos, the most probable class 
 | 224 px; 288 px | 93.3 %; 93.3 % |
 | 320 px out of a larger photo; the mean with 256 px | 92.1 %; 93.6 % |
 
-None of these differs by more than chance may. Others:
+None of these differences exceeds chance. Others:
 
-- A network that had only drawn pictures of nothing called 13 of 18 real photos of other things unknown, and
-  51 of 73 with those of further packages. No threshold repairs it: a portrait was an item with a probability
-  of 0.98 (0057).
+- A network that learnt only drawn pictures of nothing called 13 of 18 real photos of other things unknown,
+  and 51 of 73 with those of further packages. No threshold repairs it: a portrait was an item with a
+  probability of 0.98 (0057).
 - `DequantizeLinear` for weights of 8 bits took 41 to 44 ms instead of 15, HardSigmoid 16.0 instead of 15.4
   (0058). OpenCV's other engine and Winograd's convolutions brought nothing (0057).
 - Perceptual hashes alone as near-duplicates chained 134 unlike photos into one group (0057).
 
-Cross-validated by all five networks, near-duplicates in one fold (0077, 0083): further steps of which half of
-the pictures are disturbed, by steam, ice, flakes, noise, blur (`weather.py`, other code and other numbers
-than `corruptions.py`, which measures, but the same kinds, and made with what cost the most in mind). Photos
-that the network did not learn from; corrupted ones are every twentieth of a fold; the last two columns are
-the sixth network, which learnt from all:
+Cross-validated by all five networks, near-duplicates in one fold (0077, 0083): further steps in which half
+of the pictures are disturbed, by steam, ice, flakes, noise, blur. `weather.py` disturbs them: its code and
+numbers differ from those of `corruptions.py`, which measures, but the kinds are the same, and it was
+written for those that cost the most. Photos that the network did not learn from; corrupted ones are every
+twentieth of a fold; the last two columns are the sixth network, which learnt from all:
 
-| trial | said class | said compartment | corrupted | unknown of 73 real photos | of 188 drawn |
+| trial | class | compartment | corrupted | unknown of 73 real photos | of 188 drawn |
 |---|---|---|---|---|---|
 | as it is | 92.6 % | 94.7 % | 84.2 % | 67 | 188 |
 | 180 steps at 0.0002 | 92.8 % (91.6 to 93.9) | 94.6 % (93.5 to 95.6) | 86.8 % | 65 | 184 |
 | 400 at 0.00015, half taught (0083) | 93.0 % (91.8 to 94.1) | 94.7 % (93.7 to 95.7) | 87.7 % | 71 | 188 |
 
-The last is the recipe's end now. The first was not shipped, because more of what is no waste would have been
-called waste. The five began it from weights of 8 bits, the shipped network from those of 16. Trials of fold 0
-alone, 419 photos (corrupted: every tenth), by which rate, shares and steps were chosen:
+The last is now the end of the recipe. The first was not shipped, because it would have called more other
+things waste. The five began it from weights of 8 bits, the shipped network from those of 16. Trials of fold
+0 alone, 419 photos (corrupted: every tenth), by which rate, shares and steps were chosen:
 
-| trial | said class | corrupted | unknown of 73 real photos |
+| trial | class | corrupted | unknown of 73 real photos |
 |---|---|---|---|
 | as it is | 91.4 % | 81.1 % | 69 |
 | these 180 steps | 91.9 % | 85.9 % | 70 |
@@ -108,9 +108,9 @@ Changed pictures instead of a changed network, fold 0, corrupted every tenth:
 
 None helps fog or frost.
 
-Cross-validated by all five folds, the most probable class (0084): linear classifiers of what networks see
-that never learnt waste, and the mean of their log-probabilities with those of the fine-tuned network, which
-has 93.3 % alone:
+Cross-validated by all five folds, the most probable class (0084): linear classifiers on features of
+networks that never learnt waste, and the mean of their log-probabilities with those of the fine-tuned
+network, which has 93.3 % alone:
 
 | features | 256 px | 320 px | 384 px |
 |---|---|---|---|
@@ -122,8 +122,8 @@ has 93.3 % alone:
 | the same, with renderings and pictures of nothing as further pictures | 91.0 %, 94.5 % | | |
 | the same, with disturbed photos, too | 90.8 %, 94.3 % | | |
 
-Without being told which pictures it knows, the second opinion made disturbed photos 56 instead of 82 %, and
-renderings 76 instead of 99.7 %. That it is heard for what is like its photos only costs neither.
+Applied to all pictures, the second opinion lowered disturbed photos from 82 to 56 %, and renderings from
+99.7 to 76 %. Applied only to pictures like its photos, it lowers neither.
 
 Trials of folds 0 and 1 alone, 837 photos, the most probable class; the shipped network of decision 83 has 779
 right (776 with weights of 16 bits), the one before it 769:
@@ -137,9 +137,9 @@ right (776 with weights of 16 bits), the one before it 769:
 | photos of 384 instead of 256 px, steps at 272, answers at 304, 336, 368 px | 769, 767, 769 |
 | the second opinion's layers fitted to views as training draws them, half of them disturbed | 774 |
 
-So more data, larger pictures and several fine-tuned networks brought nothing that these photos could show. Of
-the photos that the networks of decisions 59 and 83 both name wrongly, 105, many are hard for people: coated
-cardboard called paper, lids of jars called glass, foil called trash.
+So more data, larger pictures and several fine-tuned networks brought no gain that these photos could show.
+Of the photos that the networks of decisions 59 and 83 both name wrongly, 105, many are hard for people:
+coated cardboard called paper, lids of jars called glass, foil called trash.
 
 The same for other features of EfficientNet-Lite2, all layers fitted as they are now (0085): alone, and with
 1.5 times its logarithms added to those of decision 83's networks:
@@ -151,10 +151,11 @@ The same for other features of EfficientNet-Lite2, all layers fitted as they are
 | whole, means | 93.8 %, 94.9 % | 94.3 %, 95.1 % | 94.7 %, 95.6 % |
 | whole, means and spreads | 94.0 %, 95.2 % | 94.2 %, 95.3 % | 95.1 %, 95.4 % |
 
-Alone it grows with size and depth, up to more than the fine-tuned network has. Both together do not: what is
-left may be what these photos do not tell. The middle at 256 px is the cheapest.
+Alone the second opinion's accuracy grows with size and depth, beyond that of the fine-tuned network. The
+accuracy of both together does not: the remaining errors may be beyond what these photos show. The middle at
+256 px is the cheapest.
 
-What it says of pictures that are not clear (0085): the most probable class of corrupted photos, every
+Its answers to pictures that are not clear (0085): the most probable class of corrupted photos, every
 fortieth of a fold, each corruption and severity, by networks that did not learn from them:
 
 | trial | right |
@@ -167,8 +168,8 @@ fortieth of a fold, each corruption and severity, by networks that did not learn
 | all kinds of its pictures counted alike | 89.4 % |
 | views as training draws them, 70 % disturbed, instead; as well | 89.2 %; 89.4 % |
 
-Of 55 real photos of other things the five networks call 94.9 % unknown on the average, and 96.4 % with a
-layer of the second opinion that tells pictures of nothing from items (of corrupted photos 0.05 % fewer are
-named rightly then; learnt beside clear items alone it took fog for nothing: 12 % fewer). So that this layer
-is there was decided with these photos in view. Neither its weights nor a threshold was.
+On average the five networks call 94.9 % of 55 real photos of other things unknown, and 96.4 % with a layer
+of the second opinion that separates pictures of nothing from items. With the layer 0.05 % fewer corrupted
+photos are named rightly; learnt beside clear items alone, it took fog for nothing: 12 % fewer. So these
+photos influenced the decision for this layer, but neither its weights nor a threshold.
 """

@@ -45,9 +45,13 @@ def test_the_card_counts_them(kept: Kept) -> None:
         f"| calibration error (ECE), {which} | {figures['ece']:.3f} |",
         f"| {which}, called unknown | {found.answers.unknown_share():.1%} |",
         *(
-            f"| {name.replace('_', ' ')} | {figures[name]:.1%} "
+            f"| {title} | {figures[name]:.1%} "
             f"| {figures[f'{name}_low']:.1%} to {figures[f'{name}_high']:.1%} |"
-            for name in ("said_accuracy", "said_compartment", "unknown_share")
+            for name, title in (
+                ("said_accuracy", "right classes"),
+                ("said_compartment", "right compartments"),
+                ("unknown_share", "unknown"),
+            )
         ),
     ):
         assert line in CARD_TEXT
