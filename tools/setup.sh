@@ -183,12 +183,12 @@ system() {
     has_node || need "Node $node_major or newer with npm"
     has_postgresql || need "PostgreSQL"
     has_chromium || need "Chromium (on Ubuntu: Google Chrome's own package)"
-    has_rosidl || need "rosidl-tools"
+    has_rosidl || say "rosidl-tools is missing: the grammar of the ROS 2 interfaces is not tested."
     if [ -n "$missing" ]; then
         say "Still missing; their tests are skipped:$missing"
         exit 1
     fi
-    say "libEGL, Node, PostgreSQL, Chromium and rosidl are here."
+    say "libEGL, Node, PostgreSQL and Chromium are here."
 }
 
 goal=${GOAL:-demo}
