@@ -1,4 +1,5 @@
-"""What every RODEO process agrees on, in rooms: each room's docstring says what is in it and what is not.
+"""Everything on which all RODEO processes agree, in rooms: each room's docstring lists what it holds and what
+not.
 
 Loose here: `dao` for programs that take part, `kinds`, `errors`, `payloads`. No service's behaviour is here.
 """

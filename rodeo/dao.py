@@ -114,8 +114,8 @@ def abandonment(task: Task) -> AbandonTask:
 class Assignment(BaseModel):
     """One attempt at a task, as no other chain, contracts or assignment has it.
 
-    Task and attempt alone do not tell: a new chain counts from 1 again, and what a reorganization took back
-    is assigned again, with another nonce.
+    Task and attempt alone do not identify it: a new chain counts from 1 again, and an assignment that a
+    reorganization reverted is made again, with another nonce.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -211,7 +211,7 @@ class Participant:
         return [service for service in services if service.state != "retired"]
 
     def binding(self, task: Task, device: str) -> Binding:
-        """What ties a recording by `device` to this assignment."""
+        """Ties a recording by `device` to this assignment."""
         chain = self.ask(queries.CHAIN)
         return Binding(
             chain_id=chain.chain_id,
@@ -238,7 +238,7 @@ class Participant:
         )
 
     def doubt(self, kind: Kind | None, params: Mapping[str, Any]) -> str:
-        """Why a task to be posted can probably not be done as it says; empty where nothing tells so."""
+        """Reason why a task to be posted can probably not be done; empty if none is known."""
         subject = params.get(kind.subject) if kind else None
         if kind is None or not isinstance(subject, str):
             return ""
@@ -358,7 +358,7 @@ class Participant:
                 return mined
 
     def sign(self, name: Signable, request: Command, valid_s: int) -> SignedRequest:
-        """Sign a command that somebody else sends with `relay`, for so many seconds of block time."""
+        """Sign a command that somebody else sends with `relay`, valid for this many seconds of block time."""
         asked = Sign(
             command=name,
             request=request.model_dump(mode="json", exclude_defaults=True),
@@ -368,12 +368,13 @@ class Participant:
         return signed if self._account is None else signed_requests.sign(signed, self._account)
 
     def _signed(self, prepared: Prepared, request: Command) -> Broadcast:
-        """What `prepare` said, signed here; or signed before, where the request was made before."""
+        """The data that `prepare` returned, signed here; or the signature made before, for a repeated
+        request."""
         assert self._account is not None
         raw = prepared.raw
         if raw is None and prepared.transaction is not None:
             raw = self._account.sign_transaction(prepared.transaction).raw_transaction.to_0x_hex()
-        # What comes before the command's own transaction is no answer to its request.
+        # Calls before the command's own transaction do not answer its request.
         own = not prepared.remaining
         return Broadcast(
             raw=raw,

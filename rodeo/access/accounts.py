@@ -163,7 +163,7 @@ class Accounts:
         self._engine = create_engine(f"sqlite:///{path}")
         self._config = config
         self._hasher = PasswordHasher()
-        # Checked when there is no such account, so that the time taken does not tell.
+        # Also hashed without such an account, so that the time taken does not reveal whether it exists.
         self._nobody = self._hasher.hash(secrets.token_urlsafe())
         try:
             with self._engine.begin() as connection:
@@ -258,7 +258,7 @@ class Accounts:
     # -- sessions --------------------------------------------------------------------------------------
 
     def log_in(self, name: str, passphrase: str) -> str:
-        """Open a session; what goes into the cookie. Raises LoginRefused."""
+        """Open a session and return the cookie's content. Raises LoginRefused."""
         if not self.is_passphrase(name, passphrase):
             raise LoginRefused("the name or the passphrase is wrong")
         return self._open_session(name)

@@ -16,7 +16,7 @@ from rodeo.errors import RequestError, RodeoError
 
 
 class LoginRefused(RodeoError):
-    """Name and passphrase do not belong together, or the account is disabled; which of them is not said."""
+    """Wrong name or passphrase, or a disabled account; the error does not reveal which."""
 
 
 class NotLoggedIn(RodeoError):

@@ -2,8 +2,8 @@
 continue.
 
 A process that holds the clock is *busy* while it works on something that arrived, or has *nothing to do
-before T*. The simulator passes neither. What it sent is taken when each holder has answered the mark that it
-sends afterwards: one session's messages arrive in order.
+before T*. The simulator passes neither. Its messages count as received once each holder has answered the mark
+that it sends afterwards: one session's messages arrive in order.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Waiter:
 
 
 class Holder:
-    """What this process says of itself, from the first that it does. `tell` is called under `changed`.
+    """State that this process publishes about itself, from its first. `tell` is called under `changed`.
 
     Args:
         changed: guards the waiters; the clock's.
@@ -82,7 +82,7 @@ class Holder:
         self._started = False
         self._closed = False
         self.waiters: list[Waiter] = []
-        # Of this session: what a process said that was killed is not taken for its successor's word.
+        # Belongs to this session: the state of a killed process is not taken for its successor's.
         key = topics.CLOCK_HOLD.name(org=org, process=process, session=str(session.info.zid()))
         self._token = session.liveliness().declare_token(key)
         self._publisher = session.declare_publisher(
@@ -142,7 +142,7 @@ class Holder:
         self.tell()
 
     def tell(self) -> None:
-        """Say how it is, where that is something else than was said last."""
+        """Publish the state if it differs from the last one published."""
         if not self._started or self._closed:
             return
         now_ns = self._now_ns()
@@ -177,7 +177,7 @@ class Holder:
         asker = None if sample.timestamp is None else str(sample.timestamp.get_id())
         with self._changed:
             if asker != self._asker:
-                # A simulator that has just started has not heard what was said before.
+                # A simulator that has just started has not heard earlier states.
                 self._asker, self._told = asker, None
             self._heard = number
             self.tell()
@@ -186,7 +186,7 @@ class Holder:
         for mark in self._marks:
             mark.undeclare()
         with self._changed:
-            # Other threads may still work: one that says so in this moment must not find it borrowed.
+            # Other threads may still work: one that reports so in this moment must not find it borrowed.
             self._closed = True
             self._publisher.undeclare()
         self._token.undeclare()

@@ -26,13 +26,13 @@ def record_path(data_dir: Path, chain_id: int) -> Path:
 
 
 def origin_of(site: Site) -> Origin:
-    """What tells this site from others of the same name."""
+    """Identifies this site among others of the same name."""
     path = record_path(site.data_dir, site.chain.id)
     try:
         record = json.loads(path.read_bytes())
         contracts = f"{record['contracts']['Organization']} of chain {record['genesis_hash']}"
     except (OSError, ValueError, KeyError, TypeError):
-        # Not deployed yet; whoever needs the record says what is wrong with it.
+        # Not deployed yet; code that needs the record reports what is wrong with it.
         contracts = ""
     return Origin(host=socket.gethostname(), data_dir=str(site.data_dir.resolve()), contracts=contracts)
 

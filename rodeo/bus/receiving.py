@@ -27,9 +27,9 @@ def _keep_thread_state() -> None:
     """Have Python keep what it knows of this thread, which is Zenoh's, until the thread ends.
 
     Otherwise it maps memory for the thread's frames before each call, and unmaps it after it: with two cores
-    11 of the 14 us that a call takes. An `Ensure` without its `Release` is how the C API says it
-    (docs.python.org/3/c-api/init.html#c.PyGILState_Ensure). What is local to a thread is kept as long, so a
-    thread hears once.
+    11 of the 14 us that a call takes. The C API documents an `Ensure` without its `Release` for this
+    (docs.python.org/3/c-api/init.html#c.PyGILState_Ensure). Thread-local data is kept as long, so this
+    happens once per thread.
     """
     if not hasattr(_thread, "kept"):
         ctypes.pythonapi.PyGILState_Ensure()

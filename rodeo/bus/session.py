@@ -1,8 +1,8 @@
 """The bus as services use it: JSON messages, queries with errors that keep their code, DAO events in order.
 
 Every process is a Zenoh *client* of one router. Measured with zenoh 1.10: subscribers and queryables come
-back by themselves after the router restarts; what was put while it was away is lost, which is why events
-carry a sequence number and `DaoEvents` asks the index for what it missed.
+come back by themselves after the router restarts; messages put meanwhile are lost, which is why events carry
+a sequence number and `DaoEvents` asks the index for those it missed.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def zenoh_config(
     identity: Identity | None = None,
     lease_s: float | None = None,
 ) -> zenoh.Config:
-    """A Zenoh configuration without discovery: what connects to what is written in the site file. `lease_s`:
-    wall time after which others close a session that is silent; by default Zenoh's, 10 s."""
+    """A Zenoh configuration without discovery: it connects only to the site file's addresses. `lease_s`: wall
+    time after which others close a session that is silent; by default Zenoh's, 10 s."""
     config = zenoh.Config()
     for key, value in {
         "mode": mode,
@@ -126,8 +126,8 @@ class Request:
 
 
 def heard_on_own_key(topic: topics.Topic, part: str, key: str, name: str) -> None:
-    """Compare who or what a message names with its key, which on a closed bus tells who published it: `part`
-    is that part of `topic`'s key. Raises InvalidRequest."""
+    """Compare the sender that a message names with its key, which on a closed bus proves who published it:
+    `part` is that part of `topic`'s key. Raises InvalidRequest."""
     own = (topic.parts(key) or {}).get(part)
     if name != own:
         raise InvalidRequest("the message names another than its key", key=key, named=name[:64], own=own)
@@ -141,7 +141,7 @@ def heard_status(key: str, data: Any) -> Status:
 
 
 Handler = Callable[[Request], "dict[str, Any] | Future[dict[str, Any]]"]
-"""What it returns is the reply; a future is replied when it is done."""
+"""Its return value is the reply; a future is replied when it is done."""
 
 
 class Bus:
@@ -189,7 +189,7 @@ class Bus:
 
     @property
     def connected(self) -> bool:
-        """Whether there is a router now. What is put while there is none is lost."""
+        """Whether there is a router now. Without one, messages that are put are lost."""
         return bool(self.session.info.routers_zid())
 
     # -- publish and subscribe -------------------------------------------------------------------------
@@ -222,7 +222,7 @@ class Bus:
     ) -> zenoh.Subscriber[None]:
         """Call `callback(key, payload)` for everything published on `key`: as `subscribe_json` does.
 
-        What the callback refuses with a RodeoError is logged and left out.
+        Messages that the callback refuses with a RodeoError are logged and dropped.
         """
         return self.subscribe_with_source(
             key, lambda heard, payload, _source: callback(heard, payload), inline=inline
@@ -297,8 +297,8 @@ class Bus:
         most: int,
         most_each: int | None = None,
     ) -> list[dict[str, Any]]:
-        """What everybody answers who serves `key`, at most `most` answers: on an open bus others may. `key`
-        may have wildcards; of the answers on one key at most `most_each` are taken.
+        """Answers of all processes that serve `key`, at most `most` of them: on an open bus strangers may
+        answer. `key` may have wildcards; of the answers on one key at most `most_each` are taken.
 
         Errors and what is no JSON object are left out. Raises InvalidRequest when `key` is no key, and
         BusUnavailable after `close`.
@@ -344,7 +344,7 @@ class Bus:
 
         A handler runs on `workers(key of the query)`, or on threads that all keys of this session share.
         """
-        # Of answers on one key a caller gets one only: who asks `status/*` wants each process's own.
+        # Zenoh keeps one reply per key, so a wildcard query is answered on the process's own key.
         own_key = None if "*" in key else key
 
         def answer(query: zenoh.Query) -> None:
@@ -453,7 +453,7 @@ class DaoEvents:
         heard_on_own_key(topics.EVENT, "event", key, event.name)
         with self._lock:
             self._chain = self._chain or event.chain
-            # The index alone says that there is another chain, and what is far ahead it tells in its turn.
+            # Only the index reports another chain; an event far ahead comes from it in its turn.
             if event.chain == self._chain and self._seq < event.seq <= self._seq + self._PAGE:
                 self._live[event.seq] = event
             # Nobody would end a hold that began after the end.
@@ -479,7 +479,7 @@ class DaoEvents:
 
     def _handed_over(self) -> None:
         with self._lock:
-            # What still misses one before it is asked for elsewhere: that may take long.
+            # An event whose predecessor is missing holds no clock: asking for that one may take long.
             waits = self._seq + 1 in self._live and not self._stop.is_set()
             if self._handing_over is not None and not waits:
                 self._handing_over.__exit__(None, None, None)
@@ -547,7 +547,7 @@ def _parameters(text: str) -> dict[str, str]:
 
 
 def _answer(key: str, payload: bytes) -> dict[str, Any]:
-    """What the responder of `key` answered. Raises MalformedAnswer."""
+    """The answer of the responder of `key`. Raises MalformedAnswer."""
     try:
         # Whom we ask may answer at length: a page of tasks with all that people wrote into them.
         return decode_json(payload, max_bytes=None)
@@ -556,7 +556,7 @@ def _answer(key: str, payload: bytes) -> dict[str, Any]:
 
 
 def _escaped(value: Any) -> str:
-    """What separates parameters in a selector must not stand in a value."""
+    """A value must not contain the separators of a selector's parameters."""
     return re.sub("[%;&|#?]", lambda found: quote(found.group(), safe=""), str(value))
 
 

@@ -1,4 +1,4 @@
-"""What to send to do something, by who sends it. Encoding only: signing and sending is the caller's part."""
+"""The transactions of each command, by who sends them. Encoding only: the caller signs and sends."""
 
 from __future__ import annotations
 

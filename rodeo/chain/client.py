@@ -149,7 +149,7 @@ class ChainClient:
         return self._view("ServiceManager", "serviceCount")
 
     def pending_payments(self, account: str) -> int:
-        """What the token refused to `account` and `withdrawPayments` pays, wei."""
+        """Amounts that the token refused to pay `account`, which `withdrawPayments` pays, wei."""
         return self._view("TaskManager", "pendingPayments", to_checksum_address(account))
 
     def device(self, address: str) -> Device:
@@ -180,14 +180,14 @@ class ChainClient:
         return self._view("Organization", "currentRules", kind_to_bytes32(kind))
 
     def terms(self) -> Terms:
-        """What services agree to that are registered now."""
+        """Terms to which a service agrees that is registered now."""
         return self._view("Organization", "terms")
 
     def members_only(self) -> bool:
         return self._view("Organization", "membersOnly")
 
     def budget(self, role: Role) -> Budget:
-        """What the holders of OPERATOR or TREASURER may spend; a period of 0 is no limit."""
+        """Amount that the holders of OPERATOR or TREASURER may spend; a period of 0 is no limit."""
         return self._view("Organization", "budgetOf", role.id)
 
     def paused_until(self) -> int:
@@ -234,17 +234,17 @@ class ChainClient:
         return self._view("DisputeJudge", "instancesOf", kind_to_bytes32(kind))
 
     def stake(self, seat: int, committee: str = artifacts.COMMITTEES[0]) -> int:
-        """What counts for the votes of the judge in this seat of the committee, wei."""
+        """Stake that counts for the votes of the judge in this seat of the committee, wei."""
         return self._stake_of(seat, committee)[0]
 
     def stake_needed(self, seat: int, committee: str, amount: int) -> int:
-        """What it must be to stand for a proof, too, that is accepted and paid `amount`, wei."""
+        """Stake that a judge needs to cover one more accepted proof that is paid `amount`, wei."""
         _stake, is_open, _leaving, _until = self._stake_of(seat, committee)
         covers: int = self._view("DisputeJudge", "STAKE_COVERS")
         return -(-(is_open + amount) // covers)
 
     def _stake_of(self, seat: int, committee: str) -> list[int]:
-        """Stake, accepted amounts that are open, what leaves, and until when."""
+        """Stake, accepted amounts that are open, the withdrawal under way, and until when."""
         raw = self._contracts["DisputeJudge"].functions.stakeOf(self.deployment.address(committee), seat)
         with translated(self.currency):
             return [int(one) for one in raw.call()]
@@ -257,7 +257,7 @@ class ChainClient:
         return self._view("IECoin", "balanceOf", to_checksum_address(account))
 
     def unaccounted(self) -> int:
-        """What the TaskManager has of the payment token beyond what it holds for tasks and services, wei."""
+        """The TaskManager's balance of the payment token beyond what it holds for tasks and services, wei."""
         return self.balance(self.task_manager) - int(self._view("TaskManager", "held"))
 
     def allowance(self, owner: str, spender: str) -> int:
@@ -293,7 +293,7 @@ class ChainClient:
         return STATES[self._view("OrganizationGovernor", "state", proposal_id, block="pending")]
 
     def votes(self, account: str) -> int:
-        """What the account's vote weighs in proposals from now on: 1 for a member."""
+        """Weight of the account's vote in proposals from now on: 1 for a member."""
         return self._view("MemberVotes", "getVotes", to_checksum_address(account))
 
     def voting_time_s(self) -> int:
@@ -311,7 +311,8 @@ class ChainClient:
         return self._view("OrganizationTimelock", "getMinDelay")
 
     def pending_operations(self) -> dict[bytes, Operation]:
-        """What the timelock was told and has neither done nor cancelled, by its id, as it was scheduled."""
+        """Operations that the timelock has scheduled and neither executed nor cancelled, as scheduled, by
+        id."""
         calls: dict[bytes, list[events.CallScheduled]] = {}
         salts: dict[bytes, bytes] = {}
         for log in self.history([self.deployment.address("OrganizationTimelock")]):
@@ -375,7 +376,7 @@ class ChainClient:
     # -- transactions --------------------------------------------------------------------------------------
 
     def simulate(self, call: Call, sender: str) -> bytes:
-        """What `call` would return now. Raises ContractReverted when it would be refused."""
+        """The result that `call` would return now. Raises ContractReverted if it would be refused."""
         with translated(self.currency):
             return bytes(
                 self.w3.eth.call({"from": to_checksum_address(sender), "to": call.to, "data": call.data})

@@ -35,7 +35,7 @@ class Deployment(BaseModel):
     the timelock alone if the administrator's key proposes, and `artifacts.DISPUTES` if verdicts can be
     challenged."""
     decimals: int = IEC.decimals
-    """Decimals of the payment token, which stands among the contracts as IECoin, as it says itself."""
+    """Decimals of the payment token (IECoin among the contracts), as the token itself reports them."""
     is_token_foreign: bool = False
     """The site file names the payment token: it is no IECoin, and was there before."""
     sent: dict[str, int] = {}
@@ -73,7 +73,7 @@ class Deployment(BaseModel):
 
     @property
     def has_timelock(self) -> bool:
-        """Whether the administrator is a timelock: what it is to do is proposed, and done after a delay."""
+        """Whether the administrator is a timelock: its actions are proposed, and executed after a delay."""
         return "OrganizationTimelock" in self.contracts
 
     @property
@@ -88,9 +88,9 @@ class Deployment(BaseModel):
 
     @property
     def event_sources(self) -> list[ChecksumAddress]:
-        """The contracts whose events tell the organization's state. Where members decide, the governor's tell
-        of proposals, and not the timelock's. Whether a member has a vote is in the organization's events.
-        Each committee has seats of its own."""
+        """The contracts whose events hold the organization's state. Where members decide, proposals
+        are in the governor's, not the timelock's. Whether a member has a vote is in the organization's
+        events. Each committee has seats of its own."""
         others = {"MemberVotes"}
         if self.decides_by_vote:
             others.add("OrganizationTimelock")

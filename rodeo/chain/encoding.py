@@ -28,7 +28,7 @@ class Call:
 
 
 class ContractCalls:
-    """Encodes calls to the contracts of a deployment. `contract` says to which of several that are alike."""
+    """Encodes calls to the contracts of a deployment. `contract` selects one of several that are alike."""
 
     def __init__(self, deployment: Deployment, contract: str | None = None) -> None:
         self._deployment = deployment

@@ -1,4 +1,4 @@
-"""Decisions after a delay: what a governor and a timelock are sent, and what a proposal would do."""
+"""Decisions after a delay: calls to governor and timelock, and the effects of a proposal."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class GovernanceCalls:
         return self._timelock.cancel(operation_id)
 
     def hand_over(self, former: Iterable[str], to: str) -> list[Call]:
-        """What the timelock does so that `to` proposes and cancels, and none of the `former` keys."""
+        """Calls of the timelock that let `to` propose and cancel, and none of the `former` keys."""
         given = [self._timelock.grant_role(role, to) for role in TimelockRole]
         return given + [
             self._timelock.revoke_role(role, one) for one in former if one != to for role in TimelockRole
@@ -126,7 +126,7 @@ class GovernanceCalls:
 
 
 def described(deployment: Deployment, target: str, calldata: bytes, depth: int = 0) -> Described:
-    """What a call would do, whatever the proposal's text says about it. `depth`: in so many others."""
+    """Effects of a call, whatever the proposal's text claims. `depth`: number of calls around it."""
     contract = next((name for name, address in deployment.contracts.items() if address == target), None)
     for name, (selector, types, inputs) in (functions(contract) if contract else {}).items():
         if calldata[:4] == selector:
@@ -135,7 +135,7 @@ def described(deployment: Deployment, target: str, calldata: bytes, depth: int =
             except (DecodingError, ValueError, OverflowError):
                 break  # anybody may propose anything
             if name == "multicall" and depth < _MOST_NESTED:
-                # What is in it is what is decided.
+                # The decision covers the calls inside.
                 each = [described(deployment, target, one, depth + 1) for one in args["data"]]
                 calls = [{"function": call.function, "args": call.args} for call in each]
                 return Described(contract or target, name, {"calls": calls})

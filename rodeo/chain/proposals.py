@@ -1,4 +1,4 @@
-"""What proposals consist of, in the words of the contracts. `rodeo.chain.governance` makes calls of them."""
+"""Parts of a proposal, in the words of the contracts. `rodeo.chain.governance` makes calls of them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STATES = ("pending", "active", "canceled", "defeated", "succeeded", "queued", "e
 """By OpenZeppelin's IGovernor.ProposalState."""
 
 OPERATION_STATES = ("canceled", "waiting", "ready", "executed")
-"""By OpenZeppelin's TimelockController.OperationState; what it does not know any more was cancelled."""
+"""By OpenZeppelin's TimelockController.OperationState; an operation that it no longer knows was cancelled."""
 
 BUDGET_CREDITS = 100
 """Credits of each member in each budget vote: n votes for one recipient cost n² of them
@@ -36,7 +36,7 @@ def proposal_key(proposal_id: int) -> str:
 
 @dataclass(frozen=True)
 class Proposed:
-    """What a proposal consists of; its number on chain is made of these."""
+    """Content of a proposal; its number on chain is the hash of these."""
 
     targets: list[str]
     values: list[int]
@@ -46,7 +46,7 @@ class Proposed:
 
 @dataclass(frozen=True)
 class Operation:
-    """What the timelock was told to do after its delay; its id on chain is made of these."""
+    """Calls that the timelock executes after its delay; its id on chain is the hash of these."""
 
     targets: list[str]
     values: list[int]
@@ -57,7 +57,7 @@ class Operation:
 
 
 def shares(amount: int, votes: Sequence[int]) -> list[int]:
-    """What each recipient of a budget vote is paid with so many `votes`, wei, as the contract divides."""
+    """Payments to the recipients of a budget vote with these `votes`, wei, as the contract divides."""
     total = sum(votes)
     return [amount * one // total if total else 0 for one in votes]
 
@@ -68,7 +68,7 @@ def protected_text(text: str, proposer: str) -> str:
 
 
 def shown_text(description: str, proposer: str) -> str:
-    """What people read of a proposal's text; the address of anybody but its proposer stays in it."""
+    """A proposal's text as people read it; only its own proposer's address is left out."""
     text, mark, address = description.rpartition(_PROPOSER_MARK)
     return text if mark and address.lower() == proposer.lower() else description
 

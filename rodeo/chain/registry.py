@@ -100,7 +100,7 @@ def creation_code() -> bytes:
 
 
 def creation_data() -> HexStr:
-    """What PROXY is sent to create the registry."""
+    """Data that PROXY is sent to create the registry."""
     return HexStr("0x" + (_SALT + creation_code()).hex())
 
 
@@ -112,7 +112,7 @@ def known_address() -> ChecksumAddress:
 
 
 class Registry:
-    """The registry at `address` on the node of `w3`. What asks the node raises ChainUnavailable."""
+    """The registry at `address` on the node of `w3`. Methods that ask the node raise ChainUnavailable."""
 
     def __init__(self, w3: Web3, address: ChecksumAddress) -> None:
         self.address = address
@@ -183,7 +183,7 @@ class Registry:
         return count
 
     def organizations(self, newest: int | None = None) -> list[Founding]:
-        """In the order of their founding; only so many of the `newest`, as founding one costs little."""
+        """In the order of their founding; only this many of the `newest`, as founding one costs little."""
         count = self.count
         with translated():
             functions = self._contract.functions
@@ -213,6 +213,6 @@ def _bytes32(text: str) -> bytes:
 
 
 def _text(word: bytes) -> str:
-    """What anybody chose; a hash, and what is no text, in hex."""
+    """Bytes chosen by anybody; a hash, and bytes that are no text, in hex."""
     text = bytes(word).rstrip(b"\0").decode("ascii", "replace")
     return text if text.isprintable() and text.isascii() else "0x" + bytes(word).hex()

@@ -1,4 +1,4 @@
-"""What a provider is known for, computed from events as Providers computes it.
+"""A provider's record, computed from events as Providers computes it.
 
 reputation = 64 * (done + PRIOR) / (done + failed + 2 * PRIOR)
 """
@@ -24,16 +24,16 @@ class Work:
     """Work of a provider for others, in units of prices, as of a day (from 1970-01-01 UTC)."""
 
     done: int = 0
-    """What was paid for accepted work."""
+    """Payments for accepted work."""
     failed: int = 0
-    """What would have been paid for work that was rejected or came too late."""
+    """Payments that rejected or late work would have brought."""
     day: int = 0
     creator: int = 0
     """A number, which few have in common, for the creator whose attempt counted last on that day; 0:
     nobody, or only the organization."""
 
     def at(self, time_s: float) -> Work:
-        """What is left of it."""
+        """The remainder of it."""
         today = int(time_s) // _DAY_S
         halves, rest = divmod(today - self.day, _HALF_LIFE_DAYS)
         done, failed, factor = self.done >> halves, self.failed >> halves, _DAILY

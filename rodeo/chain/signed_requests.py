@@ -1,4 +1,5 @@
-"""What a participant signs (EIP-712) so that somebody else sends it, and pays the gas; as wallets show it."""
+"""Requests that a participant signs (EIP-712) for somebody else to send, who pays the gas; as wallets show
+them."""
 
 from __future__ import annotations
 
@@ -53,7 +54,7 @@ class _Said(BaseModel):
     """Struct -> its fields as Solidity writes them."""
 
     def typed_data(self, domain: Typed) -> Typed:
-        """What its participant signs, for the contract of `domain` alone."""
+        """The data that its participant signs, for the contract of `domain` alone."""
         types = {**self.types, "EIP712Domain": _DOMAIN}
         return {
             "types": {name: _fields(text) for name, text in types.items()},
@@ -97,7 +98,7 @@ class TypedTask(_Said):
 
 
 class RegisterTask(_Said):
-    """`creator` posts a task. Of requests with the same `nonce` one at most is carried out."""
+    """`creator` posts a task. At most one of the requests with the same `nonce` is carried out."""
 
     types = {
         "RegisterTask": "address creator,TaskRequest request,uint256 nonce,uint256 deadline",

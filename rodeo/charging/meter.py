@@ -87,11 +87,12 @@ class Meter:
 
     @property
     def readings_left(self) -> int:
-        """After so many more a record is due although little flowed."""
+        """Readings after which a record is due although little flowed."""
         return MOST_READINGS - len(self._unsaid)
 
     def reading(self, reading: Reading) -> None:
-        """Count it. What is not newer than the last is left out, and what is no reading raises ValueError."""
+        """Count a reading. One that is not newer than the last is left out; an invalid one raises
+        ValueError."""
         if not all(map(math.isfinite, reading)):
             raise ValueError(f"a reading is not finite: {reading}")
         if self._last is not None and reading.time_s <= self._last.time_s:
@@ -105,7 +106,7 @@ class Meter:
             del self._unsaid[0]
 
     def restore(self, reading: Reading) -> None:
-        """The same of what an earlier process read: what is in a record is counted already."""
+        """The same for an earlier process's readings: those in a record are counted already."""
         if reading.time_s <= self._until_s and self._last is None:
             self._said = reading
             return
@@ -114,7 +115,7 @@ class Meter:
         self.reading(reading)
 
     def record(self) -> dict[str, Any]:
-        """What the next record says of the register; then all that was read is said."""
+        """The register's change for the next record; after it every reading is recorded."""
         if self.begin_wh is None:
             self.begin_wh = self.register_wh
         since_ms, readings = pack(self._unsaid)

@@ -17,7 +17,7 @@ MAX_GAP_S = 5.0
 METER_CLASS = 0.02
 """Class 2 metering: within 2 %."""
 STEP_WH = 5.0
-"""What a seller delivers before the buyer countersigned it, at most."""
+"""Most that a seller delivers before the buyer countersigned it."""
 RECORD_WH = STEP_WH / 2
 """From one record of the meter to the next: twice in a step, so that a receipt that takes its time on the way
 does not open the contactor."""

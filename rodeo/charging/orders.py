@@ -17,11 +17,11 @@ Name = Annotated[str, Field(min_length=1, max_length=64)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 
 LARGEST_ORDER_WH = 1e12
-"""A terawatt-hour; what a dock delivers for is for its owner to say."""
+"""A terawatt-hour; a dock's owner decides how much it sells."""
 SOC_SLACK = 0.02
-"""What a battery gauge resolves."""
+"""Resolution of a battery gauge."""
 SOC_USED = 0.1
-"""What a robot may use from its order until it stands on the dock: the way, and half an hour's wait."""
+"""Charge that a robot may use between order and dock: the way, and half an hour's wait."""
 COMPLETE_SHARE = 0.95
 """Share of the ordered energy that makes a charge complete."""
 REACHED_SHARE = 0.75
@@ -50,7 +50,7 @@ class ChargingParams(BaseModel):
     `soc_target`."""
 
     def begins_at(self, soc: float) -> bool:
-        """Whether a robot that arrives with this state of charge is as the task says."""
+        """Whether a robot that arrives with this state of charge matches the task."""
         return self.soc_from - SOC_USED <= soc <= self.soc_from + SOC_SLACK
 
     def complete(self, delivered_wh: float, closing_soc: float | None) -> bool:
@@ -66,18 +66,18 @@ def dock_of(site: Site, named: object) -> DockConfig:
 
 
 def most_due_iec(rates: Iterable[RateConfig], energy_wh: float) -> Decimal:
-    """What that much energy costs at the highest of the rates; 0 without rates."""
+    """Price of that much energy at the highest of the rates; 0 without rates."""
     return max((rate.iec for rate in rates), default=Decimal(0)) * Decimal(str(energy_wh)) / 1000
 
 
 def costliest_iec(rates: Iterable[RateConfig], site: Site) -> Decimal:
-    """What the largest order of a robot of the site costs at the highest of the rates."""
+    """Price of the largest order of a robot of the site at the highest of the rates."""
     orders = [order_wh(robot.battery, dock, 0.0, 1.0) for robot in site.robots for dock in site.docks]
     return most_due_iec(rates, max(orders, default=0.0))
 
 
 def order_wh(battery: BatteryConfig, dock: DockConfig, soc_from: float, soc_target: float) -> float:
-    """What a robot orders to get from one state of charge to the other, at the dock's terminals.
+    """Energy that a robot orders to get from one state of charge to the other, at the dock's terminals.
 
     An upper estimate: the charge at the voltage that the dock holds at the end, and what the robot consumes
     meanwhile with its arm held up.

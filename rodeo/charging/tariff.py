@@ -1,4 +1,4 @@
-"""What applies by the hour of the site's time: what electricity costs, what a kind's rates pay."""
+"""Prices by the hour of the site's time: electricity, and a kind's rates."""
 
 from __future__ import annotations
 

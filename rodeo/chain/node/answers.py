@@ -1,4 +1,4 @@
-"""The one door for what a node says: its results and its refusals.
+"""The one entry for a node's results and refusals.
 
 A result is checked before anybody reads it, and only what is checked is let in: other fields differ from node
 to node. A refusal's code, words and data differ too; here they become a result, a `Refusal`, RateLimited
@@ -40,7 +40,7 @@ EXCERPT = 120
 
 
 class Malformed(ValueError):
-    """A part of an answer cannot be used: `problem` says why, `value` is that part."""
+    """A part of an answer cannot be used: `problem` is the reason, `value` is that part."""
 
     def __init__(self, problem: str, value: Any) -> None:
         super().__init__(problem)
@@ -135,7 +135,7 @@ def _transaction(params: Params, result: Any) -> Any:
 
 
 def _receipt(params: Params, result: Any) -> Any:
-    """A receipt that says what became of the transaction. The price of its gas may be missing."""
+    """A receipt with the outcome of the transaction. The price of its gas may be missing."""
     if result is None:
         return None
     receipt = _only(_RECEIPT, _object("the receipt", result))
@@ -174,7 +174,7 @@ def _logs(params: Params, result: Any) -> list[Any]:
 
 
 def _lower(wanted: Any) -> set[str]:
-    """What a part of a filter names: one or several, or nothing for any."""
+    """A part of a filter: one value, several, or nothing for any."""
     return {one.lower() for one in ([wanted] if isinstance(wanted, str) else wanted or ())}
 
 
@@ -272,7 +272,7 @@ _TAG = _words("pending|block.?(tag|param)|argument|parameter|param|prun|support"
 
 
 class Kind(StrEnum):
-    """What a refusal is about."""
+    """Subject of a refusal."""
 
     REVERT = "revert"
     PAST_NONCE = "past_nonce"
@@ -280,7 +280,7 @@ class Kind(StrEnum):
     REPLACES = "replaces"
     """Another transaction of the sender has its nonce in the node's pool."""
     INTERNAL = "internal"
-    """The node failed; it says nothing of what it was asked."""
+    """The node failed; the error does not concern the request."""
     OTHER = "other"
 
 
@@ -292,7 +292,7 @@ class Refusal:
     message: str
     """All its words, also those that it put beside its message."""
     data: str | None = None
-    """What a contract said, in hex."""
+    """Revert data of a contract, in hex."""
     kind: Kind = Kind.OTHER
 
     @property
@@ -310,7 +310,7 @@ class Refusal:
 
     @property
     def least_tip(self) -> int | None:
-        """Wei per gas that what offers too little has to offer at least, 0 where that is not said. None for
+        """Least offer per gas after one that was too low, wei; 0 if the node does not state it. None for
         other refusals, also where the base fee has risen."""
         if self.kind is not Kind.CHEAP or _BASE_FEE.search(self.message):
             return None
@@ -318,8 +318,7 @@ class Refusal:
 
 
 def refused(error: Any, call: Call) -> Any:
-    """What an error stands for: a result, a Refusal, RateLimited or NotNow. Raises
-    Malformed."""
+    """The meaning of an error: a result, a Refusal, RateLimited or NotNow. Raises Malformed."""
     method, params = call
     said = error if isinstance(error, dict) else {"message": error}
     code, message = said.get("code"), said.get("message")
@@ -333,7 +332,7 @@ def refused(error: Any, call: Call) -> Any:
         return refusal
     is_range = len(blocks_of(call) or ()) > 1
     if is_range:
-        # Of logs, some nodes say "limit exceeded" where the range is too long.
+        # For logs, some nodes answer "limit exceeded" where the range is too long.
         is_limit = (code == 429 or bool(_RATE.search(text))) and not _RANGE.search(text)
     else:
         is_limit = (code in _LIMITED and method != LOGS) or bool(_LIMIT.search(text))
@@ -372,8 +371,8 @@ _SAID = re.compile(r"(?:.*revert.*\s)?(0x(?:[0-9a-fA-F]{2}){4,})", re.I | re.S)
 
 
 def _revert_data(found: Any) -> str | None:
-    """What a contract said, wherever in its error a node puts it: as it is, behind a word, under the name of
-    the transaction, one level deeper."""
+    """Revert data, wherever in its error a node puts it: as it is, behind a word, under the name of the
+    transaction, one level deeper."""
     if isinstance(found, str):
         if found == "0x":
             return found
@@ -395,6 +394,6 @@ def _text_of(data: Any) -> str:
 
 
 def excerpt(value: Any) -> str:
-    """The beginning of what a node said, in printable ASCII."""
+    """The beginning of a node's answer, in printable ASCII."""
     text = redacted(json.dumps(value))
     return text if len(text) <= EXCERPT else f"{text[: EXCERPT - 3]}..."

@@ -1,4 +1,4 @@
-"""What a node is asked."""
+"""Requests to a node."""
 
 from __future__ import annotations
 

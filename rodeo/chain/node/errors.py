@@ -43,12 +43,12 @@ class InvalidAnswer(ChainUnavailable):
 
 
 class RateLimited(ChainUnavailable):
-    """The node limits how often it is asked: `details["retry_after_s"]` is for how long, where it says so."""
+    """The node limits the rate of requests: `details["retry_after_s"]` is for how long, where it states
+    it."""
 
 
 class NotNow(ChainUnavailable):
-    """The node says that it cannot do this now: it is a block behind, busy, or waits for other
-    transactions."""
+    """The node cannot do this now: it is a block behind, busy, or waits for other transactions."""
 
 
 class RpcFailed(ChainError):

@@ -1,4 +1,4 @@
-"""What a transaction has to offer, by what the chain asks for now (EIP-1559), or before that one price."""
+"""Fees that a transaction has to offer, by the chain's present price (EIP-1559), or before that one price."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Fees:
 
 @dataclass(frozen=True)
 class Market:
-    """What the chain asks for now, wei per gas."""
+    """The chain's present price, wei per gas."""
 
     base_fee: int
     priority_fee: int

@@ -28,7 +28,7 @@ class Habits:
     tags: dict[str, str | None] = field(default_factory=dict)
     """Method -> what it takes in the place of "pending"; None for no parameter at all."""
     tip: int = 0
-    """What transactions offered last, wei per gas."""
+    """The last offer of transactions, wei per gas."""
     least_tip: int = 0
     _good_ranges: int = 0
     _good_batches: int = 0
@@ -61,7 +61,7 @@ class Habits:
                 self.most_blocks, self._good_ranges = 2 * self.most_blocks, 0
 
     def note_tip(self, told: int) -> None:
-        """A transaction offered too little: what it says is the least, or else twice as much."""
+        """A transaction offered too little: the least that the node states, or else twice as much."""
         self.least_tip = max(self.least_tip, told or max(2 * self.tip, _GWEI))
 
 

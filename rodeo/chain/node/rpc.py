@@ -1,7 +1,7 @@
 """JSON-RPC to a node over HTTP, in batches, ranges and tags that its provider takes.
 
-A node answers what it likes: half a batch, a string, a page of HTML. Whatever is not an answer to what was
-asked becomes an InvalidAnswer, in its own place where the rest of a batch can be used. What its answers mean
+A node may answer anything: half a batch, a string, a page of HTML. Whatever does not answer the request
+becomes an InvalidAnswer, in its own place where the rest of a batch can be used. The meaning of its answers
 is decided in `answers.py`.
 """
 
@@ -97,7 +97,8 @@ class Rpc:
     # -- what a provider does not take as it is ------------------------------------------------------------
 
     def _in_batches(self, calls: Sequence[Call]) -> list[Any]:
-        """What a batch is too long for is asked in shorter ones; what is limited in its place, again."""
+        """A batch that is too long is sent in shorter ones; requests that are rate-limited are repeated in
+        place."""
         answers: dict[int, Any] = {}
         left, most, tries, spoilt = list(range(len(calls))), self.habits.most_calls, 0, 0
         while left:
@@ -139,7 +140,7 @@ class Rpc:
         self._closed.wait(BACKOFF_S * 2**tries)
 
     def _otherwise(self, call: Call, refusal: Refusal) -> Any:
-        """What the node says to the same in a form that it takes; `refusal` where there is none."""
+        """The node's answer to the same request in a form that it accepts; `refusal` where there is none."""
         if refusal.least_tip is not None:
             self.habits.note_tip(refusal.least_tip)
         blocks = blocks_of(call)
@@ -156,7 +157,7 @@ class Rpc:
         return refusal
 
     def _in_ranges(self, call: Call, blocks: range) -> Any:
-        """The logs of so many blocks at once that the node answers."""
+        """The logs, for as many blocks at once as the node answers."""
         before, logs = self.habits.most_blocks, list[Any]()
         self.habits.note_range(len(blocks), good=False)
         while blocks:
@@ -247,7 +248,7 @@ class Rpc:
     # -- HTTP ----------------------------------------------------------------------------------------------
 
     def _post(self, body: str, requests: int) -> Any:
-        """What the JSON in the answer's body stands for."""
+        """The meaning of the JSON in the answer's body."""
         if (left_s := self.habits.pause_s) > 0:
             raise RateLimited("the node asked not to be asked again yet", retry_after_s=round(left_s, 3))
         timeout_s = self._timeout_s + _EACH_S * (requests - 1)
@@ -318,7 +319,7 @@ class Rpc:
 
 
 class Refused(Exception):
-    """What a node refused web3.py, which knows the words of some nodes only."""
+    """A refusal that web3.py raised, which knows the words of some nodes only."""
 
     def __init__(self, refusal: Refusal) -> None:
         super().__init__(refusal.message)
@@ -377,7 +378,7 @@ def _plain(value: Any) -> Any:
 
 
 def _retry_after_s(text: str | None) -> float | None:
-    """What an HTTP header Retry-After asks for: seconds or a date. None where it says neither."""
+    """Delay that an HTTP header Retry-After asks for, in seconds or as a date. None if it is neither."""
     if text is None:
         return None
     try:

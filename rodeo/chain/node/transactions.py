@@ -33,7 +33,7 @@ _ATTEMPTS = 8
 
 
 def market_of(w3: Web3) -> Market:
-    """What transactions have to offer now. Raises ChainUnavailable."""
+    """Fees that transactions have to offer now. Raises ChainUnavailable."""
     assert isinstance(w3.provider, NodeProvider)
     return market(w3.provider.rpc)
 
@@ -87,7 +87,7 @@ def send(
 
 
 def _receipt(w3: Web3, tx_hash: HexBytes, timeout_s: float) -> TxReceipt:
-    """Raises TransactionTimeout, also where the node cannot tell of it all the while."""
+    """Raises TransactionTimeout, also where the node cannot report on it all the while."""
     end_s, pause, said = time.monotonic() + timeout_s, threading.Event(), ""
     while True:
         try:

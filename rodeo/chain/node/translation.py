@@ -1,4 +1,4 @@
-"""What nodes, web3.py and reverted contracts say, as errors of `rodeo.chain.node.errors`."""
+"""Errors of nodes, web3.py and reverted contracts, translated to those of `rodeo.chain.node.errors`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _BUILT_IN: dict[bytes, dict[str, Any]] = {
     bytes.fromhex("08c379a0"): {"name": "Error", "inputs": [{"name": "reason", "type": "string"}]},
     bytes.fromhex("4e487b71"): {"name": "Panic", "inputs": [{"name": "panicCode", "type": "uint256"}]},
 }
-"""What Solidity itself reverts with: `require(condition, "sentence")`, and failed assertions."""
+"""Reverts of Solidity itself: `require(condition, "sentence")`, and failed assertions."""
 
 
 _LONGEST_REASON = 120
