@@ -1,6 +1,6 @@
 """The bridge: the only process that talks to the chain for the others.
 
-process.py       attaches to node and contracts, keeps following, says why when it cannot
+process.py       attaches to node and contracts, keeps following, reports why when it cannot
 follower.py      new blocks -> index -> events on the bus
 index.py         the organization as its events tell it; schema.py has the tables
 queries.py       `state/...`: answers from the index

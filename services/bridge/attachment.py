@@ -55,9 +55,9 @@ class Attachment:
     handback: HandBack
     probe: Probe
     compared: bool = False
-    """Whether the index was compared with the contracts since it was opened or made anew."""
+    """Whether the index was compared with the contracts since it was opened or rebuilt."""
     made_anew: bool = False
-    """Whether it was made anew and not found right since."""
+    """Whether it was rebuilt and has not been found right since."""
 
     def close(self) -> None:
         self.probe.close()
@@ -69,9 +69,9 @@ class Opener:
     """Finds node and contracts, and opens what belongs to them.
 
     Args:
-        names: whose wallets this bridge has.
-        publish: called for each event; whether it went out.
-        on_indexed: called after each block, before what waits for its transactions continues.
+        names: participants whose wallets this bridge has.
+        publish: called for each event; returns whether it was published.
+        on_indexed: called after each block, before callers that wait for its transactions continue.
         on_sent: called after each transaction.
     """
 
@@ -124,7 +124,7 @@ class Opener:
         folder = self._process.data_dir / chain
         node = Node(site.chain.url, currency=deployment.currency)
         addresses = {name: account.address for name, account in self.accounts.items()}
-        # The journal first: it may be refused again and again, and nothing else is open then.
+        # The journal first: it may be refused repeatedly, and nothing else is open then.
         journal = self._open_journal(deployment, node, folder, addresses)
         index = Index(
             self._config.database or sqlite_url(folder / "index.sqlite"),
@@ -187,7 +187,7 @@ class Opener:
         return journal
 
     def _measure(self, opened: Attachment) -> None:
-        """Asked when somebody looks: also of a bridge that is not ready."""
+        """Measures on request, also while the bridge is not ready."""
         INDEXED_BLOCK.set_function(lambda: opened.chain.index.position.block)
         BLOCKS_BEHIND.set_function(lambda: opened.follower.behind)
         for name in self._names:

@@ -14,7 +14,7 @@ from services.bridge.node import Call, Node
 
 @dataclass(frozen=True)
 class Chain:
-    """Where transactions go, and where what became of them is looked up and written down."""
+    """Where transactions are sent, and where their outcomes are looked up and kept."""
 
     deployment: Deployment
     node: Node
@@ -22,11 +22,12 @@ class Chain:
     journal: Journal
 
     def ask(self, *calls: Call) -> list[Any]:
-        """What the node answers, as `Node.batch` gives it, for whoever sends next what the journal holds.
+        """The node's answers, as `Node.batch` gives them, for a caller that sends the journal's transactions
+        next.
 
         A chain may have been begun anew behind the same URL, under the same number and with contracts at the
-        same addresses: what was signed for the old one would be mined there. Raises ChainUnavailable where
-        the node is not on this chain any more.
+        same addresses: transactions signed for the old one would be mined there. Raises ChainUnavailable
+        where the node is not on this chain any more.
         """
         *answers, genesis = self.node.batch([*calls, ("eth_getBlockByNumber", ["0x0", False])])
         if isinstance(genesis, ChainUnavailable):

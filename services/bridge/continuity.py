@@ -1,9 +1,9 @@
 """Whether the journal holds what its wallets have sent.
 
-One that was deleted, emptied or put back from an older copy forgets which requests were carried out: asked
-again, they would be carried out twice. The chain counts each wallet's transactions; the deployment record
+A journal that was deleted, emptied or restored from an older copy forgets which requests were carried out:
+repeated, they would be carried out twice. The chain counts each wallet's transactions; the deployment record
 says how many of them no bridge has sent. A wallet that also works for another organization sends transactions
-that neither of the two knows of: what a shared wallet has sent is not counted.
+that neither of the two knows of, so those of a shared wallet are not counted.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _GIVEN_UP = "given-up"
 
 
 def give_up_journal(site: Site, bridge: str = BRIDGE) -> None:
-    """Let a bridge of the site (`bridge`, the process) continue with a journal that lacks what was sent
-    before, when it opens it next."""
+    """Allow a bridge of the site (`bridge`, the process) to continue with a journal that lacks transactions
+    sent before, when it opens it next."""
     folder = site.data_dir / bridge
     folder.mkdir(parents=True, exist_ok=True)
     _order(folder).touch()
@@ -48,8 +48,8 @@ def open_journal(
     """The journal at `path` of the bridge whose data is in `folder`, whole or given up by order.
 
     `addresses`: name -> address of each wallet that it is to answer for. `sent`: address -> transactions that
-    no bridge has sent (`Deployment.sent`). `shared`: names of wallets that others send with as well; what
-    they have sent is not counted. Raises JournalDamaged, JournalIncomplete and ChainUnavailable.
+    no bridge has sent (`Deployment.sent`). `shared`: names of wallets that others send with as well; their
+    transactions are not counted. Raises JournalDamaged, JournalIncomplete and ChainUnavailable.
     """
     ordered = _order(folder).exists()
     try:
@@ -108,7 +108,7 @@ def _require_whole(
 def _missing(
     journal: Journal, counts: Mapping[str, int], addresses: Mapping[str, str], sent: Mapping[str, int]
 ) -> dict[str, int]:
-    """Wallet -> how many of its transactions the journal does not answer for, where there are any."""
+    """Wallet -> number of its transactions that the journal lacks, where there are any."""
     noted, newest = journal.accounted(), journal.newest_nonces()
     missing: dict[str, int] = {}
     for name, count in counts.items():
@@ -126,7 +126,8 @@ def _missing(
 
 
 def _take_over(journal: Journal, path: Path, wallets: Iterable[str]) -> None:
-    """What other bridges of this site have sent for the wallets, as far as their journals lie beside."""
+    """Copy what other bridges of this site have sent for the wallets, if their journals are in the same data
+    folder."""
     for other_path in sorted(path.parents[2].glob(f"*/{path.parent.name}/{path.name}")):
         if other_path == path or damage(other_path) is not None:
             continue
@@ -138,7 +139,7 @@ def _take_over(journal: Journal, path: Path, wallets: Iterable[str]) -> None:
 
 
 class Continuity:
-    """Notes what wallets send without the bridge while it looks on, so that it is not missed later."""
+    """Notes what wallets send without the bridge while it runs, so that it is not missed later."""
 
     def __init__(
         self, journal: Journal, node: Node, addresses: Mapping[str, str], sent: Mapping[str, int]
@@ -150,7 +151,7 @@ class Continuity:
         self._seen: dict[str, int] = {}
 
     def note(self, waiting: Callable[[str], int]) -> None:
-        """`waiting` tells how many transactions of a wallet the bridge itself has on their way."""
+        """`waiting` returns how many transactions of a wallet the bridge itself has on their way."""
         idle = {name: address for name, address in self._addresses.items() if not waiting(name)}
         try:
             counts, unknown = _counts(self._node, idle)
@@ -159,7 +160,7 @@ class Continuity:
             new = {name: count for name, count in counts.items() if count > self._seen.get(name, -1)}
             if not new:
                 return
-            # Asked after the counts: what the bridge has sent is in the journal before it is sent.
+            # Read after the counts: the bridge's transactions are in the journal before they are sent.
             newest = self._journal.newest_nonces()
             others = {name: count for name, count in new.items() if count > newest.get(name, -1) + 1}
             self._journal.account_for(
@@ -175,7 +176,7 @@ def _accounted(count: int, address: str, sent: Mapping[str, int]) -> Accounted:
 
 
 def _counts(node: Node, addresses: Mapping[str, str]) -> tuple[dict[str, int], ChainError | None]:
-    """Name -> transactions of the wallet that are mined, and why the node does not tell one of them. Raises
+    """Name -> mined transactions of the wallet, and why the node does not report one of them. Raises
     ChainUnavailable."""
     names = list(addresses)
     answers = node.batch([("eth_getTransactionCount", [addresses[name], "latest"]) for name in names])

@@ -14,7 +14,7 @@ _NO_CONTRACT = "0x"
 
 
 def contradiction(index: Index, node: Node, deployment: Deployment) -> str | None:
-    """A balance or a count that the contracts give differently at the index's block, or None.
+    """A balance or a count that differs in the contracts at the index's block, or None.
 
     None, too, where the contracts cannot be asked about that block. Raises ChainUnavailable.
     """
@@ -45,7 +45,7 @@ def contradiction(index: Index, node: Node, deployment: Deployment) -> str | Non
     for (what, value), call, answer in zip(expected, calls, answers, strict=True):
         if isinstance(answer, ChainError) or answer == _NO_CONTRACT or int(answer, 16) == value:
             continue
-        # One wrong answer is not worth reading the whole chain again.
+        # One wrong answer is no reason to read the whole chain again.
         if node.batch([call]) == [answer]:
             return f"{what} is {int(answer, 16)} on chain and {value} in the index, at block {block}"
     return None

@@ -22,8 +22,7 @@ log = logging.getLogger(__name__)
 
 _CHECKPOINT_S = 2.0
 _CHECKPOINT_PAGES = 10_000
-"""Pages of 4 KiB after which the log begins anew: it does so by itself only when nothing is written
-meanwhile."""
+"""Pages of 4 KiB after which the log is restarted: SQLite restarts it only while nothing is written."""
 
 
 def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engine:
@@ -63,7 +62,7 @@ def damage(path: Path) -> str | None:
         with closing(sqlite3.connect(path)) as connection:
             problem = str(connection.execute("pragma quick_check(1)").fetchone()[0])
     except sqlite3.DatabaseError as error:
-        # What keeps it from being read at all, like rights or a full disk, says nothing about its content.
+        # Missing rights, a full disk and the like say nothing about its content.
         return str(error) if error.sqlite_errorcode & 0xFF in _CONTENT else None
     return None if problem == "ok" else problem
 
@@ -71,7 +70,7 @@ def damage(path: Path) -> str | None:
 class Checkpointer:
     """Moves the pages of a SQLite write-ahead log to their place, in a thread of its own.
 
-    That waits for the disk, which SQLite would do in one commit of a hundred: 30 ms that nobody expects.
+    SQLite would do so in one commit of a hundred and wait for the disk: 30 ms that nobody expects.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -90,10 +89,10 @@ class Checkpointer:
 
     def _checkpoint(self) -> None:
         with self._engine.connect() as connection:
-            # Holds up neither readers nor the writer.
+            # Blocks neither readers nor the writer.
             _, pages, _ = connection.exec_driver_sql("pragma wal_checkpoint(passive)").one()
             if pages > _CHECKPOINT_PAGES:
-                # Holds up the writer, but only for what came in the meantime.
+                # Blocks the writer, but only for pages written in the meantime.
                 connection.exec_driver_sql("pragma wal_checkpoint(restart)")
 
     def close(self) -> None:

@@ -57,14 +57,14 @@ class IndexUnusable(RodeoError):
 
 
 class JournalDamaged(RodeoError):
-    """The journal's file is not what was written: what the wallets have sent is not known from it."""
+    """The journal's file was changed after it was written: it does not show what the wallets have sent."""
 
     restart_cures = False
 
 
 class JournalIncomplete(RodeoError):
-    """The journal lacks transactions of its wallets: it was deleted, or put back from an older copy. What was
-    asked for by them would be done a second time."""
+    """The journal lacks transactions of its wallets: it was deleted, or restored from an older copy. Their
+    requests would be carried out a second time."""
 
     restart_cures = False
 

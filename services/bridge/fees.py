@@ -22,7 +22,7 @@ _GWEI = 10**9
 
 
 class Limits:
-    """What a wallet may spend, as the site file says."""
+    """Spending limits of a wallet, from the site file."""
 
     def __init__(self, config: WalletLimits, currency: Currency) -> None:
         """`currency` is what the organization pays with."""

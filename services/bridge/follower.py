@@ -1,4 +1,4 @@
-"""New blocks -> index -> bus, in that order: whoever hears of an event can already ask for its effect."""
+"""New blocks -> index -> bus, in that order: a subscriber that gets an event can already query its effect."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 MAX_BLOCKS = 2_000
 """Blocks asked for at once."""
 MAX_BATCH = 100
-"""Blocks that the node told of and that are asked for at once."""
+"""Blocks that the node announced and that are requested together."""
 
 BEHIND_GRACE_S = 15.0
 """Wall time for which a node elsewhere may answer with an older head before it counts as a reorganization:
@@ -34,9 +34,9 @@ _FORK_PAGE = 32
 class Follower:
     """Keeps `index` `confirmations` blocks below the head and hands each event to `publish`.
 
-    `publish(event)` returns whether the event went out; one that did not is published later.
-    `on_indexed(hashes)` hears of the transactions that the index has taken in, `on_undone(block)` that
-    everything after `block` was taken off the chain. All of it belongs to one thread.
+    `publish(event)` returns whether the event was published; if not, it is published later.
+    `on_indexed(hashes)` is called with the transactions that the index has applied, `on_undone(block)` when
+    everything after `block` was taken off the chain. One thread owns all of it.
     """
 
     def __init__(
@@ -66,15 +66,15 @@ class Follower:
         self._behind_since_s: float | None = None
         self._unpublished = True
         self.head = -1
-        """The newest block of the node, as last heard."""
+        """The newest block of the node, as last reported."""
 
     @property
     def behind(self) -> int:
-        """Blocks of the node, as last heard, that are deep enough and not in the index."""
+        """Blocks of the node, as last reported, that are deep enough and not in the index."""
         return max(0, self.head - self._confirmations - self._index.position.block)
 
     def step(self, headers: list[Header]) -> bool:
-        """Take in the next blocks; whether to look for more at once. `headers` are what the node told of.
+        """Apply the next blocks; returns whether to look for more at once. The node announced `headers`.
 
         Raises ChainUnavailable or RpcFailed, and ChainReorganized when not even the first block is the same.
         """
@@ -97,7 +97,8 @@ class Follower:
     # -- blocks that the node told of ----------------------------------------------------------------------
 
     def _take(self, headers: list[Header]) -> bool:
-        """With one question to the node; whether they follow on what was indexed, and it has them all."""
+        """Apply `headers` with one request to the node; whether they follow on the index, and it has them
+        all."""
         end = self._index.position
         if self._confirmations or not headers or len(headers) > MAX_BATCH:
             return False
@@ -132,7 +133,7 @@ class Follower:
         first = max(position.block + 1, self._deployment.block)
         if target < first:
             return False
-        # A part that the node answers at once is in the index before the next one is asked for.
+        # A part that the node answers at once is indexed before the next one is requested.
         last = min(target, first + min(MAX_BLOCKS, self._node.most_blocks) - 1)
         found, *headers = self._ask(
             ("eth_getLogs", [{**self._filter, "fromBlock": hex(first), "toBlock": hex(last)}]),
@@ -140,7 +141,7 @@ class Follower:
             ("eth_getBlockByNumber", [hex(last), False]),
         )
         if None in headers:
-            return False  # it went while we asked
+            return False  # it disappeared while we asked
         if (
             first == position.block + 1
             and position.block >= 0
@@ -150,7 +151,7 @@ class Follower:
             return True
         known = {_number(header): header for header in headers}
         logs = self._readable(found)
-        # Nodes of before 2025 do not tell the time with a log.
+        # Nodes of before 2025 do not report the block's time with a log.
         near = sorted(
             {
                 one.block
@@ -171,7 +172,7 @@ class Follower:
         return True
 
     def _readable(self, found: Iterable[dict[str, Any]]) -> list[tuple[Log, int | None]]:
-        """The logs, each with the time of its block where the node says that. Raises InvalidAnswer."""
+        """The logs, each with the time of its block where the node reports that. Raises InvalidAnswer."""
         logs: list[tuple[Log, int | None]] = []
         for one in found:
             time = one.get("blockTimestamp")
@@ -218,7 +219,7 @@ class Follower:
         return True
 
     def _reorganize(self, why: str) -> None:
-        """Roll the index back to the newest block that is still on the chain, and say what was undone."""
+        """Roll the index back to the newest block that is still on the chain, and report what was undone."""
         self._behind_since_s = None
         before = self._index.position
         fork = self._newest_common()
@@ -247,7 +248,7 @@ class Follower:
     # ------------------------------------------------------------------------------------------------------
 
     def _put_on_bus(self, applied: Iterable[DaoEvent]) -> bool:
-        """Whether all went out."""
+        """Publish events; returns whether all were published."""
         last = None
         for event in applied:
             if not self._publish(event):

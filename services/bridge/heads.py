@@ -1,4 +1,5 @@
-"""When there may be a new block: told by the node (eth_subscribe) where it has that, else found by asking."""
+"""When there may be a new block: reported by the node (eth_subscribe) where it has that, else found by
+polling."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ OPEN_TIMEOUT_S = 3.0
 
 MAX_NOTICE_BYTES = 1 << 20
 MAX_NOTICES = 1024
-"""That wait while something else is done; then the node's connection has to wait."""
+"""Notices that wait while something else is done; beyond them the node's connection has to wait."""
 
 _EXCERPT = 120
 """Characters of an answer that an error quotes."""
@@ -41,11 +42,11 @@ POLL_MAX_S = 0.25
 """Wall time between two questions: the shorter the more has just happened."""
 
 SUBSCRIBED_CHECK_S = 2.0
-"""Wall time after which a subscribed node is asked all the same: a connection can be dead without a word."""
+"""Wall time after which a subscribed node is polled all the same: a connection can die silently."""
 
 
 class Heads(Protocol):
-    """The chain's head, as far as this node tells of it."""
+    """The chain's head, as far as this node reports it."""
 
     def wait(self) -> list[Header]:
         """Block until there may be a new head; headers that came meanwhile, oldest first, may be none.
@@ -54,13 +55,13 @@ class Heads(Protocol):
         """
 
     def wake(self) -> None:
-        """Somebody expects a block: end `wait` where it would sleep through that. From any thread."""
+        """End `wait` where it would sleep through an expected block. From any thread."""
 
     def close(self) -> None: ...
 
 
 class PolledHeads:
-    """For nodes without subscriptions: more often while blocks come or are expected, rarely in between."""
+    """For nodes without subscriptions: polls more often while blocks come or are expected."""
 
     def __init__(self) -> None:
         self._wake = threading.Event()
@@ -126,13 +127,13 @@ class SubscribedHeads:
         return headers
 
     def _acknowledge(self) -> None:
-        """Now: a node that sends with Nagle's algorithm (anvil) holds the next notice back until then, and
-        Linux waits 40 ms for something to send along."""
+        """Acknowledge at once: a node that sends with Nagle's algorithm (anvil) holds the next notice back
+        until then, and Linux waits 40 ms for something to send along."""
         if _QUICKACK is not None:
             self._connection.socket.setsockopt(socket.IPPROTO_TCP, _QUICKACK, 1)
 
     def wake(self) -> None:
-        """Nothing to do: the node tells."""
+        """Nothing to do: the node reports new blocks."""
 
     def close(self) -> None:
         self._connection.close()
@@ -141,7 +142,7 @@ class SubscribedHeads:
 def open_heads(url: str, websocket_url: str | None, on_fallback: Callable[[str], None]) -> Heads:
     """Subscribed where the node lets us, else polled; `websocket_url` None tries where `url` is.
 
-    `on_fallback(why)` hears of a node that has no subscriptions.
+    `on_fallback(why)` is called for a node without subscriptions.
     """
     if websocket_url == "":
         return PolledHeads()

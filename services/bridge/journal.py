@@ -1,8 +1,8 @@
 """What the wallets are about to send, written down first, so that a crash neither loses nor doubles it.
 
 One SQLite file per chain, whatever database the index is in. A transaction is `sent` from the moment it is
-signed; it is `mined` or `failed` when its outcome is known, and its reply is kept for whoever asks again with
-the same request_id. `dropped`: it can never be mined any more.
+signed; it is `mined` or `failed` when its outcome is known, and its reply is kept for callers that repeat the
+same request_id. `dropped`: it can never be mined any more.
 """
 
 from __future__ import annotations
@@ -88,12 +88,12 @@ _accounted = Table(
 
 
 class Accounted(NamedTuple):
-    """How far the journal answers for what a wallet has sent."""
+    """How far the journal accounts for what a wallet has sent."""
 
     nonce: int
-    """The first that nothing is known of."""
+    """The first nonce that the journal knows nothing of."""
     sent_without: int
-    """How many the deployment step had sent by then."""
+    """Transactions that the deployment step had sent by then."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Entry:
 
     @property
     def hashes(self) -> list[str]:
-        """Under any of them it may be mined."""
+        """Hashes of its versions: any of them may be mined."""
         return [self.tx_hash, *self.replaced]
 
 
@@ -158,12 +158,12 @@ class Journal:
         return self._entries(_transactions.c.state == "sent")
 
     def undone(self, block: int) -> list[Entry]:
-        """Those that were mined or failed after `block`: their outcome does not count any more."""
+        """Entries that were mined or failed after `block`: their outcomes do not count any more."""
         return self._entries(_transactions.c.block > block)
 
     def spent(self, wallet: str, since_s: float, without: Collection[int] = ()) -> tuple[int, int]:
-        """Wei of IECoin and wei of fees that `wallet` has spent, or is about to, since then, but for the
-        entries `without`, which are being made anew."""
+        """Wei of IECoin and wei of fees that `wallet` has spent, or is about to, since then, except for the
+        entries `without`, which are remade."""
         c = _transactions.c
         query = select(c.state, c.spends, c.fee).where(
             c.wallet == wallet, c.made_s > since_s, c.state != "dropped", c.id.not_in(without)
@@ -215,13 +215,14 @@ class Journal:
             connection.execute(_dropped, {"entry_id": entry.id})
 
     def reopen(self, entries: Sequence[Entry]) -> None:
-        """They are to be mined again."""
+        """Mark entries that are to be mined again."""
         if entries:
             with self._writing(self._engine) as connection:
                 connection.execute(_reopened, [{"entry_id": entry.id} for entry in entries])
 
     def take_over(self, other: Journal, wallet: str) -> int:
-        """Copy what `other` holds of a wallet that another bridge served before; how many transactions."""
+        """Copy what `other` holds of a wallet that another bridge served before; returns how many
+        transactions."""
         c = _transactions.c
         mine = {entry.tx_hash for entry in self._entries(c.wallet == wallet)}
         with other._engine.connect() as connection:
@@ -239,9 +240,9 @@ class Journal:
         return len(rows)
 
     def free_requests(self, contracts: Collection[str]) -> int:
-        """Let the request_ids of what went to others than `contracts` count as new ones; how many there were.
+        """Free the request_ids of transactions to others than `contracts`; returns how many there were.
 
-        Contracts that were deployed anew on the same chain know nothing of what the old ones were told.
+        Contracts that were redeployed on the same chain know nothing of what was sent to the old ones.
         """
         foreign = _transactions.c.to.not_in(list(contracts)) & _transactions.c.request_id.is_not(None)
         with self._writing(self._engine) as connection:
@@ -274,7 +275,7 @@ class Journal:
             return connection.scalar(query)
 
     def account_for(self, wallets: Mapping[str, Accounted]) -> None:
-        """From now on the journal answers for so much; never for less than before."""
+        """Record how far the journal accounts for each wallet; never less than before."""
         before = self.accounted()
         rows = [
             {"wallet": name, **one._replace(nonce=max(one.nonce, before.get(name, one).nonce))._asdict()}

@@ -42,8 +42,8 @@ class Node:
         return self._rpc.bad
 
     def batch(self, calls: Sequence[Call]) -> list[Any]:
-        """The checked answers in order. A ChainError stands in the place of what the node refused, and of an
-        answer that cannot be used. Raises ChainUnavailable when none can."""
+        """The checked answers in order. A ChainError takes the place of a refusal and of an answer that
+        cannot be used. Raises ChainUnavailable when none can."""
         return [
             said(one, self._currency) if isinstance(one, Refusal) else one for one in self._rpc.batch(calls)
         ]

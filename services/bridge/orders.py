@@ -1,4 +1,4 @@
-"""What the wallets are asked to send: queued, then in flight, until whoever waits hears the outcome."""
+"""What the wallets have to send: queued, then in flight, until the callers get the outcome."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from services.bridge.fees import Limits
 from services.bridge.journal import Entry, nonce_of
 
 OUTCOME_S = 25.0
-"""Wall time without progress after which the caller hears that the outcome is not known yet. Progress is
-that the transaction is sent, and before that, that another of its wallet is."""
+"""Wall time without progress after which the caller learns that the outcome is not known yet. Progress means
+that the transaction is sent or, before that, that another one of its wallet is."""
 
 PATIENCE_S = 5.0
-"""Wall time for which an order waits for a node that answers badly before its caller hears so."""
+"""Wall time for which an order waits for a node that answers badly before its caller gets the error."""
 
 MAX_IN_FLIGHT = 64
 """Transactions of one wallet that wait to be mined; geth keeps as many of one account in its queue."""
@@ -47,9 +47,9 @@ class Order:
     spends: int = 0
     """Wei of IECoin that leave the wallet."""
     attempt: int | None = None
-    """That a proof is for."""
+    """Attempt that a proof is for."""
     assignment: str | None = None
-    """Nonce of the assignment that it is for: it must not be mined for another one."""
+    """Nonce of the assignment that the proof is for: it must not be mined for another one."""
 
     def columns(self) -> dict[str, Any]:
         """What the journal keeps of it."""
@@ -76,27 +76,27 @@ class Job:
     """Callers that wait, and since when."""
     entry: Entry | None = None
     attempts: int = 1
-    """Times that it was made because the node refused its fee."""
+    """How often it was made: once more after each refusal of its fee."""
     nonces: int = 1
-    """Times that it was made because another transaction used its nonce."""
+    """How often it was made: once more each time another transaction used its nonce."""
     first_sent_s: float = 0.0
     sent_s: float = 0.0
     """When it was sent for the first time with this fee."""
     last_sent_s: float = 0.0
     due_s: float = 0.0
-    """When it is to be looked for."""
+    """When its outcome is looked up next."""
     held_until_s: float | None = None
-    """It is not sent before its task is assigned as it was; when the waiting for that ends."""
+    """Until when it waits for its task to be assigned as it was; it is not sent before."""
     undone: bool = False
     """It was mined before, in a block that a reorganization took away."""
     trouble: ChainError | None = None
-    """Why the node's last answer does not tell what became of it."""
+    """Why the node's last answer does not show its outcome."""
     mined_block: int | None = None
-    """The block that it is mined in, as far as is known, though its outcome cannot be told yet."""
+    """The block that it is mined in, as far as known, though its outcome cannot be reported yet."""
     mined_s: float | None = None
-    """When that was seen for the first time."""
+    """When `mined_block` was first seen."""
     ended: bool = False
-    """Whether who waited was told the outcome."""
+    """Whether the waiting callers got the outcome."""
 
     @property
     def signed(self) -> Entry:
@@ -121,7 +121,7 @@ class WalletQueue:
     limits: Limits
     queue: deque[Job] = field(default_factory=deque)
     in_flight: dict[int, Job] = field(default_factory=dict)
-    """By the id in the journal."""
+    """By their ids in the journal."""
     sent_s: float = 0.0
     """When it last sent a transaction for the first time."""
 
@@ -185,7 +185,7 @@ class Orders:
             return self._wait_for(job)
 
     def find(self, wallet: str, request_id: str, content_sha256: str) -> Entry | None:
-        """What became of this request before. Raises RequestIdReused."""
+        """The journal's entry of this request, if any. Raises RequestIdReused."""
         entry = self._journal.find(wallet, request_id)
         if entry is not None and entry.content_sha256 != content_sha256:
             raise RequestIdReused(
@@ -217,7 +217,8 @@ class Orders:
             ]
 
     def put_back(self, jobs: Sequence[Job]) -> None:
-        """In front of what came since, as if they had not been taken out: but for those that have an end."""
+        """Put jobs back in front of later ones, as if they had not been taken out, except those that have
+        ended."""
         with self.lock:
             for job in reversed(jobs):
                 wallet = self.wallet_of(job)
@@ -226,8 +227,8 @@ class Orders:
                     wallet.queue.appendleft(job)
 
     def postpone(self, jobs: Sequence[Job], error: ChainError) -> None:
-        """The node's answers do not let these be signed. Its caller hears of it after a while, or at once
-        where the node does not answer at all; what was promised before waits."""
+        """Put back jobs that the node's answers keep from being signed. Callers get the error after a while,
+        or at once where the node does not answer at all; what was promised before waits."""
         patience_s = PATIENCE_S if isinstance(error, InvalidAnswer | RateLimited | NotNow) else 0.0
         now_s = time.monotonic()
         for job in jobs:
@@ -237,7 +238,7 @@ class Orders:
         self.put_back(jobs)
 
     def take_up(self, entry: Entry, hold_s: float, undone: bool = False) -> None:
-        """It was sent before; what is for an assignment is held for up to `hold_s`."""
+        """Take up a transaction that was sent before; one for an assignment is held for up to `hold_s`."""
         call = Call(entry.to, "0x" + entry.data.hex(), entry.command)  # type: ignore[arg-type]
         order = Order(
             entry.wallet,
@@ -260,7 +261,7 @@ class Orders:
                 self._remember(job)
 
     def start_again(self, job: Job) -> None:
-        """It is to be signed again, with another nonce and fee, before all that waits."""
+        """Put the job before all that waits, to be signed again with another nonce and fee."""
         self.release(job)
         wallet = self.wallet_of(job)
         job.sent_s = 0.0
@@ -275,13 +276,13 @@ class Orders:
             self.wallet_of(job).in_flight.pop(job.signed.id, None)
 
     def forget(self, job: Job, error: RodeoError) -> None:
-        """It can never be mined, and whoever waits hears so."""
+        """Drop a job that can never be mined, and give its callers the error."""
         self._journal.forget(job.signed)
         self.release(job)
         self.end(job, error)
 
     def end(self, job: Job, result: Reply | RodeoError) -> None:
-        """Tell whoever waits. From now on only the journal knows the job."""
+        """Give the callers the result. From now on only the journal knows the job."""
         with self.lock:
             job.ended = True
             if job.order.request_id is not None:
@@ -294,7 +295,7 @@ class Orders:
                 future.set_result(result)
 
     def give_up_late(self, failure: RodeoError | None) -> None:
-        """Tell those who have waited long enough; `failure` is why nothing is sent."""
+        """Answer callers that have waited long enough; `failure` is why nothing is sent."""
         now_s = time.monotonic()
         late: list[tuple[Future[Reply], Job]] = []
         for job in self.jobs():
@@ -350,7 +351,7 @@ class Orders:
 
 
 def _known(job: Job) -> str:
-    """What became of it, as far as the node's answers tell."""
+    """What became of the job, as far as the node's answers show."""
     if job.mined_block is not None:
         return f"mined in block {job.mined_block}, but the outcome cannot be read yet"
     if job.trouble is not None:

@@ -1,4 +1,4 @@
-"""The bridge as a process: attach to the node and the contracts, follow, and say why when it cannot."""
+"""The bridge as a process: attach to the node and the contracts, follow, and report why when it cannot."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _NOTE_S = 2.0
 """Between two looks for transactions of our wallets that others have sent."""
 
 _TELL_S = 1.0
-"""Between two messages on how far the index is: it may be a hundred blocks in a second."""
+"""Wall time between two reports of the index's position, which may pass a hundred blocks in a second."""
 
 BLOCKS = Histogram(
     "rodeo_bridge_block_seconds",
@@ -145,7 +145,7 @@ class Bridge:
             if attachment is not None and attachment.chain.index.is_malformed():
                 self._opener.close()  # opened again, its file is set aside
         except Exception as error:
-            # One thing that nobody thought of may not end everybody's work for good.
+            # One unforeseen error must not end everybody's work for good.
             log.exception("following the chain failed; trying again")
             self._not_ready(f"following the chain failed: {error!r}")
 
@@ -168,7 +168,7 @@ class Bridge:
         )
         headers: list[Header] = []
         current_s = time.monotonic()
-        # What is there now stays: to look through it for garbage takes longer than to publish a block.
+        # Existing objects stay: to collect garbage among them takes longer than to publish a block.
         gc.collect()
         gc.freeze()
         try:
@@ -224,7 +224,7 @@ class Bridge:
         attachment.made_anew = True
 
     def _step(self, attachment: Attachment, headers: list[Header]) -> bool:
-        """Whether there is more to take in at once."""
+        """Index the next blocks; whether there are more at once."""
         before, started_s = attachment.chain.index.position, time.perf_counter()
         again = attachment.follower.step(headers)
         if attachment.chain.index.position != before:
@@ -232,7 +232,7 @@ class Bridge:
         return again
 
     def _publish(self, event: DaoEvent) -> bool:
-        """Whether it went out: without a router it would be lost."""
+        """Publish the event; whether that succeeded: without a router it would be lost."""
         if not self._process.bus.connected:
             return False
         self._process.bus.put_json(topics.EVENT.name(org=self._site.org, event=event.name), event)
@@ -262,7 +262,7 @@ class Bridge:
             return self._threads.get(_command_of(key)[0])
 
         if not self._site.bridges:
-            # One responder for all: a stranger's name is answered too, and a wildcard is one name, not each.
+            # One responder for all: unknown names are answered too, and a wildcard is one name, not each.
             bus.serve(topics.COMMAND.pattern(org=org), self._execute, workers=checker)
         else:
             for name in self._threads:
@@ -283,7 +283,7 @@ class Bridge:
             raise UnknownParticipant("no such participant", who=participant, known=sorted(self._threads))
         asked = _Asked(participant, command if command in KNOWN else "unknown")
         with ExitStack() as working:
-            # Until it is mined and indexed, and its events are on the bus.
+            # Held until it is mined and indexed, and its events are on the bus.
             working.enter_context(self._clock.hold())
             try:
                 data = request.json()
@@ -307,7 +307,7 @@ class Bridge:
 
 
 def _command_of(key: str) -> tuple[str, str]:
-    """(participant, command) of a command's key; empty where it says none."""
+    """(participant, command) of a command's key; empty where the key has none."""
     # A key that ends with its participant names a command that nobody knows.
     parts = topics.COMMAND.parts(key) or topics.COMMAND.parts(f"{key}/-") or {}
     return parts.get("participant", ""), parts.get("command", "")
@@ -315,7 +315,7 @@ def _command_of(key: str) -> tuple[str, str]:
 
 @dataclass
 class _Asked:
-    """A command, from when it came to when it is known what became of it."""
+    """A command, from its arrival until its outcome is known."""
 
     participant: str
     command: str

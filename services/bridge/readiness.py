@@ -26,25 +26,25 @@ RETRY_S = 0.5
 """The same while it does not."""
 
 MOST_WALLETS = 20
-"""Wallets whose nonces one round asks for; the others have their turn in the next ones."""
+"""Wallets whose nonces are read in one round; the others follow in the next ones."""
 
 MAX_BLOCK_AHEAD_S = 5.0
-"""How far a block of a chain elsewhere may be ahead: a node's clock may be off a little, and who records
-in another time than that of the blocks is not paid (the oracle's `recorded_in_assignment`)."""
+"""How far a block of an external chain may be ahead: a node's clock may be off a little, and an executor that
+records by another time than the blocks' is not paid (the oracle's `recorded_in_assignment`)."""
 
 _MAY_REFUSE = ("eth_maxPriorityFeePerGas", "eth_estimateGas")
 """Not every node advises a tip, or estimates for an account that owns nothing."""
 
 _TASK_COUNT = "0x" + function_signature_to_4byte_selector("taskCount()").hex()
 _WORD = 66
-"""Characters of what a view with one result returns."""
+"""Characters of a view's return value with one result."""
 
 
 def why_late(
     position: Position, max_block_age_s: float | None, now_s: float, elsewhere: bool = False
 ) -> str | None:
-    """Why an index that is where the node is does not tell of now; None where it does. `elsewhere`: the chain
-    has a clock of its own."""
+    """Why an up-to-date index does not show the present; None where it does. `elsewhere`: the chain has a
+    clock of its own."""
     ahead_s = position.block_time_s - now_s
     if elsewhere and ahead_s > MAX_BLOCK_AHEAD_S:
         return f"clock {ahead_s:.0f} s behind the chain's newest block"
@@ -54,8 +54,8 @@ def why_late(
 
 
 class Probe:
-    """Asks the node whatever sending and reading an outcome need, and checks that it answers. While it does,
-    a thread of its own asks, so that blocks are published without waiting for it."""
+    """Makes the requests that sending and reading an outcome need, and checks the answers. While they
+    succeed, a thread of its own asks, so that blocks are published without waiting for it."""
 
     def __init__(self, chain: Chain, addresses: Mapping[str, str], outcomes: Outcomes) -> None:
         """`addresses`: name -> address of the wallets that sign here."""
@@ -88,7 +88,7 @@ class Probe:
         return self._problem
 
     def watch(self) -> None:
-        """Ask again when that is due, and after an answer that could not be used."""
+        """Ask again when that is due, and after an unusable answer."""
         is_due = time.monotonic() >= self._due_s or self._chain.node.bad != self._bad
         if self._problem is None and is_due:
             self._look_now()
@@ -124,7 +124,7 @@ class Probe:
             ("eth_maxPriorityFeePerGas", []),
             ("eth_estimateGas", [{"from": sender, "to": sender}, "pending"]),
             ("eth_call", [{"to": self._task_manager, "data": _TASK_COUNT}, "latest"]),
-            # Not of the block that was read last: a node that went back to a shorter chain has none of it.
+            # Not of the last block read: a node that went back to a shorter chain lacks it.
             ("eth_getLogs", [{**self._filter, "fromBlock": "latest", "toBlock": "latest"}]),
             *([("eth_getTransactionReceipt", [known])] if known else []),
         ]

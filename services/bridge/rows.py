@@ -47,7 +47,7 @@ class Rows:
         return row
 
     def add(self, table: Table, **values: Any) -> None:
-        """A row that there was not. Raises LookupError when there is one after all."""
+        """Add a new row. Raises LookupError when it exists already."""
         key = tuple(values[column.name] for column in table.primary_key)
         if self.find(table, *key) is not None:
             raise LookupError(f"there is a row {key} in {table.name}")
@@ -86,7 +86,7 @@ class Rows:
 
 
 def roll_back(engine: Engine, connection: Connection, block: int) -> None:
-    """Put every row back to where it was after `block`."""
+    """Restore every row as it was after `block`."""
     newest_first = select(schema.undo).where(schema.undo.c.block > block).order_by(schema.undo.c.id.desc())
     for change in connection.execute(newest_first).mappings().all():
         table = schema.metadata.tables[change["table"]]

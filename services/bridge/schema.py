@@ -53,7 +53,7 @@ class Written(TypeDecorator[str]):
 
 
 def writable(text: str | None) -> str | None:
-    """What is written of a text that anybody may have made."""
+    """The text as it can be stored, whoever wrote it."""
     return None if text is None else text.replace("\0", "\ufffd").encode(errors="replace").decode()
 
 

@@ -59,7 +59,7 @@ class Signer:
         return self._transaction(order.call, max(nonce, wallet.after), gas, fees)
 
     def check_spending(self, order: Order) -> None:
-        """Raises DailyLimitReached where `order`, before which others are sent, would be refused."""
+        """Raises DailyLimitReached if `order` would be refused once the orders before it are sent."""
         wallet = self._orders.wallets[order.wallet]
         wallet.limits.check_day(self._spent(wallet), order.spends, 0)
 
@@ -72,7 +72,7 @@ class Signer:
     # -- whoever sends -------------------------------------------------------------------------------------
 
     def sign(self, jobs: Sequence[Job]) -> list[Job]:
-        """Those that the contracts and the limits let through, signed and in the journal."""
+        """Sign and journal the jobs that contracts and limits let through; returns those."""
         wallets = {job.order.wallet: self._orders.wallet_of(job) for job in jobs}
         market = self._current_market()
         answers = self._chain.ask(
@@ -101,7 +101,7 @@ class Signer:
             if isinstance(estimate, ChainUnavailable):
                 unanswered.setdefault(wallet.name, estimate)
             if wallet.name in unanswered:
-                # With all that comes after it: a wallet's transactions stay in their order.
+                # All that comes after it, too: a wallet's transactions stay in their order.
                 postponed.append(job)
                 continue
             try:
@@ -139,7 +139,7 @@ class Signer:
         before = Fees(entry.max_fee, entry.priority_fee)
         market = self._current_market(now=True)
         # It is the wallet's oldest, so the newest block decides about it. One that would fail has to be mined
-        # as well: what the wallet sent after it waits for its nonce.
+        # as well: the wallet's later transactions wait for its nonce.
         (answer,) = self._node.batch([("eth_estimateGas", [_message(wallet, job.order.call), "latest"])])
         if isinstance(answer, ChainUnavailable):
             raise answer
@@ -169,8 +169,8 @@ class Signer:
         )
 
     def void(self, job: Job, lost: RodeoError) -> None:
-        """Put a transaction that does nothing in the place of one that must not be mined any more: what the
-        wallet sent after it waits for its nonce. Raises ChainUnavailable."""
+        """Put a transaction that does nothing in the place of one that must not be mined any more: the
+        wallet's later transactions wait for its nonce. Raises ChainUnavailable."""
         entry, wallet = job.signed, self._orders.wallet_of(job)
         nothing = Order(
             entry.wallet, "nothing", Call(to_checksum_address(wallet.address), HexStr("0x"), "nothing")
@@ -192,7 +192,7 @@ class Signer:
             wallet.in_flight[entry.id] = Job(nothing, entry=replaced)
 
     def forget_market(self) -> None:
-        """The chain may ask for more than a moment ago."""
+        """Read the fees anew: the chain may ask for more than a moment ago."""
         self._market = None
 
     def _signed(self, wallet: WalletQueue, order: Order, nonce: int, gas: int, fees: Fees) -> dict[str, Any]:

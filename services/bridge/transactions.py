@@ -1,8 +1,8 @@
 """The transactions of all wallets: many in flight per wallet, each mined once or never.
 
-`Orders` is what it is asked, `Signer` what it signs, `Outcomes` what became of it. One thread drives them: it
-decides gas, fee and nonce, signs, writes down, sends, and waits for all of them together, so that a hundred
-wallets cost the node one question where they would cost it a hundred. A wallet whose transactions do not get
+`Orders` holds what is to be sent, `Signer` signs it, `Outcomes` finds out what became of it. One thread
+drives them: it decides gas, fee and nonce, signs, writes down, sends, and waits for all of them together, so
+that a hundred wallets cost the node one request instead of a hundred. A wallet whose transactions are not
 mined holds up only itself.
 
     queued ──sign, journal──> sent ──receipt, indexed──> mined | failed
@@ -44,7 +44,7 @@ class Transactions:
         self.signer = Signer(chain, self.orders)
         self.outcomes = Outcomes(chain, self.orders, self.signer, stuck_s, on_sent)
         self.failure: RodeoError | None = None
-        """Why what waits is not sent, and its outcomes are not kept, for now."""
+        """Why waiting jobs are not sent, and their outcomes not kept, for now."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="transactions", daemon=True)
 
@@ -81,7 +81,7 @@ class Transactions:
             self.orders.changed.clear()
 
     def step(self) -> None:
-        """Whatever is to be done now, each duty whatever becomes of the others. Raises ChainUnavailable or
+        """Do whatever is due, each duty whatever becomes of the others. Raises ChainUnavailable or
         JournalUnwritable afterwards, losing nothing."""
         failures: list[Exception] = []
         duties = (
@@ -96,7 +96,7 @@ class Transactions:
             except (ChainUnavailable, JournalUnwritable) as error:
                 failures.append(error)
             except Exception as error:
-                # What is journaled must be sent: one fault, said here, may not end everybody's transactions.
+                # Journaled transactions must be sent: one fault, logged here, must not stop everybody's.
                 log.exception("sending failed; continuing")
                 failures.append(error)
         unwritable = next((one for one in failures if isinstance(one, JournalUnwritable)), None)

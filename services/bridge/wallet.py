@@ -26,7 +26,7 @@ from services.bridge.orders import Order
 from services.bridge.transactions import Transactions
 
 KNOWN = frozenset({*COMMANDS, "prepare", "broadcast", "sign", "sign_vote"})
-"""Names of all that a wallet is asked for."""
+"""Names of all that a wallet accepts."""
 
 Reply = dict[str, Any]
 
@@ -76,7 +76,7 @@ class Wallet:
         return sent
 
     def orders(self, command: Command) -> list[Order]:
-        """What is to be sent one after the other; the last is the command's own. Raises RequestError."""
+        """Orders to send one after the other; the last is the command's own. Raises RequestError."""
         name = command.declared.name
         if command.declared.of_administrator:
             self.desk.require_no_timelock(name)

@@ -40,11 +40,11 @@ Reason = Literal["opening", "step", "pause", "close"]
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be done, and where it is kept."""
+    """The session to deliver, and where it is kept."""
 
     job: Job
     params: ChargingParams | None
-    """None when the task does not say what to do."""
+    """None when the task does not specify what to do."""
     limits: SessionLimits
     binding: Binding
     path: Path
@@ -53,7 +53,7 @@ class Order:
     """Where the meter's register is stored at either end of a session."""
     battery_topic: str
     slack_s: float
-    """How far the stamp of a message may be off the site's clock."""
+    """How far a message's stamp may be off the site's clock."""
 
 
 class Delivery:
@@ -62,7 +62,7 @@ class Delivery:
 
     Args:
         chain: signs what the meter shows.
-        publish: tells the bus what was signed.
+        publish: publishes what was signed.
     """
 
     def __init__(
@@ -110,15 +110,15 @@ class Delivery:
         self._receipts: dict[int, str] = {}
         """Number -> digest of each receipt that is on record."""
         self._listed = False
-        """The robot listed this recording: what it signs for counts."""
+        """The robot listed this recording: its receipts count."""
         self._receipted_wh: float | None = None
         """The highest register that the robot signed."""
         self._closed = False
-        """It signed that the session is over."""
+        """The robot signed the end of the session."""
         self._last: Attestation | None = None
         """The last record."""
         self._said_s = -math.inf
-        """When it was said."""
+        """When that was published."""
         self.heard: dict[str, int] = {}
         """Address -> number of its last statement that is on record."""
         self._meter = self._restore(recorded)
@@ -139,7 +139,7 @@ class Delivery:
         begin_wh, page = None, 0
         for one in [*recorded.records, *session]:
             record = parse(one.payload)
-            assert isinstance(record, MeterRecord)  # `type` said so
+            assert isinstance(record, MeterRecord)  # checked by `type`
             self._records[digest(one)] = record
             begin_wh, page, self._last = record.begin_wh, record.page, one
             register_wh = max(register_wh, record.register_wh)
@@ -194,7 +194,7 @@ class Delivery:
         with self._step():
             if not self._let_in(self._output_topic, topics.DOCK_OUTPUT.type, info):
                 return
-            # Noise around 0 V is no negative voltage, which a record cannot say.
+            # Noise around 0 V is no negative voltage, which a record cannot hold.
             voltage_v = max(float(message.voltage), 0.0)
             reading = Reading(stamp_s(message.header.stamp), voltage_v, float(message.current))
             since_s, risen_w = reading.time_s - self._last_time_s, reading.power_w - self.power_w
@@ -208,18 +208,18 @@ class Delivery:
             if phase is Phase.CHARGING and self._meter.due:
                 self._sign("step")
             elif phase is Phase.AWAITING_RECEIPT and self._answered and not self._covered:
-                # What was read before the contactor opened came after it was said to be open.
+                # Readings from before the contactor opened arrived after it was reported open.
                 self._sign_again(reading.time_s)
 
     def on_battery(self, _message: Any, info: MessageInfo) -> None:
-        """The robot's battery: on record from the moment that the robot is on the contacts, for people to see
-        what it gained here."""
+        """The robot's battery: recorded as soon as the robot is on the contacts, to show people what it
+        gained here."""
         with self._step():
             if self.job.session.phase is not Phase.WAITING:
                 self._let_in(self._order.battery_topic, topics.BATTERY_STATE.type, info)
 
     def on_receipt(self, heard: Heard) -> None:
-        """The robot stated something, perhaps that it signs for a record of this session."""
+        """A statement of the robot, perhaps a receipt for a record of this session."""
         receipt = heard.statement
         if not isinstance(receipt, Receipt) or receipt.recording != self.recording:
             return
@@ -242,9 +242,9 @@ class Delivery:
     # -- from the main thread --------------------------------------------------------------------------
 
     def wait(self, timeout_s: float, woken: Callable[[], bool] = lambda: False) -> None:
-        """Until the contactor has to be told, the session is over or `woken()`, at most `timeout_s` of wall
-        time. Before the reading at which there may be something to do a simulated clock need not wait for the
-        dock.
+        """Wait until the contactor has to be commanded, the session is over or `woken()`, at most `timeout_s`
+        of wall time. Before the reading at which there may be something to do a simulated clock need not wait
+        for the dock.
 
         Raises what kept the recording from being written.
         """
@@ -255,7 +255,7 @@ class Delivery:
                 or self._look_s != look_s
                 or woken()
             ),
-            # Where the reading does not come, there is nothing to wait for.
+            # Without that reading there is nothing to wait for.
             until_s=look_s if look_s > self._clock.now_s() else None,
             wall_s=timeout_s,
             resting=True,
@@ -312,7 +312,7 @@ class Delivery:
 
     @contextmanager
     def _step(self) -> Iterator[None]:
-        """One change of the session: saved when it matters, and told to the main thread."""
+        """One change of the session: saved when it matters, and signalled to the main thread."""
         with self._lock:
             before = self._essence()
             try:
@@ -327,7 +327,7 @@ class Delivery:
         self._clock.notify()
 
     def _look_ahead(self) -> None:
-        """Say which reading the dock acts on next, if the power keeps changing as it does now. In a step
+        """Announce which reading the dock acts on next, if the power keeps changing as it does now. In a step
         it comes to more than that by less than what is left of _STEADY."""
         due_s, last_s = self.session.due_s, self._last_time_s
         if self.job.session.phase is Phase.CHARGING and self.power_w > 0:
@@ -340,7 +340,7 @@ class Delivery:
 
     @property
     def _left_wh(self) -> float:
-        """What may flow before a record is due, the order is delivered or the robot has to have signed."""
+        """Energy until a record is due, the order is delivered or the robot has to have signed."""
         signed_wh = self._meter.register_wh if self._receipted_wh is None else self._receipted_wh
         return min(
             RECORD_WH - self._meter.unrecorded_wh,
@@ -349,7 +349,7 @@ class Delivery:
         )
 
     def _follow(self, before: Phase) -> None:
-        """Say where the meter stands when the contactor waits for the robot's signature."""
+        """Report where the meter stands when the contactor waits for the robot's signature."""
         phase = self.job.session.phase
         if phase is not Phase.AWAITING_RECEIPT or before is phase:
             return
@@ -365,8 +365,8 @@ class Delivery:
 
     @property
     def _covered(self) -> bool:
-        """Whether the robot signed for all that was delivered but a step; until it lists this recording, for
-        nothing but its beginning."""
+        """Whether the robot signed for all but one step of what was delivered; until it lists this recording,
+        only for its beginning."""
         signed_wh = self._receipted_wh if self._listed else self._meter.begin_wh
         if self._receipted_wh is None or signed_wh is None:
             return False
@@ -377,7 +377,7 @@ class Delivery:
             self._sign("pause")
 
     def _wrong_with(self, receipt: Receipt, own: str) -> str | None:
-        """Why a receipt must not be on record: who pays must not be able to spoil the seller's proof by it.
+        """Why a receipt must not be recorded: the buyer must not be able to spoil the seller's proof with it.
         `own` is its digest."""
         record = self._records.get(receipt.record)
         if record is None or not receipt.repeats(record, self._chain.address):
@@ -419,7 +419,7 @@ class Delivery:
         return True
 
     def _sign(self, reason: Reason) -> None:
-        """Sign where the meter stands, record it, tell it."""
+        """Sign where the meter stands, record and publish it."""
         # A simulated clock waits until the robot has it, too.
         with self._clock.hold():
             self._publish(self._signed(reason))
@@ -452,15 +452,15 @@ class Delivery:
 
 
 def _lasts_s(energy_ws: float, power_w: float, rises_w_s: float) -> float:
-    """How long it takes until so much has flowed, at a power that rises or falls steadily; a power that falls
-    so fast that it never does is taken to end there."""
+    """Seconds until so much has flowed, at a power that rises or falls steadily; a power that falls too fast
+    for that is taken to end there."""
     return 2 * energy_ws / (power_w + math.sqrt(max(0.0, power_w**2 + 2 * rises_w_s * energy_ws)))
 
 
 _READING_S = 1.0
 """Between two readings of the dock's terminals."""
 _EARLY_S = 0.001
-"""Seconds in a float are less exact than a clock: what is due at a reading must not be due after it."""
+"""Seconds in a float are less exact than a clock: actions due at a reading must not be due after it."""
 _STEADY = 0.995
 _FAR_S = 1e9
 _AGAIN_S = 10.0

@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class BadTask(RodeoError):
-    """Whoever delivered for this task might not be paid."""
+    """A delivery for this task might not be paid."""
 
 
 def is_for(task: Task, dock: str, site: Site) -> bool:
@@ -45,8 +45,8 @@ def is_for(task: Task, dock: str, site: Site) -> bool:
 
 
 def require_payable(task: Task, params: ChargingParams, site: Site, dock: str) -> None:
-    """Before anything is delivered. Raises BadTask when it is for another dock, and when an honest proof may
-    not be judged within its verdict window."""
+    """Called before anything is delivered. Raises BadTask when the task is for another dock, and when an
+    honest proof may not be judged within its verdict window."""
     if params.dock not in (None, dock):
         raise BadTask("this charger serves another dock", serves=dock, dock=params.dock)
     if task.verdict_window_s < site.min_verdict_window_s:
@@ -68,12 +68,12 @@ class JobBroken(RodeoError):
 
 
 class Job(BaseModel):
-    """One attempt at one charging task. What was metered and heard is not here: the recording has it."""
+    """One attempt at one charging task. The recording, not this, has what was metered and received."""
 
     task: Task
     session: SessionState
     assignment: Assignment | None = None
-    """Which one it is; None in a file of before this was noted."""
+    """The assignment; None in a file from before this was noted."""
 
     @property
     def name(self) -> str:
@@ -105,7 +105,7 @@ class Job(BaseModel):
 
 @dataclass
 class Recorded:
-    """Where a recording stands, as far as it tells."""
+    """Where a recording stands, as far as it shows."""
 
     records: list[Attestation] = field(default_factory=list)
     """Records of the meter, in order."""
@@ -150,10 +150,11 @@ _MORE_SHARE = 1.1
 
 
 def wrong_order(task: Task, params: ChargingParams, site: Site, dock: DockConfig) -> str | None:
-    """Why the dock would not be paid for what it delivers, if so; to be asked before it delivers anything.
+    """Why the dock would not be paid for what it delivers, if so; to be checked before it delivers anything.
 
-    Without rates a session is paid by the share of its order, so who orders a thousand times what a battery
-    takes would pay next to nothing for a full one. And none that costs more than the tariff is paid at all.
+    Without rates a session is paid by the share of its order, so a buyer that orders a thousand times what a
+    battery takes would pay next to nothing for a full one. A session that costs more than the tariff is not
+    paid at all.
     """
     energy = providing_energy(site)
     price_iec, tariff_iec = task.price_iec, energy.price_iec

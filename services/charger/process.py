@@ -61,10 +61,10 @@ ARRIVAL_S = 1800.0
 PROOF_SHARE = 0.05
 """Share of the execution window that is kept for sealing and submitting."""
 CLOSING_WALL_S = 15.0
-"""Wall time for which the robot is asked to sign the end. What it signed before counts without."""
+"""Wall time for which the robot is asked to sign the end. Earlier receipts count without."""
 
 NOBODY = "nobody"
-"""In place of a robot that the site does not have: whatever its name, nothing is heard of it."""
+"""In place of a robot that the site does not have: nothing is received from it, whatever its name."""
 
 _RETRY_S = 1.0
 """Wall time before something that is away is asked again."""
@@ -121,7 +121,7 @@ class Charger:
                 self._battery_callback(robot.name),
                 inline=True,
             )
-        # It reads its terminals over the bus: on an open one anybody may have said what they say.
+        # The dock reads its terminals over the bus: on an open bus anybody may publish such readings.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(
             process.bus, site.org, dock.name, self._account, process.data_dir, inputs, process.clock.now_ns
@@ -227,7 +227,7 @@ class Charger:
             return None
         if owns:
             return job
-        # Whoever is on the contacts does not pay by that job.
+        # The robot on the contacts does not pay for that job.
         self._command_contactor(False)
         job.set_aside(self._job_path, self._recording(job))
         return None
@@ -236,7 +236,7 @@ class Charger:
         if job.assignment != self._organization.assignment(job.task):
             return False
         now = self._task_now(job.task.id)
-        # One that is over ends as always: it is submitted, and refused.
+        # A task that is over ends as always: its proof is submitted, and refused.
         return now is not None and (now.attempt != job.task.attempt or now.nonce in (None, job.task.nonce))
 
     def _task_now(self, task_id: int) -> Task | None:
@@ -280,7 +280,7 @@ class Charger:
         if sha256 is None:  # asked to stop; the next process continues
             return
         if not job.session.sold and self._process.clock.now_s() <= job.task.grace_ends_s:
-            # A proof of nothing is rejected: why nothing was signed is one's word against the other's.
+            # A proof of nothing is rejected: why nothing was signed is one party's word against the other's.
             self._process.activity(f"giving task {job.task.id} back: {job.session.end}", 1.0)
             self._persist(lambda: self._give_back(job))
         else:
@@ -288,7 +288,7 @@ class Charger:
             self._persist(lambda: self._submit(job, path, sha256))
         if not self._process.stop.is_set():
             self._job_path.unlink()
-            # The store may lose it: then it is put there again from here.
+            # The store may lose it: then this copy is stored again.
             kept = self._kept(sha256)
             kept.parent.mkdir(exist_ok=True)
             path.replace(kept)
@@ -366,14 +366,14 @@ class Charger:
         return delivery.seal().sha256
 
     def _wait_chain(self) -> WitnessChain | None:
-        """None when asked to stop before it is known for which organization the meter signs."""
+        """None when asked to stop before the meter's organization is known."""
         while (chain := self._witness.chain) is None and not self._process.stop.is_set():
             self._process.not_ready("the meter's organization is not known yet")
             self._pause(_CHAIN_WALL_S)
         return chain
 
     def _listen(self, order: Order, delivery: Delivery) -> StatementListener:
-        """To what the robot states, and to nobody else."""
+        """Listen to the robot's statements only."""
         binding, robot = order.binding, order.job.task.params.get("robot")
         if robot not in [one.name for one in self._site.robots]:
             robot = NOBODY
@@ -398,7 +398,7 @@ class Charger:
         )
 
     def _attend(self, delivery: Delivery, listener: StatementListener) -> None:
-        """Move the contactor and tell the progress until the session is over or the process has to stop."""
+        """Move the contactor and report the progress until the session is over or the process has to stop."""
         checked = True
         while not delivery.session.ended and not self._process.stop.is_set():
             self._update_status(delivery)
@@ -415,14 +415,14 @@ class Charger:
             self._command_contactor(False)
 
     def _ask(self, delivery: Delivery, listener: StatementListener) -> None:
-        """Tell again what the robot did not sign, and ask for what it signed: either may have been lost."""
+        """Repeat what the robot did not sign, and ask for what it signed: either may have been lost."""
         unanswered = delivery.unanswered
         if unanswered is not None:
             self._witness.publish(unanswered)
             listener.catch_up()
 
     def _close(self, delivery: Delivery, listener: StatementListener) -> None:
-        """Have the robot sign the end; what it signed before counts without."""
+        """Have the robot sign the end; earlier receipts count without."""
         delivery.close_session()
         deadline_s = time.monotonic() + CLOSING_WALL_S
         while not delivery.wait_closed(_RETRY_S) and time.monotonic() < deadline_s:
@@ -461,7 +461,7 @@ class Charger:
         """What is to be done, and what is wrong with the task."""
         site, task, problem = self._site, job.task, None
         dock, params = self._dock, None
-        # A robot that the site does not know publishes nothing, wherever that is; `problem` says it.
+        # A robot that the site does not know publishes nothing anywhere; `problem` says so.
         namespace = str(task.params.get("robot"))
         try:
             params = ChargingParams.model_validate(task.params)
@@ -525,8 +525,8 @@ class Charger:
 
     def _wait(self, error: RodeoError) -> None:
         if isinstance(error, RemoteError):
-            # The bridge answers with the chain's own errors while that is away or being deployed.
-            # Why it is not ready the bridge says itself, and once is enough.
+            # The bridge answers with the chain's own errors while that is away or being deployed. The bridge
+            # itself reports why it is not ready, and once is enough.
             away = error.code == "bridge_not_ready"
             self._process.not_ready("waiting for the bridge" if away else f"{error.code}: {error}")
             if not (error.passes or self._site.clock.keeps_wall_time):
@@ -539,7 +539,7 @@ class Charger:
         self._pause(_RETRY_S)
 
     def _wait_refused(self) -> None:
-        """Simulated time passes, or is jumped over: when it is tried again does not depend on the machine."""
+        """Simulated time passes, or is jumped over: the time of the retry does not depend on the machine."""
         clock = self._process.clock
         until_s = clock.now_s() + _REFUSED_S
         clock.wait_for(lambda: False, self._process.stop, until_s=until_s, resting=True)

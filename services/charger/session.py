@@ -23,14 +23,14 @@ do not resolve the rest."""
 
 class Phase(StrEnum):
     WAITING = "waiting"
-    """For the robot to stand on the contacts."""
+    """The robot is to stand on the contacts."""
     AWAITING_RECEIPT = "awaiting_receipt"
     """The robot stands there; the contactor is open until it signs for what the meter shows."""
     CLOSING = "closing"
-    """The contactor was told to close."""
+    """The contactor was commanded to close."""
     CHARGING = "charging"
     OPENING = "opening"
-    """The contactor was told to open: for good, or until the robot is back."""
+    """The contactor was commanded to open: for good, or until the robot is back."""
     ENDED = "ended"
 
 
@@ -68,7 +68,7 @@ class SessionLimits:
     deadline_s: float
     """By then the contactor opens, to leave time for the proof."""
     give_back_s: float = math.inf
-    """By then the robot signed for something, or the task is given back while that costs nothing."""
+    """By then the robot has signed for something, or the task is given back while that costs nothing."""
     present_s: float = 2.0
     """A robot stands on the contacts when they report it for so long."""
     absent_s: float = 3.0
@@ -113,9 +113,9 @@ class Session:
         self._small_since_s: float | None = None
         """Since when the current is below the cut-off."""
         self._told_s = 0.0
-        """When the contactor was last told to close for want of current."""
+        """When the contactor was last commanded to close for want of current."""
         if state.phase is Phase.CHARGING:
-            # The dock may have opened while we were away; telling it to close once more costs nothing.
+            # The dock may have opened while we were away; another command to close costs nothing.
             state.phase = Phase.CLOSING
 
     @property
@@ -125,7 +125,7 @@ class Session:
 
     @property
     def commands_contactor(self) -> bool:
-        """Whether the contactor has to be told: report back with `contactor`."""
+        """Whether the contactor needs a command: report back with `contactor`."""
         return self.state.phase in (Phase.CLOSING, Phase.OPENING)
 
     @property
@@ -197,8 +197,8 @@ class Session:
 
     @property
     def due_s(self) -> float:
-        """Site time before which there is nothing to do however much is delivered: who comes, leaves, signs
-        or switches the power is heard in between. -inf where each reading may be the one that decides."""
+        """Site time before which there is nothing to do, however much is delivered: arrivals, departures,
+        receipts and switched power are heard in between. -inf where each reading may decide."""
         state, limits = self.state, self._limits
         if state.phase in (Phase.AWAITING_RECEIPT, Phase.CLOSING):
             return -math.inf

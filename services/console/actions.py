@@ -125,9 +125,9 @@ class Actions:
         self.accounts = accounts
 
     def perform(self, user: User, name: str, request: BaseModel | Json) -> Json:
-        """Raises Forbidden, InvalidRequest, and what the bus and the one who does it answer."""
+        """Raises Forbidden, InvalidRequest, and the errors of the bus and of the process that does it."""
         action = ACTIONS[name]
-        # Not what the page knew when it was opened: roles may have been taken since.
+        # The present roles, not those when the page was opened: some may have been taken since.
         user = self.accounts.user(user.name)
         if user.disabled or (action.roles and not user.has(*action.roles)):
             raise Forbidden(
@@ -154,7 +154,8 @@ class Actions:
         return self.bus.query(key, body, timeout_s=_COMMAND_S)
 
     def executor(self, user: User) -> Executor:
-        """Whoever this person works as. Raises Forbidden, WalletError when the key is not on this site."""
+        """The executor that this person works as. Raises Forbidden, WalletError when the key is not on this
+        site."""
         if user.participant is None:
             raise Forbidden("your account has no participant; an administrator can set one")
         participant = Participant(self.bus, self.site.org, user.participant)
@@ -171,7 +172,7 @@ class Actions:
             raise RobotUnavailable("the robot's agent does not answer", robot=robot) from error
 
     def stop_all(self) -> Json:
-        """Every robot; says who did not hear."""
+        """Stop every robot; returns which did not hear."""
         stopped: list[str] = []
         silent: dict[str, str] = {}
         for robot in self.site.robots:
@@ -226,7 +227,7 @@ def _accept_work(actions: Actions, user: User, request: TaskId) -> Json:
 
 def _submit_work(actions: Actions, user: User, request: SubmitWork) -> Json:
     executor = actions.executor(user)
-    # Handing in says that it was taken on; doing both is doing it once.
+    # Handing in implies accepting; doing both changes nothing.
     executor.accept(request.task_id)
     return {"proof_sha256": executor.submit(request.task_id, request.note, request.photos)}
 
@@ -246,12 +247,12 @@ def _judge(actions: Actions, user: User, request: Judge) -> Json:
 
 
 def _of_member(command: str) -> Perform:
-    # Only in one's own name: who administers the console has no vote of others.
+    # Only in one's own name: a console administrator does not vote for others.
     return lambda actions, user, request: actions.command(user.participant or ORGANIZATION, command, request)
 
 
 def _of_anybody(command: str) -> Perform:
-    # The contracts take it from everybody. Whoever has a wallet of their own pays for it themselves.
+    # The contracts take it from everybody. People with a wallet of their own pay for it themselves.
     def perform(actions: Actions, user: User, request: Message) -> Json:
         own = user.participant if user.has(Role.EXECUTOR) else None
         return actions.command(own or ORGANIZATION, command, request)

@@ -1,8 +1,8 @@
 """What every request passes before anything else sees it: host, origin, session, size, headers.
 
-Pages and the websocket need a session cookie, programs under /api bring a token instead. What changes
-something must come from a page of ours (Origin), and so must a websocket, which browsers would otherwise
-open for any page with our cookie.
+Pages and the websocket need a session cookie, programs under /api bring a token instead. Changes must come
+from a page of ours (Origin), and so must a websocket, which browsers would otherwise open for any page with
+our cookie.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _HEALTH = ("/livez", "/readyz")
 _PUBLIC = ("/login", "/api/", "/static/", "/favicon.ico", *_HEALTH)
 _PORTS = {"http": ":80", "https": ":443"}
 _USER_EVENT = '42["event"'
-"""How socket.io writes that a person did something on the page; everything else is housekeeping."""
+"""Start of socket.io's messages for people's actions on the page; everything else is housekeeping."""
 _POLICY_VIOLATION = 1008
 
 _CSP = "; ".join(
@@ -119,7 +119,7 @@ class Guard:
         except NotLoggedIn:
             session = None
         scope["state"]["session"] = session
-        # Whoever asks for its health asks the machine, by whatever name.
+        # Health checks address the machine, by whatever name.
         if path not in _HEALTH and not self._is_host(headers):
             respond = problem(421, "unknown_host", "the console does not serve this host name")
         elif path.startswith("/_nicegui_ws/"):
@@ -239,7 +239,7 @@ def _limit_bytes(path: str) -> int:
 async def _have_page_load_again(receive: Receive, send: Send) -> None:
     """Tell a page of ours that its session or this process's memory of it is over.
 
-    It loads again and finds the login, or itself anew. A plain refusal would have it knock indefinitely.
+    It loads again and finds the login, or itself anew. After a plain refusal it would retry indefinitely.
     """
     opened = {"sid": "", "upgrades": [], "pingInterval": 25000, "pingTimeout": 20000, "maxPayload": 0}
     await receive()

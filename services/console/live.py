@@ -1,4 +1,4 @@
-"""What the bus says now, kept once for all open pages, and the pages told when it changes.
+"""The bus's current state, kept once for all open pages, which are notified when it changes.
 
 Fast topics are kept by Zenoh itself, newest message only, and read at the rate at which maps are drawn: a
 simulated site may publish thousands of messages per second. They are subscribed while somebody looks.
@@ -43,7 +43,7 @@ Listener = Callable[[], None]
 
 MAP_PERIOD_S = 0.2
 STALE_S = 3.0
-"""Wall time after which a pose says nothing about now."""
+"""Wall time after which a pose is out of date."""
 LOST_S = 3 * HEARTBEAT_S
 _SETTLE_S = 0.03
 """Wall time in which several events become one update."""
@@ -110,7 +110,7 @@ class ProcessState:
     doing: str = ""
     progress: float | None = None
     eta_s: float | None = None
-    """Site time until it has finished what it is doing, where it says so."""
+    """Site time until it has finished its activity, where it reports that."""
     soc: float | None = None
     warnings: tuple[str, ...] = ()
     """What an operator should know although the process works."""
@@ -133,7 +133,7 @@ class Summary:
 
 
 class Live:
-    """Lives on the event loop; `run` there. Listeners are called there, without arguments."""
+    """Belongs to the event loop: `run` there. Listeners are called there, without arguments."""
 
     def __init__(self, bus: Bus, site: Site, queries: Queries) -> None:
         self._bus = bus
@@ -172,7 +172,8 @@ class Live:
             await asyncio.to_thread(dao.close)
 
     def listen(self, what: str, listener: Listener) -> Callable[[], None]:
-        """Call `listener` when `what` (map, processes, organization) changed; returns how to end that.
+        """Call `listener` when `what` (map, processes, organization) changed; returns a function that ends
+        that.
 
         `events` is called as soon as something happened on chain, for pages that ask for themselves what they
         show; `organization` when the summary holds it, too.
@@ -203,7 +204,7 @@ class Live:
 
     @property
     def pace(self) -> Pace | None:
-        """How fast the site's time goes; None while nobody says so."""
+        """How fast the site's time goes; None while nobody reports it."""
         status, heard_s = self._statuses.get("robot_sim", (None, -np.inf))
         silent = status is None or time.monotonic() - heard_s > LOST_S
         return Pace.of(self._site, {} if status is None or silent else status.details)
@@ -219,7 +220,7 @@ class Live:
         processes = [self._process(name, jobs.get(name, "")) for name in names]
         if processes != self.processes:
             if self._bridge(processes) != self._bridge(self.processes):
-                # Ask it again: what is shown may have become old, or current again.
+                # Query the bridge again: what is shown may have become stale, or current again.
                 self._changed.set()
             self.processes = processes
             self._notify("processes")
@@ -266,13 +267,13 @@ class Live:
             try:
                 self.summary = await asyncio.to_thread(self._summarize)
             except (BusError, RemoteError) as error:
-                # What was known stays, marked as not current.
+                # Known values stay, marked as not current.
                 self.summary.problem = f"The bridge does not answer: {error.message}"
             except RodeoError as error:
                 self.summary.problem = f"The bridge's answer cannot be read: {error.message}"
             self._notify("organization")
             if self.summary.problem != problem:
-                # The pages cannot tell by themselves that the bridge answers again.
+                # The pages cannot notice by themselves that the bridge answers again.
                 self._notify("events")
             wait_s = _RETRY_S if self.summary.problem else None
             try:

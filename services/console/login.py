@@ -1,4 +1,4 @@
-"""The way in and out: a plain form without a script, so that nobody speaks to the rest before it."""
+"""Login and logout: a plain form without a script, so that nobody reaches the rest before it."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def router(accounts: Accounts, guard: Guard, organization: str) -> APIRouter:
             refusal = page(429, local_path(next), name, error.message)
             refusal.headers["Retry-After"] = str(error.details["retry_after_s"])
             return refusal
-        # Counted before it is known, so that attempts at the same moment do not all get in.
+        # Counted before the result is known, so that simultaneous attempts do not all get in.
         pairs.failed(pair)
         addresses.failed(address)
         try:

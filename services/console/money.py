@@ -51,7 +51,7 @@ def transfers_csv(transfers: Iterable[Transfer]) -> str:
                 _cell(one.sender_name or one.sender),
                 _cell(one.to_name or one.to),
                 f"{change(one):f}",
-                # Of a token that was there before the organization it is not known.
+                # Unknown for a token that was there before the organization.
                 "" if one.balance_iec is None else f"{one.balance_iec:f}",
                 reason(one),
                 "" if one.task_id is None else one.task_id,

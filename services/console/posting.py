@@ -19,7 +19,7 @@ MIN_WINDOW_S = 60
 def problems(site: Site, kinds: Kinds, request: RegisterTask) -> dict[str, str]:
     """Field -> what to do about it; empty when the task can be posted here.
 
-    What only the chain knows (prices, funds, kinds) the bridge checks before it sends anything.
+    The bridge checks what only the chain knows (prices, funds, kinds) before it sends anything.
     """
     wrong: dict[str, str] = {}
     kind = kinds.get(request.kind)
@@ -70,5 +70,5 @@ def hireable(services: Sequence[Offer], of_kind: str | None) -> dict[str, str]:
 
 
 def hired(value: str) -> dict[str, Any]:
-    """What a request says for a value of `hireable`."""
+    """The request's fields for a value of `hireable`."""
     return {"provider": value} if value.startswith("0x") else {"service_id": int(value)}

@@ -159,7 +159,7 @@ async def serve(process: Process) -> None:
     await running
     following.cancel()
     accounts.close()
-    # Pages that do not follow any more would look as if nothing happened: rather end, and be started again.
+    # Pages that do not follow any more would look as if nothing happened: better end, and be restarted.
     with suppress(asyncio.CancelledError):
         await following
 

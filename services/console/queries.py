@@ -36,12 +36,12 @@ _REPORTS_KEPT = 64
 _SEALS_KEPT = 256
 
 Evidence = Task | Attempt
-"""Whatever names a proof and the report on it: a task its last, an attempt its own."""
+"""What names a proof and the report on it: a task its last, an attempt its own."""
 
 
 @dataclass(frozen=True)
 class Seal:
-    """What a proof's seals say, after they were checked."""
+    """Contents of a proof's seals, once checked."""
 
     signer: str | None
     """Address of the device key."""
@@ -61,7 +61,7 @@ class Queries:
         self._earnings_lock = threading.Lock()
         self._earnings_chain = ""
         self._transactions: dict[str, queries.Transaction] = {}
-        """By hash, of that chain: what the earnings have been asked for already."""
+        """By hash, of that chain: transactions that `earnings` has queried already."""
 
     def ask(self, query: Query[A], **parameters: Any) -> A:
         """The bridge's answer; parameters that are None are left out."""
@@ -92,7 +92,7 @@ class Queries:
                     break
             tasks = [one for page in _pages(lambda at: self.tasks(_PAGE_TASKS, at)[0]) for one in page]
             transactions = {**self._transactions, **new}
-            # All at once, so that nothing older is missing. Whose gas is unknown is asked for again.
+            # All at once, so that nothing older is missing. Transactions of unknown gas are queried again.
             self._transactions |= {name: one for name, one in new.items() if one.gas_used is not None}
             return earnings(tasks, transactions.values(), self._site.economy.electricity)
 
@@ -104,7 +104,7 @@ class Queries:
         return self.ask(queries.EVENTS, task_id=task_id).events
 
     def robot(self, robot: str) -> Json:
-        """What the robot's agent says of itself. Raises NoResponder."""
+        """The robot agent's own report. Raises NoResponder."""
         return self._bus.query(
             topics.ROBOT_ORDER.name(org=self._site.org, robot=robot, order="state"), {}, timeout_s=_QUERY_S
         )

@@ -1,4 +1,4 @@
-"""A recording as the map replays it: poses at a few hundred instants, and what was said in between."""
+"""A recording as the map replays it: poses at a few hundred instants, and what was stated in between."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from services.console.scene import arm_drawing
 Array = np.ndarray[Any, Any]
 
 FRAMES = 600
-"""At most; a browser gets them all at once."""
+"""Most instants; a browser gets them all at once."""
 _MARKS = 60
 _TEXT = 160
 """Characters of one mark."""
@@ -65,7 +65,7 @@ def _rows(table: Table, at_ns: Array) -> Array:
 
 
 def _motion(proof: Proof) -> list[Motion]:
-    """What motion capture stated, in the order of its chain. Whose signatures count, the oracle decides."""
+    """Statements of motion capture, in the order of its chain. The oracle decides whose signatures count."""
     said: dict[str, dict[int, Motion]] = {}
     for value in proof.json(ATTESTATION_CHANNEL):
         try:

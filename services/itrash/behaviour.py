@@ -26,18 +26,18 @@ from services.itrash.presence import Presence
 class State(StrEnum):
     IDLE = "idle"
     ITEM_SEEN = "item_seen"
-    """Something is in front of the sensor and not yet still."""
+    """An item is in front of the sensor and not yet still."""
     CLASSIFYING = "classifying"
     """A photo was asked for."""
     AWAITING_DROP = "awaiting_drop"
     CONFIRMED = "confirmed"
-    """It fell where it belongs; waiting for the view to clear."""
+    """The item fell where it belongs; waiting for the view to clear."""
     WRONG_COMPARTMENT = "wrong_compartment"
     TIMED_OUT = "timed_out"
-    """Nothing fell; a later drop counts as one that was never shown. Waiting for the view to clear."""
+    """Nothing fell; a later drop counts as an item that was never shown. Waiting for the view to clear."""
     FULL = "full"
-    """The compartment for what was shown takes no more; a drop now counts as one that was never shown.
-    Waiting for the view to clear."""
+    """The compartment for the shown item is full; a drop now counts as an item that was never shown. Waiting
+    for the view to clear."""
 
 
 @dataclass(frozen=True)
@@ -50,25 +50,26 @@ class BinLimits:
     gone_s: float = 0.5
     """The view is clear once nothing was present for so long."""
     done_gone_s: float = 2.0
-    """The same after a drop and counted from it: whoever dropped it has yet to draw back."""
+    """The same after a drop and counted from it: the hand that dropped it has yet to draw back."""
     held_s: float = 4.0
-    """What came to rest after a drop and has stayed so for so long is the next item: a robot that draws back
-    in steps pauses for less, and one that holds still over the bin came to rest before the drop settled."""
+    """An object that came to rest after a drop and has stayed so for so long is the next item: a robot that
+    draws back in steps pauses for less, and one that holds still over the bin came to rest before the drop
+    settled."""
     again_gone_s: float = 1.0
     """While a drop is awaited, an item is looked at again only after the view was clear for so long: the
     gripper passes the sensor on its way to the compartment."""
     another_gone_s: float = 60.0
-    """What comes after the view was clear for so long is another item, whatever is still awaited."""
+    """Anything that comes after the view was clear for so long is another item, whatever is still awaited."""
     turned_s: float = 10.0
     """Somebody who presents nothing turns an item within so long."""
     looks: int = 3
     """Photos taken of an item from one angle while the bin is not sure."""
     angles: int = 3
-    """From so many angles an item is looked at; after the last the bin asks for no other. Of a robot that
-    presents itself this holds for what it shows by one grasp, whoever else presents themselves."""
+    """An item is looked at from so many angles; after the last the bin asks for no other. For a robot that
+    presents itself this holds for all that it shows by one grasp, whoever else presents themselves."""
     grasps: int = 4
-    """For one recording the bin asks for other angles of so many grasps. A robot says itself when it took
-    hold of an item: without this bound it could get rid of pictures as often as it likes, and be asked for
+    """Grasps per recording for which the bin asks for other angles. A robot reports itself when it took hold
+    of an item: without this bound it could get rid of pictures as often as it likes, and be asked for
     others."""
     sure_at: float = 0.7
     """Below this confidence the bin takes further photos, and then asks for another angle."""
@@ -76,20 +77,21 @@ class BinLimits:
     """Pause after a photo that could not be taken."""
     drop_timeout_s: float = 180.0
     deaf_s: float = 5.0
-    """Without a presence reading for so long the bin was as good as down: things fell unheard."""
+    """Without a presence reading for so long the bin counts as down: drops went unnoticed."""
     weigh_s: float = 5.0
-    """How long load cells are waited for that have yet to say whether something fell. They need 1 s, and a
-    bin that starts hears them one after another: at 20 times real time this is a quarter of a second."""
+    """How long the bin waits for load cells that have yet to report whether something fell. They need 1 s,
+    and a bin that starts hears them one after another: at 20 times real time this is a quarter of a
+    second."""
     presented_s: float = 120.0
-    """A robot that presented itself shows something within so long: what is unknown it shows again."""
+    """A robot that presented itself shows something within so long: an unknown item it shows again."""
     shaken_s: float = 3.0
-    """A fall and what it shakes change the weights within so long; what may have taken longer happened while
-    nobody looked."""
+    """A fall and its shaking change the weights within so long; slower changes happened while nobody
+    looked."""
 
 
 _LIMITS = BinLimits()
 _RECORDINGS = 64
-"""That are remembered to have been asked for other angles: more than there are while one of them runs."""
+"""Recordings remembered to have been asked for other angles: more than there are while one of them runs."""
 
 
 class ClassificationRecord(BaseModel):
@@ -105,7 +107,7 @@ class ClassificationRecord(BaseModel):
     """Whether that compartment takes no more: nothing may be dropped."""
     image_sha256: str
     model_sha256: str = ""
-    """What was loaded when it was asked: another may be when this is signed."""
+    """Network that was loaded for the answer: another may be when this is signed."""
     thresholds_sha256: str = ""
     claimants: tuple[Claimant, ...] = ()
     shown_s: float
@@ -117,7 +119,7 @@ class ClassificationRecord(BaseModel):
 class DropRecord(BaseModel):
     """A drop, to be signed as `rodeo.witness.Drop`.
 
-    What was never classified has no expected compartment and is not correct.
+    An item that was never classified has no expected compartment and is not correct.
 
     It fell between `after_s` and `settled_s`.
     """
@@ -143,7 +145,7 @@ class RemovalRecord(BaseModel):
 
 
 class WatchRecord(BaseModel):
-    """That the bin was there for a while after a drop, to be signed as `rodeo.witness.Watch`."""
+    """Evidence that the bin ran for a while after a drop, to be signed as `rodeo.witness.Watch`."""
 
     drop: int
     compartment: str
@@ -172,12 +174,12 @@ Action = TakePhoto | Attest
 
 
 class Presented(BaseModel):
-    """A robot that said that it will show something."""
+    """A robot that announced that it will show something."""
 
     claimant: Claimant
     at_s: float
     grasped_s: float = 0.0
-    """When it took hold of it, as it says."""
+    """When it took hold of it, by its own word."""
 
     @property
     def recording(self) -> str:
@@ -192,7 +194,7 @@ class Memory(BaseModel):
     since_s: float = 0.0
     """When `state` was entered."""
     classifications: int = 0
-    """How many there were."""
+    """Number of classifications."""
     drops: int = 0
     pending: ClassificationRecord | None = None
     """The classification whose drop is awaited."""
@@ -201,10 +203,10 @@ class Memory(BaseModel):
     unsigned: list[Record] = []
     """Decided and not yet attested, oldest first."""
     presented: list[Presented] = []
-    """Robots that said that they will show something, the newest first."""
+    """Robots that announced that they will show something, the newest first."""
     asked: dict[str, list[float]] = {}
-    """Recording -> of what it showed another angle was asked for: when that was grasped, once for each time.
-    The last recording that was asked is at the end."""
+    """Recording -> when each item was grasped of which another angle was asked for, once for each time. The
+    last recording that was asked is at the end."""
     cells: dict[str, Cell] = {}
 
 
@@ -215,13 +217,13 @@ class _Seen:
 
 
 class _Showing:
-    """Robots that said that they will show something, and the other angles that they were asked for."""
+    """Robots that announced that they will show something, and the other angles that they were asked for."""
 
     def __init__(self, memory: Memory, limits: BinLimits) -> None:
         self._memory, self._limits = memory, limits
 
     def presented(self, claimant: Claimant, time_s: float, grasped_s: float = 0.0) -> None:
-        """A robot says that it will show something next, which it took hold of at `grasped_s`."""
+        """A robot announces that it will show something next, which it took hold of at `grasped_s`."""
         others = [one for one in self._memory.presented if one.claimant.address != claimant.address]
         newest = Presented(claimant=claimant, at_s=time_s, grasped_s=grasped_s)
         self._memory.presented = [newest, *others][:MAX_CLAIMANTS]
@@ -233,7 +235,7 @@ class _Showing:
 
     def may_ask(self, named: Collection[Presented]) -> bool:
         """Whether none of them was asked for as many angles as there are. Any of them may show the item: if
-        one had to be the newest, two could take turns."""
+        it had to be the newest, two could take turns."""
         angles = self._limits.angles - 1
         for one in named:
             asked = self._memory.asked.get(one.recording, [])
@@ -275,12 +277,12 @@ class Bin:
         self._shown_by: Presented | None = None
         """The robot that presented itself last before the last angle."""
         self._another = False
-        """Whether what is looked at cannot be what the pending classification is about."""
+        """Whether the item in view cannot be that of the pending classification."""
         self._held_after: State | None = None
-        """What the drop was after which the thing that is looked at is held in view, if it is."""
+        """Outcome of the drop after which the item in view is held there, if it is."""
         self._retry_at_s = 0.0
         if memory.state in (State.ITEM_SEEN, State.CLASSIFYING):
-            # Nothing was said about that item yet; it is looked at again if it is still there.
+            # The item has no answer yet; it is looked at again if it is still there.
             memory.state = State.ITEM_SEEN if memory.pending else State.IDLE
 
     @property
@@ -294,8 +296,8 @@ class Bin:
 
     @property
     def decides(self) -> bool:
-        """Whether the next reading may lead to an action although it is no other than the last. Nothing that
-        is awaited comes of an empty view and of weights at rest."""
+        """Whether the next reading may lead to an action although it equals the last. Nothing awaited follows
+        from an empty view and weights at rest."""
         looks = self.memory.state in (State.ITEM_SEEN, State.CLASSIFYING)
         return looks or self._presence.is_there or any(cell.restless for cell in self._cells.values())
 
@@ -332,7 +334,7 @@ class Bin:
             self.memory.state is State.ITEM_SEEN
             and self._presence.still_since_s is not None
             and time_s >= self._retry_at_s
-            # What fell before anybody looked belongs to the item before this one.
+            # Drops before anybody looked belong to the item before this one.
             and self._weighed(self._presence.hearing_since_s, time_s)
         ):
             self._enter(State.CLASSIFYING, time_s)
@@ -364,7 +366,7 @@ class Bin:
             self._enter(State.AWAITING_DROP if self.memory.pending else State.IDLE, time_s)
 
     def photo(self, classification: Classification, image_sha256: str, time_s: float) -> list[Action]:
-        """What the classifier says of the photo that was asked for."""
+        """The classifier's answer for the requested photo."""
         if self.memory.state is not State.CLASSIFYING:
             return []
         self._look += 1
@@ -377,7 +379,7 @@ class Bin:
             self._enter(State.ITEM_SEEN, time_s)
             return []
         if unknown and self._held_after is not None:
-            # A gripper that stopped on its way back is no item.
+            # Ignore a gripper that paused while withdrawing.
             self._enter(self._held_after, time_s)
             return []
         if unknown and self._is_settled(self.memory.pending):
@@ -427,15 +429,15 @@ class Bin:
         if step is None or not step.ripe:
             return []
         if step.delta_n <= 0:  # somebody emptied it, lifted it out or put it back
-            # What is missing when a container comes back went with it, and that was said.
+            # Weight that is missing when a container comes back left with it, and was reported then.
             removed = step.delta_n <= -self._least_n and not cell.lifted
             cell.account()
             return [self._removal(compartment, step)] if removed else []
         unseen = self._unseen(step)
         grown = {n: s for n, s in self._grown(time_s).items() if self._unseen(s) == unseen}
         if unseen:
-            # What was shown fell where it belongs if something did, else it is the one with the most weight.
-            # It is told last: who dropped it takes the bin's last word.
+            # If something fell where the shown item belongs, that is it, else the heaviest. It is reported
+            # last: whoever dropped it takes the bin's last statement.
             pending = self.memory.pending
             expected = None if pending is None else pending.compartment
             fell = sorted(grown, key=lambda name: (name == expected, grown[name].delta_n))
@@ -456,28 +458,28 @@ class Bin:
     # -- inside ----------------------------------------------------------------------------------------
 
     def _deadline_s(self, pending: ClassificationRecord) -> float:
-        """What fell later is not what was shown."""
+        """Later drops are not the shown item."""
         return pending.shown_s + self._limits.drop_timeout_s
 
     def _timed_out(self, time_s: float) -> bool:
-        """Whether what was shown did not fall in time, which the load cells may say a while later."""
+        """Whether the shown item did not fall in time, which the load cells may report a while later."""
         pending = self.memory.pending
         if pending is None or time_s <= self._deadline_s(pending):
             return False
-        # Twice as patient as a drop that waits for another cell's word: that must be told first.
+        # Twice as patient as a drop that waits for another cell: that must be reported first.
         return self._weighed(self._deadline_s(pending), time_s - self._limits.weigh_s)
 
     def _weighed(self, until_s: float, time_s: float, but: Collection[str] = ()) -> bool:
         """Whether all that fell up to `until_s` is accounted for, in the compartments other than `but`.
 
-        A cell that says nothing is not waited for for ever.
+        A silent load cell is given up after `weigh_s`.
         """
         if time_s - max(until_s, self._presence.hearing_since_s) > self._limits.weigh_s:
             return True
         return all(cell.memory.seen_s > until_s for name, cell in self._cells.items() if name not in but)
 
     def _grown(self, time_s: float) -> dict[str, Step]:
-        """Where something came in; not where the load cell fell silent before that was sure."""
+        """Compartments whose weight grew; not those whose load cell fell silent before that was sure."""
         steps = {name: cell.step for name, cell in self._cells.items() if cell.step is not None}
         patience_s = self._limits.weigh_s
         return {
@@ -537,15 +539,15 @@ class Bin:
         self.memory.since_s = time_s
 
     def _combine(self, answer: Classification, look: Look) -> None:
-        """Take a picture to the others of the item. One that is there already, from a camera that hangs,
-        counts once, as seen last."""
+        """Add a picture to the others of the item. A repeated one, from a camera that hangs, counts once, as
+        seen last."""
         others = [one for one in self._seen if one.look.image_sha256 != look.image_sha256]
-        # A camera's clock may step back; what is signed stands in the order of its times.
+        # A camera's clock may step back; signed pictures stand in the order of their times.
         self._seen = sorted([*others, _Seen(look, answer)], key=lambda one: one.look.taken_s)[-MAX_LOOKS:]
 
     def _is_settled(self, pending: ClassificationRecord | None) -> bool:
-        """Whether what was shown last has a class, and is not being shown from the other angle that was asked
-        for: whoever shows that waits for a word."""
+        """Whether the item shown last has a class, and is not being shown from the other angle that was asked
+        for: whoever shows that waits for an answer."""
         named = pending is not None and pending.item_class != UNKNOWN and not pending.another_angle
         return named and not self._another
 
@@ -563,7 +565,7 @@ class Bin:
         return named[0].recording == before.recording
 
     def _grasped_anew(self, time_s: float) -> bool:
-        """Whether who showed something last has taken hold of it again since."""
+        """Whether the one who showed an item last has taken hold of it again since."""
         named, before = self.showing.named(time_s), self._shown_by
         if not named or before is None or named[0].recording != before.recording:
             return False

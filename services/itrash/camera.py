@@ -1,7 +1,7 @@
 """The bin's camera, wherever its pictures come from: the bus, a video device or stream, a folder.
 
 A camera that goes away (unplugged, rebooted, a folder not mounted) is opened again when it is back; until
-then `capture` raises CameraError and `problem` says what is wrong.
+then `capture` raises CameraError and `problem` explains why.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Camera(Protocol):
         """A picture taken at or after site time `after_s`. Raises CameraError."""
 
     def latest(self) -> bytes | None:
-        """The newest picture there is, None before the first; asks for no new one."""
+        """The newest picture, None before the first; requests no new one."""
 
     def problem(self) -> str | None:
         """Why there are no pictures at present; None when nothing is known to be wrong."""

@@ -47,7 +47,7 @@ class NotAnAuditor(RequestError):
 
 
 class AlreadyCorrected(RequestError):
-    """This person already said what the picture shows. What was said first stands."""
+    """This person already corrected this picture. The first correction stands."""
 
 
 class NotWhatItSays(RodeoError):
@@ -59,7 +59,7 @@ class Kept(BaseModel):
 
     correction: Attestation
     classification: Attestation
-    """The bin's statement that is corrected, or confirmed."""
+    """The bin's statement that is corrected or confirmed."""
 
     @property
     def right(self) -> bool:
@@ -71,8 +71,8 @@ class Kept(BaseModel):
 
     def verify(self, name: str, bin_name: str) -> None:
         """Raises BadAttestation, ValidationError, and NotWhatItSays if it does not belong to this bin, into a
-        file of this name: whoever can write into the folder signs for nobody else. Whether a signer was an
-        auditor then, and whose key signed for the bin, only the chain knows: training asks it."""
+        file of this name: write access to the folder signs for nobody else. Only the chain knows whether a
+        signer was an auditor then, and whose key signed for the bin: training asks it."""
         signer = verify_attestation(self.correction)
         verify_attestation(self.classification)
         said = Correction.model_validate(self.correction.payload)
@@ -84,7 +84,7 @@ class Kept(BaseModel):
 
 
 def read_correction(payload: bytes, scope: Scope, bin_name: str) -> tuple[Attestation, Correction]:
-    """What somebody signed about this bin. Raises InvalidRequest, BadAttestation, ForAnotherBin."""
+    """A signed correction for this bin. Raises InvalidRequest, BadAttestation, ForAnotherBin."""
     try:
         signed = Attestation.model_validate_json(payload)
         said = Correction.model_validate(signed.payload)
@@ -126,8 +126,8 @@ class Corrections:
         classes: Collection[str],
         auditors: Mapping[str, str],
     ) -> None:
-        """Keep what an auditor signed (`read_correction`) about `classification`, which has these pictures,
-        by their hashes, and the one that is corrected among them.
+        """Keep an auditor's correction (`read_correction`) of `classification`, which has these pictures by
+        their hashes, the corrected one among them.
 
         `auditors` are names by lower-case address.
 
@@ -153,7 +153,7 @@ class Corrections:
             self._kept[name] = kept
 
     def said_of(self, image_sha256: str, auditors: Mapping[str, str]) -> dict[str, str]:
-        """What people say that this picture shows, by their names, or addresses if they have none now."""
+        """The class that people gave this picture, by their names, or addresses if they have none now."""
         with self._lock:
             kept = [one.correction for one in self._kept.values()]
         return {
@@ -163,8 +163,7 @@ class Corrections:
         }
 
     def judged(self, auditors: Mapping[str, str]) -> list[Judged]:
-        """How often the bin was right, by each person, those who are no auditors any more included. An item
-        counts once."""
+        """How often the bin was right, by each person, former auditors included. An item counts once."""
         with self._lock:
             kept = list(self._kept.values())
         people = sorted({one.correction.signer.lower() for one in kept})
@@ -194,8 +193,8 @@ def pictures_of(classification: Attestation, kept: Pictures) -> dict[str, bytes]
 
 
 def _last_of_each_item(judged: Collection[Kept]) -> list[bool]:
-    """For each item, whether the bin's last answer about it was right. What it says of another angle names
-    the pictures of those before."""
+    """For each item, whether the bin's last answer about it was right. An answer about another angle names
+    the earlier pictures."""
     items: list[tuple[set[str], bool]] = []
     for one in sorted(judged, key=lambda one: one.told.shown_s):
         pictures = {look.image_sha256 for look in one.told.looks}

@@ -18,7 +18,7 @@ _KEPT_ENTRIES = 50
 
 
 class JournalBroken(RodeoError):
-    """The file is there and is not a journal; going on without it would lose what was weighed."""
+    """The file is there and is not a journal; continuing without it would lose what was weighed."""
 
     restart_cures = False
 

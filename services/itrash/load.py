@@ -18,7 +18,7 @@ class LoadLimits:
     step_n: float = 0.1
     """Smaller changes of a settled reading are drift."""
     stay_s: float = 0.5
-    """What goes away again sooner than so long after it settled is no change: a touch, a push."""
+    """A change that goes away sooner than so long after it settled does not count: a touch, a push."""
     out_n: float = 1.0
     """A cell that carries less than minus this has lost its container, which was part of its zero: an empty
     container weighs more, and a zero drifts by less."""
@@ -110,7 +110,7 @@ class LoadCell:
         return self._step
 
     def account(self) -> None:
-        """The weight that stands is the new reference."""
+        """Make the weight that stands the new reference."""
         if self._step is not None:
             accounted_n = self.memory.settled_n or 0.0
             if not self._out(accounted_n):
@@ -125,7 +125,7 @@ class LoadCell:
     def _came_n(self, settled_n: float, accounted_n: float) -> float:
         if not self._out(accounted_n):
             return settled_n - accounted_n
-        # A container that is put back brings what is left of what it held; only more than that came into it.
+        # A container that is put back brings the rest of its old content; only more than that came into it.
         more_n = settled_n - self.memory.held_n
         return more_n if more_n >= self._limits.step_n else min(more_n, 0.0)
 

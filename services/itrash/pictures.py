@@ -15,7 +15,7 @@ _NAME = re.compile(r"0x[0-9a-f]{64}")
 
 
 class NoSuchPicture(RequestError):
-    """The bin did not say anything of such a picture, or it was long ago."""
+    """The bin never classified such a picture, or long ago."""
 
 
 class PictureNotKept(RodeoError):

@@ -12,7 +12,7 @@ class Presence:
     Args:
         range_m: nearer than this something is present.
         still_s, still_m: it is still once its distance has stayed within `still_m` for so long.
-        deaf_s: without a reading for so long the bin was as good as down.
+        deaf_s: without a reading for so long the bin counts as down.
     """
 
     def __init__(self, range_m: float, still_s: float, still_m: float, deaf_s: float) -> None:
@@ -24,9 +24,9 @@ class Presence:
         self.hearing_since_s = -math.inf
         """When the sensor was first heard since the start or since it was silent."""
         self.still_since_s: float | None = None
-        """Since when what is present keeps its distance; None while it does not."""
+        """Since when the object keeps its distance; None while it does not."""
         self.absent_s = 0.0
-        """How long nothing was present before what is, or until now."""
+        """How long nothing was present before the object, or until now."""
 
     @property
     def is_there(self) -> bool:

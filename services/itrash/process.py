@@ -68,7 +68,8 @@ log = logging.getLogger(__name__)
 _TELL_S = 0.5
 """Wall time between two looks at what is missing."""
 _READING_S = 0.1
-"""Site time between two looks while the bin is attentive: its sensors speak at 10 Hz (rodeo.site.topics)."""
+"""Site time between two looks while the bin is attentive: its sensors publish at 10 Hz
+(rodeo.site.topics)."""
 _SILENCE_S = 3.0
 """Wall time without a reading after which a sensor counts as missing."""
 _NOT_LOGGED = {"probabilities", "image_sha256", "earlier", "model_sha256", "thresholds_sha256"}
@@ -92,10 +93,10 @@ class Itrash:
         for record in self._journal.memory.unsigned:  # decided before the process ended
             self._actions.put(Attest(record))
         self._waiting: list[Record] = []
-        """Decided while it was not known for which organization."""
+        """Decided before the organization was known."""
         self._pictures = Pictures(process.data_dir / "pictures")
         self._corrections = Corrections(process.data_dir / "corrections", config.name)
-        # Its sensors speak over the bus: on an open one anybody may have said what they say.
+        # Its sensors publish over the bus: on an open bus anybody may publish such readings.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(
             process.bus,
@@ -186,7 +187,7 @@ class Itrash:
 
     def _remembered(self) -> tuple[Any, ...]:
         bin_, memory = self._bin, self._bin.memory
-        # Whoever waits at rest has to see each reading once the next one may decide.
+        # A caller that waits at rest has to see each reading once the next one may decide.
         watch = bin_.attentive, bin_.decides
         return memory.state, memory.since_s, memory.pending, *watch, tuple(bin_.loads_n.values())
 
@@ -216,9 +217,9 @@ class Itrash:
                 self._journal.save(self._path)
 
     def _await_action(self) -> bool:
-        """Whether there is one before it is time to tell how things are. While something is shown or falls,
-        each reading may be the one that decides: a simulated clock waits after it. A simulator that skips a
-        charge goes on showing readings, also while something is awaited."""
+        """Whether there is one before the next report is due. While something is shown or falls, each reading
+        may be the one that decides: a simulated clock waits after it. A simulator that skips a charge
+        continues to show readings, also while something is awaited."""
         attentive, decides = self._bin.attentive, self._bin.decides
         self._process.clock.wait_for(
             lambda: not self._actions.empty(),
@@ -269,13 +270,13 @@ class Itrash:
         with self._lock:
             self._journal.add(kind, attestation)
             self._bin.memory.unsigned.remove(record)
-        self._remember()  # before it is told: a restart would sign it again
+        self._remember()  # before it is published: a restart would sign it again
         self._witness.publish(attestation)
         log.info("%s %s", kind, record.model_dump_json(exclude=_NOT_LOGGED))
 
     @staticmethod
     def _stated(record: Record) -> tuple[Kind, type[Header], dict[str, Any]]:
-        """What is signed of a record: how the journal calls it, the statement's model and its own fields."""
+        """How a record is signed: its kind in the journal, the statement's model and its own fields."""
         fields = record.model_dump(by_alias=True)
         if isinstance(record, ClassificationRecord):
             return "classification", Classification, fields
@@ -288,7 +289,7 @@ class Itrash:
     # -- state -----------------------------------------------------------------------------------------
 
     def compartment_for(self, label: str, probabilities: Mapping[str, float]) -> str:
-        """Where the site puts what is classified so."""
+        """The site's compartment for this class."""
         return self._config.compartment_for(label, probabilities)
 
     def state(self) -> dict[str, Any]:

@@ -1,9 +1,9 @@
-"""Proofs that the oracle cannot read yet: whose failure that is, and how they are had all the same.
+"""Proofs that the oracle cannot read yet: whose failure that is, and how they are obtained all the same.
 
-A store may lose or damage what it was given, be out of reach, or be one that this oracle was not told of.
-None of that is the executor's failure. But a proof that nobody but its executor ever saw proves nothing, and
-auditors should not have to look for it. So what decides is whether the executor hands over, when it is asked,
-the bytes that it submitted the hash of. It keeps a copy until long after its verdict
+A store may lose or damage what it was given, be out of reach, or be one that this oracle does not know. None
+of that is the executor's failure. But a proof that nobody but its executor ever saw proves nothing, and
+auditors should not have to look for it. So the decision depends on whether the executor hands over, on
+request, the bytes whose hash it submitted. It keeps a copy until long after its verdict
 (`rodeo.recording.copies`); asked over the bus it puts them into the store again, and hands them to the oracle
 directly where the store cannot be read.
 
@@ -45,9 +45,9 @@ LOOK_S = 1.0
 _PAUSE_S = (1.0, 30.0)
 """Shortest and longest wall time before a proof is looked and asked for again."""
 _SEEKERS = 4
-"""Proofs that are looked for at the same time: one store that hangs must not keep the others waiting."""
+"""Proofs looked for at the same time: one store that hangs must not keep the others waiting."""
 _MARGIN_SHARE = 0.25
-"""Share of a verdict window: at most so much of it is kept for the verdict on what turned up late."""
+"""Largest share of a verdict window that is kept for the verdict on a proof that turned up late."""
 
 FAULT = "the oracle"
 """The party at fault for an undecided verdict: this oracle failed, neither the parties nor the store."""
@@ -56,7 +56,7 @@ Owner = Literal["executor", "store", "oracle"]
 
 
 class ProofAway(RodeoError):
-    """The bytes of a submitted proof cannot be had now; `owner` is whose failure that looks like."""
+    """The bytes of a submitted proof are unavailable now; `owner` is the party that seems to have failed."""
 
     def __init__(self, message: str, task: Task, owner: Owner) -> None:
         super().__init__(message)
@@ -79,10 +79,10 @@ class _Sought:
 
 
 class MissingProofs:
-    """Looks for the proofs of submissions until they are had or patience ends. Thread-safe.
+    """Looks for the proofs of submissions until they are found or patience ends. Thread-safe.
 
     Args:
-        found: called with (task id, attempt) when there is something to decide: a copy, or the last word.
+        found: called with (task id, attempt) when there is something to decide: a copy, or the final verdict.
         waits: whether a submission still waits for its verdict.
         stores: prefixes of URIs that the bridge takes proofs in. Raises BusError, RemoteError.
     """
@@ -105,15 +105,15 @@ class MissingProofs:
         self._lock = threading.Lock()
         self._sought: dict[tuple[int, int], _Sought] = {}
         self._news = 0
-        """Counts what was to be looked for."""
+        """Counts proofs to look for."""
         self._copies: dict[tuple[int, int], Path] = {}
         self._last_words: dict[tuple[int, int], Report] = {}
         self._looked = threading.Event()
-        """Since it was asked last, a look has ended."""
+        """Set once a look has ended since it was last cleared."""
         self._pool = ThreadPoolExecutor(_SEEKERS, thread_name_prefix="seeker")
 
     def seek(self, task: Task, away: ProofAway) -> None:
-        """From now on."""
+        """Look for the task's proof from now on."""
         key = task.id, task.attempt
         self.forget(key)
         with self._lock:
@@ -123,15 +123,15 @@ class MissingProofs:
         self._clock.notify()
 
     def run(self, stop: threading.Event, tell: Callable[[], None]) -> None:
-        """Until `stop`; `tell` is called now and then to show how it stands."""
+        """Run until `stop`; `tell` is called now and then to publish the status."""
         with self._clock.acting():
             while not stop.is_set():
-                # Before the look: what is sought meanwhile may be due first.
+                # Before the look: a proof sought meanwhile may be due first.
                 news = self._news
                 self._looked.clear()
                 tell()
                 if self._look_around():
-                    # A simulated clock, which may jump, waits for the last word on what is due.
+                    # A simulated clock, which may jump, waits for the final verdict on what is due.
                     self._looked.wait(LOOK_S)
                 else:
                     until_s = self._first_due_s()
@@ -144,7 +144,7 @@ class MissingProofs:
         return self._news != since
 
     def _look_around(self) -> bool:
-        """Begin what is to be looked at now; whether a verdict is due on any of it."""
+        """Begin the looks that are due; returns whether a verdict is due on any of them."""
         now_s = time.monotonic()
         with self._lock:
             overdue = {key for key, one in self._sought.items() if self._verdict_is_due(one.task)}
@@ -171,17 +171,17 @@ class MissingProofs:
             return set(self._sought)
 
     def copy(self, key: tuple[int, int]) -> Path | None:
-        """The proof itself, if it had to be looked for and was had."""
+        """The proof itself, if it had to be looked for and was found."""
         with self._lock:
             return self._copies.get(key)
 
     def last_word(self, key: tuple[int, int]) -> Report | None:
-        """The report on a proof that was not to be had."""
+        """The report on a proof that was unavailable."""
         with self._lock:
             return self._last_words.get(key)
 
     def forget(self, key: tuple[int, int]) -> None:
-        """The submission has its verdict, or is looked for anew."""
+        """Forget a submission that has its verdict, or is looked for anew."""
         with self._lock:
             self._sought.pop(key, None)
             self._last_words.pop(key, None)
@@ -237,7 +237,7 @@ class MissingProofs:
             self._looked.set()
 
     def _obtain(self, one: _Sought) -> Path | None:
-        """The proof, from the store or from its executor; None says in `one` why not."""
+        """The proof, from the store or from its executor; with None, `one` has the reason."""
         wanted = (one.task.proof_sha256 or "").lower()
         try:
             if (path := self._fetch(one, wanted)) is not None:
@@ -265,7 +265,7 @@ class MissingProofs:
         try:
             self._store.check(uri)
         except ProofUriNotAllowed:
-            # The name is the content: what others keep elsewhere may be in our store, too.
+            # The name is the content: a file that others keep elsewhere may be in our store, too.
             uri = self._store.uri_of(wanted, ".mcap")
         try:
             return self._store.fetch(uri, wanted, folder=self._folder_of(one.task))
@@ -275,7 +275,7 @@ class MissingProofs:
         return None
 
     def _folder_of(self, task: Task) -> Path:
-        # Two submissions may have one hash: who copies another's.
+        # Two submissions may have one hash: an executor may copy another's.
         return self._folder / f"{task.id}-{task.attempt}"
 
     def _put(self, path: Path) -> None:
@@ -322,7 +322,7 @@ def report_on(task: Task, check: Check, acts: Sequence[str] = ()) -> Report:
 def due_s(task: Task, site: Site, patience: float = 1.0) -> float | None:
     """Site time from which the verdict on a task cannot wait any longer, or its window passes without one;
     None where no window runs. Where the verdict window has passed already, the case has to end. `patience`:
-    the share of the usual time before the end that who asks needs. A verdict that can be challenged comes
+    the share of the usual time before the end that the caller needs. A verdict that can be challenged comes
     early enough for all that may follow."""
     end_s = task.case_end if task.state == "ruled" else task.verdict_deadline
     if end_s is None:
@@ -344,7 +344,7 @@ def is_due(task: Task, site: Site, clock: Clock, patience: float = 1.0) -> bool:
 
 
 def owner_of(error: EvidenceError, uri: str, site: Site, stores: Callable[[], list[str]]) -> Owner:
-    """The party that seems to be at fault that a proof cannot be fetched."""
+    """The party that seems to be at fault for a proof that cannot be fetched."""
     if isinstance(error, StoreUnavailable):
         return "store"
     base = uri.rpartition("/")[0]

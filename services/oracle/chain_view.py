@@ -1,4 +1,4 @@
-"""What the chain says about a proof, asked from the bridge's index: now, or as it was at a verdict."""
+"""The chain's data on a proof, from the bridge's index: now, or as of a verdict."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def verdict_block(participant: Participant, task_id: int, attempt: int) -> int |
 
 
 class AsOf(NamedTuple):
-    """What the chain said in a block, and what came later."""
+    """The chain's data as of a block, and what came later."""
 
     chain_record: ChainRecord
     revoked: list[Device]
@@ -59,7 +59,7 @@ class AsOf(NamedTuple):
 
 
 def as_of(chain_record: ChainRecord, block: int, keys: dict[str, tuple[float, float]]) -> AsOf:
-    """`chain_record` without what happened to keys and days after `block`: it changes no past verdict.
+    """`chain_record` without changes to keys and days after `block`: they change no past verdict.
 
     `keys`: lower-case address -> block in which it was registered, and in which it was revoked.
     """
@@ -118,7 +118,7 @@ def _roots(participant: Participant, from_day: int) -> Iterator[Root]:
 
 
 class View(NamedTuple):
-    """What the chain says about a file, and what people should know beside the verdict."""
+    """The chain's data on a file, and what people should know beside the verdict."""
 
     chain_record: ChainRecord | None
     """As of the block of its verdict, if it has one; None if this chain knows nothing of it."""
@@ -126,7 +126,7 @@ class View(NamedTuple):
 
 
 def view(path: Path, site: Site, participant: Participant) -> View:
-    """What the chain says about the proof at `path`. Raises BusError, RemoteError."""
+    """The chain's data on the proof at `path`. Raises BusError, RemoteError."""
     try:
         proof = open_proof(path, COUNTS.limits(site.store.max_bytes))
     except EvidenceError:
@@ -152,7 +152,7 @@ def view(path: Path, site: Site, participant: Participant) -> View:
 
 
 def later_warnings(proof: Proof, site: Site, then: AsOf) -> list[str]:
-    """What happened after the verdict to keys that signed something in this proof, and to their days."""
+    """Changes after the verdict to keys that signed something in this proof, and to their days."""
     signers = {one.signer.lower() for one in proof.attestations()} | {(proof.signer or "").lower()}
     warnings = [
         f"after the verdict, at {_utc(device.revoked)}, the key {device.address} of the {device.role} "

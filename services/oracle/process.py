@@ -1,13 +1,13 @@
 """The oracle's process: every submitted proof gets one ruling, whatever is in it, or is passed on.
 
 Submissions are learnt from the event stream, read from its beginning at every start: that and the reports in
-the store also tell which acts were paid for before (`rodeo.checks.acts`). Whether a submission still waits
+the store also show which acts were paid for before (`rodeo.checks.acts`). Whether a submission still waits
 for a ruling is asked from the index when its turn comes, so nothing needs to be remembered across restarts.
 One on which nobody has ruled in the verdict window waits until its case ends.
 
 Several proofs are verified side by side, and their providers take turns (`services.oracle.turns`). But of two
-that claim the same act the one that was submitted earlier is decided first. Only what is due waits no longer
-for proofs that others have in line: people decide on those of them that claim the same act.
+that claim the same act the one that was submitted earlier is decided first. A submission that is due waits no
+longer for proofs that others have in line: people decide on those that claim the same act.
 
 Where a site has several oracles, each of them votes (`services.oracle.votes`) in place of ruling.
 """
@@ -50,20 +50,21 @@ from services.oracle.votes import Votes
 log = logging.getLogger(__name__)
 
 SIDE_BY_SIDE = max(2, (os.cpu_count() or 1) - 1)
-"""Proofs verified at the same time; one core stays for everybody else, but none waits for one that hangs."""
+"""Proofs verified at the same time; one core stays free for all else, and no proof waits for one that
+hangs."""
 SWEEP_S = 30.0
 """Wall time between two looks for submissions that got no verdict, whatever kept them from it."""
 
 _NO_MORE = frozenset({"case_over", "passed_on_before", "not_judge", "not_a_judge"})
-"""What is answered when this oracle cannot rule any more, and others may."""
+"""Errors when this oracle cannot rule any more, and others may."""
 _DECIDED = _NO_MORE | {"wrong_state", "wrong_attempt"}
-"""The same, and when the attempt has ended."""
+"""The same, and those when the attempt has ended."""
 
 Answer = TypeVar("Answer")
 
 
 class IndexBehind(RodeoError):
-    """The bridge's answer is older than an event that it told before."""
+    """The bridge's answer is older than an event that it published before."""
 
 
 def run(site: Site, name: str, stop: threading.Event) -> None:
@@ -133,7 +134,7 @@ class Oracle:
             thread.join(timeout=2 * RETRY_S)
 
     def loops(self) -> dict[str, Callable[[], None]]:
-        """What runs side by side until the process ends."""
+        """Loops that run side by side until the process ends."""
         stop, process = self.process.stop, self.process
         scrub = Scrub(
             self._site,
@@ -184,7 +185,7 @@ class Oracle:
             self._tell_late()
 
     def _tell_late(self) -> None:
-        """Say of which submissions the verdict is due, or the window has ended, before their turn."""
+        """Report the submissions whose verdict is due, or whose window has ended, before their turn."""
         try:
             in_line = [
                 self._wallet.task(key[0]) for key in self.line.turns.waiting() if self.acts.waits(*key)
@@ -224,7 +225,7 @@ class Oracle:
             return
         self.acts.away(*key, False)
         task, report = found
-        may_be_paid = report.outcome in ("accepted", "undecided")  # people may accept what is undecided
+        may_be_paid = report.outcome in ("accepted", "undecided")  # people may accept an undecided proof
         self.acts.judged(task_id, attempt, report.acts if may_be_paid else [])
         if may_be_paid:
             check = self.reports.unspent(task, report.acts, partial(self.status.publish, key))
@@ -249,7 +250,7 @@ class Oracle:
         self.status.decided += 1
 
     def _verified(self, task_id: int, attempt: int) -> tuple[Task, Report] | None:
-        """What verification says; None when the submission is not ours to judge, or no longer waits.
+        """Result of the verification; None when the submission is not ours to judge, or no longer waits.
 
         Raises ProofAway, DiskFull, BusError, RemoteError or IndexBehind.
         """
@@ -297,16 +298,16 @@ class Oracle:
         return task, report
 
     def _left(self, task: Task) -> tuple[Task, Report] | None:
-        """What is said of a submission by rules that are not had here; None while others may judge it."""
+        """The report on a submission by rules that are missing here; None while others may judge it."""
         last_word = self.judging.leave(task)
-        # Its own executor's later ones wait for that judge; nobody else's do.
+        # Only later submissions of the same executor wait for this judge.
         self.acts.away(task.id, task.attempt, True)
         return None if last_word is None else (task, last_word)
 
     def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
         """Rule, or pass the case on; False when others did meanwhile."""
         rule = Rule(
-            # A verification repeated after a crash may find other words for the same proof.
+            # A verification repeated after a crash may word its report on the same proof differently.
             request_id=f"rule-{task.id}-{task.attempt}-{report_sha256}",
             task_id=task.id,
             attempt=task.attempt,
@@ -359,7 +360,7 @@ class Oracle:
 
         def wait(error: RodeoError) -> None:
             away = isinstance(error, BusError | StoreUnavailable | DiskFull | IndexBehind)
-            # A bridge that fails at one task must not keep the places of all others.
+            # A bridge that fails at one task must not block all others.
             if not (away or (isinstance(error, RemoteError) and error.passes and error.code != "internal")):
                 raise error
             log.warning("waiting: %s", error)
@@ -368,8 +369,8 @@ class Oracle:
         return repeated(ask, wait, self.process.stop)
 
     def _pause(self, task: Task | None = None) -> None:
-        """Before the next attempt. No simulated clock waits meanwhile. It may jump to when `task` is due, but
-        not where that is unknown or past: a window would end."""
+        """Pause before the next attempt. No simulated clock waits meanwhile. It may jump to when `task` is
+        due, but not where that is unknown or past: a window would end."""
         until_s = None if task is None or is_due(task, self._site, self._clock) else due_s(task, self._site)
         self._clock.wait_for(
             lambda: False, self.process.stop, until_s=until_s, wall_s=RETRY_S, resting=until_s is not None
@@ -383,7 +384,7 @@ def is_ours(kinds: Kinds, task: Task) -> bool:
 
 
 def _amount_iec(task: Task, report: Report) -> Decimal | None:
-    """What an accepted proof is paid: what its report says, which may be nothing, else the full price."""
+    """Amount paid for an accepted proof: the one in its report, which may be nothing, else the full price."""
     if not report.accepted:
         return None
     return task.price_iec if report.amount_iec is None else report.amount_iec

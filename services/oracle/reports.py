@@ -25,14 +25,14 @@ _REPORT_BYTES = 16 << 20
 
 
 class Reports:
-    """Keeps the reports of this oracle and reads those of others, to tell which acts were paid for."""
+    """Keeps the reports of this oracle and reads those of others, to know which acts were paid for."""
 
     def __init__(self, process: Process, acts: ConsumedActs) -> None:
         self._site, self._clock, self._stop = process.site, process.clock, process.stop
         self._acts = acts
         self.store = Store(process.site)
         self.folder = process.data_dir / "reports"
-        """Own copies: a store that loses one must not keep anybody waiting."""
+        """Own copies: a store that loses a report must keep nobody waiting."""
 
     def keep(self, task: Task, report: Report) -> tuple[str, str]:
         """Where the report is in the store, and its hash. A store that takes nothing until the verdict is due
@@ -58,11 +58,11 @@ class Reports:
 
     def unspent(self, task: Task, claimed: list[str], tell: Callable[[str], None]) -> Check | None:
         """Whether what a proof claims was not paid for before, as a check; None if no verdict is needed any
-        more. `tell` gets why it waits.
+        more. `tell` gets the reason why it waits.
 
-        Waits while that cannot be told: for the verdicts of earlier submissions that may claim it, too, and
-        for reports that cannot be fetched. Once the verdict is due it waits no longer for what others have in
-        line: who hands in many proofs must not cost anybody else the pay.
+        Waits while that is unknown: for the verdicts of earlier submissions that may claim it, too, and for
+        reports that cannot be fetched. Once the verdict is due it waits no longer for what others have in
+        line: an executor with many proofs must not cost others the pay.
         """
         key = task.id, task.attempt
         said: str | None = None
@@ -86,18 +86,18 @@ class Reports:
         return None
 
     def _wait_for_news(self, news: int, until_s: float | None = None, *, resting: bool = True) -> None:
-        """Until more was learnt of acts than when `news` was asked for, or `until_s`. No simulated clock
-        waits meanwhile: what is waited for may be that something is due."""
+        """Wait until more is known of acts than at `news`, or `until_s`. No simulated clock waits meanwhile:
+        the awaited event may be that something is due."""
         self._clock.wait_for(lambda: self._acts.news != news, self._stop, until_s=until_s, resting=resting)
 
     def run(self) -> None:
-        """Read the reports of what was paid for, or may be, as soon as they are heard of."""
+        """Read reports of what was paid for, or may be, as soon as they are announced."""
         with self._clock.acting():
             while not self._stop.is_set():
                 news = self._acts.news
                 missing = [one for one in self._acts.unread() if not self._read(one)]
                 if missing:
-                    # Those who wait for what they list are woken themselves when their verdict is due.
+                    # Submissions that wait for these reports have their own timers.
                     self._clock.wait_for(lambda: False, self._stop, wall_s=RETRY_S, resting=True)
                 else:
                     self._wait_for_news(news)

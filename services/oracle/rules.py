@@ -1,8 +1,9 @@
-"""By whose rules tasks are judged: what this oracle has, what open tasks need, and what it leaves to others.
+"""Rules by which tasks are judged: those of this oracle, those that open tasks need, and what it leaves to
+others.
 
 A task is judged by the rules that were current when it was posted (`rodeo.checks.rules`), whatever is current
 when its proof comes. An oracle that lacks them leaves the proof to one that has them. If none has judged it
-shortly before the window ends, it says undecided: without a verdict the attempt would be void, and people
+shortly before the window ends, it reports undecided: without a verdict the attempt would be void, and people
 would never look at work that may be good.
 """
 
@@ -24,7 +25,7 @@ log = logging.getLogger(__name__)
 
 PATIENCE = 0.5
 """Share of the time for a late verdict that is left when this oracle speaks for one that has the rules: that
-one has all of it, and nobody needs long to say that it cannot judge."""
+one has all of it, and reporting that it cannot judge takes nobody long."""
 _LOOK_S = 1.0
 """Wall time between two looks at what is due."""
 _ENDS = frozenset({"TaskSettled", "TaskFailed", "TaskCancelled"})
@@ -34,7 +35,7 @@ Rules = tuple[str, str]
 
 
 class Judging:
-    """Which rules this oracle has, and what is done about the tasks of others. Thread-safe.
+    """Which rules this oracle has, and what is done about tasks under others. Thread-safe.
 
     Args:
         found: called with (task id, attempt) when its verdict is due and nobody has given one.
@@ -61,12 +62,12 @@ class Judging:
         self._left: dict[tuple[int, int], Task] = {}
         """Submissions that are left to others."""
         self._news = 0
-        """Counts them."""
+        """Counts what was left."""
         self._said: set[int] = set()
-        """Tasks of which the log says so."""
+        """Tasks for which that was logged."""
 
     def begin(self, mine: Mapping[str, str | None]) -> None:
-        """Before the first event: what this oracle has."""
+        """Set what this oracle has, before the first event."""
         self._mine = mine
 
     def has(self, kind: str, rules_sha256: str | None) -> bool:
@@ -78,7 +79,7 @@ class Judging:
     def on_event(self, event: DaoEvent) -> None:
         with self._lock:
             if event.chain != self._chain or event.seq == 1 < self._seq:
-                # Another chain, or an index that was made anew and tells all again.
+                # Another chain, or a rebuilt index that repeats all events.
                 self._chain = event.chain
                 for known in (self._needs, self._ended, self._open, self._left, self._said):
                     known.clear()
@@ -144,7 +145,8 @@ class Judging:
             return set(self._left)
 
     def leave(self, task: Task) -> Report | None:
-        """A submission by rules that this oracle lacks: None for now, and the last word once that is due."""
+        """Leave a submission under rules that this oracle lacks: None for now, and the final report once it
+        is due."""
         key = task.id, task.attempt
         if is_due(task, self._site, self._clock, PATIENCE):
             self.forget(key)
@@ -166,15 +168,15 @@ class Judging:
         return None
 
     def forget(self, key: tuple[int, int]) -> None:
-        """The submission has its verdict, or is looked at anew."""
+        """Forget a submission that has its verdict, or is looked at anew."""
         with self._lock:
             self._left.pop(key, None)
 
     def run(self, stop: threading.Event) -> None:
-        """Until `stop`: hand over what nobody has judged when its verdict is due."""
+        """Until `stop`: hand over submissions that nobody has judged when their verdict is due."""
         with self._clock.acting():
             while not stop.is_set():
-                # Before the look: what is left meanwhile may be due first.
+                # Before the look: a submission left meanwhile may be due first.
                 news = self._news
                 for key, task in self._sorted():
                     if not self._waits(*key):
@@ -192,7 +194,7 @@ class Judging:
         return self._news != since
 
     def _sorted(self) -> list[tuple[tuple[int, int], Task]]:
-        """What is left to others, what is due first at the front."""
+        """Submissions that are left to others, the first due at the front."""
         with self._lock:
             left = list(self._left.items())
         return sorted(left, key=lambda one: due_s(one[1], self._site, PATIENCE) or 0.0)

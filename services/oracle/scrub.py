@@ -1,8 +1,9 @@
 """The slow sweep over the store: what was judged must still be there, byte for byte, for whoever asks later.
 
 The chain says what must be there: each proof that got a verdict, and each verdict's report. One file after
-the other is hashed, all of them within `store.scrub_days`. What is gone or damaged is put there again from
-its executor's own copy, a report from the oracle's. What nobody has any more is said until it is there again.
+the other is hashed, all of them within `store.scrub_days`. A missing or damaged file is restored from its
+executor's own copy, a report from the oracle's. A file that nobody has any more is reported until it is there
+again.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _DAY_S = 24 * 3600.0
 _LOOK_S = (0.05, 60.0)
 """Shortest and longest wall time between two looks whether something is due."""
 _MISSING_SHARE = 0.01
-"""Share of a pass: what is gone is looked and asked for that often."""
+"""Share of a pass: missing files are looked and asked for that often."""
 _MISSING_S = 3600.0
 """And at least this often."""
 _SAID = 5
@@ -75,7 +76,7 @@ class Scrub:
         self._progress = self._load()
         self._gone: dict[str, Judged] = {}
         self._gone_s = 0.0
-        """Wall time of the last look at them."""
+        """Wall time of the last look at missing files."""
         self.checked = 0
         """Files since the start."""
 
@@ -90,11 +91,11 @@ class Scrub:
                 stop.wait(_LOOK_S[1])
 
     def look(self) -> None:
-        """At the file whose turn it is, if one is due, and at what is gone.
+        """Look at the file whose turn it is, if one is due, and at missing ones.
 
         Raises StoreUnavailable, BusError, DiskFull, OSError.
         """
-        # Wall time that people set back must not stop it for as long.
+        # A wall clock that people set back must not stop it for as long.
         now_s = max(time.time(), 0.0)
         files = {one.sha256: one for one in self._files() if self._is_ours(one)}
         if self._gone and now_s - self._gone_s >= min(_MISSING_S, _MISSING_SHARE * self._pass_s):
@@ -107,7 +108,7 @@ class Scrub:
             return
         looked_s = self._progress.looked_s
         one = min(files.values(), key=lambda file: looked_s.get(file.sha256, 0.0))
-        # First, so that one that cannot be read does not keep the others from their turn.
+        # First, so that an unreadable file does not keep the others from their turn.
         kept = {sha256: time_s for sha256, time_s in looked_s.items() if sha256 in files}
         self._progress = _Progress(last_s=now_s, looked_s={**kept, one.sha256: now_s})
         replace_file(self._path, self._progress.model_dump_json())
@@ -135,7 +136,7 @@ class Scrub:
         return self._store.stored(one.uri) == one.sha256
 
     def _restore(self, one: Judged) -> bool:
-        """Have it put there again; whether it is there."""
+        """Have the file restored; returns whether it is there."""
         own = self._reports / f"{one.sha256.removeprefix('0x')}.json"
         try:
             if own.is_file():

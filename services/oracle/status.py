@@ -27,7 +27,7 @@ class Status:
         """Serializes status updates, so that an older one never overwrites a newer one."""
 
     def publish(self, key: Key | None = None, activity: str | None = None) -> None:
-        """What is done about the submission `key` now; no `activity` where nothing is."""
+        """Publish what is done about the submission `key` now; without `activity` nothing is."""
         with self._publishing:
             if key is not None:
                 self._running.pop(key, None)
@@ -47,8 +47,8 @@ class Status:
             )
 
     def update(self) -> None:
-        """Whether the store can be read, as far as a proof waits for it, which proofs are looked for, and how
-        many tasks need which rules."""
+        """Publish whether the store can be read, as far as a proof waits for it, which proofs are looked for,
+        and how many tasks need which rules."""
         if unreadable := self._missing.unreadable:
             self._process.not_ready(f"the store cannot be read: {unreadable}")
         else:

@@ -9,8 +9,8 @@ waits alone.
                              whosever they are; those that come later do not pass it, so that it does not
                              wait indefinitely
 
-A submission is in line once until it is decided, and again if something was found meanwhile. What decides are
-counts and order, never how long something took: that differs from machine to machine.
+A submission is in line once until it is decided, and again if something was found meanwhile. Counts and order
+decide, never how long something took, which differs from machine to machine.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Key = tuple[int, int]
 
 class _Entry(NamedTuple):
     number: int
-    """Counts what came."""
+    """Counts arrivals."""
     key: Key
     provider: str
     again: bool
@@ -48,7 +48,7 @@ class Turns:
     """Submissions in line, and those that have their turn. Thread-safe.
 
     Args:
-        clock: hears of what changes; a simulated one waits for who has the turn.
+        clock: notified of changes; a simulated one waits for submissions that have a turn.
         places: how many have their turn at the same time.
     """
 
@@ -83,8 +83,8 @@ class Turns:
         with self._clock.acting():
             while self._clock.wait_for(partial(self._has_next, stop), stop, resting=True):
                 held = ExitStack()
-                # A simulated clock waits for a verdict from here on. For one whose turn is not yet it must
-                # not: what all the others wait for may be that something is due.
+                # A simulated clock waits for a verdict from here on, but not for a submission that waits for
+                # its turn: all the others may wait for something to be due.
                 held.enter_context(self._clock.hold())
                 thread = threading.Thread(
                     target=self._turn, args=(*self._take(), held, work), name="verifier", daemon=True
@@ -146,7 +146,7 @@ class Line:
 
     Args:
         places: how many are verified at the same time.
-        is_settled: whether what to say of a submission is known already: it waits for no verification.
+        is_settled: whether a submission's report is known already: it waits for no verification.
         decide: called as `decide(key, leave)` in a submission's turn; `leave` ends that.
         done: called after it, whatever came of it.
     """
@@ -161,17 +161,17 @@ class Line:
         done: Callable[[Key], None],
     ) -> None:
         self.turns, self.words = Turns(clock, places), Turns(clock, 1)
-        """Proofs to verify, and submissions whose last word is known."""
+        """Proofs to verify, and submissions whose verdict is known without verification."""
         self._acts, self._is_settled, self._decide, self._done = acts, is_settled, decide, done
         self.failed = Counter[Key]()
         """How many verifications of a submission ended without a report."""
         self._in_work: dict[Key, bool | None] = {}
-        """Submissions in line or being decided -> None, or whether what was found during their turn is their
-        last word."""
+        """Submissions in line or being decided -> None, or whether what was found during their turn is
+        final."""
         self._lock = threading.Lock()
 
     def put(self, task_id: int, attempt: int, *, again: bool = True, word: bool = False) -> None:
-        """In line, if it is not yet; during its turn: once more after it. `word`: for its last word."""
+        """Queue a submission, once; during its turn: once more after it. `word`: its verdict is known."""
         key = task_id, attempt
         submission = self._acts.submission(*key)
         with self._lock:

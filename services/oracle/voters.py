@@ -40,7 +40,7 @@ class Committee:
 
     @property
     def counted(self) -> tuple[Mapping[str, int], Mapping[str, frozenset[str]]]:
-        """Upon what it depends whether votes are enough."""
+        """Facts that decide whether votes are enough."""
         return self.needed, self.unstaked
 
 
@@ -89,7 +89,7 @@ class Voters:
         return self.known
 
     def needed(self, kind: str) -> int:
-        """As the organization last said, which may have changed it since the site was prepared."""
+        """Votes needed, as last set: the organization may have changed it since the site was prepared."""
         said = None if self.known is None else self.known.needed.get(kind)
         return said or votes_needed(self._site, kind)
 
@@ -103,7 +103,7 @@ class Voters:
         return votes.sign(vote, self._account, by.chain_id, by.address, self._site.economy.currency)
 
     def signing_key(self, vote: Vote, signature: str) -> str | None:
-        """Address of the key that signed it; None where it is nobody's, or who votes is not known."""
+        """Address of the key that signed it; None if it is nobody's, or the voters are not known."""
         if self.known is None:
             return None
         currency = self._site.economy.currency

@@ -1,12 +1,12 @@
 """Several oracles: each signs what it found, publishes the signature, and posts the verdict once enough have
 signed the same.
 
-What was found is not published: it is in the signature's digest, so that who found the same can tell a vote
-from another, and who only listens has nothing to sign (`SealedVote`). A vote is published again and again
-until there is a ruling, so that who was away hears it. Every oracle keeps at most a few signatures of each
-other oracle on each submission that waits, so nobody can fill its memory. The oracle whose own vote is the
-last that was needed posts the verdict at once. The others wait in their order, and post it themselves if
-nobody did. Votes of judges who are not in the panel yet are posted again when the panel has grown to them.
+The finding is not published: it is in the signature's digest, so that only oracles with the same finding can
+recognize a vote, and a listener has nothing to sign (`SealedVote`). A vote is published repeatedly until
+there is a ruling, for oracles that were away. Every oracle keeps at most a few signatures of each other
+oracle on each submission that waits, so nobody can fill its memory. The oracle whose own vote is the last
+that was needed posts the verdict at once. The others wait in their order, and post it themselves if nobody
+did. Votes of judges who are not in the panel yet are posted again when the panel has grown to them.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ TURN_S = 2.0
 _FIRST_S = 0.25
 """The same for the first in order: the one who completed the votes posts already."""
 _TIED_S = 60.0
-"""Site time after which a vote is tried again whose judge's stake stands for too much: cases end."""
+"""Site time after which a vote is tried again whose judge's stake is committed to too much: cases end."""
 _LOOK_S = 1.0
 _EARLY = 4
-"""Signatures that are kept of one oracle on a submission on which this one has not voted: until then it
-cannot tell which of them is that oracle's."""
+"""Signatures kept of one oracle on a submission on which this one has not voted: until then it cannot know
+which of them is that oracle's."""
 _CHECKS_PER_WALL_S = 100.0
-"""Signatures checked of what comes on one oracle's key: it publishes one of each submission in REPEAT_S."""
+"""Signatures checked on one oracle's key: it publishes one of each submission in REPEAT_S."""
 _TOO_LOW = "stake_too_low"
 _REFUSED = frozenset(
     {"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor", "key_too_new", _TOO_LOW}
@@ -86,13 +86,13 @@ class _Held:
     signatures: dict[str, str] = field(default_factory=dict)
     """Oracle -> its signature of this vote."""
     others: dict[str, str] = field(default_factory=dict)
-    """Oracle -> what was last published in its name, and is not its signature of this vote."""
+    """Oracle -> what was last published in its name, and does not sign this vote."""
     due_s: float | None = None
     """Wall (monotonic) time at which this oracle posts the verdict; None while the votes are too few."""
     from_s: float = -math.inf
     """Site time before which the panel is too small for these votes."""
     refusals: int = 0
-    """How often a request to post was refused: the next one is another request."""
+    """Number of refused requests to post: the next one is another request."""
     posted: bool = False
 
 
@@ -127,7 +127,7 @@ class Votes:
         """By oracle, on whose key the signatures come."""
         self._repeated_s = 0.0
         self._acted_on: tuple[Mapping[str, int], Mapping[str, frozenset[str]]] | None = None
-        """By what the votes that are held were last counted."""
+        """Facts by which the held votes were last counted."""
         self._lock = threading.Lock()
 
     def run(self, stop: threading.Event) -> None:
@@ -190,7 +190,7 @@ class Votes:
             self.voters.forget()
 
     def held(self) -> list[dict[str, Any]]:
-        """The oracles that voted as this one did on what waits, and those that voted otherwise."""
+        """Oracles that voted as this one did on what waits, and those that voted otherwise."""
         with self._lock:
             return [
                 {
@@ -228,7 +228,7 @@ class Votes:
                 if signature not in early:
                     early.append(signature)
                 return
-            # What is not checked now is published again.
+            # Unchecked signatures are published again.
             if held.signatures.get(name) == signature or not self._checks.take(name, source):
                 return
         same = self._count(held, name, signature)
@@ -250,7 +250,7 @@ class Votes:
             known = held.others.get(name) == signature
             (held.signatures if same else held.others)[name] = signature
         if not same and not known:
-            # Which of both it is nobody can tell who has not seen its report.
+            # Nobody who has not seen its report can know which of both it is.
             log.warning(
                 "task %d attempt %d: %s votes otherwise, or somebody publishes in its name",
                 held.vote.task_id,
@@ -309,14 +309,14 @@ class Votes:
             return min((from_s for from_s in waiting if from_s > site_s), default=None)
 
     def _site_s(self) -> float:
-        """Before the clock was heard no window has ended, and no panel has grown."""
+        """Site time. Before the clock was heard no window has ended, and no panel has grown."""
         try:
             return self._clock.now_s()
         except ClockUnavailable:
             return -math.inf
 
     def post(self, key: Key) -> None:
-        """Post the verdict; what the contract does not count, or not yet, is left out."""
+        """Post the verdict; votes that the contract does not count, or not yet, are left out."""
         without: frozenset[str] = frozenset()
         later_s: list[float] = []
         while self._waits(*key):
@@ -360,7 +360,7 @@ class Votes:
         self._tell()
 
     def _request(self, held: _Held, agreed: Mapping[str, str]) -> PostVotes:
-        """The same votes again are the same request, which the bridge sends once, until it was refused."""
+        """The same votes are the same request, which the bridge sends once, until it was refused."""
         by = hashlib.sha256("".join(agreed.values()).encode()).hexdigest()[:32]
         return PostVotes(
             request_id=f"votes-{held.vote.task_id}-{held.vote.attempt}-{by}-{held.refusals}",
@@ -413,7 +413,7 @@ class Votes:
         self._bus.put_json(topics.VOTE.name(org=self._site.org, judge=self._name), sealed)
 
     def forget(self) -> None:
-        """What has its verdict."""
+        """Forget submissions that have their verdict."""
         with self._lock:
             known = [*self._held, *(key for _, key in self._early)]
         decided = {key for key in known if not self._waits(*key)}

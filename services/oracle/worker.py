@@ -64,7 +64,7 @@ class VerificationFailed(RodeoError):
 
 
 _NOT_STARTED = (EOFError, OSError)
-"""What a process raises whose fork server has ended, or does not start."""
+"""Errors when the fork server has ended, or does not start."""
 _STOP_SLICE_S = 0.2
 """Longest wait before a stop is noticed."""
 _SIGNAL_GRACE_S = 1.0
@@ -74,8 +74,8 @@ _SIGNAL_GRACE_S = 1.0
 def start(site: Site) -> dict[str, str | None]:
     """Start the process that verifications are forked from; returns when it has loaded what they need.
 
-    The rules that it judges by: kind -> hash, None where the kind's checks cannot be imported, or what they
-    ask cannot be read. Raises VerifierEnded.
+    Returns the rules that it judges by: kind -> hash, None where the kind's checks cannot be imported, or
+    what they ask cannot be read. Raises VerifierEnded.
     """
     context = _context_of(site)
     told, teller = context.Pipe(duplex=False)
@@ -83,7 +83,7 @@ def start(site: Site) -> dict[str, str | None]:
     try:
         child.start()
     except _NOT_STARTED as error:
-        # It loads the kinds' checks, which may raise whatever they like.
+        # The kinds' checks that it loads may raise anything.
         raise VerifierEnded("the process that verifies did not start", reason=repr(error)[:200]) from error
     teller.close()
     try:
@@ -109,15 +109,15 @@ def verify_apart(
     failed: int = 0,
 ) -> Report | None:
     """The report on a submitted proof; None when `stop` was set. `limits` are the site's own by default,
-    `copy` is the proof itself where it was had already, `failed` counts its verifications that did.
+    `copy` is the proof itself where it was fetched already, `failed` counts its failed verifications.
 
-    One that uses up its CPU time, hangs, crashes or runs out of memory raises VerificationFailed, the second
-    such is given up. If it cannot be started twice, that is undecided. `scratch` is where its folder goes,
-    which is removed. Raises EvidenceError when the proof could not be fetched, and DiskFull: both are for the
-    caller to wait for.
+    A verification that uses up its CPU time, hangs, crashes or runs out of memory raises VerificationFailed,
+    the second such is given up. If it cannot be started twice, the report is undecided. Its folder, which is
+    removed, goes into `scratch`. Raises EvidenceError when the proof could not be fetched, and DiskFull: both
+    are for the caller to wait for.
     """
     once = _once(site, chain_record, scratch, stop, limits or site.oracle, memory_bytes, copy)
-    # Signals that end the oracle may reach the child first: that is no fault of the proof.
+    # Signals that end the oracle may reach the child first, which is no fault of the proof.
     if once.report is not None or stop.wait(_SIGNAL_GRACE_S):
         return once.report
     task = chain_record.task
@@ -139,7 +139,7 @@ class _Once(NamedTuple):
     """Why there is no report."""
     began: bool = True
     acts: tuple[str, ...] = ()
-    """What the proof claims, as far as the child got."""
+    """The proof's claims, as far as the child got."""
 
 
 def _once(
@@ -189,10 +189,10 @@ def _once(
 
 @cache
 def _context(site_kinds: tuple[str, ...]) -> ForkServerContext:
-    """Children come from a process that has loaded already what they need: of a kind its checks, and what a
+    """Children are forked from a process that has loaded what they need: each kind's checks, and what a
     module `preload` beside them loads."""
     context = multiprocessing.get_context("forkserver")
-    # The fork server passes over what it cannot import: few kinds have a `preload`.
+    # The fork server skips modules that it cannot import: few kinds have a `preload`.
     loaded = [name for checks in site_kinds for name in (checks, f"{checks}.preload")]
     # The oracle's own is there for each child, which runs the oracle's main module again.
     own = ["services.oracle.worker", "services.oracle.process", "rodeo.checks.verify"]
@@ -205,9 +205,10 @@ def _context_of(site: Site) -> ForkServerContext:
 
 
 _REPORT, _AWAY = "report.json", "away.json"
-"""What a child leaves in its folder: one of them."""
+"""Files of which a child leaves one in its folder."""
 _ACTS = "acts.json"
-"""What it leaves before: people may accept what ended without a report, and then these acts are paid for."""
+"""Left earlier: people may accept a proof whose verification gave no report, and then these acts are paid
+for."""
 _NO_ROOM = 74
 """Exit status of a child that could leave none, because the disk is full: EX_IOERR of sysexits.h."""
 _AWAY_FOR: dict[str, type[RodeoError]] = {
@@ -221,7 +222,7 @@ _AWAY_FOR: dict[str, type[RodeoError]] = {
         DiskFull,
     )
 }
-"""What may keep a proof away, by its code."""
+"""Errors while a proof may be unavailable, by code."""
 
 
 @contextmanager
@@ -233,7 +234,7 @@ def _folder_in(scratch: Path) -> Iterator[str]:
 
 
 def _tell_rules(site: Site, teller: Connection) -> None:
-    """What the first child does: all others have the same modules, and so the same rules."""
+    """Sent by the first child: all others have the same modules, and so the same rules."""
     from rodeo.checks.rules import rules_hash
 
     found: dict[str, str | None] = {}
@@ -277,7 +278,7 @@ def _child(
 def verify_claiming(
     site: Site, chain_record: ChainRecord, folder: Path, copy: Path | None, **options: Any
 ) -> Report:
-    """`verify_submission`, which leaves in `folder` what the proof claims before it is checked."""
+    """`verify_submission`, which leaves the proof's claims in `folder` before they are checked."""
     # Imported here: the oracle itself has no use for MuJoCo.
     from rodeo.checks.verify import verify_submission
 

@@ -46,14 +46,14 @@ class Acceptance:
         return refusal
 
     def accept_others(self, current: Task, here: Pose2, busy_s: float) -> None:
-        """The same for all that is assigned beside the task that the robot works on: their grace periods may
-        be over before that is done."""
+        """Answer what is assigned beside the task that the robot works on: grace periods may end before that
+        is done."""
         for task in self._dao.given(self._behaviours):
             if task.id != current.id:
                 self.accept(task, here, busy_s)
 
     def _refusal(self, task: Task, here: Pose2, busy_s: float) -> TaskFailed | None:
-        """Why the task cannot be done, as far as one can tell before moving."""
+        """Why the task cannot be done, as far as is known before moving."""
         try:
             require_time_for_verdict(task, self._site)
             needs = self._behaviours[task.kind].weigh(task, here)

@@ -55,23 +55,23 @@ clock."""
 
 
 class Patience:
-    """Waits, and says once for what."""
+    """Waits, and reports once for what."""
 
     def __init__(self, process: Process, news: News, activity: Activity) -> None:
         self._keeps_wall_time = process.site.clock.keeps_wall_time
         self._clock, self._stop = process.clock, process.stop
         self.news, self._activity = news, activity
         self._complaint = ""
-        """What it waited for last; said once."""
+        """Reason of the last wait; reported once."""
 
     def wait_out(self, activity: str, wall_s: float, error: Exception) -> None:
-        """For `wall_s`, in which what is away may come back."""
+        """Wait `wall_s`, in which what is away may come back."""
         self._complain(activity, error)
         self._clock.wait_for(lambda: False, self._stop, wall_s=wall_s)
 
     def wait_refused(self, activity: str, wall_s: float, error: Exception) -> None:
-        """Until something happens on chain, or for long: nothing else changes what was refused. A simulated
-        clock continues meanwhile, or jumps, and when it is tried again does not depend on the machine."""
+        """Wait until something happens on chain, or for long: nothing else changes a refusal. A simulated
+        clock continues meanwhile, or jumps, and the time of the retry does not depend on the machine."""
         if self._keeps_wall_time:
             self.wait_out(activity, wall_s, error)
             return

@@ -158,7 +158,7 @@ class Senses:
         check_orders(self._process.stop, self.orders)
 
     def look(self) -> Situation:
-        """How things are. Of a robot that is off the body is not asked."""
+        """The present situation. The body of a robot that is off is not asked."""
         self.check()
         standing, body = self.orders.standing, self._idle.machine.body
         charge = self._dao.own_live_task(self._energy)
@@ -187,7 +187,7 @@ class Senses:
         )
 
     def keep(self, now: Situation, intent: Intent, reason: str) -> None:
-        """For whoever asks why."""
+        """Keep the decision for those who ask why."""
         charge = now.charge
         decided = Decided(
             time_s=round(self._process.clock.now_s(), 3),

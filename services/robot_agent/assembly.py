@@ -70,7 +70,7 @@ class _Parts:
         return Node(session, name, self.robot.namespace, domain_id, self.clock)
 
     def make_witness(self) -> Witness:
-        # The bus says where the robot stands and what it holds.
+        # The bus carries the robot's pose and what it holds.
         inputs: Inputs = "closed_bus" if bus_is_closed(self.site) else "open_bus"
         process, now_ns = self.process, self.clock.now_ns
         witness = Witness(
@@ -125,7 +125,7 @@ class _Parts:
     ) -> Orders:
         def on_order(order: Order) -> None:
             if order in (Order.STOP, Order.RESUME):
-                # From here, because it must not wait for what the robot is doing.
+                # Done here, because it must not wait for the robot's work.
                 machine.body.emergency_stop(order is Order.STOP)
             news.notice()
 

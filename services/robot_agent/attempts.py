@@ -63,7 +63,7 @@ class Attempts:
 
     def _wait_given_back(self, task: Task, why: str) -> None:
         self._idle.activity.report(f"gave task {task.id} back: {why}")
-        self._idle.wait_for_news()  # the index is about to say so
+        self._idle.wait_for_news()  # the index is about to show it
 
     def _gives_back(self, task: Task, journal: Journal) -> bool:
         """Whether a proof would only cost something, and giving the task back costs nothing yet."""
@@ -93,14 +93,14 @@ class Attempts:
             # Work that failed, or was interrupted, may have left the robot in somebody's way.
             self._skills.behaviours[task.kind].tidy()
         if journal.phase == Phase.SUBMITTED:
-            self._idle.wait_for_news()  # the index is about to say so
+            self._idle.wait_for_news()  # the index is about to show it
             if (now := self._dao.task(task.id)).state == "assigned" and now.nonce == task.nonce:
                 # A reorganization took the proof back. One that is on its way is not sent twice.
                 log.warning("the chain has no proof of task %d yet; submitting it again", task.id)
                 self._submit(task, journal, folder)
 
     def _close_services_first(self, task: Task) -> None:
-        """Before the task's end frees a service, and the next one that waits is given to it."""
+        """Close services before the task's end frees one, which the next waiting task would get."""
         try:
             self._offers.close(self._skills.behaviours)
         except RemoteError as error:

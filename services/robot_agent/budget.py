@@ -16,7 +16,7 @@ class HourlyBudget:
         self._used_s = 0.0
 
     def use(self, began_s: float, lasted_s: float) -> None:
-        """Count what lasted so long, in the hour in which it began."""
+        """Count a span of so many seconds, in the hour in which it began."""
         hour = int(began_s // _HOUR_S)
         if hour != self._hour:
             self._hour, self._used_s = hour, 0.0

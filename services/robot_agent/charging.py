@@ -34,7 +34,7 @@ _LOOK_WALL_S = 1.0
 
 class Tell(Protocol):
     def __call__(self, text: str, progress: float, left_s: float | None = None) -> None:
-        """What is being done, how much of it is (0..1), and the site time that it still takes."""
+        """Reports what is being done, its share (0..1), and the site time that it still takes."""
 
 
 def left_s(begun: tuple[float, float], now: tuple[float, float], target: float) -> float | None:
@@ -77,8 +77,8 @@ class Charging:
         Raises CapReached, RemoteError (no money, no such kind) and BusError. A charge that an operator
         `ordered` goes to the full even if the battery is above the usual target.
 
-        The request id changes with the number of charging tasks there are: asked again after a crash, the
-        bridge gives the first answer instead of posting a second task.
+        The request id changes with the number of charging tasks there are: repeated after a crash, it gets
+        the bridge's first answer instead of posting a second task.
         """
         offers = self._dock_offers()
         target, dock = self._site.agent.charge_target, self._choose_dock(offers)
@@ -97,7 +97,7 @@ class Charging:
             },
             description=f"Charge {self._robot} at {dock.name} to {target:.0%}",
             execution_window_s=self._energy.execution_window_s,
-            # Who sells elsewhere, or cheaper, cannot charge a robot that stands at this dock.
+            # Sellers elsewhere, or cheaper ones, cannot charge a robot that stands at this dock.
             service_id=offers[dock.name].id if dock.name in offers else None,
         )
         return self._dao.post(request, self._clock.now_s(), self._site.agent.daily_spending_cap_iec)
@@ -108,7 +108,7 @@ class Charging:
         return dock_offers(found.services, self._site)
 
     def _choose_dock(self, offers: Mapping[str, Offer]) -> DockConfig:
-        """One that is open. Of those, where the fewest charges are ordered already; of those, the nearest."""
+        """An open dock. Of those, one with the fewest ordered charges; of those, the nearest."""
         live = [
             task
             for state in ("open", "assigned")
@@ -169,7 +169,7 @@ class Charging:
         self._manipulator.leave(dock_parking(dock))
 
     def _wait(self, wake: threading.Event) -> None:
-        """Until something happens on chain or it is time to look again."""
+        """Wait until something happens on chain or it is time to look again."""
         check = self._body.interrupts.check
         self._clock.wait_for(wake.is_set, wall_s=_LOOK_WALL_S, check=check, resting=True)
         wake.clear()

@@ -1,4 +1,4 @@
-"""What the robot does next, from what is so. A pure function: the whole policy can be read here."""
+"""What the robot does next, from its situation. A pure function: the whole policy can be read here."""
 
 from __future__ import annotations
 

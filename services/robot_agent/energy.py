@@ -19,9 +19,9 @@ _FIRST_HANDLING_S = 120.0
 _WEIGHT = 0.2
 """Weight of a new measurement against all before it."""
 _LONGEST_GAP_S = 10.0
-"""Battery messages further apart were not heard in between: nothing is counted."""
+"""Battery messages further apart do not count what was in between."""
 _SPEED_MEMORY_S = 300.0
-"""The mean speed is that over about so much driving."""
+"""Driving time over which the mean speed is taken, about."""
 _SHORTEST_S = 5.0
 """Less time says little about the mean power."""
 

@@ -123,7 +123,7 @@ class Execution:
     def run(self, task: Task, recording: Recording, done: Irrevocable | None) -> AgentError | None:
         """The physical work, or what is left of it after what is `done` for good.
 
-        A failure goes on record and is returned; the oracle says what it is worth.
+        A failure is recorded and returned; the oracle judges it.
         """
         outside = self._assignments.checks(
             task,
@@ -149,7 +149,7 @@ class Execution:
                 else:
                     self._begin(work)
             duration_s = self._clock.now_s() - started_s
-        except (TaskFailed, Blocked, Cancelled) as error:  # of Blocked, waiting was the retry
+        except (TaskFailed, Blocked, Cancelled) as error:  # Blocked has waited already, which was the retry
             log.error("task %d failed: %s", task.id, error)
             self._activity.report(f"giving up: {error.message}")
             recording.note({"event": "execution_failed", **error.to_json()})
@@ -170,7 +170,7 @@ class Execution:
             ) from error
 
     def _abort(self) -> None:
-        """Leave the arm folded, and on record how things are."""
+        """Fold the arm, and record the state."""
         try:
             self._machine.hands.fold()
         except (MotionFailed, Unreachable) as error:
@@ -233,8 +233,8 @@ class Records:
     def _record(self, task: Task, journal: Journal, folder: Path) -> None:
         """Do the work while it is recorded.
 
-        A recording with a hole in the work proves little, so what was interrupted begins again: with nothing
-        in the gripper, in a new recording. Where something was done for good the old recording continues.
+        A recording with a hole in the work proves little, so interrupted work begins again: with nothing in
+        the gripper, in a new recording. Where something was done for good the old recording continues.
         """
         path = folder / "recording.mcap"
         if problem := self._process.look_at_disk():
@@ -243,7 +243,7 @@ class Records:
             self._machine.put_back(held, self._activity.report)
         done = self._skills.behaviours[task.kind].irrevocable(path) if path.exists() else None
         if done is not None and done.complete:
-            journal.advance(folder, Phase.EXECUTED)  # interrupted when everything was said
+            journal.advance(folder, Phase.EXECUTED)  # interrupted after everything was stated
             return
         if held is not None:
             done = None

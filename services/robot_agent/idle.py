@@ -21,8 +21,8 @@ log = logging.getLogger(__name__)
 _IDLE_WALL_S, _IDLE_S = 2.0, 600.0
 """Longest wall and site time without a look at chain and battery while nothing happens."""
 _ASTRAY_S, _ASTRAY_TRIES = 30.0, 40
-"""A robot that did not get home tries again after so long (site time), and so often: elsewhere it may stand
-in another's way, switched off for the whole night."""
+"""A robot that did not get home tries again after so long (site time), and so many times: elsewhere it may
+stand in another's way, switched off for the whole night."""
 
 
 class Distracted(AgentError):
@@ -54,7 +54,7 @@ class Idle:
         self._astray = 0
         """Tries in a row to get home that failed."""
         self.off_since: Situation | None = None
-        """How things were when the robot was switched off; None while it is on."""
+        """The situation when the robot was switched off; None while it is on."""
 
     @property
     def off_duty(self) -> bool:
@@ -65,7 +65,7 @@ class Idle:
         return self._exploring.is_used_up(self._clock.now_s())
 
     def switch_on(self) -> bool:
-        """Whether the robot was off: from now on the body is asked again."""
+        """Switch the robot on; whether it was off. From now on the body is asked again."""
         self.machine.body.switch_on()
         if self.off_since is None:
             return False
@@ -163,7 +163,7 @@ class Idle:
 
     @property
     def _leaves_the_wall(self) -> bool:
-        """Whether site time goes as fast as can be, and nothing that the robot does may depend on the wall's:
+        """Whether site time runs as fast as it can, and nothing that the robot does may depend on the wall's:
         how long a clock stands for others is the machine's choice."""
         clock = self._site.clock
         return not clock.keeps_wall_time and clock.speed == clock.idle_speed == 0

@@ -21,7 +21,7 @@ _FOREIGN = "of-another-assignment"
 
 class Phase(StrEnum):
     EXECUTING = "executing"
-    """Physical work; where it stands is perceived, not remembered."""
+    """Physical work; its progress is perceived, not remembered."""
     EXECUTED = "executed"
     """The work is over, well or badly; the recording has to be sealed."""
     SEALED = "sealed"
@@ -37,7 +37,7 @@ class Journal(BaseModel):
     assignment: Assignment
     phase: Phase = Phase.EXECUTING
     failure: str | None = None
-    """Why the work could not be done; the recording is submitted all the same and says so."""
+    """Why the work could not be done; the recording is submitted all the same and shows it."""
     unproven: bool = False
     """It failed for a reason that is not the robot's, and that a proof cannot show."""
     proof_sha256: str | None = None
@@ -103,7 +103,7 @@ def _damaged(path: Path, assignment: Assignment, error: OSError | ValidationErro
 
 
 class _Whose(BaseModel):
-    """The owner of a journal, by what any version of it said."""
+    """The owner of a journal, as any version of it was written."""
 
     assignment: Assignment | None = None
 

@@ -1,4 +1,4 @@
-"""What the robot hears of the chain: it wakes the mind, and goes into the recording of its task."""
+"""Events of the chain: they wake the mind, and go into the recording of its task."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class News:
         self._recorded_task: int | None = None
 
     def start(self) -> None:
-        """Threads that wait for news hear that the process is asked to end."""
+        """Wake threads that wait for news when the process is asked to end."""
         threading.Thread(target=self._wake_to_stop, name="stop", daemon=True).start()
 
     def _wake_to_stop(self) -> None:

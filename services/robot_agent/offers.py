@@ -25,14 +25,14 @@ _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
 
 class Turns:
-    """On a site with a seed and several robots: who does something first, so that a run can be repeated."""
+    """Order in which robots act, on a site with a seed and several robots, so that a run can be repeated."""
 
     def __init__(self, process: Process, robot: RobotConfig, dao: RobotParticipant, news: News) -> None:
         self._site: Site = process.site
         self._clock: Clock = process.clock
         self._stop, self._robot, self._dao, self._news = process.stop, robot, dao, news
         self._has_begun_in_order = False
-        """Whether it has let those robots begin that are before it in the site file."""
+        """Whether it has let the robots before it in the site file begin."""
 
     @property
     def _is_one_of_several(self) -> bool:
@@ -41,8 +41,8 @@ class Turns:
         return len(self._site.robots) > 1 and clock.seed is not None and not clock.keeps_wall_time
 
     def take_slot(self) -> None:
-        """Begin a step in one of this robot's own control periods, none of which is another's. What two do at
-        the same site time reaches the chain in an order that the machine chooses."""
+        """Begin a step in one of the control periods that are this robot's alone. Actions of two robots at
+        the same site time reach the chain in an order that the machine chooses."""
         if not self._is_one_of_several:
             return
         robots = self._site.robots
@@ -54,7 +54,7 @@ class Turns:
 
     def let_others_begin(self, report: Callable[[str], None], check: Callable[[], None]) -> None:
         """Before the first offer: robots begin in the order of the site file, because how long each takes to
-        start is the machine's choice, and who has offered first is matched first."""
+        start is the machine's choice, and the first to offer is matched first."""
         if not self._is_one_of_several or self._has_begun_in_order:
             return
         robots, end_s = self._site.robots, self._clock.now_s() + _IN_ORDER_S
@@ -76,7 +76,7 @@ class Turns:
 
 
 class Offers:
-    """What the robot offers to the organization, and who is paid for it."""
+    """The robot's offers to the organization, and who is paid for its work."""
 
     def __init__(
         self, robot: RobotConfig, dao: RobotParticipant, skills: Skills, prices: Prices, clock: Clock
@@ -95,7 +95,7 @@ class Offers:
         return self._robot.schedule.time_of_day(self.rests_until_s) if rests else None
 
     def name_payout(self) -> None:
-        """Before the first offer: whoever takes this machine's key later does not get what it earns."""
+        """Called before the first offer: a later thief of this machine's key does not get what it earns."""
         if self._payout is None:
             return
         paid = self._dao.name_payout(self._payout)
@@ -113,7 +113,7 @@ class Offers:
 
         A pause does not put off what the robot has been given already, so that is done first.
         """
-        # In the order of the site file: a set of names has another in each process, and who offers first is
+        # In the order of the site file: a set of names has another in each process, and the first to offer is
         # matched first.
         self.rests_until_s = 0.0
         for name in [name for name in self._skills.behaviours if name in wanted]:

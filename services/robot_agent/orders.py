@@ -50,12 +50,12 @@ class Standing(BaseModel):
     charge: bool = False
     """Until the charge is bought."""
     cancel: str | None = None
-    """Nonce of the assignment to give up. Task and attempt would be another one's on another chain."""
+    """Nonce of the assignment to give up: on another chain task and attempt would be another one's."""
 
     @field_validator("cancel", mode="before")
     @classmethod
     def _of_before(cls, value: Any) -> Any:
-        # Task and attempt, as it was written once: which chain's nobody knows.
+        # Task and attempt, as once written: of an unknown chain.
         return None if isinstance(value, list) else value
 
 
@@ -145,8 +145,8 @@ class Orders:
         return self._answer()
 
     def _stop(self) -> None:
-        """A robot that is to stop does so on a full disk, too; whoever ordered it hears that a restart would
-        forget it. Raises DiskFull."""
+        """Stop also on a full disk; the operator then learns that a restart would forget it. Raises
+        DiskFull."""
         try:
             self._keep(stopped=True)
         except DiskFull:

@@ -40,8 +40,8 @@ class RobotParticipant(Participant):
         return self.ask(queries.TASKS, kind=kind, limit=1).total
 
     def require_within_cap(self, kind: str, more_iec: Decimal, now_s: float, cap_iec: Decimal) -> None:
-        """Raises CapReached when 24 hours would cost more than `cap_iec` with `more_iec` for this kind. What
-        came back from own tasks costs nothing."""
+        """Raises CapReached when 24 hours would cost more than `cap_iec` with `more_iec` for this kind.
+        Refunds of own tasks cost nothing."""
         recent = [task for task in self.tasks(creator=self.name) if task.registered >= now_s - DAY_S]
         spent_iec = sum((task.reward_iec - task.refunded_iec for task in recent), Decimal(0))
         if spent_iec + more_iec > cap_iec:

@@ -167,7 +167,7 @@ class Care:
         """Kind of care -> task and its next reward, until the organization has confirmed it."""
 
     def ask(self) -> None:
-        """Post the maintenance tasks that are due. What is refused is asked again later. Raises BusError."""
+        """Post the maintenance tasks that are due. Refused requests are repeated later. Raises BusError."""
         for care in self._site.agent.maintenance:
             if time.monotonic() < self._ask_again_s:
                 return

@@ -29,11 +29,11 @@ class Sender(NamedTuple):
 
 
 class Commander:
-    """The node whose goals and velocities the robot in `namespace` follows; `warn(text)` hears of those
+    """The node whose goals and velocities the robot in `namespace` follows; `warn(text)` is called for those
     that are refused.
 
-    A sender is known by the liveliness token of its endpoint, which ends with its session. One whose gid is
-    not made as `rodeo.ros2` makes it is nobody's in particular, and is followed while there is no commander.
+    A sender is known by the liveliness token of its endpoint, which ends with its session. A sender whose gid
+    is not made as `rodeo.ros2` makes it is nobody in particular, and is followed while there is no commander.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Commander:
         names = [f"{action.name(ns=namespace)}/_action/send_goal" for action in _ACTIONS]
         expressions = [wire.clients_expression(domain_id, name) for name in names]
         expressions.append(wire.publishers_expression(domain_id, topics.CMD_VEL.name(ns=namespace)))
-        # While it is received, or the first goal of one more client of the commander overtakes its token.
+        # Handled while it is received: else another client's first goal overtakes its token.
         self._graph = [
             session.liveliness().declare_subscriber(expression, direct(self._on_token), history=True)
             for expression in expressions

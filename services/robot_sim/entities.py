@@ -17,8 +17,8 @@ _OUTSIDE_M = (0.0, 0.0, -10.0)
 
 
 _DELAY_NS = 60_000_000
-"""A state that comes with its time is shown so much later, between those of before and after: whoever
-tells it is late now and then, and what has not been told yet would have to be guessed."""
+"""Delay with which a state that comes with its time is shown, between those of before and after: its sender
+is late now and then, and states not yet received would have to be guessed."""
 _SILENT_NS = 1_000_000_000
 """Silence after which no more states of an entity are expected; an item is then let go."""
 
@@ -40,7 +40,7 @@ class EntityState:
     angular_rad_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,), likewise"""
     time_ns: int = 0
-    """When that was so; what is not about now is of another clock than the lab's, and counts as now."""
+    """Time of the state; one that is not about now is of another clock than the lab's, and counts as now."""
 
 
 def between(before: EntityState, after: EntityState, time_ns: int) -> EntityState:
@@ -81,7 +81,8 @@ class Entities:
         return (*self._items, *self._placed)
 
     def settle(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Let what is outside the lab touch nothing; to find that out takes a tenth of the physics."""
+        """Exclude entities outside the lab from contacts: to find that they touch nothing takes a tenth of
+        the physics."""
         for name in OBSTACLES:
             body = model.body(name)
             inside = data.mocap_pos[body.mocapid[0], 2] > _OUTSIDE_M[2] / 2
@@ -122,8 +123,8 @@ class Entities:
             joint.qvel[:3] = state.linear_m_s
             back = state.quat_wxyz * (1, -1, -1, -1)
             mujoco.mju_rotVecQuat(joint.qvel[3:], state.angular_rad_s, back)
-            # What it touched is loaded otherwise now. A body that has rested long enough falls asleep in the
-            # next step, which judges by the speeds before it: it would stay as it is, load and all.
+            # Bodies that it touched are loaded otherwise now. A body that has rested long enough falls asleep
+            # in the next step, which judges by the speeds before it: it would stay as it is, load and all.
             asleep = data.tree_asleep
             asleep[asleep < 0] = -(1 + mujoco.mjMINAWAKE)
         else:

@@ -1,6 +1,6 @@
-"""For whom the clock waits: processes that work on what the simulation sent, or have something to do now.
+"""Processes for which the clock waits: they work on what the simulation sent, or have something to do now.
 
-The decision is `docs/decisions/0027-time-that-waits.md`, what they say of themselves `rodeo.bus.holding`.
+The decision is `docs/decisions/0027-time-that-waits.md`, their reports are in `rodeo.bus.holding`.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ log = logging.getLogger(__name__)
 LONG_S = 5.0
 """Wall time after which a process that holds the clock is named."""
 _REPEAT_S = 1.0
-"""Wall time after which those who hold the clock are asked again: with a router that ends a mark, or what was
-said last, is lost."""
+"""Wall time after which holders of the clock are asked again: with a router that ends a mark, or the last
+report, is lost."""
 _BEGIN_S = 1.0
-"""Wall time that those who are there when the simulation begins have to say how they are."""
+"""Wall time in which processes that are there when the simulation begins have to report."""
 
 
 class Session(NamedTuple):
-    """A holder of the clock: what a process said ends with the session in which it said it."""
+    """A holder of the clock: a process's report ends with the session that sent it."""
 
     process: str
     id: str
@@ -71,14 +71,15 @@ def _expected(site: Site) -> frozenset[str]:
 
 
 class Holders:
-    """What everybody said last who holds the clock. `may_pass` is for the simulation's thread.
+    """The last reports of all holders of the clock. `may_pass` is for the simulation's thread.
 
     Args:
-        wake: called when somebody said something, from Zenoh's threads.
-        warn: hears who holds the clock for longer than LONG_S, and with an empty text that it continues.
+        wake: called when a report arrives, from Zenoh's threads.
+        warn: called with who holds the clock for longer than LONG_S, and with an empty text when it
+            continues.
         asking: a session that asks who is there, and subscribes to nothing. One that subscribes to tokens,
             too, gets an empty answer to one question in a hundred (zenoh 1.10).
-        missing: who of the simulation's own is not up yet, for an experiment that begins with everybody.
+        missing: parts of the simulation that are not up yet, for an experiment that begins with everybody.
         taken: waits until the router has taken what was sent by other sessions than this bus's; False when it
             has not, and the mark is lost.
     """
@@ -103,27 +104,27 @@ class Holders:
         self._seen: dict[Session, _Seen] = {}
         self._bus, self._org = bus, site.org
         self._marks: dict[str, zenoh.Publisher] = {}
-        """By whom they are for."""
+        """By recipient."""
         self._number = 0
         self._unsent: tuple[int, Sequence[str]] | None = None
         """A mark that is still to be sent: its number, and to whom."""
         self._marked_ns = -1
         self._marked_s = -math.inf
         self._asked = 0
-        """Number of the last mark that was not only sent again."""
+        """Number of the last mark that was no repeat."""
         self._awaited: set[Session] = set()
         """Sessions that have not answered that mark."""
         self._asks = False
         """Whether something was sent since the last mark."""
         self._free_until_ns = 0
-        """Until then nobody has to be looked at, unless something happens."""
+        """Site time until which nobody has to be looked at, unless something happens."""
         self._held_since_s: float | None = None
         self._late_since_s: dict[Session, float] = {}
         """Holders of the clock now, and since when (monotonic)."""
         self.waited_s = 0.0
-        """Wall time for which the clock stood still for somebody."""
+        """Wall time for which the clock stood still for holders."""
         self._there: set[Session] = set()
-        """Sessions whose token is there. A token's end may overtake what its session said last."""
+        """Sessions whose token is there. A token's end may overtake its session's last report."""
         self._asking = asking
         liveliness = bus.session.liveliness()
         self._everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
@@ -161,8 +162,8 @@ class Holders:
                 self._seen[session] = _Seen(hold, 0)
             else:
                 seen.hold = hold
-            # An answer may take longer than until the mark is sent again. What was heard of a simulator that
-            # ran before is no answer.
+            # An answer may take longer than until the mark is sent again. A reply to a simulator that ran
+            # before is no answer.
             if self._asked <= hold.heard <= self._number:
                 self._awaited.discard(session)
             self._free_until_ns = 0
@@ -188,9 +189,9 @@ class Holders:
         self._wake()
 
     def _ask_who_is_there(self) -> None:
-        """Whoever holds the clock up and has no token any more has left: its token's end was not heard.
+        """A holder of the clock that has no token any more has left: its token's end was not heard.
 
-        Of a router that has just answered: without one, a question ends at once and finds nobody.
+        Ask only a router that has just answered: without one, a query ends at once and finds nobody.
         """
         late = set(self._late())
         there: set[Session] = set()
@@ -219,14 +220,14 @@ class Holders:
     # -- the simulation's thread -----------------------------------------------------------------------
 
     def sent(self) -> None:
-        """Something was sent that somebody acts on: the clock waits until it is taken."""
+        """Something was sent that a process acts on: the clock waits until it is received."""
         with self._lock:
             self._asks = True
             self._free_until_ns = 0
 
     def may_pass(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
-        """Whether the time may continue from `now_ns`. What must be sent for it goes through `then`, in order
-        with everything else. After False, `wake` is called when it is worth while to ask again."""
+        """Whether the time may continue from `now_ns`. Messages for it go through `then`, in order with
+        everything else. After False, `wake` is called when asking again may help."""
         if now_ns < self._free_until_ns:
             return True
         passes = not self._missing or self._everybody_came(now_ns)
@@ -274,7 +275,7 @@ class Holders:
             self._mark(now_ns)
             return False
         if self._marked_ns != now_ns and (due := self._due(now_ns)):
-            # Nothing came for the others that they might act on: they need not answer.
+            # The others got nothing to act on: they need not answer.
             self._mark(now_ns, due)
             return False
         self._free_until_ns = self._next_ns
@@ -296,7 +297,7 @@ class Holders:
         self._asked = self._number
 
     def _send_mark(self, to: Sequence[str] = (EVERYBODY,)) -> None:
-        """Also again: who has answered and what was sent or worked since the mark stay as they are."""
+        """Send the mark, or repeat it: answers, and what was sent or worked since it, stay as they are."""
         self._number += 1
         self._marked_s = time.monotonic()
         self._unsent = self._number, to

@@ -31,33 +31,34 @@ _EARLY_S = 0.001
 """Waits shorter than this cost more than they are worth."""
 _STOP_CHECK_S = 0.1
 JUMP_NS = 600 * 1_000_000_000
-"""Longest jump over what is empty: the battery is published that often."""
+"""Longest jump over idle time: the battery is published that often."""
 
 
 def _nothing() -> None:
-    """What only wakes the loop up."""
+    """Only wakes the loop."""
 
 
 class SimulationStopped(RodeoError):
-    """The simulation has ended; nothing can be asked of it."""
+    """The simulation has ended and takes no more calls."""
 
 
 class Publisher(Protocol):
-    """What shows the world to others."""
+    """Publishes the world."""
 
     def publish(self, skipped: bool) -> None:
         """Add what is to be shown to the publish queue, between two control periods."""
         ...
 
     def publish_power(self, due: bool) -> None:
-        """Like `publish`, where nothing but power flows and nobody needs to see how nothing moves; with the
-        time, where somebody has something to do now."""
+        """`publish` while only power flows and nobody needs to see how nothing moves; with the time, where
+        somebody has something to do now."""
         ...
 
 
 class Turn:
-    """An action's say in the time: it does not continue before what was asked for has begun, nor from its end
-    until that is published. What has to wait `after` another turn has no say before that is over."""
+    """An action's hold on the time, which does not continue before the requested motion has begun, nor from
+    its end until that is published. A turn that waits `after` another one holds nothing before that is
+    over."""
 
     def __init__(self, after: Turn | None = None) -> None:
         self.over = False
@@ -78,8 +79,8 @@ class Turn:
         return self._running
 
     def end_wait(self, now_ns: int) -> None:
-        """At the first period that is late enough, by the loop: a thread that looked for itself would be late
-        by as much as the machine lets it."""
+        """End the wait at the first period that is late enough, in the loop: a thread of its own would be
+        late by as much as the machine lets it."""
         if self.until_ns is not None and (now_ns >= self.until_ns or self._cancelled()):
             self.until_ns = None
             assert self._running is not None
@@ -100,11 +101,9 @@ class Turn:
 
 
 class Loop:
-    """Args:
-    stop: ends `run`.
-    limited: the speed that the clock may have now where it is to have the one given.
-    keeps_wall_time: the simulation's time is the wall's. It begins there, and what the machine does not come
-        to simulate is skipped.
+    """Args: stop: ends `run`. limited: the speed that the clock may have now, from the wanted one.
+    keeps_wall_time: the simulation's time is the wall's. It begins there, and time that the machine cannot
+    simulate is skipped.
     """
 
     def __init__(
@@ -163,29 +162,29 @@ class Loop:
     def settle(self) -> None:
         """Return when all that was published until now is on the bus, or when the simulation has stopped.
 
-        Whoever hears how a motion ended has seen where it ended.
+        A client that hears how a motion ended has seen where it ended.
         """
         with suppress(SimulationStopped):
             self.call(lambda: self._then(_nothing))
 
     @contextmanager
     def turn(self, after: Turn | None = None) -> Iterator[Turn]:
-        """Around all that an action does for one goal, from before anybody hears that it is accepted: whoever
-        does lets go of the clock."""
+        """Context of all that an action does for one goal, from before its client hears that it is accepted,
+        and lets go of the clock."""
         turn = Turn(after)
         with self._turns_lock:
             self._turns.add(turn)
         try:
             yield turn
         finally:
-            # One that stayed would stop the time indefinitely.
+            # A turn that stayed would stop the time indefinitely.
             turn.over = True
             with self._turns_lock:
                 self._turns.discard(turn)
             self.sent()
 
     def sent(self) -> None:
-        """Somebody acts on what was sent: the clock waits until it is taken."""
+        """Something was sent that a process acts on: the clock waits until it is received."""
         if self.holders is not None:
             self.holders.sent()
             self.wake()
@@ -202,7 +201,7 @@ class Loop:
     def run(self, publisher: Publisher) -> None:
         """Advance until the end; afterwards all motion has ended as cancelled. Raises what sending raised."""
         if self._keeps_wall_time:
-            # Only now: what was loaded until here took its time.
+            # Only now, because loading took its time.
             self.simulation.time_ns = max(self.simulation.time_ns, time.time_ns())
         while not self._stop.is_set():
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
@@ -215,7 +214,7 @@ class Loop:
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if emptiness != self._emptiness:
-                # Something was asked for meanwhile, or whoever was waited for rests now.
+                # Something was asked for meanwhile, or a holder of the clock rests now.
                 continue
             if skipping:
                 # The limit may have changed while somebody held the clock.
@@ -239,7 +238,7 @@ class Loop:
         if behind_s > _LATE_S and self._keeps_wall_time:
             self._skip(behind_s)
         elif self._speed != speed or behind_s > _LATE_S:
-            # What the clock is ahead is still waited for: a limit that changes with each jump would be none.
+            # The clock still waits for its lead: a limit that changes with each jump would be none.
             ahead_s = max(0.0, self._early_s(self._speed))
             self._speed, self._anchor_wall_s, self._anchor_ns = (
                 speed,
@@ -271,14 +270,13 @@ class Loop:
         return self.holders is not None and self.holders.next_ns <= self.simulation.time_ns
 
     def _stride_ns(self, speed: float) -> int:
-        """So much nothing is skipped at once at this speed: up to when somebody has something to do, in whole
-        periods."""
+        """Idle time skipped at once at this speed: until somebody has something to do, in whole periods."""
         most_ns = IDLE_PERIOD_NS if self.simulation.parked else JUMP_NS
         if speed:
             # No more than a period's wall time at once: a person's last minutes must not pass in one jump.
             most_ns = min(most_ns, max(1, int(speed)) * PERIOD_NS)
         left_ns = self._next_ns - self.simulation.time_ns
-        # In whole numbers: what somebody on the bus says may be no float any more.
+        # In whole numbers: a time from the bus may be too large for a float.
         return min(most_ns, max(1, -(-left_ns // PERIOD_NS)) * PERIOD_NS)
 
     @property

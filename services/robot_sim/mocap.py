@@ -1,6 +1,6 @@
 """The lab's motion capture: publishes the poses of bodies and signs what it saw.
 
-It works without its key (a simulator needs no organization); then poses go out that nobody vouches for.
+It works without its key (a simulator needs no organization); then its poses go out unsigned.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class MotionCapture:
                 Motion, now_us * 1e-6, lambda seq: motion.take(now_us, seq)._asdict()
             )
         except DiskFull as error:
-            # The world continues. What nobody vouches for is seen to be missing.
+            # The world continues. The missing statements are noticed later.
             if not self._full:
                 log.error("motion capture publishes no statements: %s", error)
             self._full = True
@@ -120,7 +120,7 @@ class MotionCapture:
         return frozenset([NAME] if witness is None or witness.chain is None else [])
 
     def stall(self, from_ns: int, to_ns: int) -> None:
-        """The lab stood still in this time: the next statement says so."""
+        """The lab stood still in this time, which goes into the next statement."""
         if self._log is not None:
             self._log.stall(from_ns // 1000, to_ns // 1000)
 

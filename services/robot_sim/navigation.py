@@ -264,7 +264,7 @@ class BaseDriver:
             yield Twist2(0.0, math.copysign(max(SLOWEST_RAD_S, speed), error))
 
     def _settle(self) -> Iterator[Twist2]:
-        """Until the base has stood for STANDING_S: whoever hears of the arrival sees it where it stays."""
+        """Until the base has stood for STANDING_S: clients that hear of the arrival see it where it stays."""
         periods = round(STANDING_S / CONTROL_PERIOD_S)
         stood = 0
         while stood < periods:

@@ -1,9 +1,9 @@
 """How fast the clock may go for people's sake: they have a task, or a proof to judge, and live by the wall.
 
-The bridge's index knows who has what until when. It is asked after each event on chain, and now and then.
-From an event that may give a person something to do the clock stands until the index has answered, for some
-seconds at most. What it said last holds while it is silent. Before it has said anything, or where it is
-silent after such an event, a site with participants goes at the wall's speed: one of them may be at work.
+The bridge's index knows people's tasks and deadlines. It is asked after each event on chain, and now and
+then. From an event that may give a person something to do the clock stands until the index has answered, for
+some seconds at most. Its last answer holds while it is silent. Before its first answer, or where it is silent
+after such an event, a site with participants runs at the wall's speed: one of them may be at work.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ GIVES_WORK = frozenset(
         "EventUndone",
     }
 )
-"""Events after which a person may have a task, or a proof to judge, who had none before."""
+"""Events that may give a task, or a proof to judge, to a person who had none."""
 _QUERY_S = 2.0
 _PAGE = 500
 MARGIN = 0.97
-"""Share of the speed that would do: a period of the clock too many must not shorten anybody's window."""
+"""Share of the sufficient speed: a period of the clock too many must not shorten anybody's window."""
 _CHANGED = 0.02
 """Share by which the speed must differ to be another one: each change costs the clock a part of a period."""
 
@@ -57,7 +57,7 @@ Key = tuple[int, int, str]
 class PeoplesTime:
     """The limit of the clock's speed; `limit` and `task_id` are read from other threads.
 
-    `now_s` tells the site's time.
+    `now_s` returns the site's time.
     """
 
     def __init__(self, bus: Bus, site: Site, now_s: Callable[[], float]) -> None:
@@ -107,7 +107,8 @@ class PeoplesTime:
 
     @property
     def stands(self) -> bool:
-        """Whether the clock has to stand: nobody knows yet whether an event gave a person something to do."""
+        """Whether the clock has to stand: it is not known yet whether an event gave a person something to
+        do."""
         return self._unanswered_since_s is not None and not self._silent
 
     @property
@@ -222,7 +223,7 @@ class PeoplesTime:
 
 
 def _waiting(task: Task) -> str:
-    """Its state. To accept it, and to do it, are each given their time, and so is each instance of judges who
+    """The task's state. Accepting and doing it each get their time, and so does each instance of judges who
     decide about a challenge."""
     if task.accepted and task.state == "assigned":
         return "accepted"

@@ -38,7 +38,7 @@ _SECOND_TICKS = 50
 _CLOCK_WALL_PERIOD_S = 0.01
 _CLOCK_PERIOD_NS = 5_000_000_000
 _SHOWN_M, _FELL_N = 0.02, 0.05
-"""By so much a reading of the bin has changed when the bin may act on it."""
+"""Change of a bin's reading on which the bin may act."""
 _NOTHING_SHOWN = -1e3
 _FINGER_SIDES = np.array([1.0, -1.0])
 
@@ -116,8 +116,8 @@ class DockPlane:
         self._watch((supply.connected, supply.current_a > 0))
 
     def _watch(self, stands: tuple[bool, bool]) -> None:
-        """The dock acts on robots and on power that come or go. When it acts on how much has come, it says
-        itself."""
+        """The dock acts on robots and on power that come or go. The dock itself announces when it acts on how
+        much has come."""
         if stands != self._told:
             self._told = stands
             self._loop.sent()
@@ -157,13 +157,13 @@ class LabPlane:
         )
 
     def stall(self, stalls_ns: Sequence[tuple[int, int]]) -> None:
-        """Time was skipped. What is stamped afterwards must not reach anybody before the time does."""
+        """Time was skipped. Messages stamped afterwards must not reach anybody before the time does."""
         for stall_ns in stalls_ns:
             self._mocap.stall(*stall_ns)
         self.publish_clock(at_once=True)
 
     def publish(self, tick: int, everything: bool) -> None:
-        """What is not shown in each period, unless `everything` is to be shown now."""
+        """Publish what is not published in each period, or `everything` now."""
         if everything or tick % SLOW_TICKS == 0:
             for bin_ in self._bins:
                 bin_.publish()
@@ -197,7 +197,7 @@ class LabPlane:
 
     def publish_clock(self, at_once: bool = False) -> None:
         """At most every _CLOCK_WALL_PERIOD_S, as whoever reads the clock needs no more. But no message is
-        stamped more than _CLOCK_PERIOD_NS after the time that was told last: recorders would leave it out."""
+        stamped more than _CLOCK_PERIOD_NS after the time published last: recorders would leave it out."""
         now_s, now_ns = time.monotonic(), self._simulation.time_ns
         due = now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S
         if at_once or due or now_ns - self._clock_sent_ns > _CLOCK_PERIOD_NS:
@@ -246,7 +246,8 @@ def _entity_result(result: int, message: str = "") -> Any:
 
 
 class RobotPlane:
-    """What one robot tells, velocity commands, emergency stop and motor power; its actions are `Actions`."""
+    """What one robot publishes, velocity commands, emergency stop and motor power; its actions are
+    `Actions`."""
 
     def __init__(
         self,
@@ -301,7 +302,7 @@ class RobotPlane:
         node.service(power.name(ns=self._ns), power.type, self._on_motor_power)
 
     def publish(self, tick: int, skipped: bool) -> None:
-        """What is not shown in each period, unless time was `skipped`."""
+        """Publish what is not published in each period, unless time was `skipped`."""
         now_ns, robot, add = self._simulation.time_ns, self._robot, self._loop.publish_queue.add
         if tick % SLOW_TICKS == 0:
             self._publish_controllers(now_ns)

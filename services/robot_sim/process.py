@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 _REPORT_WALL_S = 1.0
 _AHEAD_S = 1.0
-"""By more than this a clock that stopped as the wall's is not ahead of it."""
+"""A clock that stopped as the wall's is not ahead of it by more than this."""
 
 
 class WorldPublisher:
@@ -142,7 +142,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
         # Site time starts at wall time and never goes back, not even for a new world.
         local_chain = site.chain.backend != "external"  # another one keeps the wall's time
         start_ns = saved_time_ns(path, noted_too=local_chain) or site.clock.begin_s() * 1_000_000_000
-        # Before the saved world is looked at: whoever reads that it is another lab's moves it away.
+        # Before the saved world is looked at: an operator who reads that it is another lab's moves it away.
         note_time(path, start_ns)
         if fresh:
             path.unlink(missing_ok=True)

@@ -14,14 +14,14 @@ Send = Callable[[Any, int], object]
 """`publish` or `publish_cdr` of a publisher: message and site time in ns."""
 
 _BATCH_WALL_S = 0.005
-"""What is to be sent waits no longer than this for company, unless nothing more is published meanwhile."""
+"""A message waits no longer than this for company, unless nothing more is published meanwhile."""
 
 
 class PublishQueue:
-    """For the simulation's thread alone. Whatever sends raises what the send raised.
+    """For the simulation's thread alone. Methods that send raise what the send raised.
 
     Args:
-        save: puts the simulation's state where a restart finds it. What is sent was saved before, so that a
+        save: puts the simulation's state where a restart finds it. It is called before each send, so that a
             simulator that is killed continues no earlier than others have seen it.
     """
 
@@ -31,7 +31,7 @@ class PublishQueue:
         self._since_s = 0.0
 
     def publish(self, period: Callable[[], object], at_once: bool) -> None:
-        """Have `period` add its messages, and all of them sent, if not `at_once` then soon."""
+        """Have `period` add its messages, and send all of them, at once or soon."""
         period()
         if at_once or time.monotonic() - self._since_s >= _BATCH_WALL_S:
             self.flush()

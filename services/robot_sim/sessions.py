@@ -1,4 +1,4 @@
-"""As whom the simulator speaks: as itself for the lab, and as each robot's body for that robot.
+"""Identities of the simulator on the bus: itself for the lab, and each robot's body for that robot.
 
 A session has one certificate. Where the bus asks for them each simulated body has a session of its own, with
 the certificate that a real one would have. Elsewhere nobody could tell them apart, and the bodies share the
@@ -20,7 +20,7 @@ from rodeo.site import tls, topics
 from rodeo.site.config import Site, body_identity
 
 _ANSWER_S = 1.0
-"""Wall time that the router has to pass on what the bodies said."""
+"""Wall time that the router has to pass on what the bodies sent."""
 
 
 class BodySessions:
@@ -47,11 +47,11 @@ class BodySessions:
             )
 
     def of(self, robot: str) -> zenoh.Session:
-        """As whom the body of `robot` speaks."""
+        """Session of the body of `robot`."""
         return self._buses[robot].session if robot in self._buses else self._own.session
 
     def taken(self) -> bool:
-        """Wait until the router has taken all that the bodies sent: what the simulator says afterwards comes
+        """Wait until the router has taken all that the bodies sent: what the simulator sends afterwards comes
         after it everywhere. False when the router does not show it within _ANSWER_S."""
         with self._changed:
             self._number += 1

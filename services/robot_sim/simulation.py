@@ -38,7 +38,7 @@ PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 IDLE_PERIOD_NS = 1_000_000_000
 """Stride of the site time while a parked robot charges and nothing else happens."""
 _STALL_POWERED_S = 60.0
-"""For so long of a stall power flows; who leaves a machine asleep does not drain the battery."""
+"""Part of a stall in which power flows: a machine left asleep does not drain the battery."""
 
 _SETTLE_PERIODS = 5
 """Control periods at rest until something that was put somewhere counts as lying there: in the moment in
@@ -114,7 +114,7 @@ class SimRobot:
         return to_urdf(model, self.config.name)
 
     def command(self, twist: Twist2, now_s: float) -> None:
-        """A velocity command; while the robot is halted it is not heard."""
+        """A velocity command; ignored while the robot is halted."""
         if not self.halted:
             self.base.command(twist, now_s)
 
@@ -148,7 +148,7 @@ class SimRobot:
         return self._scan[1]
 
     def look_again(self) -> None:
-        """Something was put somewhere: what was seen before is not what is there now."""
+        """Something was put somewhere: earlier views are outdated."""
         self._scan = None
 
     def depth_m(self, time_ns: int) -> np.ndarray:
@@ -275,7 +275,7 @@ class Simulation:
         self._power(min(lasted_ns * 1e-9, _STALL_POWERED_S))
 
     def take_stalls(self) -> list[tuple[int, int]]:
-        """From when to when (ns of site time) the stalls since the last call were."""
+        """The stalls since the last call, from when to when (ns of site time)."""
         stalls, self._stalls_ns = self._stalls_ns, []
         return stalls
 
@@ -379,7 +379,8 @@ class Simulation:
         return self._row.copy()
 
     def restore(self, time_ns: int, row: np.ndarray) -> None:
-        """Go on from a saved row. Motion that was under way is not resumed: the base stops, the arm holds."""
+        """Continue from a saved row. Motion that was under way is not resumed: the base stops, the arm
+        holds."""
         size = self._state_size
         self.time_ns = time_ns
         mujoco.mj_setState(self.model, self.data, row[:size].copy(), _MJ_STATE)

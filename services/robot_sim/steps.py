@@ -1,9 +1,9 @@
 """How wide the steps of the physics are: narrow where something is or may soon be touched, wide elsewhere.
 
-A step costs the same at any width. A robot that drives, stands or charges far from anything loose comes out a
-few millimetres elsewhere by wide ones, which whoever steers takes back. An arm in free air follows its servos
-to a tenth of a milliradian at any width. A grip that closes or opens and what falls would come out otherwise.
-What is decided follows from the world's state alone.
+A step costs the same at any width. A robot that drives, stands or charges far from anything loose ends up a
+few millimetres elsewhere by wide ones, which steering corrects. An arm in free air follows its servos to a
+tenth of a milliradian at any width. A closing or opening grip and falling things would end up otherwise. The
+decision follows from the world's state alone.
 """
 
 import math
@@ -82,7 +82,7 @@ class Steps:
         self._items = (3 * items).tolist()
         """Where each item's x is in `mjData.xpos`."""
         self._looked_s: float | None = None
-        """For steps of which width the world was looked at as it is now."""
+        """Step width for which the present world was looked at."""
 
     @property
     def rests(self) -> bool:

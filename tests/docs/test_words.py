@@ -17,7 +17,6 @@ ROUNDABOUT_LEFT = {
     "rodeo/witness": 3,
     "rodeo_kinds": 3,
     "rodeo_testing": 1,
-    "services/itrash": 4,
     "tests": 37,
 }
 

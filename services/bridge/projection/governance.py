@@ -51,8 +51,8 @@ class Settings:
         self._rows.put(schema.settings, name=name, value=value)
 
     def _set_role(self, event: events.RoleGranted | events.RoleRevoked, at: At, *, held: bool) -> None:
-        """If this contract knows the role: the timelock has those who propose, the organization all others.
-        Each may hand out any 32 bytes as a role."""
+        """Set the role if this contract knows it: the timelock has the proposers', the organization all
+        others. Each may grant any 32 bytes as a role."""
         if (at.log.contract == self._timelock) == (event.role in list(TimelockRole)):
             self._rows.put(schema.roles, role=event.role, address=event.account, held=held)
 
@@ -113,7 +113,7 @@ class Proposals:
         """The next call of an operation of the timelock."""
         key = hex_of(event.id)
         if not event.index:
-            # After it was cancelled it may be scheduled again, and begins anew.
+            # A cancelled operation may be scheduled again, and begins anew.
             self._rows.put(
                 schema.proposals,
                 id=key,
@@ -140,8 +140,8 @@ class Proposals:
             self._change(hex_of(operation_id), **values)
 
     def _executed(self, event: events.CallExecuted, at: At) -> None:
-        """What the founder has the organization told at once is no proposal. What it schedules and does not
-        execute before the delay is set stays one: that can be executed at any time."""
+        """Calls that the founder has the organization execute at once are no proposal. Calls that it
+        schedules and does not execute before the delay is set stay one: they can be executed at any time."""
         self._change_operation(event.id, ended="executed")
         key, founded = hex_of(event.id), self._rows.find(schema.settings, "founded")
         number = (self._rows.find(schema.proposals, key) or {}).get("number")
@@ -155,7 +155,7 @@ class Proposals:
             self._rows.put(schema.settings, name="founded", value=at.log.tx_hash)
 
     def _next_number(self) -> int:
-        """The number of a new one."""
+        """The number of a new proposal."""
         number = self._count() + 1
         self._rows.put(schema.settings, name="proposals", value=number)
         return number

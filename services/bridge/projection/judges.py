@@ -45,7 +45,7 @@ class Judges:
 
     @property
     def _later_committees(self) -> list[str]:
-        """Names of those that decide about challenges."""
+        """Names of the committees that decide about challenges."""
         return [name for name in artifacts.COMMITTEES[1:] if name in self._contracts]
 
     def _committee(self, contract: str) -> str:
@@ -82,7 +82,7 @@ class Judges:
             self._change_challenges(committee, event.kind, votes=event.votes, seats=seats)
 
     def _instances_changed(self, event: events.InstancesChanged, at: At) -> None:
-        # Of one that is named twice, the first counts.
+        # If one is named twice, the first counts.
         needed = {self._staked_in(one.committee): one.judge_stake for one in reversed(event.instances)}
         self._kinds.change(event.kind, judge_stake=needed.get(ORACLES, 0))
         for committee in self._later_committees:
@@ -105,7 +105,7 @@ class Judges:
         self._rows.change(schema.judges, committee, event.seat, **values)
 
     def _lose_stake(self, event: events.StakeLost, at: At) -> None:
-        """First what counts for votes, as the contract takes it."""
+        """Take the stake that counts for votes first, as the contract does."""
         committee = self._staked_in(event.committee)
         if committee is not None:
             counted = min(event.amount, self._rows.get(schema.judges, committee, event.seat)["stake"])
@@ -136,7 +136,7 @@ class Judges:
         )
 
     def _judge_stake(self, committee: str, kind: str) -> int:
-        """What each of its judges must have deposited for its vote on this kind."""
+        """Deposit that each of its judges needs to vote on this kind."""
         if committee == ORACLES:
             return int(self._kinds.get(kind)["judge_stake"])
         row = self._rows.find(schema.challenge_kinds, committee, kind)

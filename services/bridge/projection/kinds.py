@@ -62,7 +62,7 @@ class Kinds:
         self._rules(event.kind, event.rules, current=any(event.rules))
 
     def _rules(self, kind: str, rules: bytes, *, current: bool) -> None:
-        """They are the newest now, or current no longer."""
+        """Mark rules of a kind as the newest, or as current no longer."""
         others = [one for one in self.get(kind)["rules_sha256"] if one != hex_of(rules)]
         self.change(kind, rules_sha256=[*others, hex_of(rules)] if current else others)
 

@@ -75,8 +75,8 @@ class Projection:
             self._ends.add((last.block, last.log_index))
 
     def apply(self, seq: int, log: Log, time_s: int) -> None:
-        """Take in the next of the events that `prepare` saw. Those that the table does not have change
-        nothing that can be queried; they are kept and published."""
+        """Apply the next of the events that `prepare` saw. Events that are not in the table change nothing
+        that can be queried; they are kept and published."""
         place = log.block, log.log_index
         if (function := self._table.get(type(log.event))) is not None:
             function(log.event, At(seq, log, time_s, place in self._woken))

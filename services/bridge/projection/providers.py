@@ -19,7 +19,7 @@ _BOND_DELAY_S = 24 * 3600
 
 
 class Providers:
-    """Rows of providers; one that no event named yet has the values that the contracts begin with."""
+    """Rows of providers; one that no event named yet has the contracts' initial values."""
 
     def __init__(self, rows: Rows, contracts: Mapping[str, str]) -> None:
         self._rows, self._organization = rows, contracts.get("Organization")
@@ -63,8 +63,8 @@ class Providers:
 
 
 class Line:
-    """Services that become free by what the contracts do now; at its end each has a task or a place in the
-    line, or stands back."""
+    """Services that the contracts free now; in the end each has a task or a place in the line, or stands
+    back."""
 
     def __init__(self, rows: Rows, providers: Providers) -> None:
         self._rows, self._providers = rows, providers
@@ -74,11 +74,12 @@ class Line:
         self._free.append(service_id)
 
     def take(self, service_id: int) -> None:
-        """The service needs no place now."""
+        """Drop a service that needs no place now."""
         self._free = [one for one in self._free if one != service_id]
 
     def offer_all(self, address: str) -> None:
-        """As ServiceManager: all its services that could work and are in no line, or in the wrong one."""
+        """Offer the provider's services that could work and are in no line, or in the wrong one, as
+        ServiceManager."""
         proven = self._providers.is_proven(address)
         for one in self._providers.live(address):
             is_placed = one["place"] and one["waits_as_proven"] == proven
@@ -87,8 +88,8 @@ class Line:
                 self.free(one["id"])
 
     def place(self, time_s: int) -> None:
-        """As ServiceManager.enqueue: behind the others, where it takes tasks and there was none, unless its
-        provider rests.
+        """Place services behind the others, as ServiceManager.enqueue, where they take tasks and had no
+        place, unless their provider rests.
 
         The places of all kinds are numbered together.
         """

@@ -113,7 +113,7 @@ class Services:
         self._change_bond(event.service_id, **{"set_aside" if was_set_aside else "bond": -event.amount})
 
     def _bond_returned(self, event: events.BondReturned, at: At) -> None:
-        # One that retires has it back when it is idle, and what was set aside when the case ends.
+        # A retiring service gets its bond back when it is idle, and what was set aside when the case ends.
         service = self._rows.get(schema.services, event.service_id)
         retires = bool(service["bond"]) and service["task_id"] is None
         self._change_bond(event.service_id, **{"bond" if retires else "set_aside": -event.amount})

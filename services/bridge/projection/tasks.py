@@ -29,7 +29,7 @@ class Tasks:
         self._rows, self._providers, self._line, self._kinds = rows, providers, line, kinds
         self._currency = currency
         self._reported: tuple[str, events.Reported] | None = None
-        """The transaction of the last report, and what it says of the ruling that follows."""
+        """The transaction of the last report, and its contents for the ruling that follows."""
 
     def table(self) -> Table:
         change = self._change
@@ -132,7 +132,8 @@ class Tasks:
         self._reported = at.log.tx_hash, event
 
     def _ruled(self, event: events.Ruled, at: At) -> None:
-        """What a judge said of a proof; or that nobody has, or that who did rules no more."""
+        """Store a judge's ruling on a proof; or that nobody ruled, or that the one who did is no judge any
+        more."""
         task = self._get(event.task_id)
         standing = {
             "ruling": event.ruling.name.lower(),
@@ -142,7 +143,7 @@ class Tasks:
         }
         if task["state"] == "submitted":
             self._free_service(task)
-        # One that is final is done at once, by the events that follow.
+        # A final ruling is applied at once, by the events that follow.
         self._change(
             event.task_id,
             **self._report_of(event, at.log.tx_hash, task),
@@ -153,8 +154,8 @@ class Tasks:
         )
 
     def _report_of(self, event: events.Ruled, tx_hash: str, task: Mapping[str, Any]) -> dict[str, Any]:
-        """What the judge says in words, if it does: in the same transaction, or before where the same ruling
-        stands longer now."""
+        """The judge's words, if any: in the same transaction, or an earlier one where the same ruling stands
+        longer now."""
         sha256 = hex_of(event.report) if any(event.report) else None
         where, said = self._reported or ("", None)
         self._reported = None  # it comes right before its ruling
@@ -168,7 +169,7 @@ class Tasks:
 
     def _settled(self, event: events.TaskSettled, at: At) -> None:
         standing = self._get(event.task_id)["standing"]
-        # A task that nobody could do is none that its executor has done.
+        # An impossible task does not count as completed.
         counter = "completed" if standing["ruling"] == "accepted" else None
         self._end_attempt(event.task_id, counter, event.paid, at.time_s)
         self._change(
@@ -199,7 +200,7 @@ class Tasks:
         self._change(event.task_id, **_WITHOUT_RULING, **verdict, **ended)
 
     def _free_service(self, task: Mapping[str, Any]) -> None:
-        """The attempt is over for the service that made it, if not yet for its record."""
+        """End the attempt for its service, if not yet for its record."""
         self._rows.change(schema.services, task["service_id"], task_id=None)
         self._line.free(task["service_id"])
 
@@ -213,14 +214,15 @@ class Tasks:
         return {"verdict": cause.name.lower(), "fault": task["standing"]["fault"] if is_void else None}
 
     def _end_attempt(self, task_id: int, counter: str | None, value: int, time_s: float) -> None:
-        """The attempt was paid, or would have been, `value` wei; its service's `counter` goes up by one."""
+        """End an attempt that was paid, or would have been, `value` wei; its service's `counter` goes up by
+        one."""
         task = self._get(task_id)
         if task["state"] != "ruled":  # else it was free since the first ruling
             self._free_service(task)
         if counter is None:
             return
         service = self._rows.get(schema.services, task["service_id"])
-        # As ServiceManager counts: failures in a row of all the provider's services.
+        # As ServiceManager counts: consecutive failures of all the provider's services.
         provider = self._providers.get(service["provider"])
         completed, failures = counter == "completed", min(provider["failures"] + 1, 255)
         work = Work(provider["done"], provider["failed"], provider["day"], provider["creator"])
@@ -249,7 +251,7 @@ _OF_ATTEMPT = (
     "report_uri",
     "dispute",
 )
-"""Columns that a new attempt starts without. Until then they tell how the last attempt ended."""
+"""Columns that a new attempt starts without. Until then they show how the last attempt ended."""
 
 _OF_ASSIGNMENT = (
     "executor",
@@ -275,8 +277,7 @@ _COUNTER = {
     Cause.EXECUTION_EXPIRED: "expired",
     Cause.ABANDONED_LATE: "expired",
 }
-"""What a failed attempt adds to its service's record. What is void, given up, or was not agreed to adds
-nothing."""
+"""What a failed attempt adds to its service's record. Void, given-up and unaccepted attempts add nothing."""
 
 _VERDICT_OF_EXPIRY = {
     Cause.EXECUTION_EXPIRED: {"verdict": "expired", "reason": "no proof within the execution window"},

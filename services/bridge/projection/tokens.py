@@ -46,7 +46,7 @@ class Tokens:
         self._explanations = self._table_of_explanations()
 
     def prepare(self, logs: list[Log]) -> None:
-        """See all events that will be applied: those that explain a transfer come before it or after."""
+        """See all events that will be applied: the explanation of a transfer may come before it or after."""
         self._reasons = defaultdict(list)
         for log in logs:
             if (explain := self._explanations.get(type(log.event))) is not None:
@@ -113,7 +113,7 @@ class Tokens:
         }
 
     def _payments(self, log: Log) -> list[_Reason]:
-        """A service that retired has its bond back, or what was set aside of it, in the same transfer."""
+        """A retired service gets its bond back, or what was set aside of it, in the same transfer."""
         if not isinstance(event := log.event, events.TaskSettled):
             return []
         bonds = [one.amount for one in self._reasons[log.tx_hash] if one.text == "bond_returned"]

@@ -101,7 +101,7 @@ class BudgetVotesSection:
             return
         for to in due:
             request = {"budget_vote": one.number, "recipient": to.address}
-            # One that cannot be paid now, because the treasury is empty, keeps nobody else's.
+            # A share that cannot be paid now, because the treasury is empty, keeps nobody else's.
             await act(self._console, "pay_budget_share", request, f"Paid {party(to.name, to.address)}")
         self._refresh()
 

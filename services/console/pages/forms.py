@@ -49,8 +49,8 @@ async def ask_command(
     known: Json | None = None,
     start: Mapping[str, Any] | None = None,
 ) -> None:
-    """Ask for the command's fields but those that are `known`, whether it is meant, and have it done. `start`
-    is what the fields are now, as far as that is known."""
+    """Ask for the command's fields that are not `known` and for confirmation, and have it done. `start` has
+    the fields' present values, as far as known."""
     model, known = COMMANDS[name], known or {}
     fields = _fields(model, known, start or {})
 

@@ -135,7 +135,7 @@ def page_head(title: str, subtitle: str = "") -> None:
 
 
 async def _switch(mode: ui.dark_mode) -> None:
-    """To the other of what is seen now, for this browser from now on."""
+    """Toggle light and dark and remember it in this browser."""
     is_dark = await ui.run_javascript("document.body.classList.contains('body--dark')")
     mode.value = not is_dark
     theme = "light" if is_dark else "dark"
@@ -153,15 +153,15 @@ def follow(console: Console, what: str, update: Callable[[], None]) -> None:
                 update()
 
     client.on_delete(console.live.listen(what, changed))
-    # What changed while the page was away is shown when it comes back.
+    # Changes while the page was away are shown when it comes back.
     client.on_connect(changed)
     update()
 
 
 def follow_async(console: Console, what: str, update: Callable[[], Awaitable[None]]) -> Callable[[], None]:
-    """The same for an `update` that has to ask: one at a time, and once more if it changed meanwhile.
+    """`follow` for an `update` that queries: one at a time, and once more if `what` changed meanwhile.
 
-    Returns how to have it called from elsewhere, for example by a filter.
+    Returns a function that calls it from elsewhere, for example from a filter.
     """
     client, slot = context.client, context.slot
     state = {"running": False, "again": False}
@@ -182,7 +182,7 @@ def follow_async(console: Console, what: str, update: Callable[[], Awaitable[Non
         if state["running"]:
             state["again"] = True
         elif client.has_socket_connection:
-            # A page that was left is kept for a while in case it comes back; meanwhile it asks for nothing.
+            # A page that was left is kept for a while in case it comes back; meanwhile it queries nothing.
             background_tasks.create(work())
 
     client.on_delete(console.live.listen(what, changed))
@@ -191,12 +191,12 @@ def follow_async(console: Console, what: str, update: Callable[[], Awaitable[Non
 
 
 async def ask(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """The answer of something that blocks. Raises what it raises."""
+    """Result of a blocking function. Raises what it raises."""
     return await run.io_bound(function, *args, **kwargs)  # type: ignore[return-value]
 
 
 async def act(console: Console, name: str, request: BaseModel | Json, done: str = "") -> Json | None:
-    """Perform an action; tells how it went. None when it was refused or failed."""
+    """Perform an action and show how it went. None when it was refused or failed."""
     try:
         reply = await run.io_bound(console.actions.perform, user(), name, request)
     except RodeoError as error:
@@ -213,7 +213,7 @@ def may(action: str) -> bool:
 
 
 def fail(error: RodeoError) -> None:
-    """Say what went wrong and what to do; it stays until it is closed."""
+    """Show what went wrong and what to do; it stays until it is closed."""
     log.info("%s: %s", error.code, error)
     # At the top, and one at a time: below it would cover the button that tries again.
     ui.notify(
@@ -234,17 +234,17 @@ def stale(error: RodeoError) -> str:
 
 
 def problem_section() -> Section:
-    """Where a page says why it is not current; shown with an empty text it is gone."""
+    """Section for why a page is not current; hidden with an empty text."""
     return Section(lambda text: notice(text, bad=True) if text else None).live()
 
 
 def time_left(console: Console, deadline_s: float) -> None:
-    """A text that follows how much time there is until then, by the site's clock and by the wall's."""
+    """A text with the time left until then, by the site's clock and by the wall's."""
 
     def words() -> str:
         return pace.time_left(console.live.pace, deadline_s)
 
-    # A screen reader reads it where it stands, and not each time that it changes.
+    # A screen reader reads it where it stands, and not at each change.
     shown = Text("span", words(), "soft").props('aria-live="off"')
     ui.timer(_LEFT_S, lambda: shown.set_text(words()))
 

@@ -76,7 +76,7 @@ def register(console: Console) -> None:
 
 
 class RobotCard:
-    """One robot: what it says of itself, and what it can be told."""
+    """One robot: its own report, and the orders that it takes."""
 
     def __init__(self, console: Console, robot: str) -> None:
         self._console = console
@@ -152,7 +152,7 @@ class RobotCard:
             await self._order("cancel_robot", f"{self._robot} gives up its attempt")
 
     async def _stop(self) -> None:
-        # Not asked twice: who stops a robot has no time to answer.
+        # No confirmation: a person who stops a robot has no time to answer.
         await self._order("stop_robot", f"{self._robot} stands still until it is resumed")
 
 
@@ -169,7 +169,7 @@ async def _stop_all(console: Console) -> None:
 
 
 def _said(name: str, value: Any) -> tuple[str, str]:
-    """What an agent says of itself by that name, as people read it: units are in the names."""
+    """A field of an agent's report, as people read it: units are in the names."""
     plain, _, unit = name.rpartition("_")
     label = (plain if unit in _UNITS else name).replace("_", " ").capitalize()
     if isinstance(value, bool):

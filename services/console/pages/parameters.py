@@ -48,7 +48,7 @@ class Parameters:
         return next((self.fields[name] for name, one in self._properties.items() if _form(one) == form), None)
 
     def values(self) -> Json:
-        """What the fields say; empty ones are left out. Raises MalformedJson."""
+        """Values of the fields; empty ones are left out. Raises MalformedJson."""
         if self._whole is not None:
             return decode_json((self._whole.value or "{}").encode())
         return {
@@ -58,7 +58,7 @@ class Parameters:
         }
 
     def fill(self, params: Mapping[str, Any]) -> None:
-        """Say what another task said, where this form can."""
+        """Fill in another task's parameters, where this form has fields for them."""
         if self._whole is not None:
             self._whole.value = json.dumps(params)
         for name, field in self.fields.items():
@@ -67,7 +67,7 @@ class Parameters:
                 field.value = value
 
     def told(self) -> list[tuple[str, str]]:
-        """Each field's label and what it says, for who confirms it."""
+        """Each field's label and value, for the person who confirms them."""
         return [
             (_label(name, self._properties[name]), str(field.value)) for name, field in self.fields.items()
         ]
@@ -126,7 +126,7 @@ def _shown(schema: Json, value: Any) -> Any:
 
 
 def _read(schema: Json, value: Any) -> Any:
-    """What a field says as the parameter's value. Raises MalformedJson."""
+    """A field's content as the parameter's value. Raises MalformedJson."""
     if _form(schema) == "percent":
         return value / 100
     if schema.get("type") == "integer":

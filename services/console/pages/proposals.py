@@ -38,7 +38,7 @@ class _Step:
     action: str
     button: str
     states: tuple[str, ...]
-    """In which it can be done."""
+    """States in which it can be done."""
     done: str
 
 

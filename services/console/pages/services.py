@@ -58,7 +58,7 @@ from services.console.pages.widgets import (
 )
 
 _UNSAID = "unsaid"
-"""The choice that is none."""
+"""Stands for no choice."""
 POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
@@ -394,7 +394,7 @@ class ServicesPage:
         )
 
     def _installed_rules(self, name: str) -> str:
-        """Hash of the rules by which what is installed here judges a kind; empty where people judge it."""
+        """Hash of the rules by which the installed checks judge a kind; empty where people judge it."""
         # Imported here: what the checks use takes its time, and few pages need it.
         from rodeo.checks.rules import rules_hash
 
@@ -406,7 +406,7 @@ class ServicesPage:
 
     @on_page
     async def _allow_kind(self, name: str) -> None:
-        """The judge is named each time: nothing is meant by saying nothing."""
+        """The judge is named each time: no judge is meant by leaving it out."""
         judges = {_UNSAID: "Choose who judges it", "auditor": "an auditor"}
         if not name or not self._console.kinds.by_people(name):
             judges["oracle"] = "the oracle, where it has checks for it"
@@ -547,13 +547,13 @@ def _draw_participants(console: Console, participants: list[queries.Person]) -> 
 
 
 def _rules_hashes(rules: list[str]) -> None:
-    """The newest first, which new tasks get."""
+    """Hashes, newest first: new tasks get that one."""
     for one in reversed(rules):
         hash_text(one)
 
 
 def _stake(judge: queries.Judge, needed: Decimal) -> str:
-    """Empty where it neither has nor needs one."""
+    """Empty where it neither has nor needs a stake."""
     if judge.stake_iec < needed:
         return f"{iec(judge.stake_iec)} of {iec(needed)}"
     return iec(judge.stake_iec) if judge.stake_iec else ""

@@ -104,7 +104,7 @@ class TaskPage:
         """The attempt whose proof and report are shown; None for the newest that has one."""
         self._shown: Attempt | None = None
         self._verdicts: dict[int, str] = {}
-        """Attempt -> what was said of it, by whom."""
+        """Attempt -> the verdict on it in words, and by whom."""
         self._live = False
         back_link("Tasks", "/tasks")
         self._head = Section(self._draw_head).live()
@@ -137,7 +137,7 @@ class TaskPage:
         self._refresh = follow_async(console, "events", self._load)
 
     def _show_map(self) -> None:
-        """Robots are of interest while somebody works on the task."""
+        """Robots are shown while somebody works on the task."""
         if self._live:
             self._map.show(self._console.live.map)
 
@@ -241,7 +241,7 @@ class TaskPage:
         if report is None:
             empty(problem)
         elif by_people and self._shown is not None:
-            # A person's word: the oracle measured nothing of it, and it must not read as if it had.
+            # A person's word: the oracle measured none of it, and it must not read as if it had.
             verdict = self._verdicts.get(self._shown.number, "")
             Text("p", f"{verdict[:1].upper()}{verdict[1:]}", "wrap")
             empty("A person judged this proof; the oracle's checks did not decide it.")
@@ -314,7 +314,7 @@ class TaskPage:
 
     @on_page
     async def _match(self, task: Task) -> None:
-        """A match looks at a few services only, so that somebody may have to name one."""
+        """A match considers a few services only, so that somebody may have to name one."""
         try:
             offers = (await ask(self._console.queries.ask, SERVICES, kind=task.kind)).services
         except RodeoError as error:
@@ -367,7 +367,8 @@ class TaskPage:
         )
 
     def _can_be_concluded(self, task: Task) -> bool:
-        """Whether the time of the ruling is over, or that to rule; unknown while nobody tells the time."""
+        """Whether the time of the ruling is over, or that to rule; unknown while nobody publishes the
+        time."""
         pace = self._console.live.pace
         ends_s = running_out_s(task) if task.state in ("submitted", "ruled") else None
         return pace is not None and ends_s is not None and pace.now_s > ends_s
@@ -413,7 +414,7 @@ def _seal_facts(seal: Seal, devices: list[OwnedDevice], names: dict[str, str]) -
 
 
 def _verdict(by_kind: bool, attempt: Attempt, transactions: list[Transaction], people: list[str]) -> str:
-    """What was said of the attempt, and by whom; empty while nobody has said anything.
+    """The verdict on the attempt in words, and by whom; empty while there is none.
 
     `by_kind`: auditors judge its kind of work.
     """

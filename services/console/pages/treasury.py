@@ -302,7 +302,7 @@ def _week_options(lines: list[Line]) -> Json:
 
 
 def _why_empty(charted: list[queries.Transfer]) -> str:
-    """What stands in place of a balance over time; empty where there is one."""
+    """The text in place of a balance over time; empty where there is one."""
     if not charted:
         return "No money moved on this account yet."
     if all(one.balance_iec is None for one in charted):

@@ -136,7 +136,7 @@ class _Redrawn(ui.element, component="section.js"):
 
 
 class Section:
-    """A part of a page that is drawn again when what it shows has changed, and only then."""
+    """A part of a page that is redrawn only when its content has changed."""
 
     def __init__(self, draw: Callable[..., None]) -> None:
         self._element = _Redrawn().classes("section")
@@ -144,7 +144,7 @@ class Section:
         self._shown: Any = None
 
     def live(self) -> Section:
-        """Have screen readers tell what changes."""
+        """Have screen readers announce changes."""
         self._element.props('aria-live="polite"')
         return self
 
@@ -164,8 +164,8 @@ class Section:
 
 
 def on_page(handler: Callable[P, Awaitable[T]]) -> Callable[P, Awaitable[T]]:
-    """Run what a click starts on the page itself: the section that was clicked on may be drawn again, and
-    take its dialogs with it, before it has finished.
+    """Run a click's handler on the page itself: the section that was clicked on may be redrawn, and take its
+    dialogs with it, before the handler has finished.
     """
 
     @wraps(handler)
@@ -178,8 +178,8 @@ def on_page(handler: Callable[P, Awaitable[T]]) -> Callable[P, Awaitable[T]]:
 
 @contextmanager
 def modal(title: str, classes: str = "") -> Iterator[ui.dialog]:
-    """A dialog to be awaited. It goes when it has closed and not before: closing it, the browser gives the
-    focus back to what opened it.
+    """A dialog to be awaited. It is removed once it has closed: on closing, the browser gives the focus back
+    to what opened it.
     """
     with ui.dialog() as dialog, ui.card().classes(classes):
         heading = Text("h2", title)

@@ -217,8 +217,8 @@ def _due(task: Task) -> str:
 
 
 class AuditorDesk:
-    """Proofs that wait for an auditor: of kinds that auditors judge, what another judge passed on, and what
-    has lost its judge."""
+    """Proofs that wait for an auditor: of kinds that auditors judge, passed on by another judge, or of a
+    judge that was removed."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
