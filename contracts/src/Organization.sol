@@ -455,6 +455,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         }
     }
 
+    /// @dev One place for the call, whose code would stand here four times.
     function _balance(IERC20 token_, address account) private view returns (uint256) {
         return token_.balanceOf(account);
     }
@@ -494,6 +495,7 @@ contract Organization is IOrganization, AccessControlDefaultAdminRules, Multical
         if (!rules.allowed) revert UnknownKind(kind);
     }
 
+    /// @dev After each change of policy, membership or pause.
     function _updateAdmission() private {
         tasks.updateAdmission();
     }

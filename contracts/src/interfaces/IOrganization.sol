@@ -386,6 +386,7 @@ interface IOrganization {
         bool restricted
     ) external view returns (bytes32 rules, KindId kindId, uint32 auditWindow, uint32 grace);
 
+    /// @notice What a new task has to look up here, besides its kind.
     /// @return asks whether the policy has to be asked, because it is not FirstComeFirstServed
     /// @return restricted whether only members post tasks, or nobody before the end of a pause
     function admission() external view returns (bool asks, bool restricted);

@@ -327,8 +327,8 @@ interface ITaskManager is IServiceListener {
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);
 
-    /// @notice Read again what the organization says of new tasks (IOrganization.admission). It asks for this itself when that
-    /// changes; anybody may, so that a pause that is over costs no task anything.
+    /// @notice Read IOrganization.admission again. The organization calls this whenever it changes. Anybody may: after a pause
+    /// has ended by time, new tasks cost 2,100 gas more until somebody does.
     function updateAdmission() external;
 
     /// @notice Name the judge of tasks with this number, and what their attempts count at most. Only the organization, with the
