@@ -8,12 +8,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from rodeo.ros2.types import STORE
+from rodeo.ros2.types import build_store
 
 
 def generated() -> str:
-    """What is in definitions.json, an interface a line."""
-    entries = {name: [STORE.hash_rihs01(name), *STORE.fielddefs[name]] for name in sorted(STORE.fielddefs)}
+    """What is in definitions.json, an interface a line.
+
+    A store of its own: that of the process may hold interfaces that other packages registered.
+    """
+    store = build_store()
+    entries = {name: [store.hash_rihs01(name), *store.fielddefs[name]] for name in sorted(store.fielddefs)}
     lines = [
         f"{json.dumps(name)}:{json.dumps(entry, separators=(',', ':'))}" for name, entry in entries.items()
     ]

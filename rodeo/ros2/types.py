@@ -151,7 +151,8 @@ def _later(generate: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
     return lambda *arguments: generated()(*arguments)
 
 
-def _build_store() -> Typestore:
+def build_store() -> Typestore:
+    """A store of rosbags' types and of those of `interfaces.py`, and of no others."""
     store, jazzy = _Store(), get_typestore(Stores.ROS2_JAZZY)
     store.fielddefs.update(jazzy.fielddefs)
     store.types.update(jazzy.types)
@@ -173,7 +174,7 @@ def _declared(messages: Texts, services: Texts, actions: Texts) -> dict[str, Any
     return added
 
 
-STORE = _build_store()
+STORE = build_store()
 """Every type in use, for what of rosbags needs a store."""
 
 
