@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Callable, Mapping
 
+from rodeo.attempts.orders import Orders
 from rodeo.errors import BusError, DiskFull, RemoteError
 from rodeo.evidence.errors import EvidenceError
 from rodeo.host.files import is_full
@@ -20,7 +21,6 @@ from services.robot_agent.idle import Idle
 from services.robot_agent.machine import Skills
 from services.robot_agent.news import News
 from services.robot_agent.offers import Offers, Turns
-from services.robot_agent.orders import Orders
 from services.robot_agent.participant import RobotParticipant
 
 log = logging.getLogger(__name__)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from pathlib import Path
 
+from rodeo.attempts.journal import Journal, Phase
+from rodeo.attempts.room import Attempt, Room
 from rodeo.bus.messages import Task
 from rodeo.errors import RemoteError
 from rodeo.evidence.store import Store
@@ -14,7 +15,6 @@ from services.robot_agent.acceptance import Acceptance
 from services.robot_agent.decision import Situation
 from services.robot_agent.execution import Records
 from services.robot_agent.idle import Idle
-from services.robot_agent.journal import Journal, Phase
 from services.robot_agent.machine import Skills
 from services.robot_agent.offers import Offers
 from services.robot_agent.participant import RobotParticipant
@@ -32,22 +32,21 @@ class Attempts:
         skills: Skills,
         records: Records,
         offers: Offers,
-        store: Store,
+        room: Room,
         acceptance: Acceptance,
         idle: Idle,
     ) -> None:
         self._process, self._dao, self._skills, self._records = process, dao, skills, records
-        self._offers, self._store, self._acceptance, self._idle = offers, store, acceptance, idle
+        self._offers, self._room, self._acceptance, self._idle = offers, room, acceptance, idle
 
     def work(self, situation: Situation) -> None:
         task = situation.assignment
         assert task is not None  # decide() says WORK only with an assignment
-        folder = self._task_folder(task)
-        journal = Journal.open(folder, self._dao.assignment(task))
+        attempt = self._room.open(task)
         self._idle.activity.attempt = task
         try:
             with about_task(task.id):
-                self.advance(task, journal, folder)
+                self.advance(attempt)
         finally:
             self._idle.activity.attempt = None
 
@@ -69,19 +68,16 @@ class Attempts:
         """Whether a proof would only cost something, and giving the task back costs nothing yet."""
         return journal.unproven and self._process.clock.now_s() <= task.grace_ends_s
 
-    def _task_folder(self, task: Task) -> Path:
-        return self._process.data_dir / "tasks" / f"{task.id}-{task.attempt}"
-
     def has_begun(self, task: Task) -> bool:
-        folder = self._task_folder(task)
-        return folder.exists() and Journal.find(folder, self._dao.assignment(task)) is not None
+        return self._room.has_begun(task)
 
-    def advance(self, task: Task, journal: Journal, folder: Path) -> None:
+    def advance(self, attempt: Attempt) -> None:
         """Bring the attempt from the phase that it is in to its end."""
+        task, journal = attempt.task, attempt.journal
         if journal.phase == Phase.EXECUTING:
-            self._records.record(task, journal, folder)
+            self._records.record(attempt)
         if journal.phase == Phase.EXECUTED:
-            self._records.seal(task, journal, folder)
+            self._records.seal(attempt)
         if journal.phase == Phase.SEALED:
             if self._idle.off_duty:
                 self._close_services_first(task)
@@ -89,7 +85,7 @@ class Attempts:
                 self._dao.abandon_task(task)
                 self._wait_given_back(task, str(journal.failure))
             else:
-                self._submit(task, journal, folder)
+                self._submit(attempt)
             # Work that failed, or was interrupted, may have left the robot in somebody's way.
             self._skills.behaviours[task.kind].tidy()
         if journal.phase == Phase.SUBMITTED:
@@ -97,7 +93,7 @@ class Attempts:
             if (now := self._dao.task(task.id)).state == "assigned" and now.nonce == task.nonce:
                 # A reorganization took the proof back. One that is on its way is not sent twice.
                 log.warning("the chain has no proof of task %d yet; submitting it again", task.id)
-                self._submit(task, journal, folder)
+                self._submit(attempt)
 
     def _close_services_first(self, task: Task) -> None:
         """Close services before the task's end frees one, which the next waiting task would get."""
@@ -106,12 +102,13 @@ class Attempts:
         except RemoteError as error:
             log.warning("ending task %d first: %s", task.id, error)
 
-    def _submit(self, task: Task, journal: Journal, folder: Path) -> None:
+    def _submit(self, attempt: Attempt) -> None:
         """Store the proof and put its hash on chain. Raises StoreError, BusError, RemoteError."""
+        task, journal = attempt.task, attempt.journal
         failure = f": {journal.failure}" if journal.failure else ""
         self._idle.activity.report("submitting the proof" + failure, 0.97)
-        uri = self._store.put(folder / "recording.mcap")
+        uri = self._room.store(attempt)
         sha256 = Store.hash_of(uri)
         self._dao.submit_proof(task.id, task.attempt, sha256, uri, task.nonce)
-        journal.advance(folder, Phase.SUBMITTED, sha256)
+        attempt.advance(Phase.SUBMITTED, sha256)
         self._idle.activity.report("proof submitted" + failure, 1.0)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from pathlib import Path
 
 from pydantic import ValidationError
 
+from rodeo.attempts.journal import Phase
+from rodeo.attempts.orders import Orders
+from rodeo.attempts.room import Attempt, Room
 from rodeo.bus.messages import Task
 from rodeo.bus.session import DaoEvents
 from rodeo.errors import BusError, DiskFull, RemoteError, wrong_fields
-from rodeo.evidence.errors import RecordingSealed
-from rodeo.evidence.recorder import Recorder
 from rodeo.robot.behaviour import Irrevocable, Work
 from rodeo.robot.errors import (
     AgentError,
@@ -25,15 +25,12 @@ from rodeo.robot.errors import (
     TaskFailed,
     Unreachable,
 )
-from rodeo.robot.recording import RecordedRobot, Recording
-from rodeo.ros2.node import Node
+from rodeo.robot.recording import Recording
 from rodeo.runtime.process import Process
 from services.robot_agent.acceptance import Acceptance, OtherAssignments
 from services.robot_agent.activity import Activity
-from services.robot_agent.journal import Journal, Phase
 from services.robot_agent.machine import Machine, Skills
 from services.robot_agent.news import News
-from services.robot_agent.orders import Orders
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.upkeep import Upkeep
 
@@ -178,34 +175,6 @@ class Execution:
         self._clock.wait_until(self._clock.now_s() + _LAST_LOOK_S, self._stop)
 
 
-class Tapes:
-    """Opens recordings of this robot's tasks, and finishes those whose process was interrupted."""
-
-    def __init__(
-        self,
-        robot: RecordedRobot,
-        dao: RobotParticipant,
-        skills: Skills,
-        make_node: Callable[[str], Node],
-    ) -> None:
-        self._robot, self._dao, self._skills, self._make_node = robot, dao, skills, make_node
-
-    def open(self, path: Path, task: Task, *, holes_allowed: bool) -> Recording:
-        return Recording(
-            path,
-            self._dao.binding(task, self._robot.name),
-            self._make_node("recorder"),
-            self._robot,
-            holes_allowed=holes_allowed,
-            records=self._skills.kinds[task.kind].records,
-        )
-
-    def finish(self, path: Path, task: Task) -> None:
-        """Raises EvidenceError, BusError."""
-        binding = self._dao.binding(task, self._robot.name)
-        Recorder.finish(path, binding, self._robot.device, self._robot.clock)
-
-
 class Records:
     """Does the work of an attempt while it is recorded."""
 
@@ -215,75 +184,47 @@ class Records:
         machine: Machine,
         skills: Skills,
         execution: Execution,
-        tapes: Tapes,
+        room: Room,
         orders: Orders,
-        news: News,
         activity: Activity,
     ) -> None:
         self._process, self._machine, self._skills, self._execution = process, machine, skills, execution
-        self._tapes, self._orders, self._news, self._activity = tapes, orders, news, activity
+        self._room, self._orders, self._activity = room, orders, activity
 
-    def record(self, task: Task, journal: Journal, folder: Path) -> None:
-        self._orders.working_on(task.nonce)
+    def record(self, attempt: Attempt) -> None:
+        self._orders.working_on(attempt.task.nonce)
         try:
-            self._record(task, journal, folder)
+            self._record(attempt)
         finally:
             self._orders.working_on(None)
 
-    def _record(self, task: Task, journal: Journal, folder: Path) -> None:
-        """Do the work while it is recorded.
-
-        A recording with a hole in the work proves little, so interrupted work begins again: with nothing in
-        the gripper, in a new recording. Where something was done for good the old recording continues.
-        """
-        path = folder / "recording.mcap"
+    def _record(self, attempt: Attempt) -> None:
+        task, path = attempt.task, attempt.path
         if problem := self._process.look_at_disk():
             raise DiskFull(problem)
         if (held := self._machine.feel()) is not None:
             self._machine.put_back(held, self._activity.report)
         done = self._skills.behaviours[task.kind].irrevocable(path) if path.exists() else None
         if done is not None and done.complete:
-            journal.advance(folder, Phase.EXECUTED)  # interrupted after everything was stated
+            attempt.advance(Phase.EXECUTED)  # interrupted after everything was stated
             return
         if held is not None:
             done = None
-        if path.exists() and done is None:
-            _set_aside(path)
-        recording = self._tapes.open(path, task, holes_allowed=done is not None)
-        self._news.start_recording(recording, task)
-        try:
+        with self._room.recording(attempt, continues=done is not None) as recording:
             if (failed := self._execution.run(task, recording, done)) is not None:
-                journal.failure = failed.message
-                journal.unproven = self._is_unproven(failed)
-            recording.catch_up()
-            self._news.stop_recording()
-            recording.stop()
-            journal.advance(folder, Phase.EXECUTED)
+                attempt.journal.failure = failed.message
+                attempt.journal.unproven = self._is_unproven(failed)
+            self._room.end(attempt, recording)
             self._activity.report("sealing the recording", 0.95)
-            recording.seal()
-            journal.advance(folder, Phase.SEALED)
-        finally:
-            self._news.stop_recording()
-            recording.suspend()
+            self._room.seal(attempt, recording)
 
-    def seal(self, task: Task, journal: Journal, folder: Path) -> None:
+    def seal(self, attempt: Attempt) -> None:
         """Finish, as it is, a recording whose process was interrupted. Raises EvidenceError, BusError."""
         self._activity.report("sealing the recording", 0.95)
-        path = folder / "recording.mcap"
-        try:
-            self._tapes.finish(path, task)
-        except RecordingSealed:
-            log.info("the recording was sealed before the process was interrupted")
-        journal.advance(folder, Phase.SEALED)
+        self._room.seal_interrupted(attempt)
 
     def _is_unproven(self, failed: AgentError) -> bool:
         """Whether others failed, and nobody signed that: nothing lay there, as no motion capture saw, or the
         bin was silent."""
         nothing_there = isinstance(failed.__cause__, NotFound) and not self._process.site.lab.mocap
         return nothing_there or isinstance(failed.__cause__, NoAnswer)
-
-
-def _set_aside(recording: Path) -> None:
-    """Keep an interrupted recording under another name."""
-    number = len(list(recording.parent.glob("interrupted-*.mcap"))) + 1
-    recording.rename(recording.with_name(f"interrupted-{number}.mcap"))

@@ -197,11 +197,11 @@ ROWS: dict[Call, str] = {
         "Votes.run",
         "self._bus.subscribe_with_source(everybodys)",
     ): "the oracle that the key names: its registered key signed the vote",
-    ("services/robot_agent/orders.py", "Orders.__init__", "bus.serve(key(order))"): (
+    ("rodeo/attempts/orders.py", "Orders.__init__", "bus.serve(key(order))"): (
         "whom the access rules let ask: operator and console"
     ),
-    ("services/robot_agent/orders.py", "Orders.__init__", "bus.serve(key('state'))"): ASKED,
-    ("services/robot_agent/orders.py", "Orders.__init__", "bus.serve(key('explain'))"): ASKED,
+    ("rodeo/attempts/orders.py", "Orders.__init__", "bus.serve(key('state'))"): ASKED,
+    ("rodeo/attempts/orders.py", "Orders.__init__", "bus.serve(key('explain'))"): ASKED,
     (
         "services/robot_agent/upkeep.py",
         "Upkeep.__init__",

@@ -12,7 +12,10 @@ from typing import Any
 
 import pytest
 
-from rodeo.bus.messages import DaoEvent, Task
+from rodeo.attempts.journal import Phase
+from rodeo.attempts.orders import Standing
+from rodeo.attempts.room import Attempt
+from rodeo.bus.messages import Task
 from rodeo.errors import NoResponder, RemoteError, RodeoError
 from rodeo.host.clock import WallClock
 from rodeo.lab.config import Pose2, RobotConfig
@@ -31,28 +34,11 @@ from services.robot_agent.attempts import Attempts
 from services.robot_agent.decision import Situation
 from services.robot_agent.execution import AssignmentWatch
 from services.robot_agent.idle import Idle
-from services.robot_agent.journal import Phase
 from services.robot_agent.machine import Machine, Skills
 from services.robot_agent.news import News
 from services.robot_agent.offers import Offers, Turns
-from services.robot_agent.orders import Standing
 
 TASK = cleaning_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
-
-
-def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number() -> None:
-    news, recorded = News(WallClock(), threading.Event()), list[DaoEvent]()
-
-    def event(seq: int, chain: str) -> DaoEvent:
-        where = {"block": seq, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}
-        return DaoEvent(seq=seq, name="TaskAssigned", task_id=1, args={}, chain=chain, **where)
-
-    news.on_event(event(60, "0x01"))
-    news.on_event(event(7, "0x02"))
-    recording: Any = SimpleNamespace(event=recorded.append)
-    news.start_recording(recording, TASK.model_copy(update={"id": 1}))
-    news.on_event(event(8, "0x02"))
-    assert [one.seq for one in recorded] == [7, 8]
 
 
 # -- working hours -----------------------------------------------------------------------------------------
@@ -158,7 +144,7 @@ class Night:
         self.charge = None
 
     # the store and the chain, of a proof
-    def put(self, _path: Any) -> str:
+    def store(self, _attempt: Attempt) -> str:
         self.did.append("submit")
         return "file:///proofs/" + "ab" * 32 + ".mcap"
 
@@ -357,7 +343,7 @@ def test_the_offer_is_paused_before_the_verdict_on_work_that_ended_after_hours(
     night = Night(at(hour))
     night.mind()
     journal: Any = SimpleNamespace(phase=Phase.SEALED, unproven=False, failure=None, advance=lambda *_: None)
-    night.attempts.advance(TASK, journal, Path())
+    night.attempts.advance(Attempt(TASK, Path(), journal))
     assert night.did == (["pause", "submit"] if paused else ["submit"])
 
 

@@ -11,6 +11,10 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from rodeo.attempts.events import TaskEvents
+from rodeo.attempts.journal import Journal, Phase
+from rodeo.attempts.orders import Standing
+from rodeo.attempts.room import Room
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Offer
 from rodeo.dao import Assignment
@@ -30,11 +34,9 @@ from services.robot_agent.attempts import Attempts
 from services.robot_agent.decision import Situation
 from services.robot_agent.execution import Assignments, Execution, Records
 from services.robot_agent.idle import Idle
-from services.robot_agent.journal import Journal, Phase
 from services.robot_agent.machine import Machine, Skills
 from services.robot_agent.news import News
 from services.robot_agent.offers import Offers, Turns
-from services.robot_agent.orders import Standing
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.prices import Prices
 from tests.support.site import LAB
@@ -224,9 +226,10 @@ class Mind:
         tapes: Any = SimpleNamespace(
             open=lambda path, task, holes_allowed: Tape(path, kinds[task.kind].records)
         )
-        records = Records(process, machine, skills, execution, tapes, self.orders, self.news, activity)
         store: Any = SimpleNamespace(put=lambda _path: "file:///proofs/" + "ab" * 32 + ".mcap")
-        attempts = Attempts(process, self.dao, skills, records, self.offers, store, acceptance, idle)
+        room = Room(folder / "tasks", self.dao, tapes, TaskEvents(), store)
+        records = Records(process, machine, skills, execution, room, self.orders, activity)
+        attempts = Attempts(process, self.dao, skills, records, self.offers, room, acceptance, idle)
         self.decisions = Decisions(folder / "decisions.jsonl")
         senses = Senses(process, "tea", self.dao, skills, attempts, idle, self.orders, self.decisions)
         turns, patience = Turns(process, config, self.dao, self.news), Patience(process, self.news, activity)

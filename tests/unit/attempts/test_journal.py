@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from rodeo.attempts.journal import Journal, Phase
 from rodeo.dao import Assignment
 from rodeo.robot.errors import JournalBroken
-from services.robot_agent.journal import Journal, Phase
 
 OURS = Assignment(
     genesis_hash="0x" + "01" * 32,

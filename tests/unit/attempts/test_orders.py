@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from rodeo.attempts.orders import NothingToCancel, Order, Orders
 from rodeo.bus.session import Handler, Request
 from rodeo.errors import DiskFull
 from rodeo.robot.errors import JournalBroken
-from services.robot_agent.orders import NothingToCancel, Order, Orders
 
 
 class Wire:
@@ -103,7 +103,7 @@ def test_a_stop_holds_on_a_full_disk_and_whoever_ordered_it_hears_of_the_disk(
 
     wire, orders, heard = start()
     with monkeypatch.context() as patch, pytest.raises(DiskFull):
-        patch.setattr("services.robot_agent.orders.replace_file", full)
+        patch.setattr("rodeo.attempts.orders.replace_file", full)
         wire.ask("stop")
     assert heard == [Order.STOP]
     assert orders.standing.stopped
