@@ -7,6 +7,7 @@
     a device               speaks through the process that has its key
     a wallet               takes from the process that works for it, and from operator and console, the
                            commands that are declared for them (`rodeo.commands`), and no others
+    a participant's nodes  ask the ROS 2 services of that participant, and serve its `do_task`, nothing else
     a motion               is asked for by the process that `_CALLERS` names, and by operator and console
 
 What the rules do not allow is denied.
@@ -25,10 +26,11 @@ from rodeo.lab.config import RobotConfig
 from rodeo.runtime.serving import served_by
 from rodeo.signing.keystores import MOCAP_NAME
 from rodeo.site import topics
-from rodeo.site.config import BRIDGE, Site, agent_process, body_identity
+from rodeo.site.config import BRIDGE, Site, agent_process, body_identity, node_identity, ros_process
 from rodeo.site.processes import processes_of
+from rodeo.site.ros_names import ros_name
 from rodeo.site.tls import OPERATOR
-from rodeo.site.topics import BODY, TOPICS, Form, Plane, Topic
+from rodeo.site.topics import BODY, NODE, TOPICS, Form, Plane, Topic
 
 _CALLERS: dict[str, str] = {
     topics.NAVIGATE_TO_POSE.key: "robot_agent",
@@ -42,6 +44,8 @@ _CALLERS: dict[str, str] = {
     # Nobody who is paid for moving things moves them by decree.
     topics.SET_ENTITY_STATE.key: OPERATOR,
     topics.ROBOT_ORDER.key: OPERATOR,
+    # A certificate for people would give commands there that people may not give.
+    topics.ROS_SERVICE.key: NODE,
 }
 """The one process that uses a service or action which moves or switches something."""
 
@@ -74,7 +78,8 @@ _ANY_KEY = ["**", "@ros2_lv/**", "**/@adv/**"]
 def everybody(site: Site) -> list[str]:
     """The names of those who may be on the bus."""
     bodies = [body_identity(robot.name) for robot in site.robots]
-    return [*(process.name for process in processes_of(site)), *bodies, OPERATOR]
+    nodes = [node_identity(name) for one in site.ros for name in one.participants]
+    return [*(process.name for process in processes_of(site)), *bodies, *nodes, OPERATOR]
 
 
 def access_control(site: Site) -> dict[str, Any]:
@@ -105,7 +110,7 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
 def _written_by(site: Site, process: str) -> Iterator[str]:
     # Whose endpoints are in the ROS graph is no secret and no command.
     yield "@ros2_lv/**"
-    everybodys = "" if _job(process) == BODY else _EVERYBODY
+    everybodys = "" if _job(process) in (BODY, NODE) else _EVERYBODY
     for topic in TOPICS:
         if topic is topics.SERVES:
             # Nobody keeps another from its work by claiming it.
@@ -114,15 +119,16 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
         elif topic.writer in (_job(process), everybodys) or _ALSO_WRITES.get(topic.key) == process:
             for key in _written_keys(site, topic, process):
                 yield key
-                if topic.plane is Plane.ROBOT:
+                if topic.plane is not Plane.DAO:
                     yield f"{key}/@adv/**"
 
 
 def _asked_by(site: Site, process: str) -> Iterator[str]:
     yield "**/@adv/**"
-    if _job(process) == BODY:
+    if _job(process) in (BODY, NODE):
         for topic in TOPICS:
-            if topic.writer == BODY and topic.form is not Form.TOPIC:
+            own = topic.writer == BODY and topic.form is not Form.TOPIC
+            if own if _job(process) == BODY else _CALLERS.get(topic.key) == NODE:
                 yield from _asked_keys(site, topic, process)
         return
     for topic in TOPICS:
@@ -131,7 +137,8 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
                 yield topics.COMMAND.name(org=site.org, participant=participant, command=command)
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
-        if asked and (process in PEOPLE or _CALLERS.get(topic.key, _job(process)) == _job(process)):
+        people = process in PEOPLE and topic.plane is not Plane.ORGANIZATION
+        if asked and (people or _CALLERS.get(topic.key, _job(process)) == _job(process)):
             yield from _asked_keys(site, topic, process)
 
 
@@ -150,7 +157,17 @@ def _wallets_of(site: Site, process: str) -> list[str]:
         return ["*"]
     if (job := _job(process)) in ("robot_agent", "oracle"):
         return _own(site, process, "robot" if job == "robot_agent" else "oracle")
-    return [ORGANIZATION]
+    return _participants_of(site, process) or [ORGANIZATION]
+
+
+def _participants_of(site: Site, process: str) -> list[str]:
+    """The participants for whom the process speaks ROS 2."""
+    return [
+        name
+        for one in site.ros
+        for name in one.participants
+        if process in (ros_process(site, one.owner), node_identity(name))
+    ]
 
 
 def _job(process: str) -> str:
@@ -185,6 +202,9 @@ def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
     if topic.writer == BRIDGE and site.bridges:
         yield from _written_by_bridge(site, topic, process)
         return
+    if topic.plane is Plane.ORGANIZATION:
+        yield from _ros_keys(site, topic, process)
+        return
     devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
     for robot, device in itertools.product(_robots_of(site, process), devices):
         yield from _keys(
@@ -203,8 +223,20 @@ def _written_by_bridge(site: Site, topic: Topic, process: str) -> Iterator[str]:
 
 def _asked_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
     """Key expressions of `topic` that `process` asks on this site, whoever answers."""
+    if topic.plane is Plane.ORGANIZATION:
+        yield from _ros_keys(site, topic, process)
+        return
     for robot in _robots_of(site, process):
         yield from _keys(site, topic, process, ns=robot.namespace)
+
+
+def _ros_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
+    """The keys of its own participants. Type and hash follow the name, so that a service with any name is
+    none of the parts of an action, which others may serve."""
+    end = "_action/*/*/*" if topic.form is Form.ACTION else "*/*"
+    for participant in _participants_of(site, process):
+        key = topic.pattern(org=ros_name(site.org), participant=ros_name(participant))
+        yield f"{site.bus.domain_id}/{key}/{end}"
 
 
 def _keys(site: Site, topic: Topic, speaker: str, **names: str) -> Iterator[str]:

@@ -357,6 +357,11 @@ class Participant:
             if not prepared.remaining:
                 return mined
 
+    def cost(self, name: str, request: Command) -> dict[str, Any]:
+        """What the command would cost now. It is checked and simulated, and not sent."""
+        key = topics.COMMAND.name(org=self._org, participant=self.name, command=name)
+        return self._bus.query(key, request.model_copy(update={"dry_run": True}), timeout_s=30.0)
+
     def sign(self, name: Signable, request: Command, valid_s: int) -> SignedRequest:
         """Sign a command that somebody else sends with `relay`, valid for this many seconds of block time."""
         asked = Sign(

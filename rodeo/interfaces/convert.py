@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from decimal import Decimal, InvalidOperation
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from rodeo.interfaces.fields import PACKAGE, Count, Field, How, fields_of
 from rodeo.interfaces.package import kind_message, kind_models, params_fields
 from rodeo.money.currency import Currency
 from rodeo.ros2 import types
+from rodeo.text.redaction import redacted_json
 from rodeo.text.strict_json import encode
 
 _NUMBERS = {"int64": np.int64, "float64": np.float64, "bool": np.bool_}
@@ -24,7 +26,7 @@ _PARAMS = f"{PACKAGE}/msg/TaskParams"
 
 def problem(error: RodeoError) -> Any:
     """rodeo_msgs/Problem of what the bridge, or this process, refused."""
-    said = error.to_json()
+    said = redacted_json(error.to_json())
     return types.new(
         f"{PACKAGE}/msg/Problem",
         code=said["code"],
@@ -36,7 +38,12 @@ def problem(error: RodeoError) -> Any:
 def message(model: BaseModel, currency: Currency) -> Any:
     """The message of an answer."""
     typename = f"{PACKAGE}/msg/{type(model).__name__}"
-    return _message(typename, fields_of(type(model), request=False), model, currency)
+    return _message(typename, _fields(type(model)), model, currency)
+
+
+@cache
+def _fields(model: type[BaseModel]) -> tuple[Field, ...]:
+    return tuple(fields_of(model, request=False))
 
 
 def _message(typename: str, fields: Sequence[Field], model: BaseModel, currency: Currency) -> Any:
@@ -96,6 +103,8 @@ def request_of(fields: Sequence[Field], sent: Any, currency: Currency) -> dict[s
     """What a model takes, from a request. What is unset is left out. Raises InvalidRequest."""
     found: dict[str, Any] = {}
     for field in fields:
+        if field.count is Count.OPTIONAL and any(len(getattr(sent, name)) > 1 for name in field.names):
+            raise InvalidRequest(f"{field.name} holds one value at most", fields={field.name: "too many"})
         if field.how is How.AMOUNT:
             said = _amount(field, sent, currency)
         elif field.how is How.PARAMS:

@@ -47,11 +47,6 @@ def service_name(interface: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", interface).lower()
 
 
-def participant_name(name: str) -> str:
-    """A participant or an organization in names of ROS, which take no hyphens."""
-    return name.replace("-", "_")
-
-
 def distinct(names: Iterable[str], where: str) -> None:
     """Raises NameCollision. File systems and generators may not tell upper from lower case."""
     seen: set[str] = set()

@@ -72,17 +72,24 @@ class PendingRequest:
         """Identity of the client."""
         return self._attachment.gid
 
+    @property
+    def request_id(self) -> str:
+        """The client's own number of this request, which no other request has."""
+        return f"ros-{self._attachment.gid.hex()}-{self._attachment.sequence}"
+
     def respond(self, response: Any) -> None:
         attachment = wire.Attachment(self._attachment.sequence, time.time_ns(), self._attachment.gid)
+        payload = self._codec.serialize(response)
         with self._query as query:
-            query.reply(self._key, self._codec.serialize(response), attachment=attachment.encode())
+            query.reply(self._key, payload, attachment=attachment.encode())
 
     def fail(self, error: RodeoError) -> None:
         """ROS 2 has no error reply: its clients see no response, ours see the error."""
-        _reply_error(self._query, error)
+        refuse(self._query, error)
 
 
-def _reply_error(query: zenoh.Query, error: RodeoError) -> None:
+def refuse(query: zenoh.Query, error: RodeoError) -> None:
+    """Answer with an error. Nodes of ROS 2 see no response, and rmw_zenoh writes the error into their log."""
     # A query is finished when its object goes, which a traceback may keep alive: finish it explicitly.
     with query:
         query.reply_err(encode(redacted_json(error.to_json())))
@@ -111,7 +118,7 @@ class DeferredService:
             request = self._codec.deserialize(cdr, self._request_type)
         except MalformedMessage as error:
             log.warning("refused a request to %s: %s", self._name, error)
-            _reply_error(query, error)
+            refuse(query, error)
             return
         self._on_request(PendingRequest(query, self._key, request, attachment, self._codec))
 

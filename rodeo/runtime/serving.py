@@ -30,6 +30,7 @@ from rodeo.site.config import (
     dock_process,
     oracle_names,
     oracle_process,
+    ros_process,
 )
 
 log = logging.getLogger(__name__)
@@ -52,7 +53,7 @@ class Thing(NamedTuple):
     """What only one process may serve."""
 
     what: str
-    """wallet, oracle, robot, bin, dock, clock or console"""
+    """wallet, oracle, robot, bin, dock, ros, clock or console"""
     name: str
 
     def __str__(self) -> str:
@@ -70,6 +71,7 @@ def served_by(site: Site, process: str) -> list[Thing]:
     things |= {oracle_process(site, name): Thing("oracle", name) for name in oracle_names(site)}
     things |= {bin_process(site, one.name): Thing("bin", one.name) for one in site.bins}
     things |= {dock_process(site, one.name): Thing("dock", one.name) for one in site.docks}
+    things |= {ros_process(site, one.owner): Thing("ros", one.owner) for one in site.ros}
     things |= {agent_process(site, robot.name): Thing("robot", robot.name) for robot in site.robots}
     return [things[process]] if process in things else []
 

@@ -36,8 +36,8 @@ from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, Place
 from rodeo.lab.rooms import RoomConfig, walls
 from rodeo.money.currency import IEC, MAX_DECIMALS, MIN_DECIMALS, Currency, InvalidAmount
 from rodeo.money.rewards import Rise
-from rodeo.site import endpoint
-from rodeo.site.topics import BODY
+from rodeo.site import endpoint, ros_names
+from rodeo.site.topics import BODY, NODE
 from rodeo.text import redaction
 from rodeo.text.addresses import typed_address
 from rodeo.text.site_problems import Place, close, dotted, explained
@@ -442,6 +442,17 @@ class ParticipantConfig(_Table):
     has no machine for the others. List other kinds if the participant's own program does them."""
 
 
+class RosConfig(_Table):
+    """A process that speaks ROS 2 for the participants of one owner: tasks, services and money as interfaces
+    of `rodeo_msgs`, below `/<org>/<participant>/`."""
+
+    owner: str = Field(pattern=r"^[a-z][a-z0-9-]{0,30}$")
+    """Name of the process beside others: `ros_dao.<owner>`."""
+    participants: list[str] = Field(min_length=1)
+    """Robots and participants of this owner. Only a node with the certificate `node.<participant>` may give a
+    participant's commands. The organization has none: its people use console and command line."""
+
+
 class PeopleConfig(_Table):
     """On a simulated site, whose time goes faster than theirs."""
 
@@ -714,6 +725,8 @@ class Site(BaseSettings):
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
     participants: list[ParticipantConfig] = []
+    ros: list[RosConfig] = []
+    """By default nobody's ROS 2 nodes take part in the organization, and no process waits for them."""
     people: PeopleConfig = PeopleConfig()
     demo: DemoConfig | None = None
     experiment: ExperimentConfig | None = None
@@ -862,6 +875,11 @@ def dock_process(site: Site, name: str) -> str:
     return _process("charger", site.docks, name)
 
 
+def ros_process(site: Site, owner: str) -> str:
+    """Name of the process that speaks ROS 2 for the participants of `owner`."""
+    return "ros_dao" if len(site.ros) == 1 else f"ros_dao.{owner}"
+
+
 def oracle_names(site: Site) -> list[str]:
     """The wallets of those who judge recordings."""
     return [one.name for one in site.oracles] or [ORACLE]
@@ -930,6 +948,11 @@ def _process(job: str, parts: Sequence[Part], name: str) -> str:
 def body_identity(robot: str) -> str:
     """The body of `robot` on the bus, simulated or real: the name in its certificate."""
     return f"{BODY}.{robot}"
+
+
+def node_identity(participant: str) -> str:
+    """The ROS 2 nodes of `participant` on the bus: the name in their certificate."""
+    return f"{NODE}.{participant}"
 
 
 def check_environment() -> None:
@@ -1043,6 +1066,7 @@ def faults(site: Site) -> dict[Place, str]:
         _names,
         _wallets,
         _bridges,
+        _ros,
         _amounts,
         _governance,
         _oracles,
@@ -1154,6 +1178,38 @@ def _bridges(site: Site) -> Iterator[tuple[Place, str]]:
             holders.setdefault(name, one.name)
         if not site.oracles and {"organization", ORACLE} <= set(managed):
             yield place, ONE_HOST.format(one.name)
+
+
+def _ros(site: Site) -> Iterator[tuple[Place, str]]:
+    """Names that ROS 2 refuses, or that two would have there, and participants that no owner's process may
+    command."""
+    if not site.ros:
+        return
+    yield from _twice(
+        [(("ros", number, "owner"), one.owner) for number, one in enumerate(site.ros)],
+        "two processes speak ROS 2 for {}: write one table",
+    )
+    furniture = [*(one.name for one in site.bins), *(one.name for one in site.docks)]
+    namespaces = [robot.namespace for robot in site.robots]
+    if why := ros_names.unusable(site.org) or ros_names.taken(site.org, namespaces, furniture):
+        yield ("org",), why
+    known = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
+    places: list[tuple[Place, str]] = [
+        (("ros", number, "participants", entry), name)
+        for number, one in enumerate(site.ros)
+        for entry, name in enumerate(one.participants)
+    ]
+    for place, name in places:
+        if name == "organization":
+            yield place, "the organization's own wallet takes no commands over ROS 2"
+        elif name not in known:
+            yield place, f"nobody on this site is called {name}{close(name, known)}"
+        elif why := ros_names.unusable(name):
+            yield place, why
+        elif ros_names.is_the_labs(site.org, name):
+            yield place, f"the lab itself has a service of this name in ROS 2: rename {name}"
+    for number, why in ros_names.collisions(name for _, name in places):
+        yield places[number][0], why
 
 
 ONE_HOST = (

@@ -12,6 +12,7 @@ from rodeo.site.config import (
     dock_process,
     oracle_names,
     oracle_process,
+    ros_process,
 )
 
 
@@ -32,6 +33,7 @@ PROCESSES: tuple[ProcessEntry, ...] = (
     ProcessEntry("itrash", "services.itrash", "the smart bin"),
     ProcessEntry("charger", "services.charger", "the dock's energy meter"),
     ProcessEntry("console", "services.console", "the web page where people run the organization"),
+    ProcessEntry("ros_dao", "services.ros_dao", "the organization as ROS 2 services, for one owner's nodes"),
     ProcessEntry("robot_sim", "services.robot_sim", "the simulated lab and robots"),
     ProcessEntry("robot_agent", "services.robot_agent", "the robot's mind"),
 )
@@ -39,7 +41,7 @@ PROCESSES: tuple[ProcessEntry, ...] = (
 
 def processes_of(site: Site) -> list[ProcessEntry]:
     """The processes that `site` needs: no chain where it is elsewhere, and one for each bridge, oracle, bin,
-    dock and robot."""
+    dock, robot and owner of ROS 2 nodes."""
     own: dict[str, list[ProcessEntry]] = {
         "bridge": [
             BY_NAME["bridge"],
@@ -49,6 +51,7 @@ def processes_of(site: Site) -> list[ProcessEntry]:
             "oracle", "oracle", {name: oracle_process(site, name) for name in oracle_names(site)}
         ),
         "itrash": _each("itrash", "bin", {one.name: bin_process(site, one.name) for one in site.bins}),
+        "ros_dao": _each("ros_dao", "owner", {one.owner: ros_process(site, one.owner) for one in site.ros}),
         "charger": _each("charger", "dock", {one.name: dock_process(site, one.name) for one in site.docks}),
         "robot_agent": _each(
             "robot_agent", "robot", {one.name: agent_process(site, one.name) for one in site.robots}

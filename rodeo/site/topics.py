@@ -2,8 +2,8 @@
 
 `{ns}` is a robot's namespace, `{body}` a body that the motion capture tracks, `{bin}`, `{compartment}` and
 `{dock}` name furniture, `{org}` the organization, `{judge}` one of several oracles, and `{participant}`,
-`{command}`, `{event}`, `{process}` what they say. Robot-plane names become Zenoh keys by `rodeo.ros2`;
-DAO-plane names are Zenoh keys as they are.
+`{command}`, `{service}`, `{event}`, `{process}` what they say. DAO-plane names are Zenoh keys as they are;
+the others become Zenoh keys by `rodeo.ros2`.
 """
 
 from __future__ import annotations
@@ -18,8 +18,15 @@ BODY = "body"
 (`rodeo.site.config.body_identity`)."""
 
 
+NODE = "node"
+"""Identity that speaks ROS 2 for a participant: on the bus `node.<participant>`
+(`rodeo.site.config.node_identity`)."""
+
+
 class Plane(StrEnum):
     ROBOT = "robot"
+    ORGANIZATION = "organization"
+    """The organization as ROS 2 nodes see it."""
     DAO = "dao"
 
 
@@ -67,8 +74,8 @@ class Topic:
 
     def parts(self, key: str) -> dict[str, str] | None:
         """The value of each part in `key`; None if the key is not of this topic. The last part may contain
-        slashes."""
-        found = _matcher(self.key).fullmatch(key)
+        slashes, unless it is a name in ROS 2."""
+        found = _matcher(self.key, "[^/]+" if self.plane is Plane.ORGANIZATION else ".+").fullmatch(key)
         return None if found is None else found.groupdict()
 
 
@@ -78,11 +85,11 @@ class _AnyOf(dict[str, str]):
 
 
 @cache
-def _matcher(key: str) -> re.Pattern[str]:
+def _matcher(key: str, last_part: str) -> re.Pattern[str]:
     *parts, last = re.split(r"\{(\w+)\}", key)
     literals, names = parts[::2], parts[1::2]
     text = "".join(
-        f"{re.escape(literal)}(?P<{name}>{'.+' if name == names[-1] else '[^/]+'})"
+        f"{re.escape(literal)}(?P<{name}>{last_part if name == names[-1] else '[^/]+'})"
         for literal, name in zip(literals, names, strict=True)
     )
     return re.compile(text + re.escape(last))
@@ -295,6 +302,21 @@ SET_ENTITY_STATE = _served(
     "simulated labs only: set the pose of an item, an obstacle or a robot that is not simulated",
 )
 
+# -- the organization as ROS 2 nodes see it: names with hyphens as underscores (`ros_names`) ----
+
+
+def _ros(key: str, type: str, form: Form, writer: str, meaning: str) -> Topic:
+    return Topic(key, type, form, Plane.ORGANIZATION, None, writer, meaning=meaning)
+
+
+ROS_SERVICE = _ros(
+    "{org}/{participant}/{service}",
+    "rodeo_msgs/srv/...",
+    Form.SERVICE,
+    "ros_dao",
+    "a command that the participant gives, or a query: [ROS 2 interfaces](ros2.md) lists them",
+)
+
 # -- DAO plane ------------------------------------------------------------------------------------------
 
 COMMAND = _dao(
@@ -392,8 +414,8 @@ SERVES = _dao(
     "liveliness token",
     Form.TOPIC,
     "every process",
-    "the process that claims or serves a wallet, the oracle, a robot, bin or dock, the clock or the console: "
-    "one at a time",
+    "the process that claims or serves a wallet, the oracle, a robot, bin or dock, an owner's ROS nodes, the "
+    "clock or the console: one at a time",
 )
 CLOCK_MARK = _dao(
     "rodeo/{org}/clock/mark/{to}",
@@ -484,5 +506,6 @@ def _rate(topic: Topic) -> str:
 
 _PLANES = {
     Plane.ROBOT: "Robot plane: ROS 2 as rmw_zenoh writes it",
+    Plane.ORGANIZATION: "The organization over ROS 2, on sites with `[[ros]]`",
     Plane.DAO: "DAO plane: JSON",
 }

@@ -43,7 +43,8 @@ ONE, OTHER = "panther1", "panther2"
 ROBOTS = f"""robots = [
     {{ name = "{ONE}", pose = {{ x_m = 1.4, y_m = 1.3 }} }},
     {{ name = "{OTHER}", pose = {{ x_m = 3.6, y_m = 4.1 }} }},
-]"""
+]
+ros = [{{ owner = "second", participants = ["{OTHER}"] }}]"""
 MIND = f"robot_agent.{ONE}"
 SEALS = 100
 
@@ -181,7 +182,7 @@ def test_a_wallet_takes_from_each_certificate_the_commands_that_its_process_send
     people = dict.fromkeys(("console", "operator"), wallets)
     for name in set(everybody(running.site)) - {"bridge"}:
         job, _, robot = name.partition(".")
-        own = people | {"oracle": ("oracle",), "robot_agent": (robot,)}
+        own = people | {"oracle": ("oracle",), "robot_agent": (robot,), "ros_dao": (OTHER,)}
         allowed = set(itertools.product(own.get(job, ("organization",)), commands_of(job)))
         for participant, command in sorted(allowed):
             key = f"{wallet}/{participant}/{command}"

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from rodeo.bus.messages import Status
-from rodeo.site.processes import PROCESSES
-from tests.support.site import RunningSite
+from tests.support.site import LAB_PROCESSES, RunningSite
 
 pytestmark = pytest.mark.long
 
@@ -27,7 +26,7 @@ def says_what_is_missing(status: Status) -> bool:
 
 
 def test_the_last_comes_first_and_all_become_ready(bare: RunningSite) -> None:
-    first = [process.name for process in reversed(PROCESSES) if process.name not in LAST]
+    first = [process.name for process in reversed(LAB_PROCESSES) if process.name not in LAST]
     bare.start(*first, ready=False)
     bare.start(*LAST, ready=False)
     bare.wait_ready("chain", "router", "robot_sim", "oracle")

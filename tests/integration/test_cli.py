@@ -19,11 +19,10 @@ from typer.testing import CliRunner
 
 from rodeo.host.instance import lock_holder
 from rodeo.site.config import Site
-from rodeo.site.processes import PROCESSES
 from rodeo_cli import app
 from rodeo_testing.waiting import HANG_S
 from tests.support import command
-from tests.support.site import RunningSite, free_port, write_site
+from tests.support.site import LAB_PROCESSES, RunningSite, free_port, write_site
 
 RODEO = (sys.executable, "-m", "rodeo_cli")
 QUIET = "clock.speed = 1.0\nclock.idle_speed = 20\nagent.explore_when_idle = false"
@@ -52,7 +51,7 @@ def processes(site: Path, status: int = 0) -> dict[str, dict[str, Any]]:
 
 def holders(site: Path) -> list[str]:
     """Processes and launchers at work on the site's data."""
-    names = [process.name for process in PROCESSES]
+    names = [process.name for process in LAB_PROCESSES]
     folder = Site.load(site).data_dir
     return [n for n in ("launcher", *(f"launcher/{n}" for n in names), *names) if lock_holder(folder / n)]
 
@@ -84,7 +83,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Itera
     try:
         started = rodeo(site, "up", "--detach")
         states = [line.split()[1] for line in started.stdout.splitlines()[1:]]
-        assert states == ["ready"] * len(PROCESSES)
+        assert states == ["ready"] * len(LAB_PROCESSES)
         yield site
         running = rodeo(site, "report", "--json").stdout
     finally:  # also a site that did not get ready in time
@@ -100,7 +99,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Itera
 
 def test_status_of_a_site_that_is_down(site_path: Path) -> None:
     rows = processes(site_path, status=1)
-    assert [row["reason"] for row in rows.values()] == ["not running"] * len(PROCESSES)
+    assert [row["reason"] for row in rows.values()] == ["not running"] * len(LAB_PROCESSES)
 
 
 def test_a_question_to_a_site_that_is_down_says_how_to_start_it(site_path: Path) -> None:
@@ -230,7 +229,7 @@ def test_processes_of_another_site_on_the_same_bus_are_told_apart(
 def test_status_of_a_running_site(whole: Path) -> None:
     rows = processes(whole)
     assert all(row["ready"] and row["here"] for row in rows.values())
-    assert list(rows) == [process.name for process in PROCESSES]
+    assert list(rows) == [process.name for process in LAB_PROCESSES]
     services = rodeo(whole, "service", "list").stdout
     assert "panther1" in services and "100 IEC" in services
     assert "no task is assigned" in rodeo(whole, "robot", "explain", "panther1", "--limit", "1000").stdout

@@ -15,9 +15,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from rodeo.site.processes import PROCESSES
 from rodeo_cli.demo import DEMO_SOC_ABOVE
 from rodeo_testing.waiting import HANG_S
+from tests.support.site import LAB_PROCESSES
 
 
 def start_demo(out: Path, chain_backend: str, *options: str) -> subprocess.Popen[str]:
@@ -121,7 +121,7 @@ def test_the_demo_settles_both_tasks_and_its_summary_adds_up(tmp_path: Path, cha
         (0, signal.SIGINT, ()),
         pytest.param(1, signal.SIGHUP, (), marks=pytest.mark.long),
         (4, signal.SIGTERM, ("--keep",)),
-        pytest.param(len(PROCESSES), signal.SIGINT, (), marks=pytest.mark.long),
+        pytest.param(len(LAB_PROCESSES), signal.SIGINT, (), marks=pytest.mark.long),
     ],
 )
 def test_a_demo_that_is_stopped_leaves_no_process_behind_and_can_be_run_again(
@@ -145,9 +145,9 @@ def test_a_demo_that_is_stopped_leaves_no_process_behind_and_can_be_run_again(
 def test_processes_end_with_a_launcher_that_was_killed(tmp_path: Path, chain_backend: str) -> None:
     out = tmp_path / "demo"
     demo = start_demo(out, chain_backend)
-    wait_for_logs(demo, out, len(PROCESSES))
+    wait_for_logs(demo, out, len(LAB_PROCESSES))
     children = _children(demo.pid)
-    assert len(children) >= len(PROCESSES)
+    assert len(children) >= len(LAB_PROCESSES)
     demo.kill()
     demo.communicate(timeout=HANG_S)
     for child in children:

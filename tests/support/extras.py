@@ -34,6 +34,7 @@ EXTRA_OF = {
     "itrash": "itrash",
     "charger": "charger",
     "console": "console",
+    "ros_dao": "ros-dao",
     "robot_sim": "robot-sim",
     "robot_agent": "robot-agent",
 }

@@ -46,6 +46,7 @@ _IMPORTED = {
     "services.oracle": "services.oracle.process",
     "services.robot_agent": "services.robot_agent.process",
     "services.robot_sim": "services.robot_sim.process",
+    "services.ros_dao": "services.ros_dao.process",
 }
 """Module that is run -> what is imported before the fork; one that is not here imports everything itself."""
 

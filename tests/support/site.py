@@ -32,6 +32,7 @@ from tests.support.snapshot import found, give_wallets, has_snapshot
 
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
 
+LAB_PROCESSES = tuple(processes_of(Site.load(LAB)))
 
 _handed_out: set[int] = set()
 

@@ -26,7 +26,7 @@ ARROW = re.compile(r"\s+(.+?) (-->|-\.->)\|(.+)\| (.+)")
 KIND_FREE = ("rodeo", "services", "deploy", "rodeo_cli", "rodeo_experiments")
 """Rooms in which no file names a kind of work."""
 ABOVE = ("rodeo_kinds", "services", "deploy", "rodeo_cli")
-BESIDE = {"people", "cli", "store"}
+BESIDE = {"people", "nodes", "cli", "store"}
 """Nodes in the picture of processes that are none."""
 
 LAYERS: list[str] = next(

@@ -21,6 +21,7 @@ NEVER = {
     "": {"numpy", "rosbags", "web3", "eth-account", "py-ecc", "mujoco", "starlette"},
     "router": {"numpy", "rosbags", "web3", "eth-account", "py-ecc", "mujoco"},
     "charger": {"numpy", "rosbags", "web3", "eth-account", "py-ecc", "mujoco", "opencv-python-headless"},
+    "ros-dao": {"web3", "eth-account", "py-ecc", "mujoco", "opencv-python-headless"},
     "itrash": {"web3", "eth-account", "py-ecc", "mujoco"},
     "robot-sim": {"web3", "eth-account", "py-ecc"},
     "robot-agent": {"web3", "eth-account", "py-ecc"},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.site.config import ChainConfig, OtherBridgeConfig, Site
+from rodeo.site.config import ChainConfig, OtherBridgeConfig, RosConfig, Site
 from rodeo.site.processes import processes_of
 from tests.support.site import LAB
 
@@ -51,3 +51,17 @@ def test_each_further_bridge_is_a_process_of_its_own() -> None:
 def test_a_chain_elsewhere_is_not_started() -> None:
     site = SITE.model_copy(update={"chain": ChainConfig(backend="external")})
     assert "chain" not in {p.name for p in processes_of(site)}
+
+
+def test_each_owner_of_ros_nodes_has_a_process_and_nobody_else_pays_for_one() -> None:
+    def of(*owners: str) -> dict[str, tuple[str, ...]]:
+        tables = [RosConfig(owner=one, participants=[one]) for one in owners]
+        processes = processes_of(SITE.model_copy(update={"ros": tables}))
+        return {p.name: p.arguments for p in processes if p.module == "services.ros_dao"}
+
+    assert of() == {}
+    assert of("annas") == {"ros_dao": ()}
+    assert of("annas", "berts") == {
+        "ros_dao.annas": ("--owner", "annas"),
+        "ros_dao.berts": ("--owner", "berts"),
+    }

@@ -11,7 +11,7 @@ import zenoh
 from rodeo.bus.session import zenoh_config
 from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.runtime.serving import Claim, Holder, Rival, Thing, served_by
-from rodeo.site.config import OtherBridgeConfig, Site
+from rodeo.site.config import OtherBridgeConfig, RosConfig, Site
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import LAB, free_port
 
@@ -155,3 +155,5 @@ def test_each_process_serves_what_it_has_the_key_or_the_name_of() -> None:
     plural = Site.load(LAB.with_name("plural.toml"))
     assert served_by(plural, "itrash.bin_east") == [Thing("bin", "bin_east")]
     assert served_by(plural, "charger.dock_west") == [Thing("dock", "dock_west")]
+    ros = RosConfig(owner="annas", participants=["anna"])
+    assert served_by(site.model_copy(update={"ros": [ros]}), "ros_dao") == [Thing("ros", "annas")]

@@ -197,6 +197,11 @@ ROWS: dict[Call, str] = {
         "Votes.run",
         "self._bus.subscribe_with_source(everybodys)",
     ): "the oracle that the key names: its registered key signed the vote",
+    (
+        "services/ros_dao/services.py",
+        "Fallback.__init__",
+        "session.declare_queryable(expression)",
+    ): ASKED,
     ("rodeo/attempts/orders.py", "Orders.__init__", "bus.serve(key(order))"): (
         "whom the access rules let ask: operator and console"
     ),

@@ -392,3 +392,42 @@ i = 2
         ("v", 1, "w"): 14,
         ("v", 1, "w", "i"): 15,
     }
+
+
+NAMES = ("a-b", "set-entity-state", "alice", "a--b")
+PEOPLE = "".join(f'[[participants]]\nname = "{name}"\n' for name in NAMES)
+
+
+@pytest.mark.parametrize(
+    ("head", "listed", "sentence"),
+    [
+        ("", '["nobody"]', "nobody on this site is called nobody"),
+        ("", '["organization"]', "the organization's own wallet takes no commands over ROS 2"),
+        ("", '["alice", "alice"]', "alice is listed twice"),
+        ("", '["a--b"]', "ROS 2 takes no name with two underscores in a row, and a--b is a__b there"),
+        ("", '["set-entity-state"]', "the lab itself has a service of this name in ROS 2"),
+        ('org = "panther1"\n', '["alice"]', "panther1 in ROS 2, like the namespace of a robot: rename one"),
+        ('org = "mocap"\n', '["alice"]', "a name that the lab itself uses there: rename one"),
+        ('org = "itrash"\n', '["alice"]', "a name that the lab itself uses there: rename one"),
+        ('org = "x--y"\n', '["alice"]', "ROS 2 takes no name with two underscores in a row"),
+    ],
+)
+def test_a_name_that_cannot_be_in_ros_is_an_error(said: Said, head: str, listed: str, sentence: str) -> None:
+    found = said(f'{head}{PEOPLE}[[ros]]\nowner = "annas"\nparticipants = {listed}\n')
+    assert len(found) == 1 and sentence in found[0]
+
+
+def test_two_names_that_are_the_same_in_ros_are_an_error(said: Said) -> None:
+    robots = '[[robots]]\nname = "a_b"\npose = { x_m = 1.4, y_m = 1.3 }\n'
+    tables = [
+        f'[[ros]]\nowner = "{one}"\nparticipants = ["{name}"]\n' for one, name in (("x", "a-b"), ("y", "a_b"))
+    ]
+    found = said(PEOPLE + robots + "".join(tables))
+    assert len(found) == 1 and "a_b and a-b are both a_b in ROS 2" in found[0]
+    assert said(PEOPLE + robots) == []
+
+
+def test_one_owner_has_one_process(said: Said) -> None:
+    table = '[[ros]]\nowner = "x"\nparticipants = ["{}"]\n'
+    found = said(PEOPLE + table.format("alice") + table.format("a-b"))
+    assert len(found) == 1 and 'two processes speak ROS 2 for "x"' in found[0]

@@ -11,9 +11,11 @@ from rodeo.site import topics
 from rodeo.site.config import (
     JudgeConfig,
     OtherBridgeConfig,
+    RosConfig,
     Site,
     agent_process,
     body_identity,
+    node_identity,
     oracle_process,
 )
 from rodeo.site.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
@@ -36,6 +38,13 @@ def two() -> Site:
     return Site.load(LAB).model_copy(update={"robots": [first, second]})
 
 
+OWNERS = {"annas": ["anna-2", "carl"], "berts": ["bert"]}
+PARTICIPANTS = ["anna-2", "carl", "bert"]
+ROS = Site.load(LAB).model_copy(
+    update={"ros": [RosConfig(owner=owner, participants=names) for owner, names in OWNERS.items()]}
+)
+
+
 def may(site: Site, name: str, does: str, key: str) -> bool:
     """Whether who shows the certificate of `name` "writes" or "asks" `key`."""
     rules = {rule["id"]: rule["key_exprs"] for rule in access_control(site)["rules"]}
@@ -43,11 +52,13 @@ def may(site: Site, name: str, does: str, key: str) -> bool:
 
 
 def test_every_key_has_a_writer_who_may_be_on_the_bus() -> None:
-    known = {*(name.partition(".")[0] for name in everybody(Site.load(LAB))), "every process"}
+    known = {*(name.partition(".")[0] for name in everybody(ROS)), "every process"}
     assert {topic.writer for topic in TOPICS} <= known
 
 
-def test_no_two_may_write_the_same(two: Site) -> None:
+@pytest.mark.parametrize("tables", [[], ROS.ros])
+def test_no_two_may_write_the_same(two: Site, tables: list[RosConfig]) -> None:
+    two = two.model_copy(update={"ros": tables})
     # A robot's frames have its namespace in the message, not in the key, which all tools expect.
     shared = {"@ros2_lv/**", *(f"0/{topic.key}/{end}" for topic in (topics.TF, topics.TF_STATIC)
                                for end in ("**", "**/@adv/**"))}  # fmt: skip
@@ -185,3 +196,34 @@ def test_each_of_several_bridges_answers_for_its_own_wallets_only() -> None:
         assert {name for name in everybody(site) if may(site, name, "writes", command)} == {bridge}
     event = topics.EVENT.name(org="lab", event="TaskSettled")
     assert {name for name in everybody(site) if may(site, name, "writes", event)} == {"bridge"}
+
+
+@pytest.mark.parametrize("participant", PARTICIPANTS)
+def test_only_a_participants_own_nodes_ask_its_services_and_only_its_owners_process_answers(
+    participant: str,
+) -> None:
+    service = f"0/lab/{participant.replace('-', '_')}/transfer/rodeo_msgs::srv::dds_::Transfer_/RIHS01_0"
+    assert [name for name in everybody(ROS) if may(ROS, name, "asks", service)] == [
+        node_identity(participant)
+    ]
+    owner = next(owner for owner, names in OWNERS.items() if participant in names)
+    assert [name for name in everybody(ROS) if may(ROS, name, "writes", service)] == [f"ros_dao.{owner}"]
+
+
+def test_an_owners_process_commands_its_own_participants_and_never_the_organization() -> None:
+    for owner, names in OWNERS.items():
+        wallets = {
+            participant
+            for participant in (*PARTICIPANTS, "organization", "oracle", "panther1")
+            for key in [topics.COMMAND.name(org="lab", participant=participant, command="transfer")]
+            if may(ROS, f"ros_dao.{owner}", "asks", key)
+        }
+        assert wallets == set(names)
+
+
+def test_a_participants_nodes_ask_nothing_of_the_bridge() -> None:
+    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(ROS)["rules"]}
+    for name in ("node.anna-2", "node.carl", "node.bert"):
+        assert not [
+            key for key in rules[f"{name} asks"] + rules[f"{name} writes"] if key.startswith("rodeo/")
+        ]

@@ -13,6 +13,7 @@ import zenoh
 
 from deploy.access import access_control, commands_of, everybody
 from rodeo.commands import COMMANDS
+from rodeo.interfaces import package
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.site.config import JudgeConfig, OtherBridgeConfig, ParticipantConfig, Site
 from services.bridge.wallet import KNOWN
@@ -23,6 +24,7 @@ ROOT = Path(__file__).parents[3]
 CODE = {
     "robot_agent": ("services/robot_agent", "rodeo_kinds"),
     "charger": ("services/charger",),
+    "ros_dao": ("services/ros_dao",),
     "itrash": ("services/itrash",),
     "robot_sim": ("services/robot_sim",),
     "oracle": ("services/oracle",),
@@ -121,7 +123,9 @@ def sent_by(process: str) -> set[str]:
 
 
 def made_for(process: str) -> set[str]:
-    """Commands whose line, or action, is made from their declaration."""
+    """Commands whose line, action or service is made from their declaration."""
+    if process == "ros_dao":
+        return {one.name for one in package.commands().values()}
     made = {"operator": "line", "console": "console"}.get(process, "")
     return {name for name, model in COMMANDS.items() if made and getattr(model.declared, made)}
 

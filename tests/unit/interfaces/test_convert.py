@@ -149,3 +149,9 @@ def test_an_error_keeps_its_code_words_and_details() -> None:
         {"fields": {"a": "b"}},
     )
     assert problem(RodeoError("x")).code == "rodeo_error"
+
+
+def test_of_what_may_be_unset_a_request_says_one_value_at_most() -> None:
+    with pytest.raises(InvalidRequest) as caught:
+        request("set_namers", service_id=1, namers=["anybody", "nobody"])
+    assert caught.value.details["fields"] == {"namers": "too many"}
