@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -101,6 +102,45 @@ class Job(BaseModel):
     def save(self, path: Path) -> None:
         """Replace the file at `path` as a whole."""
         replace_file(path, self.model_dump_json())
+
+
+class Jobs:
+    """The job of one dock in its folder, beside the recordings."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._path = folder / "job.json"
+
+    def own(self, belongs: Callable[[Job], bool | None], open_contactor: Callable[[], object]) -> Job | None:
+        """The job on disk, if it `belongs` to an assignment on this chain; None if that is not known.
+
+        A foreign job is set aside: the robot on the contacts does not pay for it.
+        """
+        job = Job.load(self._path)
+        owns = None if job is None else belongs(job)
+        if job is None or owns:
+            return job
+        if owns is not None:
+            open_contactor()
+            job.set_aside(self._path, self.recording(job))
+        return None
+
+    def save(self, job: Job) -> None:
+        job.save(self._path)
+
+    def recording(self, job: Job) -> Path:
+        return self._folder / f"{job.name}.mcap"
+
+    def kept(self, sha256: str) -> Path:
+        """Path of the dock's own copy of a proof."""
+        return self._folder / "proofs" / f"{sha256.removeprefix('0x')}.mcap"
+
+    def done(self, recording: Path, sha256: str) -> None:
+        """Forget the job, and keep its recording: the store may lose it, then this copy is stored again."""
+        self._path.unlink()
+        kept = self.kept(sha256)
+        kept.parent.mkdir(exist_ok=True)
+        recording.replace(kept)
 
 
 @dataclass

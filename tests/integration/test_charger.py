@@ -27,7 +27,7 @@ from rodeo.witness.statement import MeterRecord, Receipt, parse
 from rodeo_kinds.battery_charging.readings import unpack
 from rodeo_testing.dock import TARGET_SOC, Buyer, Hardware
 from rodeo_testing.waiting import HANG_S, wait_until
-from services.charger.process import PROOF_SHARE
+from services.charger.attempt import PROOF_SHARE
 from tests.support.site import RunningSite, write_site
 
 ORDERED_WH = 400.0

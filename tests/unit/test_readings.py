@@ -27,7 +27,7 @@ from rodeo.site.config import Site
 from rodeo.text.strict_json import encode
 from rodeo_experiments.conduct import Meters
 from rodeo_experiments.lab import Lab
-from services.charger.process import Charger
+from services.charger.terminals import Terminals
 from services.console.live import Newest, _number
 from services.console.replay import _rounded
 from services.robot_agent.energy import EnergyMeter
@@ -194,19 +194,20 @@ def test_what_a_robot_learns_of_its_consumption_stays_finite(voltage: float) -> 
 
 @pytest.mark.parametrize("value", NO_NUMBERS)
 def test_a_dock_that_measures_nothing_is_silent_and_says_why(value: float) -> None:
-    charger: Any = Charger.__new__(Charger)
     heard: list[Any] = []
-    said: list[str] = []
-    charger._heard_s, charger._dock = -INF, SimpleNamespace(name="dock")
-    charger._delivery = SimpleNamespace(on_output=lambda message, _info: heard.append(message))
-    charger._process = SimpleNamespace(not_ready=said.append, ready=lambda: said.append("ready"))
+    topics_: dict[str, Callable[[Any, Any], None]] = {}
+    node: Any = SimpleNamespace(
+        client=lambda *_: None,
+        subscription=lambda topic, _type, on_message, inline: topics_.update({topic: on_message}),
+    )
+    terminals = Terminals(node, "dock", lambda message, _info: heard.append(message))
+    (on_output,) = topics_.values()
     for message in (battery(voltage=value), battery(current=value)):
-        charger._on_output(message, None)
-        charger._update_readiness()
-    assert not heard and len(said) == 2 and all("can be used: voltage and current are" in one for one in said)
-    charger._on_output(battery(), None)
-    charger._update_readiness()
-    assert len(heard) == 1 and said[2] == "ready"
+        on_output(message, None)
+        assert "can be used: voltage and current are" in terminals.silence
+    assert not heard
+    on_output(battery(), None)
+    assert len(heard) == 1 and terminals.silence == ""
 
 
 @pytest.mark.parametrize(

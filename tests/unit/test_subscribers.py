@@ -162,14 +162,14 @@ ROWS: dict[Call, str] = {
         "bus.serve(topics.COMMAND.pattern(org=org, participant=name))",
     ): "the participant that the key names: the access rules let its process command it",
     (
-        "services/charger/process.py",
-        "Charger.__init__",
-        "self._node.subscription(output.name(dock=dock.name))",
+        "services/charger/terminals.py",
+        "Terminals.__init__",
+        "node.subscription(output.name(dock=dock))",
     ): ONE,
     (
         "services/charger/process.py",
         "Charger.__init__",
-        "self._node.subscription(battery.name(ns=robot.namespace))",
+        "node.subscription(battery.name(ns=robot.namespace))",
     ): ONE,
     ("services/console/live.py", "Newest.__init__", "session.declare_subscriber(key)"): ONE,
     (

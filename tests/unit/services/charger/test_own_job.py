@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -15,14 +14,15 @@ from rodeo.bus.messages import DaoEvent, Task
 from rodeo.bus.queries import A, Query
 from rodeo.dao import Assignment
 from rodeo.errors import NoResponder, RemoteError
-from rodeo.host.clock import WallClock
-from rodeo.kinds import providing_energy
 from rodeo.site.config import ClockConfig, Site
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Sample, Take
-from services.charger.job import FOREIGN, Job
-from services.charger.process import Charger
+from services.charger.assignments import Assignments
+from services.charger.attempt import Attempt, Hands
+from services.charger.feed import Feed
+from services.charger.job import FOREIGN, Job, Jobs
+from services.charger.retries import Retries
 from services.charger.session import End, Phase, SessionState
 from tests.support.site import LAB
 
@@ -60,39 +60,33 @@ class Organization:
         self.offers += 1
 
 
+SITE = Site.load(LAB)
+
+
 @pytest.fixture
-def charger(tmp_path: Path) -> Charger:
-    made: Any = Charger.__new__(Charger)
-    made._site = Site.load(LAB)
-    made._dock = made._site.docks[0]
-    made._energy = providing_energy(made._site)
-    made._organization = Organization()
-    made._process = SimpleNamespace(
-        stop=threading.Event(),
-        data_dir=tmp_path,
-        ready=lambda: None,
-        not_ready=lambda _why: None,
-        clock=WallClock(),
-    )
-    made._job_path = tmp_path / "job.json"
-    made._offered_on = None
-    made._heard_s, made._unusable = 0.0, ""
-    made._rulings = SimpleNamespace(on_event=lambda _event: None)
-    made.switched = []
-    made._command_contactor = made.switched.append
-    job = Job(
-        task=TASK,
-        session=SessionState(wait_until_s=0.0),
-        assignment=made._organization.assignment(TASK),
-    )
-    job.save(made._job_path)
-    (tmp_path / f"{job.name}.mcap").write_bytes(b"a recording")
-    return made  # type: ignore[no-any-return]
+def organization() -> Organization:
+    return Organization()
 
 
-def test_a_job_of_this_chain_is_gone_on_with(charger: Any) -> None:
-    assert charger._own_job().task == TASK
-    assert charger.switched == []
+@pytest.fixture
+def assignments(organization: Any) -> Assignments:
+    return Assignments(organization, SITE, SITE.docks[0].name)
+
+
+@pytest.fixture
+def jobs(tmp_path: Path, organization: Organization) -> Jobs:
+    """The folder of a dock with a job and its recording."""
+    jobs = Jobs(tmp_path)
+    session = SessionState(wait_until_s=0.0)
+    job = Job(task=TASK, session=session, assignment=organization.assignment(TASK))
+    jobs.save(job)
+    jobs.recording(job).write_bytes(b"a recording")
+    return jobs
+
+
+def test_a_job_of_this_chain_is_continued(jobs: Jobs, assignments: Assignments) -> None:
+    job = jobs.own(assignments.has, lambda: pytest.fail("the contactor was opened"))
+    assert job is not None and job.task == TASK
 
 
 @pytest.mark.parametrize(
@@ -106,43 +100,104 @@ def test_a_job_of_this_chain_is_gone_on_with(charger: Any) -> None:
     ],
 )
 def test_a_job_of_another_chain_or_assignment_is_kept_aside_and_nothing_flows_for_it(
-    charger: Any, tmp_path: Path, genesis_hash: str, now: Task | None, caplog: pytest.LogCaptureFixture
+    jobs: Jobs,
+    assignments: Assignments,
+    organization: Organization,
+    tmp_path: Path,
+    genesis_hash: str,
+    now: Task | None,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    charger._organization.genesis_hash, charger._organization.now = genesis_hash, now
-    assert charger._own_job() is None
-    assert charger.switched == [False]
-    assert not charger._job_path.exists()
+    organization.genesis_hash, organization.now = genesis_hash, now
+    opened: list[bool] = []
+    assert jobs.own(assignments.has, lambda: opened.append(True)) is None
+    assert opened == [True]
     kept = sorted(path.name for path in tmp_path.iterdir())
     assert kept == [f"job.json.{FOREIGN}-1", f"task-{TASK.id}-{TASK.attempt}.mcap.{FOREIGN}-1"]
     assert all(name in caplog.text for name in kept)
 
 
-def test_an_attempt_that_is_over_ends_as_always(charger: Any) -> None:
+def test_a_job_stays_while_nobody_answers_whose_it_is(jobs: Jobs, tmp_path: Path) -> None:
+    before = sorted(tmp_path.iterdir())
+    assert jobs.own(lambda _job: None, lambda: pytest.fail("the contactor was opened")) is None
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_an_attempt_that_is_over_ends_as_always(
+    jobs: Jobs, assignments: Assignments, organization: Organization
+) -> None:
     """Its recording is submitted, refused and forgotten."""
-    charger._organization.now = TASK.model_copy(update={"state": "open", "nonce": None})
-    assert charger._own_job() is not None
+    organization.now = TASK.model_copy(update={"state": "open", "nonce": None})
+    assert jobs.own(assignments.has, lambda: pytest.fail("the contactor was opened")) is not None
 
 
-def test_the_service_is_offered_once_on_each_chain(charger: Any) -> None:
+def test_the_service_is_offered_once_on_each_chain_and_again_when_another_judge_may_decide(
+    assignments: Assignments, organization: Organization
+) -> None:
     for _ in range(3):
-        charger._offer()
-    assert charger._organization.offers == 1
-    charger._organization.genesis_hash = "0x" + "09" * 32
-    charger._offer()
-    assert charger._organization.offers == 2
+        assignments.offer()
+    assert organization.offers == len(SITE.docks)
+    organization.genesis_hash = "0x" + "09" * 32
+    assignments.offer()
+    assert organization.offers == 2 * len(SITE.docks)
+    assignments.offer_again()
+    assignments.offer()
+    assert organization.offers == 3 * len(SITE.docks)
 
 
-def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number(charger: Any) -> None:
-    charger._events, charger._events_lock = defaultdict(list), threading.Lock()
-    charger._wake, charger._chain, charger._delivery = threading.Event(), "", None
+class Session:
+    """A delivery that notes the events that it gets, and whether each of its waits was woken."""
 
+    def __init__(self, task_id: int = TASK.id) -> None:
+        task = TASK.model_copy(update={"id": task_id})
+        state = SimpleNamespace(phase=Phase.CHARGING, soc=None, started_s=None)
+        self.job = SimpleNamespace(task=task, session=state)
+        self.session = SimpleNamespace(ended=False, commands_contactor=False, contactor_wanted=False)
+        self.power_w = self.energy_wh = self.receipted_wh = 0.0
+        self.events: list[int] = []
+        self.woken: list[bool] = []
+        self.end: End | None = None
+
+    def wait(self, _timeout_s: float, woken: Callable[[], bool]) -> None:
+        self.woken.append(woken())
+
+    def stop(self, end: End) -> None:
+        self.end, self.session.ended = end, True
+
+    def on_event(self, event: DaoEvent) -> None:
+        self.events.append(event.seq)
+
+
+def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number() -> None:
     def event(seq: int, chain: str) -> DaoEvent:
         where = {"block": seq, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}
         return DaoEvent(seq=seq, name="TaskAssigned", task_id=1, args={}, chain=chain, **where)
 
-    charger._on_event(event(60, "0x01"))
-    charger._on_event(event(7, "0x02"))
-    assert [one.seq for one in charger._events[1]] == [7]
+    feed, delivery = Feed(), Session(task_id=1)
+    feed.event(event(60, "0x01"))
+    feed.event(event(7, "0x02"))
+    feed.begin(delivery)  # type: ignore[arg-type]
+    feed.event(event(8, "0x02"))
+    assert delivery.events == [7, 8]
+
+
+class Running:
+    """The process: how it waited, and why it was not ready."""
+
+    def __init__(self, clock: ClockConfig) -> None:
+        self.stop = threading.Event()
+        self.site = SITE.model_copy(update={"clock": clock})
+        self.waits: list[dict[str, Any]] = []
+        self.clock = SimpleNamespace(now_s=lambda: 50.0, wait_for=lambda *_, **how: self.waits.append(how))
+
+    def ready(self) -> None:
+        pass
+
+    def not_ready(self, _why: str) -> None:
+        pass
+
+    def activity(self, *_text: object, **_details: object) -> None:
+        pass
 
 
 @pytest.mark.parametrize(
@@ -155,48 +210,23 @@ def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_numbe
     ids=["refused", "away", "refused in real time"],
 )
 def test_what_is_refused_is_tried_again_by_the_sites_time_and_what_is_away_by_the_walls(
-    charger: Any, code: str, clock: ClockConfig, wait: dict[str, Any]
+    code: str, clock: ClockConfig, wait: dict[str, Any]
 ) -> None:
-    waits: list[dict[str, Any]] = []
-    charger._site = charger._site.model_copy(update={"clock": clock})
-    charger._process.clock = SimpleNamespace(now_s=lambda: 50.0, wait_for=lambda *_, **how: waits.append(how))
+    process: Any = Running(clock)
     attempts = iter([RemoteError(code, "no"), None])
 
     def attempt() -> None:
         if error := next(attempts):
             raise error
 
-    charger._persist(attempt)
-    assert waits == [wait]
-
-
-class Session:
-    """A delivery that notes whether each of its waits was woken."""
-
-    def __init__(self) -> None:
-        self.job = SimpleNamespace(task=TASK, session=SimpleNamespace(phase=Phase.CHARGING))
-        self.session = SimpleNamespace(ended=False, commands_contactor=False, contactor_wanted=False)
-        self.woken: list[bool] = []
-        self.end: End | None = None
-
-    def wait(self, _timeout_s: float, woken: Callable[[], bool]) -> None:
-        self.woken.append(woken())
-
-    def stop(self, end: End) -> None:
-        self.end, self.session.ended = end, True
-
-    def on_event(self, _event: DaoEvent) -> None:
-        pass
+    Retries(process, lambda: "").persist(attempt)
+    assert process.waits == [wait]
 
 
 def test_a_cancelled_task_ends_the_wait_and_an_index_that_is_away_is_asked_again_after_another(
-    charger: Any,
+    assignments: Assignments, organization: Organization
 ) -> None:
     """Seen at the next look at the wall clock only, a clock that jumps sells minutes of energy meanwhile."""
-    delivery = charger._delivery = Session()
-    charger._wake, charger._update_status = threading.Event(), lambda _delivery: None
-    charger._events, charger._events_lock = defaultdict(list), threading.Lock()
-    charger._chain = "0x01"
     answers_ = iter([NoResponder("nobody"), RemoteError("bridge_not_ready", "not yet"), None])
 
     def task(_task_id: int) -> Task:
@@ -204,20 +234,20 @@ def test_a_cancelled_task_ends_the_wait_and_an_index_that_is_away_is_asked_again
             raise error
         return TASK.model_copy(update={"state": "cancelled"})
 
-    charger._organization.task = task
-    where = {"block": 1, "log_index": 0, "tx_hash": "0x", "time_s": 0.0, "chain": "0x01"}
-    charger._on_event(DaoEvent(seq=1, name="TaskCancelled", task_id=TASK.id, args={}, **where))
-    charger._attend(delivery, SimpleNamespace())
+    organization.task = task  # type: ignore[assignment, method-assign]
+    process, unused, delivery, wake = Running(ClockConfig()), cast(Any, None), Session(), threading.Event()
+    wake.set()
+    hands = Hands(
+        terminals=unused,
+        witness=unused,
+        account=unused,
+        feed=Feed(),
+        retries=Retries(process, lambda: ""),  # type: ignore[arg-type]
+        wake=wake,
+        stands=assignments.stands,
+        save=lambda _job: None,
+    )
+    attempt = Attempt(process, SITE.docks[0], hands)  # type: ignore[arg-type]
+    attempt.attend(delivery, unused)  # type: ignore[arg-type]
     assert delivery.woken == [True, False, False]
     assert delivery.end is End.CANCELLED
-
-
-def test_docks_are_offered_again_when_another_judge_may_decide_about_charges(charger: Any) -> None:
-    where: dict[str, Any] = {"block": 1, "log_index": 0, "tx_hash": "0x", "time_s": 0.0, "chain": "0x01"}
-    charger._events_lock, charger._wake = threading.Lock(), threading.Event()
-    charger._offer()
-    charger._offer()
-    assert charger._organization.offers == len(charger._site.docks)
-    charger._on_event(DaoEvent(seq=1, name="KindAllowed", task_id=None, args={}, **where))
-    charger._offer()
-    assert charger._organization.offers == 2 * len(charger._site.docks)
