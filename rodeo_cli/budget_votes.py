@@ -13,6 +13,7 @@ from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
+    ParticipantOption,
     SiteOption,
     connected,
     print_listing,
@@ -22,7 +23,6 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
-from rodeo_cli.tasks import ParticipantOption
 
 NumberArgument = Annotated[int, typer.Argument(min=0, help="Its number: `rodeo organization budget-votes`.")]
 

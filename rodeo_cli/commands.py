@@ -15,9 +15,11 @@ from rodeo_cli import (
     people,
     report,
     robot,
+    services,
     site,
     sites,
     tasks,
+    verify,
 )
 
 app = typer.Typer(
@@ -32,9 +34,9 @@ for command in (
     site.down,
     site.status,
     demo.demo,
-    tasks.wallet,
+    services.wallet,
     report.report,
-    tasks.verify,
+    verify.verify,
     classify.classify,
 ):
     app.command()(command)
@@ -43,10 +45,10 @@ tasks.tasks.command()(people.abandon)
 tasks.tasks.command()(people.submit)
 tasks.tasks.command()(people.review)
 tasks.tasks.command()(people.judge)
-tasks.services.command()(people.offer)
+services.services.command()(people.offer)
 tasks.tasks.add_typer(disputes.disputes, name="dispute", cls=forms.group("task dispute"))
 app.add_typer(tasks.tasks, name="task", cls=forms.group("task"))
-app.add_typer(tasks.services, name="service", cls=forms.group("service"))
+app.add_typer(services.services, name="service", cls=forms.group("service"))
 app.add_typer(organization.organization, name="organization")
 app.add_typer(robot.robots, name="robot")
 app.add_typer(bins.bins, name="bin")

@@ -82,6 +82,7 @@ SiteOption = Annotated[
         "--site", envvar="RODEO_SITE", help="Site file.", show_default=DEFAULT_SITE_SHOWN, metavar="FILE"
     ),
 ]
+ParticipantOption = Annotated[str, typer.Option("--as", help="Whose wallet pays and signs.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 
 _CONNECT_S = _CLOCK_S = 3.0

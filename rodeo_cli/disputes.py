@@ -49,7 +49,7 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
     with connected(site) as (loaded, bus):
         task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
     dispute = _dispute(task)
-    print_facts(dispute, as_json, () if as_json else _told(loaded, task, dispute))
+    print_facts(dispute, as_json, () if as_json else facts(loaded, task, dispute))
 
 
 @disputes.command("vote")
@@ -160,7 +160,7 @@ def _post(
     return None
 
 
-def _told(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
+def facts(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
     until = formatting.moment(dispute.until, site)
     stands = "" if task.standing is None else standing_words(task, iec(task.standing.amount_iec), until)
     told = [

@@ -15,16 +15,18 @@ from typer.core import TyperGroup
 from rodeo.bus import queries
 from rodeo.display.formatting import span
 from rodeo.errors import InvalidRequest
-from rodeo_cli.common import DEFAULT_SITE, SiteOption, connected, reports_errors, say, send_command
-from rodeo_cli.proposals import send
-from rodeo_cli.tasks import (
+from rodeo_cli.common import (
+    DEFAULT_SITE,
     ParticipantOption,
-    ProviderOption,
-    SignOption,
-    ValidOption,
-    change_service,
-    sign_into,
+    SiteOption,
+    connected,
+    reports_errors,
+    say,
+    send_command,
 )
+from rodeo_cli.proposals import send
+from rodeo_cli.services import ProviderOption, change_service
+from rodeo_cli.signing import SignOption, ValidOption, sign_into
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo

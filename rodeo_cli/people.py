@@ -27,7 +27,7 @@ from rodeo_cli.common import (
     time_left,
 )
 from rodeo_cli.formatting import iec
-from rodeo_cli.tasks import SignOption, ValidOption, sign_into
+from rodeo_cli.signing import SignOption, ValidOption, sign_into
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,6 +17,7 @@ from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
+    ParticipantOption,
     SiteOption,
     connected,
     print_listing,
@@ -26,7 +27,6 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.formatting import moment
 from rodeo_cli.layout import Row
-from rodeo_cli.tasks import ParticipantOption
 
 propose = typer.Typer(
     help="Propose what the organization should do. Options of `propose` come first.",

@@ -62,8 +62,8 @@ def report(
         from rodeo.signing.keystores import wallet_names  # takes its time to import
 
         seen = earnings(tasks, transactions, tariffs)
-        _require("participant", participant, {*wallet_names(loaded), *(line.participant for line in seen)})
-        _require("kind", kind, {*(one.name for one in loaded.kinds), *(line.kind for line in seen)})
+        require("participant", participant, {*wallet_names(loaded), *(line.participant for line in seen)})
+        require("kind", kind, {*(one.name for one in loaded.kinds), *(line.kind for line in seen)})
     lines = earnings(
         tasks,
         transactions,
@@ -83,7 +83,7 @@ def report(
         print_listing(lines, False, COLUMNS, (Row(cells(line)) for line in lines), folds=(1, 2))
 
 
-def _require(what: str, given: list[str] | None, known: set[str]) -> None:
+def require(what: str, given: list[str] | None, known: set[str]) -> None:
     """Raises InvalidRequest for a name that nobody has: the report would say that it earned nothing."""
     if unknown := [one for one in given or () if one not in known]:
         raise InvalidRequest(f"nobody knows this {what}", **{what: unknown, "known": sorted(known)})

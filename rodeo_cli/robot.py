@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from rodeo.bus import queries
-from rodeo.display.formatting import span
 from rodeo.robot.decisions import KEPT, Decided, Explain, Explained
 from rodeo.site import topics
 from rodeo_cli.common import (
@@ -22,8 +21,9 @@ from rodeo_cli.common import (
     reports_errors,
     say,
 )
-from rodeo_cli.formatting import moment, plain
+from rodeo_cli.formatting import moment
 from rodeo_cli.layout import Row
+from rodeo_cli.robot_words import facts, taken
 
 robots = typer.Typer(help="Give orders to robots and show their state.", no_args_is_help=True)
 
@@ -46,29 +46,9 @@ def _ask(site: Path, name: str, order: str) -> dict[str, Any]:
 
 def _command(order: str) -> Callable[..., None]:
     def command(name: NameArgument, site: SiteOption = DEFAULT_SITE) -> None:
-        say(_taken(name, order, _ask(site, name, order)))
+        say(taken(name, order, _ask(site, name, order)))
 
     return command
-
-
-def _taken(name: str, order: str, state: dict[str, Any]) -> str:
-    """What the robot does now that it took the order."""
-    task_id = state.get("task_id")
-    resume = f"`rodeo robot resume {name}` lets it work again."
-    match order:
-        case "pause" if task_id is not None:
-            return f"{name} finishes task {task_id}, then takes no new work. {resume}"
-        case "pause":
-            return f"{name} is paused and takes no new work. {resume}"
-        case "resume":
-            return f"{name} may work again."
-        case "charge" if task_id is not None:
-            return f"{name} finishes task {task_id}, then buys a charge."
-        case "charge":
-            return f"{name} buys a charge now."
-        case "cancel":
-            return f"{name} gives up its attempt at task {task_id}."
-    return f"{name} stands still. {resume}"
 
 
 for _order, _help in ORDERS.items():
@@ -80,37 +60,7 @@ for _order, _help in ORDERS.items():
 def state(name: NameArgument, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
     """Show the robot's state and the orders that hold."""
     answer = _ask(site, name, "state")
-    print_facts(answer, as_json, _told(dict(answer)))
-
-
-def _told(state: dict[str, Any]) -> list[tuple[str, str]]:
-    """The robot's answer in words; a number that it does not know is left out."""
-    orders = {"paused": "take no new work", "stopped": "stand still", "charge_ordered": "buy a charge"}
-    standing = ", ".join(words for name, words in orders.items() if state.pop(name, False)) or "none"
-    known = [
-        ("robot", "{}", "robot"),
-        ("does", "{}", "activity"),
-        ("done", "{:.0%}", "progress"),
-        ("task", "{}", "task_id"),
-        ("attempt", "{}", "attempt"),
-        ("battery", "{:.0%}", "soc"),
-        ("on the dock", "{}", "docked"),
-        ("driven", "{:.3f} km", "driven_km"),
-        ("power at work", "{:.0f} W", "working_w"),
-    ]
-    if (left_s := state.pop("eta_s", None)) is not None:
-        state["time left"] = span(left_s)
-    told = [(label, _text(form, state.pop(name, None))) for label, form, name in known]
-    told.insert(2, ("orders", standing))
-    return told + [
-        (name.replace("_", " "), plain(value)) for name, value in state.items() if value is not None
-    ]
-
-
-def _text(form: str, value: Any) -> str:
-    if value is None:
-        return ""
-    return plain(value) if form == "{}" else form.format(value)
+    print_facts(answer, as_json, facts(dict(answer)))
 
 
 @robots.command("explain")

@@ -267,14 +267,15 @@ class StatusWatcher:
                 self.bus = Bus.open(self._site.bus.router, timeout_s=0.0, identity=shown)
             except BusUnavailable:
                 return {}
-            self.bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), self._on_status)
+            self.bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), self.hear)
         return dict(self._statuses)
 
     def heard(self, name: str, pid: int) -> Status | None:
         """The latest of process `pid`: another one elsewhere may have the same name."""
         return self._of_process.get((name, pid))
 
-    def _on_status(self, key: str, data: dict[str, Any]) -> None:
+    def hear(self, key: str, data: dict[str, Any]) -> None:
+        """A heartbeat on `key`. Raises InvalidRequest on another process's key."""
         status = heard_status(key, data)
         _put_last(self._of_process, (status.process, status.pid), status)
         _put_last(self._statuses, status.process, status)

@@ -74,7 +74,8 @@ class Holder:
         self._held = 0
         """Works under way, also of threads that wait meanwhile."""
         self._actors: set[int] = set()
-        self._heard = 0
+        self.heard = 0
+        """Number of the mark that was heard last."""
         self._asker: str | None = None
         """Session of the simulator whose mark was heard last."""
         self._works = 0
@@ -151,7 +152,7 @@ class Holder:
         was_busy = self._told is not None and self._told["busy"]
         until = [] if busy else [one.until_ns for one in self.waiters if one.until_ns is not None]
         state = {
-            "heard": self._heard,
+            "heard": self.heard,
             "busy": busy,
             "until_ns": min(until, default=None),
             "works": self._works,
@@ -179,7 +180,7 @@ class Holder:
             if asker != self._asker:
                 # A simulator that has just started has not heard earlier states.
                 self._asker, self._told = asker, None
-            self._heard = number
+            self.heard = number
             self.tell()
 
     def close(self) -> None:

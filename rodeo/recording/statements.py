@@ -392,9 +392,9 @@ class StatementListener:
         self._hold = hold
         self._bus = bus
         self._org = org
-        self._devices = DeviceTable(bus, org)
-        self._door = door(self._devices)
-        self._door.answered = lambda: self._devices.answered
+        self.devices = DeviceTable(bus, org)
+        self._door = door(self.devices)
+        self._door.answered = lambda: self.devices.answered
         self._deliver = deliver
         self._lock = threading.RLock()
         self._wake = threading.Event()
@@ -416,7 +416,7 @@ class StatementListener:
             threading.Thread(target=self._hear, name="heard", daemon=True),
             threading.Thread(target=self._look_after, name="statements", daemon=True),
             threading.Thread(
-                target=self._devices.look_after, args=(self._closed, asking), name="devices", daemon=True
+                target=self.devices.look_after, args=(self._closed, asking), name="devices", daemon=True
             ),
         ]
         for thread in self._threads:
@@ -425,7 +425,7 @@ class StatementListener:
     @property
     def answered(self) -> bool:
         """Whether it is known which devices there are: without, nobody can be heard."""
-        return self._devices.answered
+        return self.devices.answered
 
     def close(self) -> None:
         with self._arriving:

@@ -59,7 +59,7 @@ class SmartBin:
         self._words: dict[type[Word], deque[Word]] = {kind: deque(maxlen=_KEPT) for kind in get_args(Word)}
         self._lock = threading.Lock()
         self._presented: Attestation | None = None
-        self._listener = StatementListener(
+        self.listener = StatementListener(
             bus,
             site.org,
             lambda devices: StatementDoor(
@@ -76,7 +76,7 @@ class SmartBin:
         )
 
     def close(self) -> None:
-        self._listener.close()
+        self.listener.close()
 
     # -- telling the bin -------------------------------------------------------------------------------
 
@@ -135,7 +135,7 @@ class SmartBin:
             now_s = time.monotonic()
             look_s = look_s if now_s < look_s else math.inf
             if patience.is_over:
-                if not self._listener.answered:
+                if not self.listener.answered:
                     raise NoAnswer(
                         "the bridge did not answer which devices are registered, so the robot cannot check "
                         "the bin's signatures",
@@ -176,8 +176,8 @@ class SmartBin:
             log.info("the bin does not answer: %s", error)
             return
         last = [state[kind] for kind in ("classification", "disposal") if state.get(kind) is not None]
-        self._listener.read(self._name, {"statements": last})
-        self._listener.catch_up()
+        self.listener.read(self._name, {"statements": last})
+        self.listener.catch_up()
 
 
 def moment_s(word: Word) -> float:

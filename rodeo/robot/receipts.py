@@ -247,7 +247,7 @@ class Receipts:
             lambda message, _info: self._on_battery(message),
             inline=True,
         )
-        self._listeners = [
+        self.listeners = [
             StatementListener(
                 bus,
                 site.org,
@@ -264,7 +264,7 @@ class Receipts:
         return StatementDoor(devices.known, [meter], lambda: None, self._clock, slack_s, Refusals())
 
     def close(self) -> None:
-        for listener in self._listeners:
+        for listener in self.listeners:
             listener.close()
 
     def begin(self, task: Task) -> None:
@@ -293,7 +293,7 @@ class Receipts:
             self._answer_pending()
         if last is not None:
             self._witness.publish(last)
-        for listener in self._listeners:
+        for listener in self.listeners:
             listener.catch_up()
 
     # -- inside ----------------------------------------------------------------------------------------

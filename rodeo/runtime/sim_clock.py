@@ -80,10 +80,10 @@ class SimClock:
             if reply.ok is not None:
                 self._announce(str(reply.ok.key_expr))
         self._waiters: list[Waiter] = []
-        self._holder: Holder | None = None
+        self.holder: Holder | None = None
         if holder is not None:
-            self._holder = Holder(session, *holder, self._changed, lambda: self._now_ns, starting)
-            self._waiters = self._holder.waiters
+            self.holder = Holder(session, *holder, self._changed, lambda: self._now_ns, starting)
+            self._waiters = self.holder.waiters
         # In the receiving thread, too: the time must not be heard after the mark that follows it.
         self._subscriber = session.declare_subscriber(
             f"{domain_id}/{topics.CLOCK.name()}/**", direct(self._on_clock)
@@ -208,8 +208,8 @@ class SimClock:
                     waiter.seen = news
             finally:
                 self._waiters.remove(waiter)
-                if self._holder is not None:
-                    self._holder.goes_on(waiter)
+                if self.holder is not None:
+                    self.holder.goes_on(waiter)
         return happened
 
     def _next_look_ns(self, until_ns: int | None, every_s: float) -> int | None:
@@ -229,26 +229,26 @@ class SimClock:
 
     def started(self) -> None:
         """A process that was `starting` is ready."""
-        if self._holder is not None:
-            self._holder.started()
+        if self.holder is not None:
+            self.holder.started()
 
     def acting(self) -> AbstractContextManager[None]:
-        return nullcontext() if self._holder is None else self._holder.acting()
+        return nullcontext() if self.holder is None else self.holder.acting()
 
     def hold(self, within: bool = False) -> AbstractContextManager[None]:
-        return nullcontext() if self._holder is None else self._holder.hold(within)
+        return nullcontext() if self.holder is None else self.holder.hold(within)
 
     def _waiter(self, until_ns: int | None, resting: bool, concerned: Callable[[], bool]) -> Waiter:
-        if self._holder is None:
+        if self.holder is None:
             return Waiter(until_ns, False, resting, concerned)
-        return self._holder.waiter(until_ns, resting, concerned)
+        return self.holder.waiter(until_ns, resting, concerned)
 
     def _publish_hold(self) -> None:
-        if self._holder is not None:
-            self._holder.tell()
+        if self.holder is not None:
+            self.holder.tell()
 
     def close(self) -> None:
         self._subscriber.undeclare()
         self._graph.undeclare()
-        if self._holder is not None:
-            self._holder.close()
+        if self.holder is not None:
+            self.holder.close()

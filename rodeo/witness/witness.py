@@ -93,7 +93,7 @@ class Witness:
         self._journal = Journal(folder / "statements.jsonl")
         self.days = Days(folder / "days", self._journal)
         self._chain: WitnessChain | None = None
-        self._devices = DeviceTable(bus, org)
+        self.devices = DeviceTable(bus, org)
         self._checking = threading.Lock()
         """Seals and statements come in threads of their own."""
         self._checks = CheckBudget(_CHECKS_PER_WALL_S)
@@ -112,7 +112,7 @@ class Witness:
         ]
         for name, target, arguments in (
             ("witness", self._find_scope, ()),
-            ("devices", self._devices.look_after, (self._closed,)),
+            ("devices", self.devices.look_after, (self._closed,)),
         ):
             threading.Thread(target=target, args=arguments, name=f"{name} {device}", daemon=True).start()
 
@@ -221,7 +221,7 @@ class Witness:
         Raises BadStatement for more bytes than anything on such a key has.
         """
         name = (topic.parts(key) or {}).get("device")
-        if name is None or name == self.device or not self._devices.has(name):
+        if name is None or name == self.device or not self.devices.has(name):
             return None
         if len(payload) > most_bytes:
             raise BadStatement("the message is too large", bytes=len(payload), limit=most_bytes)
@@ -234,7 +234,7 @@ class Witness:
         """
         if spoken.head.device != name:
             raise BadStatement("it is on another device's key", device=spoken.head.device, key=name)
-        device = self._devices.known(spoken.attestation.signer)
+        device = self.devices.known(spoken.attestation.signer)
         if device is None or device.name != name:
             raise BadStatement("its signer is not that registered device", device=name)
         chain = self._chain

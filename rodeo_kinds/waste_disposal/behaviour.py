@@ -108,7 +108,7 @@ class WasteDisposal(Behaviour):
         self._body = robot.body
         self._floor = robot.floor
         self._memory = robot.memory
-        self._stations = [Station(robot.bins[one.name], BinLayout(one)) for one in robot.site.bins]
+        self.stations = [Station(robot.bins[one.name], BinLayout(one)) for one in robot.site.bins]
         self._clock = robot.clock
         self._announce = robot.announce
 
@@ -120,11 +120,11 @@ class WasteDisposal(Behaviour):
         Raises TaskFailed where the site has no such item or bin, and where nobody can look at the place.
         """
         if task is None:
-            places, stations = [(item.pose.x_m, item.pose.y_m) for item in self._items], self._stations
+            places, stations = [(item.pose.x_m, item.pose.y_m) for item in self._items], self.stations
         else:
             params = ordered(task)
             self.item(params.item_id)
-            places, stations = [(params.x_m, params.y_m)], self._choice(params)[:1]
+            places, stations = [(params.x_m, params.y_m)], self.choice(params)[:1]
             try:
                 self._floor.lookouts(places[0], (), here)
             except Unreachable as error:
@@ -135,18 +135,18 @@ class WasteDisposal(Behaviour):
             for station in stations
         ]
         way_m, station = max(
-            ways, key=lambda way: way[0], default=(2 * self._floor.diagonal_m, self._stations[0])
+            ways, key=lambda way: way[0], default=(2 * self._floor.diagonal_m, self.stations[0])
         )
         return self.robot.estimate(way_m, station.layout.parking)
 
     def execute(self, work: Work) -> None:
         params = ordered(work.task)
-        place, stations = (params.x_m, params.y_m), self._choice(params)
+        place, stations = (params.x_m, params.y_m), self.choice(params)
         self.dispose(params.item_id, place, stations, work)
 
-    def _choice(self, params: CleaningParams) -> list[Station]:
+    def choice(self, params: CleaningParams) -> list[Station]:
         """The bin that the task names, or all, the nearest to the item first. Raises TaskFailed."""
-        found = [one for one in self._stations if params.bin in (None, one.name)]
+        found = [one for one in self.stations if params.bin in (None, one.name)]
         if not found:
             raise TaskFailed("no such bin on this site", bin=params.bin)
         return sorted(found, key=lambda one: one.away_m(params.x_m, params.y_m))
@@ -164,7 +164,7 @@ class WasteDisposal(Behaviour):
 
     def _station(self, name: str) -> Station:
         """Raises TaskFailed."""
-        for station in self._stations:
+        for station in self.stations:
             if station.name == name:
                 return station
         raise TaskFailed("no such bin on this site", bin=name)
@@ -180,7 +180,7 @@ class WasteDisposal(Behaviour):
 
     def _nearest(self) -> Station:
         base = self._body.here()
-        return min(self._stations, key=lambda one: one.away_m(base.x_m, base.y_m))
+        return min(self.stations, key=lambda one: one.away_m(base.x_m, base.y_m))
 
     # -- the work --------------------------------------------------------------------------------------
 

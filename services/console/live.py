@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -26,14 +25,13 @@ from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.geometry import on_plane
-from rodeo.person.pace import Pace
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.ros2.readings import unknown_charge, unknown_joints, unknown_pose
 from rodeo.site import topics
-from rodeo.site.config import BRIDGE, Site
-from rodeo.site.processes import processes_of
+from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
+from services.console.heartbeats import Heartbeats
 from services.console.queries import Queries
 from services.console.scene import arm_drawing
 
@@ -44,7 +42,6 @@ Listener = Callable[[], None]
 MAP_PERIOD_S = 0.2
 STALE_S = 3.0
 """Wall time after which a pose is out of date."""
-LOST_S = 3 * HEARTBEAT_S
 _SETTLE_S = 0.03
 """Wall time in which several events become one update."""
 _RETRY_S = 2.0
@@ -53,8 +50,6 @@ VERDICTS_SHOWN = 6
 _EVENTS_KEPT = 200
 _ENDED_ASKED = 30
 _PATH_POINTS = 60
-_MOST_PROCESSES = 500
-"""Far more than a site has: on an open bus anybody may claim to be another one."""
 
 
 class Newest:
@@ -101,21 +96,6 @@ _UNKNOWN: dict[str, Callable[[Any], str]] = {
 """Why a message cannot be drawn. Joints are looked at one by one."""
 
 
-@dataclass(frozen=True)
-class ProcessState:
-    name: str
-    job: str
-    state: str
-    """ready, not ready, lost (its heartbeat stopped) or silent (never heard)"""
-    doing: str = ""
-    progress: float | None = None
-    eta_s: float | None = None
-    """Site time until it has finished its activity, where it reports that."""
-    soc: float | None = None
-    warnings: tuple[str, ...] = ()
-    """What an operator should know although the process works."""
-
-
 @dataclass
 class Summary:
     """The organization at a glance. `problem` says why the rest is not current."""
@@ -146,11 +126,9 @@ class Live:
             "events": [],
         }
         self._newest: dict[str, Newest] = {}
-        self._statuses: dict[str, tuple[Status, float]] = {}
-        self._own_processes = frozenset(process.name for process in processes_of(site))
         self._changed = asyncio.Event()
         self._events_due = False
-        self.processes: list[ProcessState] = []
+        self.heartbeats = Heartbeats(site)
         self.summary = Summary()
         self.events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self.map: Json = {"robots": {}, "items": {}}
@@ -196,18 +174,8 @@ class Live:
         self._loop.call_soon_threadsafe(self._take_status, status)
 
     def _take_status(self, status: Status) -> None:
-        known = status.process in self._statuses or status.process in self._own_processes
-        if not known and len(self._statuses) >= _MOST_PROCESSES:
-            return
-        self._statuses[status.process] = status, time.monotonic()
+        self.heartbeats.take(status)
         self._notify_processes()
-
-    @property
-    def pace(self) -> Pace | None:
-        """How fast the site's time goes; None while nobody reports it."""
-        status, heard_s = self._statuses.get("robot_sim", (None, -np.inf))
-        silent = status is None or time.monotonic() - heard_s > LOST_S
-        return Pace.of(self._site, {} if status is None or silent else status.details)
 
     async def _watch_heartbeats(self) -> None:
         while True:
@@ -215,35 +183,12 @@ class Live:
             self._notify_processes()
 
     def _notify_processes(self) -> None:
-        jobs = {process.name: process.job for process in processes_of(self._site)}
-        names = [*jobs, *(name for name in sorted(self._statuses) if name not in jobs)]
-        processes = [self._process(name, jobs.get(name, "")) for name in names]
-        if processes != self.processes:
-            if self._bridge(processes) != self._bridge(self.processes):
+        bridge = self.heartbeats.bridge
+        if self.heartbeats.look():
+            if self.heartbeats.bridge != bridge:
                 # Query the bridge again: what is shown may have become stale, or current again.
                 self._changed.set()
-            self.processes = processes
             self._notify("processes")
-
-    def _bridge(self, processes: list[ProcessState]) -> str:
-        return next((one.state for one in processes if one.name == BRIDGE), "")
-
-    def _process(self, name: str, job: str) -> ProcessState:
-        if name not in self._statuses:
-            return ProcessState(name, job, "silent")
-        status, heard_s = self._statuses[name]
-        if time.monotonic() - heard_s > LOST_S:
-            return ProcessState(name, job, "lost", "its heartbeat stopped")
-        return ProcessState(
-            name,
-            job,
-            "ready" if status.ready else "not ready",
-            status.reason or status.activity,
-            status.progress,
-            _number(status.details.get("eta_s")),
-            _number(status.details.get("soc")),
-            tuple(status.warnings),
-        )
 
     # -- organization ----------------------------------------------------------------------------------
 
@@ -382,8 +327,3 @@ def _pose(pose: Any) -> Json:
 
 def _mm(value_m: float) -> float:
     return round(float(value_m), 3)
-
-
-def _number(value: Any) -> float | None:
-    known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if known else None

@@ -156,7 +156,7 @@ def _questions_about_the_site(api: FastAPI, console: Console, caller: Any) -> No
     @api.get("/processes")
     def processes(_user: caller) -> list[Json]:
         """Every process of the site: its state and what it does."""
-        return [vars(one) for one in console.live.processes]
+        return [vars(one) for one in console.live.heartbeats.processes]
 
     @api.get("/lab")
     def lab(_user: caller) -> Json:

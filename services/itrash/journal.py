@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ValidationError
 
 from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence.attestation import Attestation
 from rodeo.host.files import replace_file
-from services.itrash.behaviour import Memory
+from rodeo.witness.statement import Classification, Drop, Header, Removal, Watch
+from services.itrash.behaviour import ClassificationRecord, DropRecord, Memory, Record, WatchRecord
 
 Kind = Literal["classification", "disposal", "removal", "watch"]
 
 _KEPT_ENTRIES = 50
+
+
+def stated(record: Record) -> tuple[Kind, type[Header], dict[str, Any]]:
+    """How a record is signed: its kind in the journal, the statement's model and its own fields."""
+    fields = record.model_dump(by_alias=True)
+    if isinstance(record, ClassificationRecord):
+        return "classification", Classification, fields
+    if isinstance(record, DropRecord):
+        return "disposal", Drop, fields
+    if isinstance(record, WatchRecord):
+        return "watch", Watch, fields
+    return "removal", Removal, fields
 
 
 class JournalBroken(RodeoError):

@@ -14,8 +14,9 @@ from typing import Protocol, TypeVar
 
 from rodeo.errors import RodeoError
 from rodeo.site.config import ClockConfig
-from services.robot_sim.holders import NEVER_NS, Holders
+from services.robot_sim.holders import Holders
 from services.robot_sim.publish_queue import PublishQueue
+from services.robot_sim.roster import NEVER_NS
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
 
@@ -192,7 +193,7 @@ class Loop:
     @property
     def waited_s(self) -> float:
         """Wall time for which the clock stood still for its holders."""
-        return 0.0 if self.holders is None else self.holders.waited_s
+        return 0.0 if self.holders is None else self.holders.standstill.waited_s
 
     def wake(self) -> None:
         """Have the thread that waits look again."""

@@ -353,7 +353,7 @@ def test_every_seal_is_listed_whatever_another_robot_publishes(
     witness = Witness(
         voices["itrash"], site.org, "itrash", Account.create(), tmp_path / "bin", "closed_bus", time.time_ns
     )
-    wait_until(lambda: witness.chain is not None and witness._devices.known(accounts[OTHER].address))
+    wait_until(lambda: witness.chain is not None and witness.devices.known(accounts[OTHER].address))
 
     def recording(task_id: int) -> Callable[[float], bytes]:
         binding = BINDING.model_copy(update={"device": ONE, "task_id": task_id})

@@ -29,7 +29,7 @@ MEANS_ANOTHER = {
         ),
         "rodeo_experiments/results.py",
     ),
-    "withdraw": ("rodeo_cli/tasks.py",),
+    "withdraw": ("rodeo_cli/services.py",),
     "propose": ("rodeo_cli/organization.py",),
 }
 """Word -> files in which it is the reason of a transfer, or a word of the command line."""

@@ -28,7 +28,8 @@ from rodeo.text.strict_json import encode
 from rodeo_experiments.conduct import Meters
 from rodeo_experiments.lab import Lab
 from services.charger.terminals import Terminals
-from services.console.live import Newest, _number
+from services.console.heartbeats import number as finite
+from services.console.live import Newest
 from services.console.replay import _rounded
 from services.robot_agent.energy import EnergyMeter
 from services.robot_agent.upkeep import Upkeep
@@ -237,7 +238,7 @@ def test_the_console_draws_what_is_known(topic: topics.Topic, bad: Any, good: An
 
 
 def test_the_consoles_numbers_are_finite() -> None:
-    assert [_number(value) for value in (*NO_NUMBERS, 0.5)] == [None, None, None, 0.5]
+    assert [finite(value) for value in (*NO_NUMBERS, 0.5)] == [None, None, None, 0.5]
     assert _rounded(np.array([0.5, *NO_NUMBERS])) == [0.5, None, None, None]
 
 

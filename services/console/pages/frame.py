@@ -242,7 +242,7 @@ def time_left(console: Console, deadline_s: float) -> None:
     """A text with the time left until then, by the site's clock and by the wall's."""
 
     def words() -> str:
-        return pace.time_left(console.live.pace, deadline_s)
+        return pace.time_left(console.live.heartbeats.pace, deadline_s)
 
     # A screen reader reads it where it stands, and not at each change.
     shown = Text("span", words(), "soft").props('aria-live="off"')

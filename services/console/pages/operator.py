@@ -120,7 +120,7 @@ class RobotCard:
                 badge("will charge", "info")
         with facts():
             if offers:
-                pace = self._console.live.pace
+                pace = self._console.live.heartbeats.pace
                 fact(
                     "Known as",
                     known_in_words(offers[0], moment, None if pace is None else pace.now_s),

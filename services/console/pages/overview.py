@@ -12,8 +12,8 @@ from rodeo.bus.queries import Wallet
 from rodeo.display.formatting import iec, kind, moment, party, process, share, span
 from rodeo.judging.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
 from rodeo.text.strict_json import Json
+from services.console.heartbeats import ProcessState
 from services.console.lab_map import LabMap
-from services.console.live import ProcessState
 from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
 from services.console.pages.widgets import (
     Link,
@@ -68,8 +68,8 @@ def register(console: Console) -> None:
                 seen.show([(name, one) for name, one in _seen(state).items()])
 
             def show_processes() -> None:
-                health.show(console.live.processes)
-                now.show([one for one in console.live.processes if one.name.startswith(_WORKERS)])
+                health.show(console.live.heartbeats.processes)
+                now.show([one for one in console.live.heartbeats.processes if one.name.startswith(_WORKERS)])
 
             def show_organization() -> None:
                 summary = console.live.summary

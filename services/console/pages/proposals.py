@@ -116,7 +116,7 @@ class ProposalsPage:
 
     def _enable_from(self, ready_s: float, button: ui.button) -> None:
         def look() -> None:
-            pace = self._console.live.pace
+            pace = self._console.live.heartbeats.pace
             button.set_enabled(pace is None or pace.now_s >= ready_s)
 
         look()

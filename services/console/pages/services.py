@@ -504,7 +504,7 @@ def _service_name(service: queries.Offer) -> None:
 
 def _known(console: Console, known: queries.Known) -> str:
     """What the contracts know of a provider, as of now."""
-    pace = console.live.pace
+    pace = console.live.heartbeats.pace
     return known_in_words(known, moment, None if pace is None else pace.now_s)
 
 

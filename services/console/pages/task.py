@@ -369,7 +369,7 @@ class TaskPage:
     def _can_be_concluded(self, task: Task) -> bool:
         """Whether the time of the ruling is over, or that to rule; unknown while nobody publishes the
         time."""
-        pace = self._console.live.pace
+        pace = self._console.live.heartbeats.pace
         ends_s = running_out_s(task) if task.state in ("submitted", "ruled") else None
         return pace is not None and ends_s is not None and pace.now_s > ends_s
 

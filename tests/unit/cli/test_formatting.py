@@ -31,7 +31,20 @@ from rodeo.display.formatting import phrase
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo.person.pace import running_out_s
 from rodeo.site.config import Site
-from rodeo_cli import app, common, disputes, formatting, forms, organization, robot, tasks
+from rodeo_cli import (
+    app,
+    common,
+    disputes,
+    formatting,
+    forms,
+    organization,
+    robot,
+    robot_words,
+    task_params,
+    task_words,
+    tasks,
+    verify,
+)
 from rodeo_cli import report as report_command
 from rodeo_cli.layout import lines
 from rodeo_kinds.waste_disposal.params import CleaningParams
@@ -162,13 +175,13 @@ def test_times_of_a_simulated_site_are_marked_as_such() -> None:
 @pytest.mark.parametrize("order", robot.ORDERS)
 @pytest.mark.parametrize("task_id", [None, 7])
 def test_a_robots_reply_to_an_order_is_a_sentence(order: str, task_id: int | None) -> None:
-    said = robot._taken("panther1", order, {"task_id": task_id, "activity": "paused by an operator"})
+    said = robot_words.taken("panther1", order, {"task_id": task_id, "activity": "paused by an operator"})
     assert said.startswith("panther1 ") and said.endswith(".") and "paused by an operator" not in said
 
 
 def test_a_robots_state_is_told_in_words() -> None:
     state = {"paused": True, "stopped": False, "soc": 0.5, "working_w": 174.7, "docked": False, "eta_s": 90}
-    said = dict(robot._told(state))
+    said = dict(robot_words.facts(state))
     assert said["power at work"] == "175 W" and said["orders"] == "take no new work"
     assert said["battery"] == "50%" and said["time left"] == "1 min 30 s" and said["on the dock"] == "no"
     assert not any("_" in label for label in said)
@@ -181,16 +194,16 @@ def test_a_challenge_needs_a_reason() -> None:
 
 def test_an_unknown_kind_is_what_is_wrong_and_not_its_parameter() -> None:
     with pytest.raises(InvalidRequest) as refused:
-        tasks._task_params(Site.load(LAB), "waste", ["--item-id", "item1"], None)
+        task_params.task_params(Site.load(LAB), "waste", ["--item-id", "item1"], None)
     said = formatting.explain(refused.value, {})
     assert "no such kind" in said and "listed: battery_charging, waste_disposal" in said
 
 
 def test_a_report_on_who_or_what_nobody_knows_is_refused() -> None:
     known = {"organization", "panther1"}
-    report_command._require("participant", ["panther1"], known)
+    report_command.require("participant", ["panther1"], known)
     with pytest.raises(InvalidRequest) as refused:
-        report_command._require("participant", ["panther1", "panter1"], known)
+        report_command.require("participant", ["panther1", "panter1"], known)
     assert refused.value.details == {"participant": ["panter1"], "known": ["organization", "panther1"]}
 
 
@@ -202,19 +215,19 @@ def test_a_task_says_which_ruling_stands_and_how_long_it_can_be_challenged() -> 
         update={"verdict_deadline": 7200.0, "standing": standing, "reason": "nothing was lifted"}
     )
     one = waits.model_copy(update={"dispute": stands})
-    said = dict(tasks._told(one, Site.load(LAB)))
+    said = dict(task_words.facts(one, Site.load(LAB)))
     until = "1970-01-01 01:00:00 (simulated time)"
     assert said["stands"] == f"rejected: nothing was lifted; it can be challenged until {until}"
     assert not said["due by"] and running_out_s(one) == 3600
     assert said["stands"] in "\n".join(listed(one, width=500))
     one = waits.model_copy(update={"dispute": challenged})
-    said = dict(tasks._told(one, Site.load(LAB)))
+    said = dict(task_words.facts(one, Site.load(LAB)))
     assert "challenged: it lies there" in said["stands"] and until in said["stands"]
     plain = one.model_copy(update={"proof_uri": "file:///store/aa.mcap"})
-    said = dict(disputes._told(Site.load(LAB), plain, challenged))
+    said = dict(disputes.facts(Site.load(LAB), plain, challenged))
     assert said["replay"] == "rodeo verify /store/aa.mcap" and said["report"] == "no report"
     hostile = one.model_copy(update={"proof_uri": "file:///store/aa.mcap; reboot"})
-    said = dict(disputes._told(Site.load(LAB), hostile, challenged))
+    said = dict(disputes.facts(Site.load(LAB), hostile, challenged))
     assert said["replay"] == "rodeo verify '/store/aa.mcap; reboot'", "one argument of a shell's command"
 
 
@@ -244,7 +257,7 @@ def listed(*several: messages.Task, width: int = 80) -> list[str]:
     columns = ("id", "kind", "state", "try", "creator", "executor", "reward", "paid")
     return [
         line.plain
-        for line in lines(columns, [tasks._task_row(t, Site.load(LAB)) for t in several], width, (1, 4, 5))
+        for line in lines(columns, [task_words.row(t, Site.load(LAB)) for t in several], width, (1, 4, 5))
     ]
 
 
@@ -280,7 +293,7 @@ def report() -> Report:
 
 
 def test_verify_says_one_line_per_check_in_eighty_columns() -> None:
-    shown = [line.plain for line in tasks._check_lines(report(), 80, verbose=False)]
+    shown = [line.plain for line in verify.check_lines(report(), 80, verbose=False)]
     assert [line.split()[:2] for line in shown] == [
         ["passed", "base_speed"], ["passed", "task_binding"], ["skipped", "signer"]
     ]  # fmt: skip
@@ -289,12 +302,12 @@ def test_verify_says_one_line_per_check_in_eighty_columns() -> None:
 
 
 def test_verify_says_limit_and_source_where_more_is_asked_for() -> None:
-    text = " ".join(" ".join(line.plain.split()) for line in tasks._check_lines(report(), 80, verbose=True))
+    text = " ".join(" ".join(line.plain.split()) for line in verify.check_lines(report(), 80, verbose=True))
     assert "limit 2.1 m/s; from: Husarion Panther: 2 m/s" in text and "…" not in text
 
 
 def test_an_accepted_proof_says_how_much_was_asked() -> None:
-    assert tasks._outcome(report()) == "2 checks passed, 1 were skipped"
+    assert verify.outcome(report()) == "2 checks passed, 1 were skipped"
 
 
 def test_the_state_of_a_withdrawn_key_is_whole_below_its_row(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from rodeo.bus.messages import Status
 from rodeo.errors import RemoteError
 from rodeo.site.config import Site
 from rodeo.site.processes import processes_of
-from rodeo_cli import app, budget_votes, common, organization, people, proposals, robot, tasks
+from rodeo_cli import app, budget_votes, common, organization, people, proposals, robot, tasks, verify
 from rodeo_cli import site as site_commands
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
@@ -141,7 +141,7 @@ def test_every_command_that_lists_something_has_json() -> None:
 def piped(monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands print into a pipe, whatever the tests themselves print on."""
     plain = common.console_on(io.StringIO())
-    for module in (common, site_commands, tasks):
+    for module in (common, site_commands, verify):
         monkeypatch.setattr(module, "console", plain)
 
 

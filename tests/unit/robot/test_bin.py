@@ -34,12 +34,12 @@ class Listener:
         self.clock = ManualClock()
         self.voice = Voice(folder, self.bus)
         self.bin = SmartBin(self.bus, Site.load(LAB), "itrash", self.clock, self.voice, Interrupts())  # type: ignore[arg-type]
-        wait_until(lambda: self.bin._listener._devices.known(self.bus.devices[0]["address"]) is not None)
+        wait_until(lambda: self.bin.listener.devices.known(self.bus.devices[0]["address"]) is not None)
 
     def live(self, kind: Any, time_s: float, **more: Any) -> None:
         self.clock.time_s = max(self.clock.time_s, time_s)
         self.bus.tell(self.bus.say(kind, time_s, **more))
-        self.bin._listener.settle()
+        self.bin.listener.settle()
 
     def wait_for(self, kind: Any, after_s: float, wall_s: float = HANG_S) -> int:
         return int(self.bin.wait_for(kind, after_s, wall_s).seq)
@@ -108,7 +108,7 @@ def test_a_device_that_is_no_bin_or_was_revoked_does_not_speak_for_it(
     listener: Listener, known: dict[str, Any]
 ) -> None:
     listener.bus.devices = [known]
-    listener.bin._listener._devices.refresh()
+    listener.bin.listener.devices.refresh()
     listener.live(Classification, 1_000.0, key=STRANGER)
     assert listener.bin.said_after(Classification, 0.0) is None
 
@@ -125,7 +125,7 @@ def _heard(listener: Listener) -> bool:
 
 def test_a_bin_that_is_known_is_heard_while_the_bridge_is_away(listener: Listener) -> None:
     listener.bus.bridge = False
-    listener.bin._listener._devices.refresh()
+    listener.bin.listener.devices.refresh()
     listener.live(Drop, 1_000.0)
     assert listener.wait_for(Drop, 999.0) == 1
 

@@ -260,7 +260,7 @@ class Surroundings:
         self._callbacks: list[Callable[..., None]] = []
         site, here = Site.load(LAB), cast(Any, self)
         self.receipts = Receipts(site, site.robots[0], here, here, here, cast(Any, self.clock))
-        wait_until(lambda: self.receipts._listeners[0]._devices.known(METER.address) is not None)
+        wait_until(lambda: self.receipts.listeners[0].devices.known(METER.address) is not None)
         self.receipts.begin(JOB)
         state = new("sensor_msgs/msg/BatteryState", voltage=40.0, percentage=0.86)
         state.header.stamp.sec = int(self.clock.time_s)
@@ -313,7 +313,7 @@ class Surroundings:
         assert isinstance(said, MeterRecord)
         told = attest(signed.payload | {"ocmf": text(said)}, METER)
         self._callbacks[1]("rodeo/lab/witness/dock1/statement", told.model_dump_json().encode())
-        self.receipts._listeners[0].settle()
+        self.receipts.listeners[0].settle()
 
 
 JOB = charging_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task

@@ -94,7 +94,7 @@ def witness_on(bus: Bus, folder: Path) -> Witness:
 @pytest.fixture
 def witness(bus: Bus, tmp_path: Path) -> Iterator[Witness]:
     witness = witness_on(bus, tmp_path)
-    wait_until(lambda: witness.chain is not None and witness._devices.answered)
+    wait_until(lambda: witness.chain is not None and witness.devices.answered)
     yield witness
     witness.close()
 
@@ -191,7 +191,7 @@ def test_an_old_presentation_that_somebody_says_again_counts_no_more(tmp_path: P
         lambda: NOW_S * 10**9,
         lambda _device, statement: heard.append(statement.seq),
     )
-    wait_until(lambda: hearing.chain is not None and hearing._devices.answered)
+    wait_until(lambda: hearing.chain is not None and hearing.devices.answered)
     robot = WitnessChain(
         "panther1", ROBOT, hearing.chain.scope, "sensor", Journal(tmp_path / "robot"), HeadBook()
     )

@@ -98,7 +98,7 @@ class Scene:
         self.cleaning.dispose(
             item,
             (x_m + off_m, y_m),
-            self.cleaning._stations,
+            self.cleaning.stations,
             self.work,
         )
 
@@ -265,7 +265,7 @@ def test_a_motion_capture_that_fell_silent_after_the_drop_is_waited_for_within_t
     scene: Scene, left_s: float | None, waits_s: float
 ) -> None:
     scene.record.blind = True
-    (station,) = scene.cleaning._stations
+    (station,) = scene.cleaning.stations
     # The bin speaks at once, and the clock passes only while the robot waits.
     dropped_s = scene.clock.now_s()
     stops_s = dropped_s + RECORDED_AFTER_DROP_S
@@ -288,7 +288,7 @@ def test_what_is_taken_out_after_the_drop_is_not_submitted_as_done(scene: Scene)
 def test_what_was_taken_out_during_an_interruption_fails_the_task(scene: Scene) -> None:
     scene.bin.thefts = 1
     with pytest.raises(TaskFailed) as caught:
-        (station,) = scene.cleaning._stations
+        (station,) = scene.cleaning.stations
         scene.cleaning.confirm(900.0, station, scene.work)
     assert caught.value.details["cause"] == "taken_out"
 
@@ -590,9 +590,9 @@ def test_the_robot_goes_to_the_bin_that_the_task_names_or_to_the_nearest(
     cleaning = two_bins(scene)
     params = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2} | ({"bin": named} if named else {})
     task = cleaning_chain_record(MOMENT, params).task
-    station = next(one for one in cleaning._stations if one.name == goes_to)
+    station = next(one for one in cleaning.stations if one.name == goes_to)
     assert cleaning.weigh(task, scene.body.base).ends_at == station.layout.parking
-    assert cleaning._choice(ordered(task))[0] == station
+    assert cleaning.choice(ordered(task))[0] == station
     with pytest.raises(TaskFailed):
         cleaning.weigh(task.model_copy(update={"params": params | {"bin": "nowhere"}}), scene.body.base)
 

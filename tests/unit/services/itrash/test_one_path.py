@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -23,8 +23,9 @@ from rodeo_cli import app
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.behaviour import Attest, Bin, Memory, State, TakePhoto
+from services.itrash.eye import Eye
+from services.itrash.journal import stated
 from services.itrash.pictures import Pictures
-from services.itrash.process import Itrash
 from services.itrash.web import make_api
 from tests.unit.rodeo_kinds.waste_disposal.test_picture import digest, proof, said
 from tests.unit.rodeo_kinds.waste_disposal.test_picture import shown as shown_to_the_oracle
@@ -42,15 +43,12 @@ BIN = BinConfig(pose=Pose2(x_m=0, y_m=0))
 def looked_at(classifier: Classifier, data: bytes, folder: Path) -> Classification:
     """What the bin's process feeds its state machine of a picture that the camera took."""
     fed: list[Classification] = []
-    bin_: Any = SimpleNamespace(
-        classifier=classifier,
-        _update_status=lambda: None,
-        _camera=SimpleNamespace(capture=lambda after_s: (after_s, data)),
-        _pictures=Pictures(folder),
-        _bin=SimpleNamespace(photo=lambda found, _name, _time_s: fed.append(found)),
-        _feed=lambda _what, feed: feed(),
+    camera: Any = SimpleNamespace(capture=lambda after_s: (after_s, data))
+    steps: Any = SimpleNamespace(
+        bin=SimpleNamespace(photo=lambda found, _name, _time_s: fed.append(found)),
+        feed=lambda _what, feed: feed(),
     )
-    Itrash._look(bin_, TakePhoto(after_s=1.0))
+    Eye(camera, classifier, Pictures(folder), cast(Any, None)).look(TakePhoto(after_s=1.0), steps)
     return fed[0]
 
 
@@ -106,7 +104,7 @@ def test_a_bin_signs_which_network_it_loaded_whatever_lies_in_its_place_since(tm
     (can,) = RENDERINGS.glob("metal_1.jpg")
     (action,) = bin_.photo(looked_at(classifier, can.read_bytes(), tmp_path / "pictures"), digest(b""), 1.0)
     assert isinstance(action, Attest)
-    _, _, fields = Itrash._stated(action.record)
+    _, _, fields = stated(action.record)
     assert fields["model_sha256"] == model_sha256()
     assert fields["thresholds_sha256"] == digest((MODEL_DIR / PREPROCESSING).read_bytes())
 

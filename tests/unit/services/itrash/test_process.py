@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import queue
 import threading
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +14,8 @@ from rodeo.site.config import Site
 from rodeo.witness.statement import Presentation, parse
 from rodeo_testing.assignments import devices
 from services.itrash.behaviour import Bin, Memory, State
-from services.itrash.process import Itrash
+from services.itrash.process import present
+from services.itrash.steps import Steps
 
 
 @pytest.mark.parametrize(("attentive", "decides"), [(True, True), (True, False), (False, False)])
@@ -26,12 +26,9 @@ def test_while_a_reading_may_decide_the_clock_waits_after_each_and_readings_go_o
     never come to rest for a bin that waits for the next one."""
     asked: dict[str, Any] = {}
     clock = SimpleNamespace(wait_for=lambda done, stop, **how: asked.update(how))
-    bin_: Any = SimpleNamespace(
-        _process=SimpleNamespace(clock=clock, stop=threading.Event()),
-        _bin=SimpleNamespace(attentive=attentive, decides=decides),
-        _actions=queue.SimpleQueue(),
-    )
-    assert not Itrash._await_action(bin_)
+    bin_: Any = SimpleNamespace(attentive=attentive, decides=decides, memory=Memory())
+    process: Any = SimpleNamespace(clock=clock, stop=threading.Event())
+    assert not Steps(bin_, process).await_action()
     assert asked["resting"] is not attentive
     assert math.isinf(asked["every_s"]) is not decides
 
@@ -58,32 +55,29 @@ def test_what_is_awaited_is_not_decided_by_an_empty_view(site: Site) -> None:
 
 def test_a_weight_that_begins_to_change_wakes_the_bin_that_rests(site: Site) -> None:
     told: list[None] = []
-    itrash: Any = Itrash.__new__(Itrash)
-    itrash._process = SimpleNamespace(clock=SimpleNamespace(notify=lambda: told.append(None)))
-    itrash._bin = Bin(site.bins[0], Memory())
-    itrash._lock, itrash._heard_s, itrash._actions = threading.Lock(), {}, queue.SimpleQueue()
+    process: Any = SimpleNamespace(clock=SimpleNamespace(notify=lambda: told.append(None)))
+    bin_ = Bin(site.bins[0], Memory())
+    steps = Steps(bin_, process)
     compartment = next(iter(site.bins[0].compartments))
 
     def weigh(force_n: float, time_s: float) -> None:
-        itrash._feed("scale", lambda: itrash._bin.load(compartment, force_n, time_s))
+        steps.feed("scale", lambda: bin_.load(compartment, force_n, time_s))
 
     for tenth in range(20):
         weigh(0.0, tenth / 10)
-    assert not itrash._bin.attentive
+    assert not bin_.attentive
     before = len(told)
     weigh(0.0, 2.0)
     assert len(told) == before, "nothing changed"
     weigh(0.3, 2.1)
-    assert itrash._bin.attentive
+    assert bin_.attentive
     assert len(told) == before + 1
 
 
 def test_the_bin_hears_from_a_robots_presentation_when_it_grasped(site: Site) -> None:
-    itrash: Any = Itrash.__new__(Itrash)
-    itrash._process = SimpleNamespace(clock=SimpleNamespace(now_s=lambda: 1_000.0))
-    itrash._config, itrash._bin, itrash._lock = site.bins[0], Bin(site.bins[0], Memory()), threading.Lock()
+    bin_ = Bin(site.bins[0], Memory())
     robot = next(one for one in devices() if one.role == "robot")
     said = parse(EXAMPLES[Presentation] | {"bin": site.bins[0].name, "grasped_s": 990.5})
-    itrash._on_statement(robot, said)
-    (presented,) = itrash._bin.memory.presented
+    present(bin_, site.bins[0].name, robot, said, 1_000.0)
+    (presented,) = bin_.memory.presented
     assert (presented.claimant.device, presented.grasped_s) == ("panther1", 990.5)

@@ -68,7 +68,7 @@ def test_a_clock_that_jumps_does_not_pass_a_verdict_that_was_just_begun_to_be_wa
     thread = threading.Thread(target=run, args=(stop,))
     thread.start()
     try:
-        wait_until(lambda: any(one.hold.resting for one in simulator.holders._seen.values()))
+        wait_until(lambda: any(one.hold.resting for one in simulator.holders.roster.seen.values()))
         sha256 = "22" * 32
         known = {
             "verdict_deadline": simulator.now_ns_ * 1e-9 + WINDOW_S,

@@ -27,8 +27,8 @@ from services.robot_sim.actions import Actions
 from services.robot_sim.arm import TrajectoryError
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState
-from services.robot_sim.holders import NEVER_NS
 from services.robot_sim.loop import Loop
+from services.robot_sim.roster import NEVER_NS
 from services.robot_sim.simulation import SimRobot, Simulation
 from services.robot_sim.state import StateFile
 from tests.support.arms import JOINTS, with_arm

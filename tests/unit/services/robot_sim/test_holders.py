@@ -5,12 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
+from typing import Any
 from unittest.mock import patch
 
 import pytest
 import zenoh
 
 from rodeo.bus.holding import EVERYBODY
+from rodeo.bus.receiving import direct
 from rodeo.bus.session import Bus, zenoh_config
 from rodeo.ros2.node import Node
 from rodeo.runtime.sim_clock import SimClock
@@ -19,7 +21,11 @@ from rodeo.site.config import Site, agent_process
 from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
 from services.robot_sim import holders as holders_module
 from services.robot_sim import messages
-from services.robot_sim.holders import LONG_S, NEVER_NS, Holders, Session
+from services.robot_sim import roster as roster_module
+from services.robot_sim import standstill as standstill_module
+from services.robot_sim.holders import Holders
+from services.robot_sim.roster import NEVER_NS, Session
+from services.robot_sim.standstill import LONG_S
 from tests.support.site import LAB, free_port
 
 NEVER = threading.Event()
@@ -36,14 +42,17 @@ class Simulator:
         site: Site,
         asking: zenoh.Session,
         missing: Callable[[], frozenset[str]] = frozenset,
+        taken: Callable[[], bool] = lambda: True,
     ) -> None:
         self.session = session
         self.now_ns_ = 1_000_000_000_000
         self.told: list[str] = []
-        self.woken = threading.Event()
+        self.wake: Callable[[], None] = lambda: None
         node = Node(session, "lab", "", site.bus.domain_id, self)
         self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
-        self.holders = Holders(Bus(session), site, self.woken.set, self.told.append, asking, missing)
+        self.holders = Holders(
+            Bus(session), site, lambda: self.wake(), self.told.append, asking, missing, taken
+        )
 
     def now_ns(self) -> int:
         return self.now_ns_
@@ -51,22 +60,20 @@ class Simulator:
     def tell_time(self) -> None:
         self._clock.publish(messages.clock(self.now_ns_), self.now_ns_)
 
-    def _then(self, send: Callable[[], None]) -> None:
+    def then(self, send: Callable[[], None]) -> None:
         self.tell_time()
         send()
 
     def passes(self) -> bool:
         """Whether the time may go on now."""
-        return self.holders.may_pass(self.now_ns_, self._then)
+        return self.holders.may_pass(self.now_ns_, self.then)
 
     def wait_to_pass(self) -> None:
         """Until the time may go on."""
-        wait_until(self.passes, lambda: f"the clock stands still: {self.holders._late()}")
+        wait_until(self.passes, lambda: f"the clock stands still: {self.holders.roster.late()}")
 
     def stands(self, mind: Mind) -> bool:
         """Whether the time stays, also once `mind` has heard twice that it is asked again."""
-        holder = mind.clock._holder
-        assert holder is not None
         for _ in range(2):
             with (
                 patch.object(holders_module, "_REPEAT_S", -1.0),
@@ -74,7 +81,7 @@ class Simulator:
             ):
                 if self.passes():
                     return False
-            wait_until(lambda: holder._heard == self.holders._number)
+            wait_until(lambda: mind.heard == self.holders.marks.number)
         return not self.passes()
 
     def advance(self, seconds: float) -> None:
@@ -89,6 +96,13 @@ class Mind:
     ) -> None:
         self.session = session
         self.clock = SimClock(session, site.bus.domain_id, (site.org, name), starting)
+        assert self.clock.holder is not None
+        self.holder = self.clock.holder
+
+    @property
+    def heard(self) -> int:
+        """Number of the last mark that it heard."""
+        return self.holder.heard
 
     def start(self, work: Callable[[], object]) -> threading.Thread:
         def run() -> None:
@@ -145,13 +159,13 @@ def mind(connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator)
 def begin(mind: Mind, simulator: Simulator, work: Callable[[], object]) -> threading.Thread:
     """Start `work`, and wait until the simulator knows that it holds the clock."""
     thread = mind.start(work)
-    wait_until(lambda: simulator.holders._seen)
+    wait_until(lambda: simulator.holders.roster.seen)
     return thread
 
 
 def begin_as_second(mind: Mind, simulator: Simulator, work: Callable[[], object]) -> None:
     mind.start(work)
-    wait_until(lambda: len(simulator.holders._seen) == 2)
+    wait_until(lambda: len(simulator.holders.roster.seen) == 2)
 
 
 def test_the_clock_does_not_pass_who_is_busy(simulator: Simulator, mind: Mind) -> None:
@@ -197,18 +211,16 @@ def test_only_who_has_something_to_do_is_asked_when_its_time_comes(
     begin(mind, simulator, timer)
     begin_as_second(other, simulator, lambda: other.clock.wait_for(NEVER.is_set, wall_s=HANG_S))
     simulator.wait_to_pass()
-    assert mind.clock._holder is not None
-    assert other.clock._holder is not None
-    asked, marks = other.clock._holder._heard, simulator.holders._number
+    asked, marks = other.heard, simulator.holders.marks.number
     for _ in range(10):
         simulator.advance(0.02)
         simulator.wait_to_pass()
-    assert simulator.holders._number - marks >= 3
-    assert mind.clock._holder._heard == simulator.holders._number
-    assert other.clock._holder._heard == asked
+    assert simulator.holders.marks.number - marks >= 3
+    assert mind.heard == simulator.holders.marks.number
+    assert other.heard == asked
     simulator.holders.sent()
     simulator.wait_to_pass()
-    assert other.clock._holder._heard == simulator.holders._number
+    assert other.heard == simulator.holders.marks.number
 
 
 def test_what_passes_between_threads_of_one_process_has_nobody_else_asked(
@@ -218,13 +230,13 @@ def test_what_passes_between_threads_of_one_process_has_nobody_else_asked(
     simulator.wait_to_pass()
 
     def asked_after(within: bool) -> int:
-        marks = simulator.holders._number
+        marks = simulator.holders.marks.number
         handing_over = mind.clock.hold(within)
         with handing_over:
-            wait_until(lambda: any(one.hold.busy for one in simulator.holders._seen.values()))
+            wait_until(lambda: any(one.hold.busy for one in simulator.holders.roster.seen.values()))
             assert not simulator.passes()
         simulator.wait_to_pass()
-        return simulator.holders._number - marks
+        return simulator.holders.marks.number - marks
 
     assert asked_after(within=True) == 0
     assert asked_after(within=False) == 1
@@ -251,7 +263,7 @@ def test_what_was_sent_is_taken_before_the_time_goes_on(simulator: Simulator, mi
     sent_ns = []
     for _ in range(20):
         simulator.advance(0.02)
-        simulator._then(lambda: simulator.session.put("news", b"", congestion_control=BLOCK))
+        simulator.then(lambda: simulator.session.put("news", b"", congestion_control=BLOCK))
         sent_ns.append(simulator.now_ns_)
         simulator.holders.sent()
         simulator.wait_to_pass()
@@ -286,11 +298,11 @@ def test_who_only_looks_whether_to_go_on_is_not_asked_for_it(simulator: Simulato
         lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S, check=lambda: looks.append(1)),
     )
     simulator.wait_to_pass()
-    marks = simulator.holders._number
+    marks = simulator.holders.marks.number
     wait_until(lambda: len(looks) >= 5)
     simulator.advance(0.02)
     simulator.wait_to_pass()
-    assert simulator.holders._number == marks
+    assert simulator.holders.marks.number == marks
 
 
 def test_a_look_at_what_was_sent_takes_no_time(simulator: Simulator, mind: Mind) -> None:
@@ -310,7 +322,7 @@ def test_a_look_at_what_was_sent_takes_no_time(simulator: Simulator, mind: Mind)
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S, check=look))
     simulator.wait_to_pass()
     simulator.advance(0.02)
-    simulator._then(lambda: simulator.session.put("news", b"", congestion_control=BLOCK))
+    simulator.then(lambda: simulator.session.put("news", b"", congestion_control=BLOCK))
     simulator.holders.sent()
     sent_ns = simulator.now_ns_
     simulator.wait_to_pass()
@@ -340,11 +352,11 @@ def test_what_a_look_raises_ends_the_wait(simulator: Simulator, mind: Mind) -> N
 def test_who_looks_at_each_reading_is_asked_at_each(simulator: Simulator, mind: Mind) -> None:
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S, every_s=0.1))
     simulator.wait_to_pass()
-    marks = simulator.holders._number
+    marks = simulator.holders.marks.number
     for _ in range(50):
         simulator.advance(0.02)
         simulator.wait_to_pass()
-    assert simulator.holders._number == marks + 10
+    assert simulator.holders.marks.number == marks + 10
 
 
 def test_who_dies_while_it_holds_the_clock_is_not_waited_for(simulator: Simulator, mind: Mind) -> None:
@@ -356,23 +368,30 @@ def test_who_dies_while_it_holds_the_clock_is_not_waited_for(simulator: Simulato
     done.set()
 
 
+def hears_through(monkeypatch: pytest.MonkeyPatch, passes: Callable[[zenoh.Sample], bool]) -> None:
+    """The next simulator hears of a sample only if `passes` returns True."""
+
+    def handler(callback: Callable[[Any], object], drop: Callable[[], object] | None = None) -> Any:
+        return direct(lambda got: callback(got) if passes(got) else None, drop)
+
+    monkeypatch.setattr(roster_module, "direct", handler)
+
+
 def test_who_dies_busy_and_whose_end_is_not_heard_is_found_gone(
-    simulator: Simulator,
-    mind: Mind,
-    connect: Callable[[], zenoh.Session],
-    site: Site,
-    monkeypatch: pytest.MonkeyPatch,
+    connect: Callable[[], zenoh.Session], site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    hears_through(monkeypatch, lambda got: getattr(got, "kind", None) is not zenoh.SampleKind.DELETE)
+    simulator = Simulator(connect(), site, connect())
+    mind, next_one = Mind(connect(), site), Mind(connect(), site)
+    wait_until(lambda: simulator.tell_time() or mind.clock.wait_ready(NEVER, PAUSE_S))
     done = threading.Event()
     begin(mind, simulator, lambda: done.wait(HANG_S))
-    next_one = Mind(connect(), site)
     begin_as_second(next_one, simulator, lambda: next_one.clock.wait_for(NEVER.is_set, wall_s=HANG_S))
-    simulator.holders._tokens.undeclare()
     mind.session.close()
     monkeypatch.setattr(holders_module, "_REPEAT_S", 0.05)
     simulator.wait_to_pass()
     done.set()
-    held_by = [one.id for one in simulator.holders._seen]
+    held_by = [one.id for one in simulator.holders.roster.seen]
     assert held_by == [str(next_one.session.info.zid())]
 
 
@@ -394,7 +413,7 @@ def test_who_comes_late_is_waited_for_from_then_on(
     late = Mind(connect(), site, "itrash")
     done = threading.Event()
     late.start(lambda: (done.wait(HANG_S), late.clock.wait_for(NEVER.is_set, wall_s=HANG_S)))
-    wait_until(lambda: len(simulator.holders._seen) == 2)
+    wait_until(lambda: len(simulator.holders.roster.seen) == 2)
     assert simulator.stands(late)
     done.set()
     simulator.wait_to_pass()
@@ -408,7 +427,7 @@ def test_a_simulator_that_starts_again_waits_for_those_who_are_there(
     simulator.holders.close()
     again = Simulator(connect(), site, connect())
     assert not again.passes()
-    wait_until(lambda: again.holders._seen)
+    wait_until(lambda: again.holders.roster.seen)
     assert again.stands(mind)
     done.set()
     again.wait_to_pass()
@@ -418,50 +437,47 @@ def test_the_first_simulator_waits_for_who_was_busy_before_it_came(
     connect: Callable[[], zenoh.Session], site: Site
 ) -> None:
     done = threading.Event()
+    everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
+    asking, listening = connect(), connect()
+    said = listening.declare_subscriber(everybody)
     mind = Mind(connect(), site)
     mind.start(lambda: (done.wait(HANG_S), mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S)))
-    holder = mind.clock._holder
-    assert holder is not None
-    everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
-    asking = connect()
-    wait_until(lambda: holder._told is not None and list(asking.liveliness().get(everybody)))
+    wait_until(lambda: said.try_recv() and list(asking.liveliness().get(everybody)))
     simulator = Simulator(connect(), site, asking)
     assert not simulator.passes()
-    wait_until(lambda: simulator.holders._seen)
+    wait_until(lambda: simulator.holders.roster.seen)
     assert simulator.stands(mind)
     done.set()
     simulator.wait_to_pass()
 
 
 def test_a_mark_that_waits_for_the_router_does_not_keep_the_receiving_thread(
-    simulator: Simulator, mind: Mind
+    connect: Callable[[], zenoh.Session], site: Site
 ) -> None:
-    holders = simulator.holders
-    holders._taken = lambda: not holders._lock.locked()
+    simulator = Simulator(
+        connect(), site, connect(), taken=lambda: not simulator.holders.roster.lock.locked()
+    )
+    mind = Mind(connect(), site)
+    wait_until(lambda: simulator.passes() and mind.clock.wait_ready(NEVER, PAUSE_S))
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S))
-    holders.sent()
+    simulator.holders.sent()
     simulator.wait_to_pass()
 
 
 def test_who_answers_later_than_it_is_asked_again_has_answered(
-    simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
+    connect: Callable[[], zenoh.Session], site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(holders_module, "_REPEAT_S", 0.05)
+    late, waits = threading.Event(), [0.0]
+    hears_through(monkeypatch, lambda _sample: not late.wait(waits[0]))
+    simulator = Simulator(connect(), site, connect())
+    mind = Mind(connect(), site)
+    wait_until(lambda: simulator.tell_time() or mind.clock.wait_ready(NEVER, PAUSE_S))
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S))
     simulator.wait_to_pass()
-    heard = simulator.holders._on_hold
-    late = threading.Event()
-
-    def hear_late(sample: zenoh.Sample) -> None:
-        late.wait(0.2)
-        heard(sample)
-
-    simulator.holders._subscriber.undeclare()
-    key = topics.CLOCK_HOLD.name(org=Site.load(LAB).org, process="*", session="*")
-    subscriber = simulator.session.declare_subscriber(key, zenoh.handlers.Callback(hear_late, indirect=False))
+    monkeypatch.setattr(holders_module, "_REPEAT_S", 0.05)
+    waits[0] = 0.2
     simulator.holders.sent()
     simulator.wait_to_pass()
-    subscriber.undeclare()
 
 
 def test_everybody_is_asked_after_work_during_which_they_were_asked_again(
@@ -470,10 +486,10 @@ def test_everybody_is_asked_after_work_during_which_they_were_asked_again(
     done = threading.Event()
     begin(mind, simulator, lambda: (done.wait(HANG_S), mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S)))
     assert simulator.stands(mind)
-    marks = simulator.holders._number
+    marks = simulator.holders.marks.number
     done.set()
     simulator.wait_to_pass()
-    assert simulator.holders._number == marks + 1
+    assert simulator.holders.marks.number == marks + 1
 
 
 def test_who_is_not_to_hold_the_clock_does_not(
@@ -497,7 +513,7 @@ def test_nothing_is_jumped_over_before_a_mind_is_ready(
     mind = Mind(connect(), site, name, starting=True)
     with mind.clock.hold():
         pass
-    wait_until(lambda: simulator.holders._seen)
+    wait_until(lambda: simulator.holders.roster.seen)
     simulator.wait_to_pass()
     assert not simulator.holders.resting
     mind.clock.started()
@@ -550,9 +566,8 @@ def test_a_last_word_that_is_lost_is_asked_for_again(
     begin(mind, simulator, lambda: (done.wait(HANG_S), mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S)))
     assert simulator.stands(mind)
     said: list[str] = []
-    assert mind.clock._holder is not None
     with monkeypatch.context() as away:
-        away.setattr(mind.clock._holder, "_publisher", SimpleNamespace(put=said.append))
+        away.setattr(mind.holder, "_publisher", SimpleNamespace(put=said.append))
         done.set()
         wait_until(lambda: said)
     monkeypatch.setattr(holders_module, "_REPEAT_S", 0.05)
@@ -581,10 +596,10 @@ def test_what_somebody_says_of_a_time_far_off_is_heard(
     who = Session("robot_agent", str(session.info.zid()))
     key = topics.CLOCK_HOLD.name(org=site.org, process=who.process, session=who.id)
     token = session.liveliness().declare_token(key)
-    wait_until(lambda: who in simulator.holders._there)
+    wait_until(lambda: who in simulator.holders.roster.there)
     said = '{"heard": 0, "busy": false, "until_ns": %s, "works": 0, "resting": true}'
     session.put(key, said % ("9" * 400), congestion_control=BLOCK)
-    wait_until(lambda: who in simulator.holders._seen)
+    wait_until(lambda: who in simulator.holders.roster.seen)
     assert simulator.holders.next_ns == NEVER_NS
     token.undeclare()
 
@@ -597,22 +612,22 @@ def test_who_holds_it_for_long_is_named_until_it_goes_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     wall_s = 0.0
-    monkeypatch.setattr(holders_module, "time", SimpleNamespace(monotonic=lambda: wall_s))
+    monkeypatch.setattr(standstill_module, "time", SimpleNamespace(monotonic=lambda: wall_s))
     done = threading.Event()
     begin(mind, simulator, lambda: (done.wait(HANG_S), mind.clock.wait_for(NEVER.is_set, wall_s=HANG_S)))
     brief = Mind(connect(), site, "itrash")
     for wall_s in (1.0, 1.0 + 0.9 * LONG_S, 1.0 + 1.1 * LONG_S):  # noqa: B007
         # It comes and goes, and is there when the other is named.
         with brief.clock.hold():
-            wait_until(lambda: "itrash" in {who.process for who in simulator.holders._late()})
+            wait_until(lambda: "itrash" in {who.process for who in simulator.holders.roster.late()})
             assert not simulator.passes()
-        wait_until(lambda: "itrash" not in {who.process for who in simulator.holders._late()})
+        wait_until(lambda: "itrash" not in {who.process for who in simulator.holders.roster.late()})
         assert not simulator.passes()
     assert simulator.told == ["the clock waits for robot_agent"]
     done.set()
     simulator.wait_to_pass()
     assert simulator.told[-1] == ""
-    assert simulator.holders.waited_s == pytest.approx(1.1 * LONG_S)
+    assert simulator.holders.standstill.waited_s == pytest.approx(1.1 * LONG_S)
 
 
 def test_an_experiment_begins_when_everybody_has_come_and_motion_capture_can_sign(
@@ -627,11 +642,11 @@ def test_an_experiment_begins_when_everybody_has_come_and_motion_capture_can_sig
     minds = [Mind(connect(), own, name) for name in ("robot_agent", "arrivals")]
     monkeypatch.setattr(holders_module, "_REPEAT_S", -1.0)
     monkeypatch.setattr(holders_module, "_BEGIN_S", -1.0)
-    wait_until(lambda: len(simulator.holders._there) == 2)
+    wait_until(lambda: len(simulator.holders.roster.there) == 2)
     assert not simulator.passes()
     assert minds[0].clock.wait_ready(NEVER, HANG_S)  # who comes hears what time it is
     Mind(connect(), own, "oracle")
-    wait_until(lambda: len(simulator.holders._there) == 3)
+    wait_until(lambda: len(simulator.holders.roster.there) == 3)
     assert not simulator.passes()
     enrolled.set()
     simulator.wait_to_pass()

@@ -74,7 +74,7 @@ def test_every_process_wakes_at_each_of_its_times_and_the_clock_stops_nowhere_el
     world, stop = Empty(begin_ns), threading.Event()
     loop = Loop(world, Nothing(), site.clock, stop)  # type: ignore[arg-type]
     loop.holders, loop.tell_time = simulator.holders, lambda time_ns: tell(simulator, time_ns)
-    simulator.holders._wake = loop.wake
+    simulator.wake = loop.wake
     names = {
         "mind": agent_process(site, site.robots[0].name),
         "bin": bin_process(site, site.bins[0].name),

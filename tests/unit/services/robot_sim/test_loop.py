@@ -14,9 +14,9 @@ import pytest
 from rodeo.site.config import ClockConfig
 from rodeo_testing.waiting import HANG_S, wait_until
 from services.robot_sim import loop as loop_module
-from services.robot_sim.holders import NEVER_NS
 from services.robot_sim.loop import JUMP_NS, Loop
 from services.robot_sim.people import PeoplesTime
+from services.robot_sim.roster import NEVER_NS
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS
 from tests.unit.services.robot_sim.test_people import START_S, SilentBus, lab, task
 

@@ -1,0 +1,149 @@
+"""`rodeo verify`: the oracle's checks on a proof, here and now."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+from rich.text import Text
+
+from rodeo.bus import queries
+from rodeo.display.formatting import (
+    count,
+)
+from rodeo.errors import BusError, RemoteError
+from rodeo.site.config import Site
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    console,
+    errors,
+    print_json,
+    reports_errors,
+)
+from rodeo_cli.layout import printable
+from rodeo_cli.task_words import judged_by
+
+if TYPE_CHECKING:
+    from rodeo.checks.report import Report
+    from services.oracle.chain_view import View
+
+RESULT_STYLES = {"passed": "green", "FAILED": "bold red", "undecided": "bold yellow", "skipped": "dim"}
+
+
+@reports_errors
+def verify(
+    file: Annotated[
+        Path, typer.Argument(help="A proof (MCAP), or a ROS 1 or ROS 2 bag.", metavar="FILE", exists=True)
+    ],
+    site: SiteOption = DEFAULT_SITE,
+    offline: Annotated[
+        bool, typer.Option("--offline", help="Do not ask the bridge. Skip the checks that need the chain.")
+    ] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", help="Show each check's limit, the source of the limit, and more."),
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the oracle's checks on a proof here and now. Exit status 1 when one fails.
+
+    What only the chain knows (who may sign, which days were posted) is taken as of the block of the verdict,
+    if there is one; what came later is a warning. Without a running site that is skipped, with a warning.
+    """
+    # Imported here: only this command needs MuJoCo and the readers of recordings.
+    from rodeo.checks.verify import verify_file
+    from services.oracle.chain_view import View
+
+    loaded = Site.load(site)
+    known = View(None, []) if offline else _chain_view(site, file)
+    report = verify_file(file, loaded, known.chain_record)
+    task = known.chain_record and known.chain_record.task
+    if task and task.rules_sha256 != report.rules_sha256:
+        named = task.rules_sha256 or "none"
+        known.warnings.append(
+            f"the task is judged by the rules {named}; installed here are {report.rules_sha256}"
+        )
+    for warning in known.warnings:
+        errors.print(f"[bold yellow]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
+    if as_json:
+        print_json(report.model_dump(mode="json") | {"warnings": known.warnings})
+    else:
+        for line in check_lines(report, console.width, verbose):
+            console.print(line, soft_wrap=True)
+        console.print(_conclusion(site, report, offline), highlight=False, soft_wrap=True)
+    if not report.accepted:
+        raise typer.Exit(1)
+
+
+def check_lines(report: Report, width: int, verbose: bool) -> Iterator[Text]:
+    """A line for each check; with `verbose` what it compared with follows in full."""
+    names = max((len(check.name) for check in report.checks), default=0)
+    for check, (name, result, measured, limit, source, about) in zip(
+        report.checks, report.rows(), strict=True
+    ):
+        line = Text(f"{result:9}  ", style=RESULT_STYLES[result]) + Text(f"{name:{names}}  ", style="")
+        if not verbose:
+            told = printable("  ".join(text for text in (measured, about) if text))
+            line.append(told, style="bold" if check.passed is False else "dim")
+            line.truncate(width, overflow="ellipsis")
+            line.rstrip()
+            yield line
+            continue
+        line.append(printable(measured))
+        yield line
+        indent = " " * 11
+        against = f"limit {limit}" if limit else ""
+        whence = f"from: {source}" if source else ""
+        for text in (about, "; ".join(one for one in (against, whence) if one)):
+            for part in textwrap.wrap(
+                printable(text), width, initial_indent=indent, subsequent_indent=indent
+            ):
+                yield Text(part, style="dim")
+
+
+def outcome(report: Report) -> str:
+    """Why, or how much was asked where nothing failed."""
+    if not report.accepted:
+        return printable(report.reason)
+    skipped = sum(check.passed is None for check in report.checks)
+    passed = count(len(report.checks) - skipped, "check") + " passed"
+    return passed + (f", {skipped} were skipped" if skipped else "")
+
+
+def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
+    """What the checks come to. A person's word is never the oracle's verdict: whoever judged it is named."""
+    from rodeo.kinds import kinds_of
+
+    kinds = kinds_of(Site.load(site_path))
+    if report.kind is None or not kinds.by_people(report.kind) or report.outcome == "rejected":
+        return f"[bold]{report.outcome}[/]: {escape(outcome(report))}"
+    told = "[bold]a person's statement[/] with a valid seal; software cannot check whether it is true"
+    if offline or report.task_id is None:
+        return f"{told}: an auditor judges it"
+    try:
+        with connected(site_path) as (site, bus):
+            task = queries.ask(bus, site.org, queries.TASK, id=report.task_id)
+            same = task.proof_sha256 == report.proof_sha256
+            judged = judged_by(site, bus, task) if same else ""
+    except (BusError, RemoteError) as error:
+        judged = f"cannot find out who judged it: {error}"
+    return f"{told}\n" + (escape(judged) or f"an auditor judges it: `rodeo task review {report.task_id}`")
+
+
+def _chain_view(site_path: Path, file: Path) -> View:
+    """What the running site's bridge says about a proof; if none answers, a warning that says so."""
+    from rodeo.dao import ORGANIZATION, Participant
+    from services.oracle.chain_view import View, view
+
+    try:
+        with connected(site_path) as (site, bus):
+            return view(file, site, Participant(bus, site.org, ORGANIZATION))
+    except (BusError, RemoteError) as error:
+        return View(None, [f"skipping the checks that need the chain: {error}"])

@@ -1,0 +1,91 @@
+"""What the processes of a site report of themselves."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from rodeo.bus.messages import Status
+from rodeo.host.instance import HEARTBEAT_S
+from rodeo.person.pace import Pace
+from rodeo.site.config import BRIDGE, Site
+from rodeo.site.processes import processes_of
+
+_LOST_S = 3 * HEARTBEAT_S
+_MOST = 500
+"""Far more processes than a site has: on an open bus anybody may claim to be another one."""
+
+
+@dataclass(frozen=True)
+class ProcessState:
+    name: str
+    job: str
+    state: str
+    """ready, not ready, lost (its heartbeat stopped) or silent (never heard)"""
+    doing: str = ""
+    progress: float | None = None
+    eta_s: float | None = None
+    """Site time until it has finished its activity, where it reports that."""
+    soc: float | None = None
+    warnings: tuple[str, ...] = ()
+    """What an operator should know although the process works."""
+
+
+class Heartbeats:
+    """The newest status of each process; `processes` shows them in the order of the site file."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._jobs = {process.name: process.job for process in processes_of(site)}
+        self._statuses: dict[str, tuple[Status, float]] = {}
+        self.processes: list[ProcessState] = []
+
+    def take(self, status: Status) -> None:
+        known = status.process in self._statuses or status.process in self._jobs
+        if known or len(self._statuses) < _MOST:
+            self._statuses[status.process] = status, time.monotonic()
+
+    @property
+    def pace(self) -> Pace | None:
+        """How fast the site's time goes; None while nobody reports it."""
+        status, heard_s = self._statuses.get("robot_sim", (None, -math.inf))
+        silent = status is None or time.monotonic() - heard_s > _LOST_S
+        return Pace.of(self._site, {} if status is None or silent else status.details)
+
+    @property
+    def bridge(self) -> str:
+        """State of the bridge."""
+        return next((one.state for one in self.processes if one.name == BRIDGE), "")
+
+    def look(self) -> bool:
+        """Whether `processes` changed: statuses came, or did not come in time."""
+        names = [*self._jobs, *(name for name in sorted(self._statuses) if name not in self._jobs)]
+        before, self.processes = (
+            self.processes,
+            [self._process(name, self._jobs.get(name, "")) for name in names],
+        )
+        return self.processes != before
+
+    def _process(self, name: str, job: str) -> ProcessState:
+        if name not in self._statuses:
+            return ProcessState(name, job, "silent")
+        status, heard_s = self._statuses[name]
+        if time.monotonic() - heard_s > _LOST_S:
+            return ProcessState(name, job, "lost", "its heartbeat stopped")
+        return ProcessState(
+            name,
+            job,
+            "ready" if status.ready else "not ready",
+            status.reason or status.activity,
+            status.progress,
+            number(status.details.get("eta_s")),
+            number(status.details.get("soc")),
+            tuple(status.warnings),
+        )
+
+
+def number(value: Any) -> float | None:
+    known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if known else None
