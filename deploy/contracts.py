@@ -24,9 +24,9 @@ from pathlib import Path
 from eth_account.signers.local import LocalAccount
 from eth_utils import to_bytes, to_checksum_address
 from web3 import Web3
-from web3.types import Wei
 
 from deploy.founding import OtherToken, count_contracts, create_contracts
+from deploy.gas_money import fund
 from rodeo.chain import artifacts
 from rodeo.chain.client import ChainClient, connect, require_chain
 from rodeo.chain.contracts.abi import Instance, KindRules, Windows
@@ -34,7 +34,6 @@ from rodeo.chain.contracts.events import ProviderVouched, RoleRevoked
 from rodeo.chain.contracts.types import MAX_RULES, ZERO_ADDRESS, Role
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
-from rodeo.chain.node import transactions
 from rodeo.chain.node.errors import ChainUnavailable, ContractReverted, DeploymentMismatch, NotDeployed
 from rodeo.chain.node.translation import translated
 from rodeo.errors import RodeoError, WalletError
@@ -51,7 +50,6 @@ _NODE_S = {"external": 15.0, "anvil": 3600.0, "eth-tester": 3600.0}
 """How long to wait for the node to answer, wall time. A local one is about to start, which may take a slow
 machine long; its launcher tells when it cannot."""
 _RETRY_S = 0.1
-_GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
 _MOST_TOGETHER = 60
 """Calls in one transaction: a device's registration, the most expensive of them, takes 120,000 gas."""
@@ -201,7 +199,7 @@ def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
     steps.plan(count_contracts(site) + 1 + local)
     if local:
         steps.begin("gas money for the wallets")
-        _fund(w3, list(names))
+        fund(w3, list(names))
     administrator = wallets.load(site, "organization")
     deployment = _recorded(site, w3)
     if deployment is None:
@@ -288,16 +286,6 @@ _REMEDY = {
     False: "start the site with `rodeo up`, or only prepare it with `rodeo site prepare`",
 }
 """By whether the chain is elsewhere."""
-
-
-def _fund(w3: Web3, accounts: list[str]) -> None:
-    """Gas money from the account that a local node holds itself."""
-    with translated():
-        rich = w3.eth.accounts[0]
-        for account in map(to_checksum_address, accounts):
-            if w3.eth.get_balance(account) < _GAS_MONEY // 10:
-                sent = w3.eth.send_transaction({"from": rich, "to": account, "value": _GAS_MONEY})
-                w3.eth.wait_for_transaction_receipt(sent, poll_latency=transactions.POLL_S)
 
 
 def _told(site: Site, name: str) -> str | None:

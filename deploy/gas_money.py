@@ -8,8 +8,9 @@ from decimal import ROUND_UP, Context, Decimal
 
 from eth_utils import to_checksum_address
 from web3 import Web3
+from web3.types import Wei
 
-from rodeo.chain.node.transactions import market_of
+from rodeo.chain.node.transactions import POLL_S, market_of
 from rodeo.chain.node.translation import translated
 from rodeo.signing import keystores
 from rodeo.site.config import Site
@@ -19,6 +20,8 @@ _DEPLOYMENT_GAS = 30_000_000
 _WORKING_GAS = 5_000_000
 """A few dozen transactions of one wallet."""
 _WEI = Decimal(10**18)
+_LOCAL = Wei(10 * 10**18)
+"""For each account on a local chain."""
 
 
 @dataclass(frozen=True)
@@ -56,3 +59,13 @@ def purses(site: Site, w3: Web3, deployed: bool) -> Iterator[Purse]:
             holds = w3.eth.get_balance(address)
         needs = Context(prec=2, rounding=ROUND_UP).create_decimal(Decimal(gas * fee) / _WEI)
         yield Purse(name, address, Decimal(holds) / _WEI, needs)
+
+
+def fund(w3: Web3, accounts: list[str]) -> None:
+    """Give accounts of a local chain gas money from the account that its node holds itself."""
+    with translated():
+        rich = w3.eth.accounts[0]
+        for account in map(to_checksum_address, accounts):
+            if w3.eth.get_balance(account) < _LOCAL // 10:
+                sent = w3.eth.send_transaction({"from": rich, "to": account, "value": _LOCAL})
+                w3.eth.wait_for_transaction_receipt(sent, poll_latency=POLL_S)

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from rodeo.bus.messages import Status
+from rodeo.bus.session import heard_status
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.person.pace import Pace
 from rodeo.site.config import BRIDGE, Site
 from rodeo.site.processes import processes_of
+from rodeo.text.strict_json import Json
 
 _LOST_S = 3 * HEARTBEAT_S
 _MOST = 500
@@ -42,7 +44,9 @@ class Heartbeats:
         self._statuses: dict[str, tuple[Status, float]] = {}
         self.processes: list[ProcessState] = []
 
-    def take(self, status: Status) -> None:
+    def hear(self, key: str, data: Json) -> None:
+        """A heartbeat, from the bus's thread. Raises InvalidRequest on another process's key."""
+        status = heard_status(key, data)
         known = status.process in self._statuses or status.process in self._jobs
         if known or len(self._statuses) < _MOST:
             self._statuses[status.process] = status, time.monotonic()
@@ -62,10 +66,8 @@ class Heartbeats:
     def look(self) -> bool:
         """Whether `processes` changed: statuses came, or did not come in time."""
         names = [*self._jobs, *(name for name in sorted(self._statuses) if name not in self._jobs)]
-        before, self.processes = (
-            self.processes,
-            [self._process(name, self._jobs.get(name, "")) for name in names],
-        )
+        before = self.processes
+        self.processes = [self._process(name, self._jobs.get(name, "")) for name in names]
         return self.processes != before
 
     def _process(self, name: str, job: str) -> ProcessState:

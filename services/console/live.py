@@ -19,8 +19,8 @@ import numpy as np
 import zenoh
 
 from rodeo.bus import queries
-from rodeo.bus.messages import DaoEvent, Status, Task
-from rodeo.bus.session import Bus, DaoEvents, heard_status
+from rodeo.bus.messages import DaoEvent, Task
+from rodeo.bus.session import Bus, DaoEvents
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.lab.config import RobotConfig
@@ -170,12 +170,8 @@ class Live:
     # -- processes -------------------------------------------------------------------------------------
 
     def _on_status(self, key: str, data: Json) -> None:
-        status = heard_status(key, data)
-        self._loop.call_soon_threadsafe(self._take_status, status)
-
-    def _take_status(self, status: Status) -> None:
-        self.heartbeats.take(status)
-        self._notify_processes()
+        self.heartbeats.hear(key, data)
+        self._loop.call_soon_threadsafe(self._notify_processes)
 
     async def _watch_heartbeats(self) -> None:
         while True:

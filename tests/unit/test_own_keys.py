@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import base64
 import json
 from collections import Counter
@@ -18,16 +17,14 @@ from eth_account import Account
 from rodeo.bus.messages import DaoEvent, ProofCopy, Status
 from rodeo.bus.origin import statuses_at
 from rodeo.bus.session import Bus, DaoEvents, heard_status
-from rodeo.errors import InvalidRequest, NoResponder
+from rodeo.errors import InvalidRequest
 from rodeo.evidence.attestation import Attestation
 from rodeo.recording import copies
-from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.witness.statement import Scope
 from rodeo_cli.site import StatusWatcher
-from rodeo_testing.waiting import HANG_S, wait_until
+from rodeo_testing.waiting import wait_until
 from services.console.heartbeats import Heartbeats
-from services.console.live import Live
 from services.itrash import corrections
 from tests.support.site import LAB
 
@@ -46,53 +43,27 @@ def test_a_process_tells_of_itself_only() -> None:
             heard_status(key, status())
 
 
-class Subscribed:
-    """A bus on which nobody answers; what the console subscribed to is called by the test."""
-
-    def __init__(self) -> None:
-        self.heard: dict[str, Callable[[str, Any], None]] = {}
-
-    def subscribe_json(self, key: str, callback: Any, **_how: Any) -> Any:
-        self.heard[key] = callback
-        return SimpleNamespace(undeclare=lambda: None)
-
-    def query(self, *_asked: Any, **_how: Any) -> Any:
-        raise NoResponder("nobody")
-
-    tasks = ask = query
-
-
-async def shown_after(key: str) -> list[str]:
-    """Processes that the console shows as ready after a heartbeat on `key`."""
-    bus: Any = Subscribed()
-    console = Live(bus, Site.load(LAB), bus)
-    running = asyncio.create_task(console.run())
-    changed = asyncio.Event()
-    while not bus.heard:
-        await asyncio.sleep(0)
-    console.listen("processes", changed.set)
-    try:
-        bus.heard[topics.STATUS.pattern(org="lab")](key, status())
-        await asyncio.wait_for(changed.wait(), HANG_S)
-        return [one.name for one in console.heartbeats.processes if one.state == "ready"]
-    finally:
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
+def ready(console: Heartbeats) -> list[str]:
+    console.look()
+    return [one.name for one in console.processes if one.state == "ready"]
 
 
 def test_the_console_shows_nobody_by_anothers_heartbeat() -> None:
+    console = Heartbeats(Site.load(LAB))
     with pytest.raises(InvalidRequest):
-        asyncio.run(shown_after(FOREIGN))
-    assert asyncio.run(shown_after("rodeo/lab/status/bridge")) == ["bridge"]
+        console.hear(FOREIGN, status())
+    assert ready(console) == [] and {one.state for one in console.processes} == {"silent"}
+    console.hear("rodeo/lab/status/bridge", status())
+    assert ready(console) == ["bridge"]
 
 
 def test_a_flood_of_invented_processes_does_not_fill_the_console() -> None:
-    heard = Heartbeats(Site.load(LAB))
+    console = Heartbeats(Site.load(LAB))
     for number in range(600):
-        heard.take(Status.model_validate(status(f"robot_agent.{number}")))
-    heard.take(Status.model_validate(status()))
-    assert heard.look() and len(heard.processes) < 510
-    assert "bridge" in [one.name for one in heard.processes if one.state == "ready"]
+        name = f"robot_agent.{number}"
+        console.hear(f"rodeo/lab/status/{name}", status(name))
+    console.hear("rodeo/lab/status/bridge", status())
+    assert "bridge" in ready(console) and len(console.processes) < 510
 
 
 def test_the_command_line_shows_nobody_by_anothers_heartbeat() -> None:

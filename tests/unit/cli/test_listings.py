@@ -24,7 +24,18 @@ from rodeo.bus.messages import Status
 from rodeo.errors import RemoteError
 from rodeo.site.config import Site
 from rodeo.site.processes import processes_of
-from rodeo_cli import app, budget_votes, common, organization, people, proposals, robot, tasks, verify
+from rodeo_cli import (
+    app,
+    budget_votes,
+    common,
+    organization,
+    people,
+    proposals,
+    robot,
+    services,
+    tasks,
+    verify,
+)
 from rodeo_cli import site as site_commands
 from rodeo_testing import answers
 from rodeo_testing.waiting import HANG_S
@@ -160,7 +171,7 @@ def answered(monkeypatch: pytest.MonkeyPatch, piped: None) -> dict[str, dict[str
             SimpleNamespace(query=query, subscribe_bytes=lambda *_: SimpleNamespace(undeclare=lambda: None)),
         )
 
-    for module in (tasks, organization, proposals, budget_votes, robot):
+    for module in (tasks, services, organization, proposals, budget_votes, robot):
         monkeypatch.setattr(module, "connected", connected)
     return replies  # type: ignore[no-any-return]
 

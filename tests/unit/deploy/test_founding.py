@@ -13,7 +13,7 @@ from eth_utils import to_checksum_address
 from web3 import Web3
 from web3.types import TxReceipt
 
-from deploy import contracts, founding
+from deploy import contracts, founding, gas_money
 from rodeo.chain import artifacts, registry
 from rodeo.chain.client import ChainClient, connect
 from rodeo.chain.contracts.types import Role
@@ -154,7 +154,7 @@ def test_with_votes_and_disputes_no_transaction_has_more_gas_than_one_may_have(
     )
     wallets.ensure_wallets(full)
     w3 = connect(full.chain.url)
-    contracts._fund(w3, [keystores.address(full, name) for name in keystores.wallet_names(full)])
+    gas_money.fund(w3, [keystores.address(full, name) for name in keystores.wallet_names(full)])
     founding.create_contracts(full, w3, wallets.load(full, "organization"), lambda _text: None)
     assert len(gas) > 1 and max(gas) * transactions.GAS_MARGIN < 2**24
 
@@ -345,7 +345,7 @@ def test_a_registry_that_somebody_else_puts_there_first_is_the_one(
     w3 = connect(site.chain.url)
     wallets.ensure_wallets(site)
     other = wallets.load(site, "panther1")
-    contracts._fund(w3, [other.address])
+    gas_money.fund(w3, [other.address])
     send, ahead = transactions.send, 0
 
     def overtaken(w3: Web3, account: LocalAccount, **message: Any) -> TxReceipt:
@@ -364,7 +364,7 @@ def test_a_registry_of_other_code_is_not_taken_for_this_one(site: Site) -> None:
     """It would create other contracts under our names."""
     wallets.ensure_wallets(site)
     w3 = connect(site.chain.url)
-    contracts._fund(w3, [keystores.address(site, "organization")])
+    gas_money.fund(w3, [keystores.address(site, "organization")])
     founder = wallets.load(site, "organization")
     forged = bytearray(registry.creation_code())
     forged[-1] ^= 1  # the last hash

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
 from math import nan
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from eth_account import Account
 
 from rodeo.charging.metering import STEP_WH
 from rodeo.evidence.attestation import Attestation, attest
@@ -29,6 +29,7 @@ from tests.support.site import LAB
 from tests.unit.robot.fakes import ManualClock
 
 ADDRESS = "0x" + "11" * 20
+OTHER_METER = Account.create()
 RECORDING, OTHER = "0x" + "22" * 32, "0x" + "33" * 32
 BATTERY = BatteryConfig()
 POWER_W = 441.0
@@ -246,33 +247,45 @@ def test_a_new_process_goes_on_after_what_the_old_one_signed() -> None:
 
 
 class Surroundings:
-    """Bus, ROS 2 node and witness of a robot that stands on a dock, and the dock's meter."""
+    """Bus, ROS 2 node and witness of a robot at a site with two docks, and the docks' meters."""
 
     def __init__(self, folder: Path) -> None:
         self.clock = ManualClock()
         self.clock.time_s = 1_900_000_000.0
         scope = Scope(chain_id=1, task_manager=ADDRESS, organization=ADDRESS)
-        self.chain, self.meter = (
+        keys = {"panther1": ROBOT, "dock1": METER, "dock2": OTHER_METER}
+        self.chain, *meters = (
             WitnessChain(name, key, scope, "closed_bus", Journal(folder / f"{name}.jsonl"), HeadBook())
-            for name, key in (("panther1", ROBOT), ("dock1", METER))
+            for name, key in keys.items()
         )
+        self.meters = dict(zip(("dock1", "dock2"), meters, strict=True))
         self.signed: list[Receipt] = []
-        self._callbacks: list[Callable[..., None]] = []
+        self._callbacks: dict[str, Callable[..., None]] = {}
         site, here = Site.load(LAB), cast(Any, self)
+        docks = [site.docks[0].model_copy(update={"name": name}) for name in self.meters]
+        site = site.model_copy(update={"docks": docks})
         self.receipts = Receipts(site, site.robots[0], here, here, here, cast(Any, self.clock))
-        wait_until(lambda: self.receipts.listeners[0].devices.known(METER.address) is not None)
-        self.receipts.begin(JOB)
+        wait_until(
+            lambda: all(
+                one.devices.known(key.address) is not None
+                for one, key in zip(self.receipts.listeners, (METER, OTHER_METER), strict=True)
+            )
+        )
+        self.reads_battery()
+
+    def reads_battery(self) -> None:
         state = new("sensor_msgs/msg/BatteryState", voltage=40.0, percentage=0.86)
         state.header.stamp.sec = int(self.clock.time_s)
-        self._callbacks[0](state, None)
+        (gauge,) = (one for name, one in self._callbacks.items() if "battery" in name)
+        gauge(state, None)
 
     def subscription(
-        self, _name: str, _type: str, callback: Callable[..., None], *, inline: bool = False
+        self, name: str, _type: str, callback: Callable[..., None], *, inline: bool = False
     ) -> None:
-        self._callbacks.append(callback)
+        self._callbacks[name] = callback
 
-    def subscribe_bytes(self, _key: str, callback: Callable[..., None], *, inline: bool = False) -> Any:
-        self._callbacks.append(callback)
+    def subscribe_bytes(self, key: str, callback: Callable[..., None], *, inline: bool = False) -> Any:
+        self._callbacks[key] = callback
         return self
 
     def undeclare(self) -> None:
@@ -280,7 +293,13 @@ class Surroundings:
         self._callbacks.clear()
 
     def query(self, _key: str, parameters: dict[str, Any], timeout_s: float) -> dict[str, Any]:
-        return {"devices": [{"address": METER.address, "role": "meter", "name": "dock1", "owner": ADDRESS}]}
+        meters = {"dock1": METER.address, "dock2": OTHER_METER.address}
+        return {
+            "devices": [
+                {"address": address, "role": "meter", "name": name, "owner": ADDRESS}
+                for name, address in meters.items()
+            ]
+        }
 
     def query_all(self, _key: str, **_options: Any) -> list[dict[str, Any]]:
         return []
@@ -290,8 +309,13 @@ class Surroundings:
         assert isinstance(receipt, Receipt)
         self.signed.append(receipt)
 
-    def opens(self, text: Callable[[MeterRecord], str]) -> None:
-        """The meter signs an opening record with this OCMF text, and everybody hears it."""
+    def hears(
+        self,
+        text: Callable[[MeterRecord], str] = lambda record: record.ocmf,
+        dock: str = "dock1",
+        **fields: Any,
+    ) -> None:
+        """The meter signs a record with this OCMF text, by default an opening, and everybody hears it."""
         now_s = self.clock.now_s()
         record = {
             "task_id": JOB.id,
@@ -308,27 +332,40 @@ class Surroundings:
             "readings": "",
             "soc": None,
         }
-        signed = self.meter.sign(MeterRecord, now_s, **record)
+        signed = self.meters[dock].sign(MeterRecord, now_s, **record | fields)
         said = parse(signed.payload)
         assert isinstance(said, MeterRecord)
-        told = attest(signed.payload | {"ocmf": text(said)}, METER)
-        self._callbacks[1]("rodeo/lab/witness/dock1/statement", told.model_dump_json().encode())
-        self.receipts.listeners[0].settle()
+        told = attest(signed.payload | {"ocmf": text(said)}, {"dock1": METER, "dock2": OTHER_METER}[dock])
+        key = f"rodeo/lab/witness/{dock}/statement"
+        self._callbacks[key](key, told.model_dump_json().encode())
+        for listener in self.receipts.listeners:
+            listener.settle()
+
+    @property
+    def reasons(self) -> list[str]:
+        return [one.reason for one in self.signed]
 
 
 JOB = charging_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
 
 
 @pytest.fixture
-def robot(tmp_path: Path) -> Iterator[Surroundings]:
+def arriving(tmp_path: Path) -> Iterator[Surroundings]:
+    """A robot that has not begun a task."""
     surroundings = Surroundings(tmp_path)
     yield surroundings
     surroundings.receipts.close()
 
 
+@pytest.fixture
+def robot(arriving: Surroundings) -> Surroundings:
+    arriving.receipts.begin(JOB)
+    return arriving
+
+
 def test_a_record_whose_ocmf_text_says_the_same_is_signed_for(robot: Surroundings) -> None:
-    robot.opens(lambda record: record.ocmf)
-    assert [one.reason for one in robot.signed] == ["opening"]
+    robot.hears(lambda record: record.ocmf)
+    assert robot.reasons == ["opening"]
 
 
 @pytest.mark.parametrize(
@@ -342,7 +379,7 @@ def test_a_record_whose_ocmf_text_says_the_same_is_signed_for(robot: Surrounding
 def test_a_record_whose_ocmf_text_says_otherwise_is_not_signed_for(
     robot: Surroundings, text: Callable[[MeterRecord], str]
 ) -> None:
-    robot.opens(text)
+    robot.hears(text)
     robot.receipts.remind()
     assert robot.signed == []
 
@@ -350,27 +387,21 @@ def test_a_record_whose_ocmf_text_says_otherwise_is_not_signed_for(
 def test_a_task_of_the_same_number_on_another_chain_is_signed_for_from_its_beginning(
     robot: Surroundings,
 ) -> None:
-    robot.opens(lambda record: record.ocmf)
+    robot.hears()
+    robot.hears(reason="step", page=2, register_wh=1000.4)
     robot.receipts.begin(JOB)
-    assert robot.receipts._account is not None and robot.receipts._account._session is not None
-
+    robot.hears(register_wh=1000.4, begin_wh=1000.4)
+    assert robot.reasons == ["opening", "step"], "the attempt began already"
     robot.clock.time_s += 100
+    robot.reads_battery()
     robot.receipts.begin(JOB.model_copy(update={"registered": robot.clock.time_s}))
-    assert robot.receipts._account._session is None
+    robot.hears(register_wh=1000.4, begin_wh=1000.4)
+    assert robot.reasons == ["opening", "step", "opening"]
 
 
-def test_another_docks_records_push_none_of_this_one_out(
-    robot: Surroundings, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    receipts = robot.receipts
-    account, receipts._account = receipts._account, None
-    receipts._pending["dock2"] = deque(maxlen=1)
-    robot.opens(lambda record: record.ocmf)
-    (heard,) = receipts._pending["dock1"]
-    foreign = heard.statement.model_copy(update={"device": "dock2", "task_id": 10**6})
-    monkeypatch.setattr("rodeo.robot.receipts.ocmf.check", lambda *_: None)
-    for _ in range(50):
-        receipts._on_record(heard._replace(statement=foreign))
-    receipts._account = account
-    receipts._answer_pending()
-    assert [one.reason for one in robot.signed] == ["opening"]
+def test_another_docks_records_push_none_of_this_one_out(arriving: Surroundings) -> None:
+    arriving.hears()
+    for number in range(50):
+        arriving.hears(dock="dock2", task_id=10**6, page=number + 1)
+    arriving.receipts.begin(JOB)
+    assert arriving.reasons == ["opening"]

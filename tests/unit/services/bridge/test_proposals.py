@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from eth_utils import to_bytes
 
-from deploy import contracts, founding
+from deploy import contracts, founding, gas_money
 from rodeo.chain import contract_calls
 from rodeo.chain.client import ChainClient, connect
 from rodeo.chain.contracts.types import Role, TimelockRole
@@ -230,7 +230,7 @@ def test_what_a_founder_leaves_to_be_done_later_is_listed(
         site = lab.model_copy(update={"governance": GovernanceConfig(delay_s=DELAY_S)})
         wallets.ensure_wallets(site)
         w3, founder = connect(site.chain.url), wallets.load(site, "organization")
-        contracts._fund(w3, [keystores.address(site, name) for name in keystores.wallet_names(site)])
+        gas_money.fund(w3, [keystores.address(site, name) for name in keystores.wallet_names(site)])
         deployment = founding.create_contracts(site, w3, founder, lambda _text: None)
         client = ChainClient(site.chain.url, deployment)
         grant = client.organization_calls.grant_role(Role.TREASURER, founder.address)
