@@ -277,7 +277,8 @@ def _times(statement: Motion, body: str, offset_us: Array) -> Array:
 def track(statements: Sequence[Motion], body: str) -> Track | None:
     """The signed motion of `body` in `statements`, which are in the order of `seq`; None if it is in none.
 
-    A statement may be missing: what rested before and rests after by the same pose rested in between.
+    A statement may be missing: what rested before and rests after by the same pose rested in between. What
+    came to rest in the missing one lies where it is signed next, ever since.
     Raises BadStatement when a track is malformed or its times do not fit its statement.
     """
     times: list[Array] = []
@@ -289,13 +290,19 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
     """Up to when the body's pose is known without a break."""
     signed_in = 0
     """Number of the statement in which the body came to rest."""
-    unpacked = iter(unpack_all([one.tracks[body] for one in statements if body in one.tracks]))
+    signed = [one for one in statements if body in one.tracks]
+    unpacked = dict(
+        zip((one.seq for one in signed), unpack_all([one.tracks[body] for one in signed]), strict=True)
+    )
+    lies = {one.resting[body]: unpacked[one.seq] for one in reversed(signed) if body in one.resting}
+    """By the number of the statement in which it came to rest."""
     for index, statement in enumerate(statements):
         if known_us is None:
             known_us = statement.start_us
-        rests = bool(times) and statement.resting.get(body) == signed_in
+        number = statement.resting.get(body)
+        rests = bool(times) and number == signed_in
         if body in statement.tracks:
-            offset_us, position_m, quaternion = next(unpacked)
+            offset_us, position_m, quaternion = unpacked[statement.seq]
             time_us = _times(statement, body, offset_us)
             if not rests:
                 unseen += _holes(time_us, position_m)
@@ -311,6 +318,12 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
             # Only as far as it was seen: who waits for a moment without cameras gains nothing.
             time_us = np.array([statement.end_us - statement.unseen_us.get(body, 0)])
             position_m, quaternion = positions[-1][-1:], quaternions[-1][-1:]
+        elif times and number in lies:
+            seen_us = statement.end_us - statement.unseen_us.get(body, 0)
+            time_us = np.unique([min(statement.start_us, seen_us), seen_us])
+            position_m, quaternion = (one[:1].repeat(len(time_us), axis=0) for one in lies[number][1:])
+            unseen.append((int(times[-1][-1]), int(time_us[0])))
+            signed_in = number
         else:
             if times:
                 # A moving body may be lost well before the end of the statement that has its last pose.

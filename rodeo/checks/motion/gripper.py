@@ -6,6 +6,7 @@ capture saw the gripper meanwhile.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -13,9 +14,9 @@ import numpy as np
 from rodeo.checks.case import NO_MOCAP, Case, CaseError
 from rodeo.checks.motion.kinematics import inverse, kinematics_of, product, turned
 from rodeo.checks.motion.phases import HELD_S, LIFTED_M, phases_of
-from rodeo.checks.motion.poses import CLOCKS_S, Pose, base_of, pose_of
+from rodeo.checks.motion.poses import CLOCKS_S, Pose, base_of, beyond_s, missing_s, pose_of
 from rodeo.checks.motion.smoothing import HALF_WINDOW_S, smoothed
-from rodeo.checks.motion.sources import blind
+from rodeo.checks.motion.sources import blind, silent_s
 from rodeo.checks.motion.witnesses import UNSEEN_S
 from rodeo.checks.report import Finding, at_most, skipped, standing
 from rodeo.checks.signed.heads import LISTED_S
@@ -148,8 +149,7 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
     """Whether motion capture shows that this robot cannot have moved the item that moved in this time: its
     base and its gripper were seen, and each was out of reach, or at least not at the item, and too slow.
 
-    What moves the item is fixed to one of them, and goes there as they do. It may fling the item away. A
-    statement that the network lost of the second before does not hide how fast they came.
+    What moves the item is fixed to one of them, and goes there as they do. It may fling the item away.
     """
     if not case.site.lab.mocap_gripper:
         return False
@@ -163,15 +163,13 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
         for before_s in (2 * HALF_WINDOW_S, FLINGS_S)
     )
     known = own_s[0] >= max(base.time_s[0], gripper.time_s[0]) and begin_s >= item.time_s[0]
-    if not known or any(
-        from_s < end_s and until_s > begin_s - (HALF_WINDOW_S if until_s - from_s < UNSEEN_S else FLINGS_S)
-        for from_s, until_s in (*_out_of_place(item), *base.unseen_s, *gripper.unseen_s)
-        if until_s - from_s > BLINKS_S
-    ):
+    hidden = _hidden(case, item, base, gripper)
+    if not known or any(from_s < end_s and until_s > begin_s - HALF_WINDOW_S for from_s, until_s in hidden):
         return False
     item_m = item.at(own_s)
     way_m = np.linalg.norm(np.diff(smoothed(item.time_s, item.position_m, item_s), axis=0), axis=1)
-    item_m_s = float(way_m.max(initial=0.0)) / _STEP_S
+    # Where no statement says how far it went, it went at least so far.
+    item_m_s = max(float(way_m.max(initial=0.0)) / _STEP_S, LIES_M / (end_s - begin_s))
     # What it meets later did not set it in motion.
     before = own_s <= begin_s + _LOOK_S
     return all(
@@ -184,11 +182,24 @@ def moved_by_another(case: Case, robot: str, begin_s: float, end_s: float) -> bo
     )
 
 
-def _out_of_place(item: Pose) -> list[tuple[float, float]]:
-    """Over which it was not seen, but those after which it lies where it lay."""
-    return [
-        span for span in item.unseen_s if np.linalg.norm(np.diff(item.at(np.array(span)), axis=0)) > LIES_M
-    ]
+def _hidden(case: Case, item: Pose, *bodies: Pose) -> Iterator[tuple[float, float]]:
+    """From when to when nobody knows what these bodies did, or what moved the item.
+
+    While a statement is missing that the executor may have left out, a body may throw what hits the item up
+    to `FLINGS_S` later. If it rests, the next statements say so; then nobody need know what the item did.
+    """
+    missing, silent = missing_s(case), silent_s(case)
+    for body in bodies:
+        for span_s in body.unseen_s:
+            lasts_s = span_s[1] - span_s[0]
+            left_out = lasts_s - beyond_s(span_s, missing) > BLINKS_S
+            flings = left_out or beyond_s(span_s, silent) > UNSEEN_S
+            if lasts_s > BLINKS_S:
+                yield span_s[0], span_s[1] + (FLINGS_S - HALF_WINDOW_S if flings else 0.0)
+    for span_s in item.unseen_s:
+        moved_m = np.linalg.norm(np.diff(item.at(np.array(span_s)), axis=0))
+        if moved_m > LIES_M and beyond_s(span_s, missing) > BLINKS_S:
+            yield span_s
 
 
 def goes_along(case: Case, robot: str, at_s: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -147,12 +148,33 @@ def motions_of(case: Case) -> list[Motion]:
 def silences_s(case: Case) -> list[tuple[float, float]]:
     """Over which motion capture itself was off, by the robot's clock: no statement of its chain is
     missing there, so nobody left one out. Raises CaseError, OthersFailed."""
+    return [
+        span_s
+        for span_s, before, said, after in _pauses(case)
+        if (before.seq + 1, said.digest) == (after.seq, after.previous)
+    ]
+
+
+@once_per_case
+def missing_s(case: Case) -> list[tuple[float, float]]:
+    """Over which its statements are missing, by their numbers. Raises like `silences_s`."""
+    return [span_s for span_s, before, _, after in _pauses(case) if before.seq + 1 < after.seq]
+
+
+def _pauses(case: Case) -> list[tuple[tuple[float, float], Motion, Said, Motion]]:
+    """From when to when no statement is here, with the one before, how that was heard, and the one after."""
     ahead_s = clock_ahead_s(case)
     return [
-        (before.end_us * 1e-6 - ahead_s, after.start_us * 1e-6 - ahead_s)
+        ((before.end_us * 1e-6 - ahead_s, after.start_us * 1e-6 - ahead_s), before, said, after)
         for said, (before, after) in zip(motion_of(case)[:-1], pairwise(motions_of(case)), strict=True)
-        if (before.seq + 1, said.digest) == (after.seq, after.previous) and after.start_us > before.end_us
+        if after.start_us > before.end_us
     ]
+
+
+def beyond_s(span_s: tuple[float, float], others_s: Iterable[tuple[float, float]]) -> float:
+    """How much of a span lies in none of these, which do not overlap."""
+    (start_s, end_s), found_s = span_s, span_s[1] - span_s[0]
+    return found_s - sum(max(0.0, min(end_s, until_s) - max(start_s, from_s)) for from_s, until_s in others_s)
 
 
 @once_per_case

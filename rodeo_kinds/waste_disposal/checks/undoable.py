@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from rodeo.checks.case import MOTION_CAPTURE, THE_CREATOR, Case, CaseError, CheckFunction, ordered
 from rodeo.checks.declared import reported_failure
 from rodeo.checks.motion import carrying, gripper, witnesses
-from rodeo.checks.motion.poses import Pose, base_of, motion_of, moving_s, pose_of
+from rodeo.checks.motion.poses import Pose, base_of, clock_ahead_s, motion_of, motions_of, moving_s, pose_of
 from rodeo.checks.motion.sources import doubtful, whose
 from rodeo.checks.motion.witnesses import MOVED_M, UNSEEN_S
 from rodeo.checks.report import Finding, given_up, impossible, standing, undecided
@@ -24,7 +24,7 @@ from rodeo.evidence.series import Array
 from rodeo.lab.config import RobotConfig
 from rodeo.text.foreign_text import quoted
 from rodeo.witness.motion import PERIOD_US
-from rodeo.witness.statement import Classification, Motion, Presentation, Removal
+from rodeo.witness.statement import Classification, Presentation, Removal
 from rodeo_kinds.waste_disposal.checks.disposal import (
     LOST_IN_A_ROW,
     NEAR_BIN_M,
@@ -248,6 +248,12 @@ def _out_of_sight(case: Case, item: Pose, base: Pose) -> tuple[bool, bool]:
     """Whether the item was not seen again, and whether the robot was within reach of it after that."""
     hidden_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
     hidden = hidden_s[0] >= item.time_s[-1] and moving_s(case, *hidden_s) > UNSEEN_S
+    motions, body = motions_of(case), case.item.id
+    if hidden and (number := motions[-1].resting.get(body)) is not None:
+        # It rests where a statement said that is missing, before the first that says so.
+        rested = next(one for one in motions if one.resting.get(body) == number)
+        moved_s = hidden_s[0], rested.start_us * 1e-6 - clock_ahead_s(case)
+        hidden = not gripper.moved_by_another(case, case.robot.name, *moved_s)
     since_m = base.position_m[base.time_s >= hidden_s[0], :2]
     near = (np.linalg.norm(since_m - item.position_m[-1, :2], axis=1) <= TOUCHES_M).any()
     return hidden, bool(hidden and near)
@@ -282,7 +288,7 @@ def _rested_s(case: Case, body: str, item: Pose) -> float:
     """Since when at the latest a body lay where it is first signed, s: by a pose, or by the number of the
     statement in which it came to rest. At most one is made in `PERIOD_US`, so that tells how long ago."""
     assert item.statement is not None
-    motions = [one.statement for one in motion_of(case) if isinstance(one.statement, Motion)]
+    motions = motions_of(case)
     posed = motions[int(item.statement[0])]
     number = posed.resting.get(body)
     first = next(one for one in motions if one.resting.get(body) == number) if number else posed

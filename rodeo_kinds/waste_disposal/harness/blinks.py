@@ -65,7 +65,7 @@ def never_left_home_while_the_plug_was_pulled_at_first(shop: CleaningWorkshop) -
 @HARNESS.forgery("not_given_up", "the executor reports", role="executor")
 def never_left_home_while_the_plug_was_pulled_for_longer(shop: CleaningWorkshop) -> Submission:
     """The same for two seconds, just before it gives up."""
-    return _blinked(shop, _at_home(shop), shop.take.start_s + 12.0, 2.0)
+    return _blinked(shop, _at_home(shop), shop.take.start_s + 12.5, 2.0)
 
 
 # -- what was plainly seen -----------------------------------------------------------------------------------

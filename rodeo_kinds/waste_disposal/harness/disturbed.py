@@ -23,6 +23,7 @@ from rodeo_testing.workshop import (
     GRIPPER_POSE,
     ROBOT_POSE,
     STRANGER,
+    Edit,
     Submission,
     claimed_before,
     displaced,
@@ -455,21 +456,62 @@ def kicked_against_the_robot(shop: CleaningWorkshop) -> Submission:
     return _taken(shop, take.edited(ITEM_POSE, bounce))
 
 
+def _without(begin_s: float, end_s: float, most: int = 2) -> Edit:
+    """What motion capture says of this time is not in the recording, but for more than so many statements."""
+    missing: set[int] = set()
+
+    def edit(one: Attestation) -> Attestation | None:
+        said = one.payload
+        if "end_us" not in said or said["end_us"] * 1e-6 <= begin_s or said["start_us"] * 1e-6 >= end_s:
+            return one
+        if len(missing) < most:
+            missing.add(said["seq"])
+        return None if said["seq"] in missing else one
+
+    return edit
+
+
+def _kicked_and_lost(
+    shop: CleaningWorkshop, from_s: float, until_s: float, lasts_s: float = 0.4, **more: Any
+) -> Submission:
+    """A child kicks the item before a robot that stands there, and what motion capture says of a time around
+    that is lost."""
+    begin_s = shop.take.start_s + 13.4
+    take = gives_up(_slid(waits(shop.take), begin_s, 0.6, lasts_s), 1.0, "grasp_failed")
+    edit = _without(begin_s + from_s, begin_s + until_s, **more)
+    return shop.submitted(take, witnesses=Witnesses(lay=(ITEM, 60), edit=edit))
+
+
 @HARNESS.ruining(
     "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
 )
 def kicked_after_a_second_that_is_lost(shop: CleaningWorkshop) -> Submission:
     """A child kicks the item, and the network has lost what motion capture said of the second before."""
-    begin_s = shop.take.start_s + 13.5
-    lost: list[Attestation] = []
+    return _kicked_and_lost(shop, -0.9, -0.8)
 
-    def edit(one: Attestation) -> Attestation | None:
-        before = one.payload["device"] == "mocap" and begin_s - 1.5 < one.payload["time_s"] < begin_s
-        lost.extend([one] if before and not lost else [])
-        return None if one in lost else one
 
-    take = gives_up(_slid(waits(shop.take), begin_s, 0.6, 0.4), 1.0, "grasp_failed")
-    return shop.submitted(take, witnesses=Witnesses(edit=edit))
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="bystander", ruling="void", doubts="whoever moved it"
+)
+def kicked_in_a_second_that_is_lost(shop: CleaningWorkshop) -> Submission:
+    """The same, of the second of the kick, after which the item rolls on for a second."""
+    return _kicked_and_lost(shop, 0.0, 0.2, lasts_s=2.0, most=1)
+
+
+@HARNESS.ruining("not_given_up", "the executor reports", role="bystander", ruling="given_up", doubts=None)
+def kicked_in_seconds_that_are_lost(shop: CleaningWorkshop) -> Submission:
+    """Two statements are lost, and the item lies again in the second one. Where it lies is not signed before
+    the robot gives up."""
+    return _kicked_and_lost(shop, 0.0, 0.5)
+
+
+@HARNESS.ruining(
+    "not_given_up", "somebody else moved it", role="creator", ruling="void", doubts="whoever moved it"
+)
+def kicked_until_a_second_that_is_lost(shop: CleaningWorkshop) -> Submission:
+    """The creator kicks the item seen by all, and what was said of the second in which it comes to rest is
+    lost."""
+    return _kicked_and_lost(shop, 1.5, 1.6, lasts_s=1.6, most=1)
 
 
 @HARNESS.forgery("not_given_up", "within reach", role="executor")
@@ -478,7 +520,7 @@ def hit_with_a_stick_after_a_second_that_is_left_out(shop: CleaningWorkshop) -> 
     return _hit_and_left_out(shop, -1.5, 0.0)
 
 
-@HARNESS.forgery("not_given_up", "within reach", role="executor")
+@HARNESS.forgery("not_given_up", "the executor reports", role="executor")
 def hit_with_a_stick_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
     """The same with what it said of the second of the hit."""
     return _hit_and_left_out(shop, 0.0, 1.2)
@@ -498,6 +540,52 @@ def _hit_and_left_out(shop: CleaningWorkshop, from_s: float, until_s: float) -> 
         return None if seen else one
 
     return _swept(shop, GRIPPER_POSE, 0.3, 2.0, edit=edit)
+
+
+def _flung(
+    shop: CleaningWorkshop, flies_s: float, by_m: float, topic: str = GRIPPER_POSE, begin_s: float = 12.9
+) -> Submission:
+    """A body of the robot goes aside and back within 0.4 s, which is left out, and stands still again. So
+    long after that something hits the item."""
+    begin_s += shop.take.start_s
+
+    def jerk(sample: Sample) -> Sample:
+        share = (sample.time_ns * 1e-9 - begin_s) / 0.2
+        return displaced(sample, y=by_m * max(1.0 - abs(share - 1.0), 0.0))
+
+    take = _slid(waits(shop.take).edited(topic, jerk), begin_s + 0.4 + flies_s, 0.4, 0.4)
+    edit = _without(begin_s, begin_s + 0.4)
+    return shop.submitted(gives_up(take, 1.0, "grasp_failed"), witnesses=Witnesses(edit=edit))
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_by_what_is_thrown_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
+    """The gripper throws a ball at the item, and what motion capture said of the throw is left out."""
+    return _flung(shop, 0.5, 0.3)
+
+
+@HARNESS.forgery("not_given_up", "cannot be done", role="executor")
+def hit_by_what_is_thrown_in_seconds_that_are_left_out(shop: CleaningWorkshop) -> Submission:
+    """The same of two seconds, and the ball flies for a shorter time."""
+    return _flung(shop, 0.3, 0.4, begin_s=13.0)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def whipped_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
+    """The gripper holds a whip, whose end hits the item when the gripper stands still again."""
+    return _flung(shop, 0.35, 0.2)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_by_what_swings_on_a_thread_after_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
+    """The gripper makes a stone swing on a thread, and leaves out how."""
+    return _flung(shop, 0.8, 0.1)
+
+
+@HARNESS.forgery("not_given_up", "within reach", role="executor")
+def hit_by_what_the_base_kicks_in_a_second_that_is_left_out(shop: CleaningWorkshop) -> Submission:
+    """The base jerks, and a ball that lay before it rolls to the item."""
+    return _flung(shop, 0.6, 0.1, ROBOT_POSE)
 
 
 # -- junk falls into the bin ------------------------------------------------------------------------------

@@ -47,7 +47,10 @@ def gives_up(take: Take, share: float, cause: str = "not_found") -> Take:
 def waits(take: Take) -> Take:
     """It stands in front of the item for a while: what it looks at is not moved by the film."""
     samples = [sample for sample in take.samples if sample.time_ns * 1e-9 <= middle_s(take, ARRIVED)]
-    return Take(samples).standing(14.0)
+    stands, since_s = Take(samples).standing(14.0), samples[-1].time_ns * 1e-9
+    # The film's arm was on its way.
+    pose = Take(samples).of(GRIPPER_POSE)[-1].message.pose
+    return edited_between(stands, GRIPPER_POSE, since_s, math.inf, lambda s: with_fields(s, pose=pose))
 
 
 def pushed(take: Take, begin_s: float, by_m: float) -> Take:

@@ -183,13 +183,18 @@ def test_what_rested_before_the_first_statement_that_is_here_is_known_from_its_n
     assert seen.time_us[-1] == statements[-1].end_us
 
 
-def test_who_came_to_rest_in_a_missing_statement_is_not_known() -> None:
+def test_what_came_to_rest_in_a_missing_statement_lies_where_it_is_signed_next_ever_since() -> None:
     statements = filmed(moving, 25.0, heads=True)
-    moved = [i for i, s in enumerate(statements) if "item1" in s.tracks and "item1" not in s.resting]
-    came = moved[-1]
-    seen = track(statements[:came] + statements[came + 1 :], "item1")
+    came = [i for i, s in enumerate(statements) if "item1" in s.tracks and "item1" not in s.resting][-1]
+    left, after = statements[:came] + statements[came + 1 :], statements[came + 1]
+    assert after.resting["item1"] == statements[came].seq and "item1" not in after.tracks
+    seen = track(left, "item1")
     assert seen is not None
-    assert sum(end - start for start, end in seen.unseen_us) > 5_000_000
+    assert seen.unseen_us == ((left[came - 1].end_us, after.start_us),)
+    assert seen.position_m[seen.time_us >= after.start_us, 0] == pytest.approx(moving(25.0), abs=1e-3)
+    unknown = track(left[: came + 2], "item1")
+    assert unknown is not None
+    assert unknown.unseen_us == ((left[came - 1].end_us, left[came + 1].end_us),), "it is not signed again"
 
 
 def test_a_body_that_nobody_saw_is_not_at_rest() -> None:
