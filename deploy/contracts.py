@@ -183,6 +183,7 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     Raises ChainError, KindError, WalletError, OtherRelease or WithoutGasMoney; WrongChain before anything is
     sent there.
     """
+    kinds_of(site)  # what nobody can judge is refused before anything is deployed
     with deploying(site, stop) as steps:
         _deploy(site, stop, say, steps)
 

@@ -20,6 +20,7 @@ from deploy.launcher import Launcher
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.node.errors import ChainUnavailable
 from rodeo.chain.node.translation import translated
+from rodeo.kinds import kinds_of
 from rodeo.signing import keystores, wallets
 from rodeo.site.config import Site
 from rodeo.site.tls import wants_certificates
@@ -37,6 +38,7 @@ def prepare(path: Path, say: Say, stop: threading.Event, wait: bool = False) -> 
     names.
     """
     site = Site.load(path)
+    kinds_of(site)  # what cannot be judged is refused before anything is made
     elsewhere = site.chain.backend == "external"
     folder = site.data_dir / "keys"
     made = wallets.make_missing(site) if elsewhere else wallets.ensure_wallets(site)

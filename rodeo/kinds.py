@@ -73,6 +73,12 @@ Problems = Callable[[Site, Mapping[str, Any]], dict[str, str]]
 """Field of the parameters -> what to do about it, for parameters that fit the schema but not the site."""
 
 
+NOT_INSTALLED = (
+    "no installed package brings this kind, and nobody else is named who judges it: install its package, or "
+    'write judge = "auditor" in its [[kinds]], so that people do'
+)
+
+
 class KindError(RodeoError):
     """A kind that is not installed or not valid."""
 
@@ -325,7 +331,7 @@ def load(name: str) -> Kind:
     """The declaration of an installed kind. Raises KindError."""
     point = installed().get(name)
     if point is None:
-        raise KindError("no such kind is installed", kind=name, installed=sorted(installed()))
+        raise KindError(NOT_INSTALLED, kind=name, installed=sorted(installed()))
     try:
         kind = point.load()
     except (ImportError, AttributeError) as error:

@@ -1,58 +1,151 @@
-"""The commands of `rodeo`."""
+"""The commands of `rodeo`, each imported when it is given: `rodeo --help` imports none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping
+from functools import cache
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from rodeo_cli import (
-    accounts,
-    bins,
-    classify,
-    demo,
-    disputes,
-    experiment,
-    forms,
-    kinds,
-    organization,
-    people,
-    report,
-    robot,
-    services,
-    site,
-    sites,
-    tasks,
-    verify,
-)
+COMMANDS = {
+    "up": (
+        "site:up",
+        "Start the site's processes and keep them running until Ctrl-C, or in the background with --detach.",
+    ),
+    "down": ("site:down", "Stop every process of the site on this machine."),
+    "status": (
+        "site:status",
+        "Show whether each process runs and is ready, and why not. Exit status 1 unless all are ready.",
+    ),
+    "demo": (
+        "demo:demo",
+        "Run one cleaning task and one charging session from start to end, on free ports in a fresh folder.",
+    ),
+    "wallet": ("services:wallet", "Show balances."),
+    "report": ("report:report", "Show what each participant earned and spent, by kind of work and week."),
+    "verify": (
+        "verify:verify",
+        "Run the oracle's checks on a proof here and now. Exit status 1 when one fails.",
+    ),
+    "classify": (
+        "classify:classify",
+        "Say what waste each photo shows, and which compartment of a bin of the site takes it.",
+    ),
+    "task": ("tasks:tasks", "Post, list, show and cancel tasks."),
+    "service": ("services:services", "List and change the services that participants offer."),
+    "organization": (
+        "organization:organization",
+        "Show and change the organization's rules, members, devices and treasury.",
+    ),
+    "robot": ("robot:robots", "Give orders to robots and show their state."),
+    "bin": ("bins:bins", "Tell a bin what items really were."),
+    "console": ("accounts:accounts", "Manage the accounts of people who may use the console."),
+    "site": ("sites:sites", "Check a site file and prepare a site for its processes."),
+    "kind": ("kinds:kinds", "List, show, check and create kinds of work."),
+    "experiment": ("experiment:experiments", "Run and measure whole days of a site."),
+}
+"""Name -> module of this package with its function or group, and the beginning of its help."""
+
+
+class _Imported(MutableMapping[str, Any]):
+    """The commands by name, each imported when it is looked up."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._made:
+            self._made[name] = _command(name)
+        return self._made[name]
+
+    def __setitem__(self, name: str, command: Any) -> None:
+        raise TypeError(f"declare {name} in COMMANDS")
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError(f"{name} is declared in COMMANDS")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+
+class _Rodeo(TyperGroup):
+    """All commands; its help shows their names and the beginnings of theirs without an import."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings | {"commands": {}})
+        self.commands = _Imported()
+        self._lists = False
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if self._lists:
+            return TyperCommand(cmd_name, help=COMMANDS[cmd_name][1], callback=None)
+        return self.commands.get(cmd_name)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        self._lists = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._lists = False
+
+
+def _command(name: str) -> Any:
+    module, _, attribute = COMMANDS[name][0].partition(":")
+    found = getattr(import_module(f"rodeo_cli.{module}"), attribute)
+    rodeo = typer.Typer()
+    if not isinstance(found, typer.Typer):
+        rodeo.command(name)(found)
+    elif name in ("task", "service"):
+        _complete()
+        rodeo.add_typer(found, name=name, cls=import_module("rodeo_cli.forms").group(name))
+    else:
+        rodeo.add_typer(found, name=name)
+    rodeo.callback()(lambda: None)  # else Typer makes one command of a group of one
+    return typer.main.get_group(rodeo).commands[name]
+
+
+@cache
+def _complete() -> None:
+    """What other modules add to the groups of tasks and services."""
+    from rodeo_cli import disputes, forms, people, services, tasks
+
+    for command in (people.accept, people.abandon, people.submit, people.review, people.judge):
+        tasks.tasks.command()(command)
+    services.services.command()(people.offer)
+    tasks.tasks.add_typer(disputes.disputes, name="dispute", cls=forms.group("task dispute"))
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"rodeo {version('rodeo-dao')}")
+        raise typer.Exit
+
 
 app = typer.Typer(
     name="rodeo",
-    help="Robots join an organization, do physical work, prove it and get paid.",
+    cls=_Rodeo,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (
-    site.up,
-    site.down,
-    site.status,
-    demo.demo,
-    services.wallet,
-    report.report,
-    verify.verify,
-    classify.classify,
-):
-    app.command()(command)
-tasks.tasks.command()(people.accept)
-tasks.tasks.command()(people.abandon)
-tasks.tasks.command()(people.submit)
-tasks.tasks.command()(people.review)
-tasks.tasks.command()(people.judge)
-services.services.command()(people.offer)
-tasks.tasks.add_typer(disputes.disputes, name="dispute", cls=forms.group("task dispute"))
-app.add_typer(tasks.tasks, name="task", cls=forms.group("task"))
-app.add_typer(services.services, name="service", cls=forms.group("service"))
-app.add_typer(organization.organization, name="organization")
-app.add_typer(robot.robots, name="robot")
-app.add_typer(bins.bins, name="bin")
-app.add_typer(accounts.accounts, name="console")
-app.add_typer(sites.sites, name="site")
-app.add_typer(kinds.kinds, name="kind")
-app.add_typer(experiment.experiments, name="experiment")
+
+
+@app.callback()
+def rodeo(
+    show_version: Annotated[
+        bool,
+        typer.Option("--version", help="Show the version and exit.", callback=_show_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Robots join an organization, do physical work, prove it and get paid."""

@@ -25,7 +25,7 @@ from deploy.launcher import Launcher, log_tail, make_keys, stop_site
 from rodeo.bus.messages import Status
 from rodeo.bus.origin import check_bus, statuses_at
 from rodeo.bus.session import Bus, heard_status
-from rodeo.errors import BusUnavailable, RodeoError, WrongBus
+from rodeo.errors import BusUnavailable, ConfigError, RodeoError, WrongBus
 from rodeo.host.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.site import topics
 from rodeo.site.config import Site, bridge_wallets
@@ -112,6 +112,9 @@ def up(
             help="Continue without the bridge's lost journal. The bridge treats old request_ids as new.",
         ),
     ] = False,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Start also where no work is paid because the bus is open.")
+    ] = False,
 ) -> None:
     """Start the site's processes and keep them running until Ctrl-C, or in the background with --detach."""
     names = (*(only or []), *(services or []))
@@ -120,6 +123,11 @@ def up(
             f"There is no {CHECKOUT_SITE} here: starting the installed lab. Its data, keys and logs are in "
             f"{Site.load(site).data_dir}"
         )
+    if not anyway and (loaded := Site.load(site)).bus.open:
+        from rodeo_cli.site_check import undecided_on_open_bus
+
+        if why := undecided_on_open_bus(loaded):
+            raise ConfigError(f"{why}. --anyway starts it as it is", path=str(site))
     # Imported here: chain and databases take a second, and these two are seldom wanted.
     if new_chain:
         from deploy.chain.record import give_up_chain
@@ -468,7 +476,8 @@ def _detach(site_path: Path, names: tuple[str, ...], patience: Patience | None =
                 forget_ending(folder)
         with open(launcher.logs / "launcher.log", "ab") as output:
             child = subprocess.Popen(
-                [sys.executable, "-m", "rodeo_cli", "up", "--site", str(site_path), *names],
+                # `--anyway`: whoever typed the command was asked already.
+                [sys.executable, "-m", "rodeo_cli", "up", "--anyway", "--site", str(site_path), *names],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,

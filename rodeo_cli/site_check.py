@@ -15,7 +15,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from rodeo.errors import ConfigError
-from rodeo.kinds import DEFAULT_PRICE_IEC, KindError, declared, installed, load
+from rodeo.kinds import DEFAULT_PRICE_IEC, NOT_INSTALLED, KindError, declared, installed, load
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import Rectangle, facing, seen_from
 from rodeo.lab.layout import (
@@ -37,13 +37,16 @@ from rodeo.site.config import (
     bridge_wallets,
     check_environment,
     faults,
+    placed,
     read_tables,
 )
-from rodeo.text.site_problems import Place, dotted, explained
+from rodeo.site.tls import openness
+from rodeo.text.site_problems import Place, close, dotted, explained
 from rodeo_cli.toml_lines import lines_of
 
 _TOUCH_M = 0.01
 """Things that stand against each other may overlap by the rounding of their places."""
+_LONGEST_ROOM_M = 100.0
 _SIDES = 16
 """Directions from which the robot may come to an item."""
 
@@ -96,6 +99,9 @@ def check(path: Path) -> list[Finding]:
     return [
         finding("warning", place, text)
         for place, text in (
+            *((("bus", "open"), why) for why in [undecided_on_open_bus(site)] if why),
+            *_other_units(site),
+            *_demo(site),
             *_one_host(site),
             *_hurried(site),
             *_standby(site),
@@ -128,6 +134,35 @@ def _stands(files: list[tuple[Path, dict[Place, int]]], place: Place) -> tuple[P
                 if owner == path:
                     return path, lines[place[:length]]
     return files[0][0], None
+
+
+def _other_units(site: Site) -> Iterator[tuple[Place, str]]:
+    """Numbers that are possible, and more likely meant in another unit."""
+    length_m, width_m = site.lab.size_m
+    if max(length_m, width_m) > _LONGEST_ROOM_M:
+        text = f"a room of {length_m:g} m by {width_m:g} m: {length_m:g} cm are {length_m / 100:g} m"
+        yield ("lab", "size_m"), text
+    if (share := site.lab.mass_tolerance or 0) > 1:
+        yield ("lab", "mass_tolerance"), f"{share:g} is a share, 1 is all of an item's mass: 50 % are 0.5"
+    for place, _, pose in placed(site):
+        if abs(pose.yaw_rad) > math.tau:
+            turn = f"{pose.yaw_rad:g} rad are more than a turn: {pose.yaw_rad:g} degrees"
+            yield (*place, "pose"), f"{turn} are {math.radians(pose.yaw_rad):.4f} rad"
+
+
+def _demo(site: Site) -> Iterator[tuple[Place, str]]:
+    """What `rodeo demo` could not post here."""
+    if site.demo is None:
+        return
+    kinds = {one.name: one for one in site.kinds}
+    if site.demo.kind not in kinds:
+        # Of a file that is extended the demo often stays behind, with a kind that the new list leaves out.
+        if site.demo.kind not in installed():
+            yield ("demo", "kind"), f"[[kinds]] does not list {site.demo.kind}{close(site.demo.kind, kinds)}"
+        return
+    kind = declared(kinds[site.demo.kind])
+    for field, text in kind.problems(site, kind.complete(site, site.demo.params)).items():
+        yield ("demo", "params", field), text
 
 
 def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
@@ -195,8 +230,12 @@ def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
 def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
     known = installed()
     for number, one in enumerate(site.kinds):
-        # What is not installed here may be where the site runs.
-        if one.judge is None and one.name in known and (missing := load(one.name).lacks(site)):
+        if one.judge is not None:
+            continue
+        if one.name not in known:
+            text = f"{NOT_INSTALLED} (installed: {', '.join(known)}){close(one.name, known)}"
+            yield ("kinds", number, "name"), text
+        elif missing := load(one.name).lacks(site):
             yield ("kinds", number), f"{one.name} needs what the site lacks: write [[{missing}]]"
     machines = [name for name in ("robots", "docks") if getattr(site, name)]
     by_machines = [one.name for one in site.kinds if one.judge is None]
@@ -206,6 +245,19 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
             f"no kind provides energy, which {' and '.join(machines)} need: also list {_providers(known)}. "
             "What a file lists replaces the list of the file that it extends",
         )
+
+
+def undecided_on_open_bus(site: Site) -> str:
+    """Why no work that the oracle judges is paid there; empty on a closed bus, or where people judge."""
+    known = installed()
+    judged = [
+        one.name
+        for one in site.kinds
+        if one.judge is None and one.name in known and load(one.name).judge == "oracle"
+    ]
+    if not judged or not (why := openness(site)):
+        return ""
+    return f"{' and '.join(judged)}: {why}"
 
 
 def _thin_stakes(site: Site) -> Iterator[tuple[Place, str]]:
@@ -289,8 +341,6 @@ def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:
     # Imported here: scipy takes half a second, and most files fail before.
     from services.robot_sim.planner import Map, PlanningFailed, plan
 
-    floor = Map.of(site)
-
     def reaches(start: Pose2, goals: list[Pose2]) -> bool:
         for goal in goals:
             try:
@@ -301,9 +351,9 @@ def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:
         return False
 
     robot = next((robot for robot in site.robots if robot.body == "sim"), None)
-    if robot is None:
+    if robot is None or max(site.lab.size_m) > _LONGEST_ROOM_M:  # a map of it would not fit into memory
         return
-    start = robot.pose
+    floor, start = Map.of(site), robot.pose
     wanted: list[tuple[Place, str, list[Pose2]]] = [
         *(
             (("bins", number, "pose"), f"the bin {one.name}", [BinLayout(one).parking])

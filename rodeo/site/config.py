@@ -1015,7 +1015,9 @@ def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         tables = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"cannot read the site file: {reason}", path=str(path)) from error
+        at = re.search(r"at line (\d+)", str(reason))  # Python 3.11 tells it in words only
+        line = {"line": int(at[1])} if at else {}
+        raise ConfigError(f"cannot read the site file: {reason}", path=str(path), **line) from error
     _resolve_paths(path, tables)
     base = tables.pop("extends", None)
     if base is None:

@@ -37,6 +37,13 @@ def wants_certificates(router: str) -> bool:
     return router.startswith(_TLS)
 
 
+CLOSED_INSTEAD = (
+    "leave bus.router out (a socket that only this user can open), or set bus.router = "
+    '"tls/<address>:<port>" (certificates and access rules)'
+)
+"""What to write for a bus that nobody else can speak on."""
+
+
 def is_local(router: str) -> bool:
     """Whether this endpoint is a Unix socket."""
     return router.startswith(_SOCKET)
@@ -56,9 +63,8 @@ def problem(router: str, is_open: bool) -> str:
     if is_open:
         return ""
     return (
-        f"{router} lets whoever reaches it speak as any process. Leave bus.router out (a socket that only "
-        'this user can open), or set bus.router = "tls/<address>:<port>" (certificates and access rules), or '
-        "accept the open bus with bus.open = true"
+        f"{router} lets whoever reaches it speak as any process: {CLOSED_INSTEAD}, or accept the open bus "
+        "with bus.open = true"
     )
 
 

@@ -51,11 +51,13 @@ def bus_is_closed(site: Site) -> bool:
 
 
 def openness(site: Site) -> str:
-    """What people are told of a bus that is open; empty on a closed one."""
+    """What people read of a bus that is open; empty on a closed one."""
     if bus_is_closed(site):
         return ""
     return (
-        f"the bus is open (bus.open = true): anybody who reaches {site.bus.router} can publish as any process"
+        f"the bus is open (bus.open = true): anybody who reaches {site.bus.router} can publish as any "
+        "process, so the oracle decides no work there, a cleaning for example, and nobody is paid for it: "
+        f"remove bus.open, and {endpoint.CLOSED_INSTEAD}"
     )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import json
-from collections.abc import Iterable
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+
+from rodeo.text.pydantic_words import close, plain, unitless
 
 Place = tuple[str | int, ...]
 """Keys and numbers of entries from the top of the file to a value."""
@@ -23,15 +23,30 @@ _SINGULAR = {
 }
 
 
-def close(name: str, known: Iterable[str]) -> str:
-    """`; is "..." meant?` for what looks like `name`, else nothing."""
-    found = difflib.get_close_matches(name, list(known), n=1)
-    return f'; is "{found[0]}" meant?' if found else ""
-
-
 def explained(error: ValidationError, model: type[BaseModel]) -> dict[Place, str]:
     """Where -> what is wrong there, for each error of `model`."""
-    return {one["loc"]: _sentence(dict(one), model) for one in error.errors()}
+    found: list[dict[str, Any]] = [dict(one) for one in error.errors()]
+    own = (one for one in found if not any(_causes(other, one) for other in found))
+    return {one["loc"]: _sentence(one, model) for one in own}
+
+
+def _causes(other: dict[str, Any], error: dict[str, Any]) -> bool:
+    """Whether `error` only follows from the other one."""
+    place, here = error["loc"], other["loc"]
+    if _within(here, place):
+        return True
+    if here == place or here[:-1] != place[:-1]:
+        return False
+    if error["type"] == "missing":  # its name was written without the unit
+        return bool(other["type"] == "extra_forbidden" and unitless(str(place[-1])) == here[-1])
+    # Namespace and wallet follow from a name where they are not written.
+    same = other["type"] == error["type"]
+    return bool(same and here[-1] == "name" and place[-1] in ("namespace", "wallet"))
+
+
+def _within(place: Place, whole: Place) -> bool:
+    """Whether `place` is in `whole`, whose own error then only follows from it."""
+    return len(place) > len(whole) and place[: len(whole)] == whole
 
 
 def dotted(place: Place) -> str:
@@ -41,7 +56,6 @@ def dotted(place: Place) -> str:
 
 def _sentence(error: dict[str, Any], model: type[BaseModel]) -> str:
     place: Place = error["loc"]
-    text = str(error["msg"]).removeprefix("Value error, ")
     if error["type"] == "extra_forbidden":
         name = str(place[-1])
         table = _model_at(model, place[:-1])
@@ -54,13 +68,8 @@ def _sentence(error: dict[str, Any], model: type[BaseModel]) -> str:
                 " (TOML puts what follows a table's header into that table)"
             )
         return f"no such key{close(name, known)}"
-    if error["type"] == "enum" and isinstance(error.get("input"), str):
-        expected = [one.strip(" '") for one in str(error["ctx"]["expected"]).replace(" or ", ",").split(",")]
-        return text + close(error["input"], expected)
-    if error["type"] == "literal_error" and isinstance(error.get("input"), str):
-        expected = [one.strip(" '") for one in str(error["ctx"]["expected"]).replace(" or ", ",").split(",")]
-        return text + close(error["input"], expected)
-    return text
+    named = next((step for step in reversed(place) if isinstance(step, str)), "")
+    return plain(error, named)
 
 
 def _instead(name: str, said: Any) -> str:

@@ -81,7 +81,8 @@ def both_signed(case: Case) -> Finding:
         raise CaseError("the robot signed no receipt for this recording", robot=who.robot)
     if all(side is not None and _open(side) for side in (charge.meter, charge.robot)):
         return undecided(
-            "meter and robot both received their readings over an open bus, where anybody can publish them",
+            "meter and robot both received their readings over an open bus, where anybody can publish them: "
+            "their site file says bus.open = true",
             "the site",
             source="`inputs` of their statements",
         )

@@ -110,7 +110,7 @@ def test_plain_tcp_is_refused_with_what_to_do_instead(tmp_path: Path, router: st
     path.write_text(f'extends = {json.dumps(str(LAB))}\ndata_dir = "data"\nbus.router = "{router}"\n')
     done = status(path)
     assert done.returncode == 1 and "config_error" in done.stderr
-    assert all(word in done.stderr for word in (router, "tls/", "bus.open = true", "Leave bus.router out"))
+    assert all(word in done.stderr for word in (router, "tls/", "bus.open = true", "leave bus.router out"))
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +129,12 @@ def test_an_open_bus_is_told_of_by_status(opened: RunningSite) -> None:
     said = status(opened.path).stdout
     assert "the bus is open (bus.open = true)" in said and opened.site.bus.router in said
     assert any("the bus is open" in warning for warning in opened.status("router").warnings)
+
+
+def test_a_site_on_an_open_bus_starts_only_for_who_knows_that_nobody_is_paid(opened: RunningSite) -> None:
+    env = {**os.environ, "COLUMNS": "300"}
+    done = command.rodeo("up", "--site", str(opened.path), env=env, timeout_s=HANG_S, folder=ROOT)
+    assert done.returncode == 1 and "nobody is paid" in done.stderr and "--anyway" in done.stderr
 
 
 def test_a_closed_bus_is_not_called_open(running: RunningSite) -> None:

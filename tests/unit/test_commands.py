@@ -6,9 +6,15 @@ import ast
 import subprocess
 import sys
 from collections import defaultdict
+from importlib.metadata import version
 from pathlib import Path
 
+import typer
+from typer.testing import CliRunner
+
 from rodeo.commands import COMMANDS, Command
+from rodeo_cli import app
+from rodeo_cli.commands import COMMANDS as TYPED
 from rodeo_testing.waiting import HANG_S
 
 ROOT = Path(__file__).parents[2]
@@ -89,17 +95,31 @@ def test_every_option_that_is_made_from_a_field_has_its_help() -> None:
         assert not model.declared.line or all(one.description for one in own), model
 
 
-def test_help_imports_no_command_that_it_does_not_show() -> None:
+def test_help_imports_no_command() -> None:
     code = (
         "import sys\n"
         "from rodeo_cli import app\n"
         "try:\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
-        "print('rodeo.commands' in sys.modules)"
+        "print({'rodeo.commands', 'rodeo_cli.common', 'rodeo.site.config', 'pydantic'} & set(sys.modules))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=HANG_S, cwd=ROOT
     )
-    assert done.stdout.splitlines()[-1] == "False"
+    assert done.stdout.splitlines()[-1] == "set()"
+
+
+def test_help_shows_the_beginning_of_each_commands_own_help() -> None:
+    shown = typer.main.get_command(app)
+    context = typer.Context(shown)
+    for name in shown.list_commands(context):
+        own = shown.get_command(context, name)
+        assert own.name == name
+        assert " ".join(own.help.split("\n\n")[0].split()) == TYPED[name][1], name
+
+
+def test_version_is_that_of_the_package() -> None:
+    done = CliRunner().invoke(app, ["--version"])
+    assert (done.exit_code, done.output) == (0, f"rodeo {version('rodeo-dao')}\n")
 
 
 def test_the_example_for_who_adds_a_command_is_one() -> None:

@@ -154,8 +154,14 @@ def _altogether(case: Case, role: str, name: str) -> Doubt | None:
     if alarm is not None:
         return Doubt(alarm, fault, ONE_CHAIN)
     if not case.checks.both_sides_sign and any(one.statement.inputs == "open_bus" for one in testimony.said):
-        why = f"{testimony.address} states that its readings came over an open bus, where anybody can publish"
-        return Doubt(why, fault, "`inputs` of its statements")
+        why = (
+            f"{testimony.address} states that its readings came over an open bus, where anybody can publish: "
+            "its site file says bus.open = true"
+        )
+        # Whoever runs the device wrote that file, for its devices as for the whole site.
+        owners = {one.owner.lower() for one in keys_of(case, role, name)}
+        ours = case.chain_record is not None and owners == {case.chain_record.organization.lower()}
+        return Doubt(why, THE_SITE if ours else fault, "`inputs` of its statements")
     return None
 
 

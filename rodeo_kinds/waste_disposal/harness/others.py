@@ -172,13 +172,13 @@ def a_drop_by_a_stranger(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, witnesses=Witnesses(bin=STRANGER))
 
 
-@HARNESS.forgery("bin_witnessed", "open bus", role="bystander", ruling="void", doubts="the bin itrash")
+@HARNESS.forgery("bin_witnessed", "open bus", role="bystander", ruling="void", doubts="the site")
 def a_drop_by_message(shop: CleaningWorkshop) -> Submission:
     """Invented presence, load and picture on an open bus: the bin signs them correctly."""
     return shop.submitted(shop.take, witnesses=Witnesses(bin_inputs="open_bus"))
 
 
-@HARNESS.forgery("witnessed", "open bus", role="bystander", ruling="void", doubts="the site's motion capture")
+@HARNESS.forgery("witnessed", "open bus", role="bystander", ruling="void", doubts="the site")
 def motion_by_message(shop: CleaningWorkshop) -> Submission:
     """The same with the poses that motion capture signs."""
     return shop.submitted(shop.take, witnesses=Witnesses(mocap_inputs="open_bus"))
