@@ -30,6 +30,7 @@ AREAS = (
     "faults",
     "console",
     "outside",
+    "cli",
     "extras",
 )
 BY_NAME = ("verdicts",)

@@ -78,7 +78,7 @@ def _measure(backend: str) -> dict[str, float]:
             site = launcher.site
             contracts.run(site, threading.Event())
             bus = Bus.open(site.bus.router, timeout_s=60.0)
-            _wait_ready(bus, site.org)
+            wait_ready(bus, site.org)
             client = ChainClient(site.chain.url, Deployment.load(site.data_dir, CHAIN_ID))
             try:
                 return _event_latency(bus, site.org, client) | _throughput(bus, site.org, client)
@@ -147,7 +147,7 @@ def _quorum_verdict_ms() -> float:
             site = launcher.site
             contracts.run(site, threading.Event())
             with Bus.open(site.bus.router, timeout_s=60.0) as bus:
-                _wait_ready(bus, site.org)
+                wait_ready(bus, site.org)
                 return statistics.median(_verdicts_ms(site, bus, names[:3]))
 
 
@@ -282,7 +282,7 @@ def _signed(client: ChainClient, call: Call, count: int) -> Iterator[bytes]:
         )
 
 
-def _wait_ready(bus: Bus, org: str) -> None:
+def wait_ready(bus: Bus, org: str) -> None:
     ready = threading.Event()
 
     def on_status(_key: str, data: dict[str, object]) -> None:
