@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-Family = Literal["nodes", "files", "environment"]
-FAMILIES: tuple[Family, ...] = ("nodes", "files", "environment")
+Family = Literal["nodes", "files", "environment", "drivers"]
+FAMILIES: tuple[Family, ...] = ("nodes", "files", "environment", "drivers")
 
 
 class Row(BaseModel):

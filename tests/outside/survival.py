@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.outside import environment, files, nodes
+from tests.outside import drivers, environment, files, nodes
 from tests.outside.rows import Family, Row, rows
 
 Outcome = Callable[[Row], str]
 """Empty where it works, else what is said."""
+_PLAYED = {"files": files.outcome, "environment": environment.outcome, "drivers": drivers.outcome}
 
 
 @contextmanager
@@ -20,8 +21,8 @@ def ready(family: Family) -> Iterator[Outcome]:
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         if family != "nodes":
-            played = files if family == "files" else environment
-            yield lambda row: played.outcome(row, folder / str(len(list(folder.iterdir()))))
+            outcome = _PLAYED[family]
+            yield lambda row: outcome(row, folder / str(len(list(folder.iterdir()))))
             return
         with nodes.a_chain(folder) as chain:
             yield lambda row: nodes.outcome(row, chain, folder / str(len(list(folder.iterdir()))))
