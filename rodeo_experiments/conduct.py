@@ -32,11 +32,11 @@ from rodeo.commands.tasks import RegisterTask
 from rodeo.commands.treasury import Deposit
 from rodeo.dao import Participant
 from rodeo.host.files import replace_file
-from rodeo.host.stamps import stamp_s
 from rodeo.kinds import kinds_of, providing_energy
 from rodeo.person.statement import Executor, judge
+from rodeo.ros2 import readings
 from rodeo.ros2.node import Node
-from rodeo.ros2.readings import unknown_charge, unknown_power
+from rodeo.ros2.readings import Unknown, power
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.signing import wallets
 from rodeo.site import topics
@@ -107,22 +107,23 @@ class Meters:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def on_gauge(self, robot: str, message: Any, _info: Any) -> None:
-        if unknown_charge(message) or unknown_power(message):
+        full = self.site.robot(robot).battery.percentage_full
+        try:
+            (time_s, voltage_v, current_a), soc = power(message), readings.battery(message, full).soc
+        except Unknown:
             return
-        time_s, soc = stamp_s(message.header.stamp), float(message.percentage)
         with self.lock:
             before = next((one for one in reversed(self.battery) if one.robot == robot), None)
             if before is None or time_s - before.time_s >= _GAUGE_S:
-                power_w = float(message.voltage) * float(message.current)
-                self.battery.append(
-                    Reading(robot=robot, time_s=time_s, soc=round(soc, 4), power_w=round(power_w, 1))
-                )
+                power_w = round(voltage_v * current_a, 1)
+                self.battery.append(Reading(robot=robot, time_s=time_s, soc=round(soc, 4), power_w=power_w))
 
     def on_output(self, dock: str, message: Any, _info: Any) -> None:
-        if unknown_power(message):
+        try:
+            time_s, voltage_v, current_a = power(message)
+        except Unknown:
             return
-        time_s = stamp_s(message.header.stamp)
-        power_w = float(message.voltage) * float(message.current)
+        power_w = voltage_v * current_a
         with self.lock:
             last_s, last_w = self._last.get(dock, (time_s, 0.0))
             self._last[dock] = time_s, power_w

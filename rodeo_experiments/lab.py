@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -17,7 +18,7 @@ from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
 from rodeo.ros2 import types
 from rodeo.ros2.node import Node
-from rodeo.ros2.readings import unknown_pose
+from rodeo.ros2.readings import Unknown, pose
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
@@ -56,8 +57,8 @@ class Lab:
             )
 
     def _on_pose(self, robot: str, message: Any, _info: Any) -> None:
-        if not unknown_pose(message.pose):
-            self._poses[robot] = message.pose.position
+        with suppress(Unknown):
+            self._poses[robot] = pose(message.pose).position
 
     def wait_ready(self) -> None:
         """Raises ExperimentFailed when nobody places items."""

@@ -17,14 +17,14 @@ from rodeo.evidence.container import Limits
 from rodeo.evidence.proof import TopicMessages
 from rodeo.evidence.seal import SEAL_PERIOD_NS
 from rodeo.kinds import Kind, kinds_of
+from rodeo.lab.rates import TALKATIVE, RatesConfig
 from rodeo.site import topics
 from rodeo.site.config import Site
+from rodeo.site.rates import declared_hz
 from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 
 BURST_S = 60.0
 """What a device may have signed while the recorder was away, and the recorder asked it for later."""
-TALKATIVE = 5
-"""Times the rates of the key table that a robot may publish."""
 SIGNED_HZ = 1e9 / SEAL_PERIOD_NS
 """Seals of a recorder, and statements of motion capture; the other devices sign less."""
 
@@ -97,8 +97,12 @@ def counts_of(site: Site, chain_record: ChainRecord | None) -> Counts:
 
 
 def _rate_hz(kind: Kind, site: Site) -> float:
-    """Messages per second of all topics that a recording of this kind holds at this site."""
-    return sum((one.topic.rate_hz or 0.0) * _places(one.topic.key, site) for one in kind.recorded)
+    """Messages per second of all topics that a recording of this kind holds at this site, as declared."""
+    robots = [one.rates for one in site.robots] or [RatesConfig()]
+    return sum(
+        max(declared_hz(rates, one.topic) for rates in robots) * _places(one.topic.key, site)
+        for one in kind.recorded
+    )
 
 
 def _places(key: str, site: Site) -> int:

@@ -14,8 +14,9 @@ from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import Binding
-from rodeo.evidence.series import Payloads, Table, table
-from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.evidence.series import Payloads, Table, tables
+from rodeo.ros2.readings import MOST_PUBLISHERS
+from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, JOINT_STATES
 from rodeo.text.strict_json import read_json
 
 
@@ -30,21 +31,27 @@ class TopicMessages:
         self.publish_ns = array("Q")
         self.sequence = array("I")
         self.data = Payloads()
-        self._table: Table | LayoutChanged | None = None
+        self._tables: list[Table] | LayoutChanged | None = None
 
     def __len__(self) -> int:
         return len(self.data)
 
     def table(self) -> Table:
-        """The ROS messages as columns, read once, also where they cannot be. Raises LayoutChanged."""
-        if self._table is None:
+        """The one of its tables that most messages are in. Raises LayoutChanged."""
+        return self.tables()[0]
+
+    def tables(self) -> list[Table]:
+        """The ROS messages as columns, read once, also where they cannot be: joints a table for each of their
+        publishers, everything else one table. Raises LayoutChanged."""
+        if self._tables is None:
+            most = MOST_PUBLISHERS if self.ros_type == JOINT_STATES.type else 1
             try:
-                self._table = table(self.data, self.log_ns, self.ros_type, self.topic)
+                self._tables = tables(self.data, self.log_ns, self.ros_type, self.topic, most, "name")
             except LayoutChanged as error:
-                self._table = error
-        if isinstance(self._table, LayoutChanged):
-            raise self._table
-        return self._table
+                self._tables = error
+        if isinstance(self._tables, LayoutChanged):
+            raise self._tables
+        return self._tables
 
 
 @dataclass(frozen=True)
@@ -105,7 +112,11 @@ class Proof:
         return len(self.topics[topic]) if topic in self.topics else 0
 
     def table(self, topic: str, ros_type: str) -> Table:
-        """All messages of a ROS topic as columns.
+        """Those of its tables that most messages of a ROS topic are in. Raises LayoutChanged."""
+        return self.tables(topic, ros_type)[0]
+
+    def tables(self, topic: str, ros_type: str) -> list[Table]:
+        """All messages of a ROS topic as columns, see `TopicMessages.tables`.
 
         Raises LayoutChanged when the topic is missing, has another type, or its messages differ in their
         strings or lengths.
@@ -117,7 +128,7 @@ class Proof:
             raise LayoutChanged(
                 "the topic has another type", topic=topic, found=column.ros_type[:200], expected=ros_type
             )
-        return column.table()
+        return column.tables()
 
     def json(self, channel: str) -> list[dict[str, Any]]:
         """The objects on a JSON channel. Raises CorruptProof for what not every parser reads alike."""

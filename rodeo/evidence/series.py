@@ -19,6 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.layout import ENCAPSULATION, Numbers, Walk
+from rodeo.ros2.readings import bare
 
 Array = np.ndarray[Any, Any]
 
@@ -129,7 +130,7 @@ class Table:
     def named(self, path: str, names: list[str], key: str = "name") -> Array:
         """(n, len(names)): the entries of sequence `path` that belong to `names` in sequence `key`."""
         sequence = self._numbers(path)
-        found = [self.strings[one] for one in self.strings if one.startswith(f"{key}[")]
+        found = self.names(key)
         missing = [name for name in names if name not in found]
         if missing or sequence.length != len(found):
             raise LayoutChanged("joints are missing", topic=self.topic, field=path, missing=missing)
@@ -137,24 +138,56 @@ class Table:
         offsets = [sequence.offset + size * found.index(name) for name in names]
         return np.concatenate([self._read(sequence, offset, 1) for offset in offsets], axis=1)
 
+    def names(self, key: str = "name") -> list[str]:
+        """What the sequence `key` names, without prefixes."""
+        return [bare(text) for path, text in self.strings.items() if path.startswith(f"{key}[")]
+
     @property
     def stamp_s(self) -> Array:
         """(n,) seconds of the messages' own headers."""
         return self["header.stamp.sec"] + self["header.stamp.nanosec"] * 1e-9
 
 
-def table(messages: Payloads, log_ns: array[int], ros_type: str, topic: str) -> Table:
-    """The table of `messages`. A few of another layout (another frame, other joints) are left out: anybody
-    may have published them under this name.
+def tables(
+    messages: Payloads, log_ns: array[int], ros_type: str, topic: str, most: int = 1, names: str = ""
+) -> list[Table]:
+    """The tables of `messages`, the longest first: of the layout that most have, and of up to `most` that
+    share no entry of the sequence `names` with one before (the joints of other publishers). A few of another
+    layout (another frame, other joints) are left out: anybody may have published them under this name.
 
     Raises LayoutChanged with topic and index when there are more than `STRANGE_SHARE`.
     """
-    lengths = messages.lengths()
-    sizes, counts = np.unique(lengths, return_counts=True)
-    size = int(sizes[counts.argmax()])
-    rows = np.flatnonzero(lengths == size)
-    _refuse_strange(messages, rows, topic)
-    walk, reference, free = _most_common(messages, rows, ros_type, topic)
+    found: list[Table] = []
+    left, lengths = np.arange(len(messages)), messages.lengths()
+    named: set[str] = set()
+    for _ in range(most):
+        sizes, counts = np.unique(lengths[left], return_counts=True)
+        rows = left[lengths[left] == sizes[counts.argmax()]]
+        if most == 1:
+            _refuse_strange(messages, rows, topic)
+        try:
+            walk, reference, free = _most_common(messages, rows, ros_type, topic)
+        except LayoutChanged:
+            if found:
+                break
+            raise
+        kept = rows[_alike(messages, rows, reference, free)]
+        left = np.setdiff1d(left, kept, assume_unique=True)
+        own = {bare(text) for path, text in walk.strings.items() if path.startswith(f"{names}[")}
+        if not own & named:
+            named |= own
+            buffer, starts = np.frombuffer(messages.buffer, np.uint8), messages.starts()
+            at_ns = np.frombuffer(log_ns, np.uint64)[kept]
+            found.append(Table(topic, at_ns, walk.strings, kept, walk.numbers, buffer, starts[kept]))
+        if not len(left) or len(kept) < STRANGE_SHARE / most * len(messages):
+            break  # nothing is left, or all sorts of things
+    _refuse_strange(messages, np.concatenate([one.kept for one in found]), topic)
+    return found
+
+
+def _alike(messages: Payloads, rows: Array, reference: Array, free: Array) -> Array:
+    """(len(rows),) which of them differ from `reference` only where that is free."""
+    size = len(reference)
     buffer, starts = np.frombuffer(messages.buffer, np.uint8), messages.starts()
     whole = buffer.reshape(-1, size) if len(rows) == len(messages) else None
     alike = np.empty(len(rows), bool)
@@ -163,17 +196,7 @@ def table(messages: Payloads, log_ns: array[int], ros_type: str, topic: str) -> 
         chosen = slice(begin, begin + step)
         raw = sliding_window_view(buffer, size)[starts[rows[chosen]]] if whole is None else whole[chosen]
         alike[chosen] = ((raw == reference) | free).all(axis=1)
-    kept = rows[alike]
-    _refuse_strange(messages, kept, topic)
-    return Table(
-        topic,
-        np.frombuffer(log_ns, np.uint64)[kept],
-        walk.strings,
-        kept,
-        walk.numbers,
-        buffer,
-        starts[kept],
-    )
+    return alike
 
 
 def _most_common(messages: Payloads, rows: Array, ros_type: str, topic: str) -> tuple[Walk, Array, Array]:

@@ -20,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from rodeo.lab.rates import RatesConfig
 from rodeo.lab.schedule import Schedule, parse_hours, require_apart, zone
 from rodeo.money.pricing import PricingConfig
 from rodeo.text import redaction
@@ -253,6 +254,7 @@ class BatteryConfig(Section):
     capacity_wh: Positive = 734.0
     capacity_ah: Positive = 20.0
     resistance_ohm: Positive = 0.15
+    percentage_full: Literal[1, 100] = Field(1, description="what its driver calls full")
     soc: float = Field(1.0, ge=0, le=1, description="state of charge when the world is new")
     idle_power_w: Positive = 45.0
     standby_power_w: float = Field(
@@ -356,6 +358,8 @@ class RobotConfig(Section):
     """Time zone of the working hours, by its IANA name, for instance "Europe/Berlin"."""
     battery: BatteryConfig = BatteryConfig()
     limits: MotionLimits = MotionLimits()
+    rates: RatesConfig = RatesConfig()
+    """How often its drivers publish, where that is more often than the table of keys says."""
     noise: NoiseConfig = NoiseConfig()
     pricing: PricingConfig = PricingConfig()
     """What it asks for its work (rodeo.money.pricing)."""

@@ -6,6 +6,7 @@ topic, in order, each of the same layout as the first. The rest costs the record
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import Counter
@@ -19,9 +20,11 @@ from rodeo.evidence.layout import Layout
 from rodeo.host.budget import Bucket
 from rodeo.host.metrics import RECORDER_REFUSED
 from rodeo.host.stamps import FASTEST_CLOCK, SECOND_NS
+from rodeo.lab.rates import FASTEST_HZ
 from rodeo.ros2 import plain
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.ros2.readings import MOST_PUBLISHERS, SILENT_WALL_S, bare
 from rodeo.site import topics
 from rodeo.site.topics import Topic
 
@@ -76,12 +79,8 @@ LEFT_OUT = "left_out"
 
 STAMP_SLACK_WALL_S = 15.0
 """A busy machine hears clock and messages late; a fast clock makes more of it."""
-SILENT_WALL_S = 3.0
-"""A publisher that said nothing sensible for so long is followed no more: its process was restarted."""
-_RATE_HZ = 10.0
-"""Rate of a topic without a nominal one."""
-_FASTER = 2.0
-"""A publisher may be this much faster than its nominal rate."""
+_ON_DEMAND_HZ = 20.0
+"""Most messages of a topic without a rate."""
 _SAVED_S = 2.0
 """What it did not say in so long it may say at once."""
 _LOST = 500
@@ -95,7 +94,7 @@ _FRAMES = {topics.POSE.key: "map", topics.ITEM_POSE.key: "map"}
 """Where the frame of a message is not the publisher's own choice."""
 _NUMBERS: dict[str, tuple[str, ...]] = {
     topics.ODOM.key: ("pose.pose.", "twist.twist."),
-    topics.JOINT_STATES.key: ("position", "velocity", "effort"),
+    topics.JOINT_STATES.key: ("position",),
     topics.ARM_STATE.key: ("reference.positions", "feedback.positions"),
     topics.GRIPPER_STATE.key: ("reference.positions", "feedback.positions"),
     topics.BATTERY_STATE.key: ("voltage", "percentage"),
@@ -113,8 +112,20 @@ def stamp_slack_s(speed: float) -> float:
     return STAMP_SLACK_WALL_S * max(1.0, speed or FASTEST_CLOCK)
 
 
+class _Publisher:
+    """One whose messages are written."""
+
+    def __init__(self, layout: Layout, joints: frozenset[str], budget: Bucket) -> None:
+        self.layout, self.joints, self.budget = layout, joints, budget
+        self.sequence = self.stamp_ns = 0
+        self.heard_s = -math.inf
+
+
 class MessageDoor:
     """Decides for one topic. One thread at a time.
+
+    What is written is all that the publisher says up to `FASTEST_HZ`: whoever could choose would hide a jump.
+    Joints may have several publishers, each of which says other ones.
 
     Args:
         slack_s: how far a stamp may be off the site's clock, see `stamp_slack_s`.
@@ -125,16 +136,14 @@ class MessageDoor:
         self._type = topic.type
         self._frame = _FRAMES.get(topic.key)
         self._numbers = _NUMBERS[topic.key]
-        self._rate_hz = topic.rate_hz or _RATE_HZ
+        self._most = MOST_PUBLISHERS if topic is topics.JOINT_STATES else 1
+        self._most_hz = FASTEST_HZ if topic.rate_hz else _ON_DEMAND_HZ
         self._slack_ns = round(slack_s * 1e9)
         self._wall_s = wall_s
-        self._budget = Bucket(_FASTER * self._rate_hz, max(_SAVED_S * self._rate_hz, 2.0))
-        self._layout: Layout | None = None
-        self._gid: bytes | None = None
-        self._sequence = 0
+        self._followed: dict[bytes, _Publisher] = {}
+        """By the publisher's identity. What one says that was heard no more is for the next."""
         self.stamp_ns = 0
         """Stamp of the last message that may be written."""
-        self._heard_s = 0.0
 
     def refusal(self, info: MessageInfo, now_ns: int) -> Refusal | None:
         """Why this message must not be written at `now_ns` of site time; None when it may."""
@@ -150,30 +159,57 @@ class MessageDoor:
         latest_ns = max(now_ns, time.time_ns()) + self._slack_ns
         if abs(stamp_ns - now_ns) > self._slack_ns or not _EARLIEST_NS <= info.source_time_ns <= latest_ns:
             return Refusal.ABSURD_TIME
-        refusal = self._unreadable(info.cdr) or self._unfollowed(info, stamp_ns)
-        if refusal is not None:
+        followed = self._followed.get(info.gid)
+        publisher = self._new(info) if followed is None or self._is_silent(followed) else followed
+        if isinstance(publisher, Refusal):
+            return publisher
+        if not publisher.layout.fits(info.cdr):
+            return self._misfit(publisher.layout, info.cdr)
+        if not publisher.layout.finite(info.cdr) or not publisher.layout.turned(info.cdr):
+            return Refusal.NOT_A_NUMBER
+        if (refusal := self._misplaced(publisher, info, stamp_ns)) is not None:
             return refusal
-        if not self._budget.take(stamp_ns * 1e-9):
+        if not publisher.budget.take(stamp_ns * 1e-9):
             return Refusal.OVER_BUDGET
-        self._gid, self._sequence, self.stamp_ns = info.gid, info.sequence, stamp_ns
-        self._heard_s = self._wall_s()
+        replaced = [gid for gid, one in self._followed.items() if one.joints & publisher.joints]
+        for gid in replaced:
+            del self._followed[gid]
+        self._followed[info.gid] = publisher
+        publisher.sequence, publisher.stamp_ns = info.sequence, stamp_ns
+        publisher.heard_s = self._wall_s()
+        self.stamp_ns = stamp_ns
         return None
 
-    def _unreadable(self, cdr: bytes) -> Refusal | None:
-        layout = self._layout
-        if layout is None:
-            try:
-                layout = Layout(self._type, cdr, self._numbers)
-            except LayoutChanged:
+    def _is_silent(self, publisher: _Publisher) -> bool:
+        return self._wall_s() - publisher.heard_s >= SILENT_WALL_S
+
+    def _new(self, info: MessageInfo) -> _Publisher | Refusal:
+        """The publisher of that, to be followed unless it says something else that must not be written."""
+        live = [one for gid, one in self._followed.items() if gid != info.gid and not self._is_silent(one)]
+        if len(live) >= self._most:
+            return Refusal.STRANGER
+        try:
+            layout = Layout(self._type, info.cdr, self._numbers)
+        except LayoutChanged:
+            return Refusal.MALFORMED
+        if self._frame is not None and layout.strings["header.frame_id"].removeprefix("/") != self._frame:
+            return Refusal.MISADDRESSED
+        joints = frozenset({""})
+        if self._most > 1:
+            named = [bare(text) for path, text in layout.strings.items() if path.startswith("name[")]
+            joints = frozenset(named)
+            if not joints or len(joints) < len(named):
                 return Refusal.MALFORMED
-            if self._frame is not None and layout.strings["header.frame_id"] != self._frame:
-                return Refusal.MISADDRESSED
-        elif not layout.fits(cdr):
-            return self._misfit(layout, cdr)
-        if not layout.finite(cdr) or not layout.turned(cdr):
-            return Refusal.NOT_A_NUMBER
-        self._layout = layout
-        return None
+        if any(one.joints & joints for one in live):
+            return Refusal.STRANGER
+        publisher = _Publisher(layout, joints, Bucket(self._most_hz, max(_SAVED_S * self._most_hz, 2.0)))
+        for before in self._followed.values():
+            if before.joints & joints:
+                if not before.layout.fits(info.cdr):
+                    return self._misfit(before.layout, info.cdr)
+                # A stamp that was written already would be there twice, whoever says it now.
+                publisher.stamp_ns = max(publisher.stamp_ns, before.stamp_ns)
+        return publisher
 
     def _misfit(self, layout: Layout, cdr: bytes) -> Refusal:
         try:
@@ -183,16 +219,13 @@ class MessageDoor:
         moved = other.strings["header.frame_id"] != layout.strings["header.frame_id"]
         return Refusal.MISADDRESSED if moved else Refusal.MALFORMED
 
-    def _unfollowed(self, info: MessageInfo, stamp_ns: int) -> Refusal | None:
-        """What keeps the message from being the next of the publisher that is followed."""
-        if self._gid is None or self._wall_s() - self._heard_s >= SILENT_WALL_S:
-            # A stamp that was written already would be there twice, whoever says it now.
-            return Refusal.DOUBLED if stamp_ns == self.stamp_ns else None
-        if info.gid != self._gid:
-            return Refusal.STRANGER
-        if info.sequence <= self._sequence or stamp_ns <= self.stamp_ns:
+    def _misplaced(self, publisher: _Publisher, info: MessageInfo, stamp_ns: int) -> Refusal | None:
+        """What keeps the message from being the next of its publisher."""
+        if publisher.heard_s == -math.inf:
+            return Refusal.DOUBLED if stamp_ns == publisher.stamp_ns else None
+        if info.sequence <= publisher.sequence or stamp_ns <= publisher.stamp_ns:
             return Refusal.DOUBLED
-        lasted_s = (stamp_ns - self.stamp_ns) * 1e-9
-        if info.sequence - self._sequence > _LOST + _FASTER * self._rate_hz * lasted_s:
+        lasted_s = (stamp_ns - publisher.stamp_ns) * 1e-9
+        if info.sequence - publisher.sequence > _LOST + self._most_hz * lasted_s:
             return Refusal.ABSURD_NUMBER
         return None

@@ -16,11 +16,12 @@ from rodeo.charging.orders import dock_of
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BadStatement
 from rodeo.host.clock import Clock
-from rodeo.host.stamps import stamp_s
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.recording.door import Refusals, stamp_slack_s
 from rodeo.recording.statements import Heard, StatementDoor, StatementListener
+from rodeo.ros2 import readings
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import Battery, Charge, Unknown
 from rodeo.signing.keystores import SiteDevice
 from rodeo.site import topics
 from rodeo.site.config import Site
@@ -67,6 +68,7 @@ class Gauge:
 
     def __init__(self, battery: BatteryConfig) -> None:
         self._battery = battery
+        self._charge = Charge(battery.capacity_ah)
         self._moments: deque[Moment] = deque(maxlen=_KEPT)
         self._power_w: float | None = None
         """Into the battery."""
@@ -77,23 +79,24 @@ class Gauge:
         self._power_w = None
 
     def reading(self, time_s: float, voltage_v: float, current_a: float, soc: float) -> None:
-        """`current_a` is positive while the battery charges. What is not finite or not newer is left out."""
-        if not all(map(math.isfinite, (time_s, voltage_v, current_a, soc))):
+        """`current_a` is positive while the battery charges. What is not newer is left out."""
+        if time_s <= self.time_s:
             return
+        soc = self._charge.believed(Battery(time_s, soc, voltage_v, current_a, True))
         power_w = voltage_v * current_a
         if not self._moments:
             self._moments.append(Moment(time_s, 0.0, soc))
         last = self._moments[-1]
         seconds = time_s - last.time_s
         if seconds <= 0:
-            return
+            return  # the first
         if self._power_w is not None and seconds <= _GAP_S:
             stored_wh = (power_w + self._power_w) / 2 * seconds / 3600
         else:
             stored_wh = (soc - last.soc) * self._battery.capacity_ah * voltage_v
         own_wh = (self._battery.idle_power_w + self._battery.arm_power_w) * seconds / 3600
         most_wh = last.most_wh + max(0.0, stored_wh + own_wh)
-        self._moments.append(Moment(time_s, most_wh, min(max(soc, 0.0), 1.0)))
+        self._moments.append(Moment(time_s, most_wh, soc))
         self._power_w = power_w
 
     @property
@@ -311,11 +314,13 @@ class Receipts:
                 return
 
     def _on_battery(self, message: Any) -> None:
-        time_s = stamp_s(message.header.stamp)
+        try:
+            said = readings.battery(message, self._robot.battery.percentage_full)
+        except Unknown:
+            return  # `rodeo.robot.ros_body` tells it
         with self._lock:
-            self._gauge.reading(
-                time_s, float(message.voltage), float(message.current), float(message.percentage)
-            )
+            if said.voltage_v is not None and said.current_a is not None:
+                self._gauge.reading(said.time_s, said.voltage_v, said.current_a, said.soc)
             self._answer_pending()
 
     def _on_record(self, heard: Heard) -> None:

@@ -18,10 +18,11 @@ from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.geometry import on_plane, quaternion_of
 from rodeo.lab.layout import on_contacts
 from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
+from rodeo.recording.pace import Pace
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
-from rodeo.ros2 import plain, types
+from rodeo.ros2 import plain, readings, types
 from rodeo.ros2.action import ActionClient, ClientGoal
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import (
@@ -35,7 +36,7 @@ from rodeo.ros2.errors import (
     ServiceTimeout,
 )
 from rodeo.ros2.node import Node
-from rodeo.ros2.readings import unknown_charge, unknown_joints, unknown_pose
+from rodeo.ros2.readings import MOST_PUBLISHERS, SILENT_WALL_S, Unknown
 from rodeo.site import topics
 from rodeo.site.config import Site
 
@@ -76,6 +77,7 @@ class Grip:
 class _Arrival(NamedTuple):
     """The newest message, replaced as a whole; the body sends hundreds a second, of which few are read."""
 
+    gid: bytes
     cdr: bytes
     number: int
     wall_s: float
@@ -83,11 +85,24 @@ class _Arrival(NamedTuple):
     """When it came, by the wall's clock and by the site's."""
 
 
+class _Said(NamedTuple):
+    """What publishers of joint states say together."""
+
+    joints: Joints
+    without_effort: list[str]
+    """Fingers of which nobody says the effort."""
+
+
+Read = Callable[[list[Any]], tuple[Any, frozenset[int]]]
+
+
 class Latest:
     """The newest message of one topic; decoded when it is asked for.
 
     Args:
-        unknown: why a message cannot be used, "" if it can.
+        read: what the newest messages of the publishers that are followed say, and which of them say it.
+            Raises Unknown.
+        publishers: how many are followed, in the order in which they were heard first.
     """
 
     def __init__(
@@ -98,47 +113,62 @@ class Latest:
         clock: Clock,
         interrupts: Interrupts,
         simulated: bool,
-        unknown: Callable[[Any], str] = lambda _message: "",
+        read: Read = lambda messages: (messages[0], frozenset({0})),
+        publishers: int = 1,
     ) -> None:
         self.topic = topic
         self.problem = ""
-        """Why the message that was decoded last cannot be used."""
-        self._unknown = unknown
+        """Why the messages that were decoded last cannot be used."""
+        self._read, self._publishers = read, publishers
         self._simulated = simulated
         self._interrupts = interrupts
         types.prepare(typename)
         self._clock = clock
         self._typename = typename
-        self._newest = _Arrival(b"", 0, -math.inf, -math.inf)
+        self._newest: dict[bytes, _Arrival] = {}
+        """By publisher."""
+        self._decoded: dict[bytes, tuple[int, Any]] = {}
+        """Publisher -> its last message that was decoded, and the number of that."""
         # Inline, because a message that waits in a queue of its own while the result of a motion overtakes
         # it would show the arm where it was before.
         node.raw_subscription(topic, typename, self._on_message, inline=True)
 
     def _on_message(self, info: MessageInfo) -> None:
-        self._newest = _Arrival(info.cdr, self._newest.number + 1, time.monotonic(), self._clock.now_s())
+        before, wall_s, site_s = self._newest.get(info.gid), time.monotonic(), self._clock.now_s()
+        if before is None:
+            silent = [gid for gid, one in self._newest.items() if wall_s - one.wall_s >= SILENT_WALL_S]
+            if len(self._newest) - len(silent) >= self._publishers:
+                return  # another speaks already
+            # Replaced as a whole: others look meanwhile.
+            self._newest = {gid: one for gid, one in self._newest.items() if gid not in silent}
+        number = 1 if before is None else before.number + 1
+        self._newest[info.gid] = _Arrival(info.gid, info.cdr, number, wall_s, site_s)
 
     def recent(self) -> Any:
-        """The newest message without waiting, None when it cannot be used or is older than `_SILENT_AFTER_S`.
+        """What is known without waiting, None when that cannot be used or is older than `_SILENT_AFTER_S`.
         While the site's clock stands nobody says more, and it gets no older."""
-        newest = self._newest
-        age_s = min(time.monotonic() - newest.wall_s, self._clock.now_s() - newest.site_s)
-        return self._decoded(newest.cdr) if age_s < _SILENT_AFTER_S else None
+        wall_s, site_s = time.monotonic(), self._clock.now_s()
+        newest = [
+            one
+            for one in self._newest.copy().values()
+            if min(wall_s - one.wall_s, site_s - one.site_s) < _SILENT_AFTER_S
+        ]
+        return self._said(newest)[0]
 
     def since(self, moved_s: float) -> Any:
-        """The newest message if it is fresh and came after `moved_s`, else the next. Raises BodySilent.
+        """What is known, if all of it is fresh and came after `moved_s`, else what comes next.
 
-        What is asked after a motion has ended must not be answered with what was sent before. A simulated
-        body says how it is at the end of a motion before it says that it has ended, so a message with the
-        stamp of that moment will do.
+        Raises BodySilent. What is asked after a motion must not be answered with what was sent before it.
+        A simulated body says how it is at the end of a motion before it says that it has ended, so a message
+        with the stamp of that moment will do.
         """
-        newest = self._newest
+        said, used = self._said([*self._newest.copy().values()])
+        return said if said is not None and all(self._tells(one, moved_s) for one in used) else self.next()
+
+    def _tells(self, newest: _Arrival, moved_s: float) -> bool:
         arrived_s = self._arrived_s(newest)
         told = arrived_s > moved_s or (self._simulated and self._stamp_s(newest) == moved_s)
-        if told and self._clock.now_s() - arrived_s < _FRESH_S:
-            message = self._decoded(newest.cdr)
-            if message is not None:
-                return message
-        return self.next()
+        return told and self._clock.now_s() - arrived_s < _FRESH_S
 
     def _arrived_s(self, newest: _Arrival) -> float:
         """Site time at which it came."""
@@ -155,31 +185,77 @@ class Latest:
         return newest.site_s
 
     def next(self) -> Any:
-        """The first message that arrives from now on and can be used. Raises BodySilent."""
+        """What is said from now on and can be used. Raises BodySilent."""
         patience = Patience(self._clock, _SILENT_AFTER_S)
-        seen = self._newest
+        before = {gid: one.number for gid, one in self._newest.copy().items()}
+        seen = sum(before.values())
         while not patience.is_over:
             # A body tells its state each period; a simulated one has told it when that has passed.
             self._clock.wait_until(self._clock.now_s() + CONTROL_PERIOD_S)
-            before, seen = seen, self._newest
-            if seen.number != before.number and (message := self._decoded(seen.cdr)) is not None:
-                return message
+            newest = [*self._newest.copy().values()]
+            if (now := sum(one.number for one in newest)) != seen:
+                seen = now
+                said, used = self._said(newest)
+                if said is not None and all(one.number != before.get(one.gid) for one in used):
+                    return said
             self._interrupts.check()
         said = f"no fresh message on {self.topic}" + (f" can be used: {self.problem}" if self.problem else "")
         raise BodySilent(said, topic=self.topic, silent_s=_SILENT_AFTER_S)
 
-    def _decoded(self, cdr: bytes) -> Any:
-        try:
-            message = types.deserialize(cdr, self._typename)
-            problem = self._unknown(message)
-        except MalformedMessage as error:
-            message, problem = None, str(error)
+    def _said(self, newest: Sequence[_Arrival]) -> tuple[Any, list[_Arrival]]:
+        """What these say, None where that cannot be used, and which of them say it."""
+        problem, known, messages = "", list[_Arrival](), list[Any]()
+        for one in newest:
+            number, message = self._decoded.get(one.gid, (0, None))
+            if number != one.number:
+                try:
+                    message = types.deserialize(one.cdr, self._typename)
+                except MalformedMessage as error:
+                    problem = str(error)
+                    continue
+                self._decoded[one.gid] = one.number, message
+            known.append(one)
+            messages.append(message)
+        said, used = None, frozenset[int]()
+        if messages:
+            try:
+                said, used = self._read(messages)
+                problem = ""
+            except Unknown as error:
+                problem = error.message
+        elif not newest:
+            return None, []
         if problem and not self.problem:
             log.warning("ignored a message on %s: %s", self.topic, problem)
         elif self.problem and not problem:
             log.info("messages on %s can be used again", self.topic)
         self.problem = problem
-        return None if problem else message
+        return said, [known[number] for number in used]
+
+
+class Gauge(Latest):
+    """The newest message of the battery, and how much of its charge is believed."""
+
+    def __init__(
+        self, node: Node, robot: RobotConfig, clock: Clock, interrupts: Interrupts, simulated: bool
+    ) -> None:
+        topic, full = topics.BATTERY_STATE, robot.battery.percentage_full
+        self._charge, self._soc = readings.Charge(robot.battery.capacity_ah), math.nan
+
+        def read(messages: list[Any]) -> tuple[Any, frozenset[int]]:
+            return readings.battery(messages[0], full), frozenset({0})
+
+        name = topic.name(ns=robot.namespace)
+        super().__init__(node, name, topic.type, clock, interrupts, simulated, read)
+
+    def _on_message(self, info: MessageInfo) -> None:
+        super()._on_message(info)
+        if (said := self.recent()) is not None:
+            self._soc = self._charge.believed(said)
+
+    def believed(self, said: readings.Battery) -> float:
+        """State of charge, that of the message where no other one came yet."""
+        return said.soc if math.isnan(self._soc) else self._soc
 
 
 class RosBody:
@@ -195,18 +271,25 @@ class RosBody:
         self.interrupts = interrupts
         names, simulated = {"ns": robot.namespace}, site.clock.source == "sim"
 
-        def latest(name: str, topic: topics.Topic, unknown: Callable[[Any], str]) -> Latest:
-            return Latest(node, name, topic.type, clock, interrupts, simulated, unknown)
+        def latest(topic: topics.Topic, read: Read, name: str, publishers: int = 1) -> Latest:
+            return Latest(node, name, topic.type, clock, interrupts, simulated, read, publishers)
 
         arm = self._arm_model = arm_model(robot.kinematics)
+        self._pace = Pace(node, site, robot, clock)
+        wanted = (*arm.joints, *arm.fingers)
+
+        def gather(messages: list[Any]) -> tuple[Any, frozenset[int]]:
+            found, used = readings.joints(messages, wanted)
+            return _Said(_joints(found, arm), readings.without_effort(messages, arm.fingers)), used
+
         self._joint_states = latest(
-            topics.JOINT_STATES.name(**names),
-            topics.JOINT_STATES,
-            lambda state: unknown_joints(state, (*arm.joints, *arm.fingers)),
+            topics.JOINT_STATES, gather, topics.JOINT_STATES.name(**names), MOST_PUBLISHERS
         )
-        self._battery = latest(topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE, unknown_charge)
+        self._battery = Gauge(node, robot, clock, interrupts, simulated)
         pose = topics.MOCAP_POSE.name(body=robot.name) if site.lab.mocap else topics.POSE.name(**names)
-        self._pose = latest(pose, topics.MOCAP_POSE, lambda message: unknown_pose(message.pose))
+        self._pose = latest(
+            topics.MOCAP_POSE, lambda messages: (readings.pose(messages[0].pose), frozenset({0})), pose
+        )
         self._clock = clock
         self._docks = site.docks
         self._navigate, self._follow, self._grip = (
@@ -215,8 +298,10 @@ class RosBody:
         )
         self._moved_s = -math.inf
         """Site time at which the last motion ended."""
-        self._stop_client = node.client(topics.EMERGENCY_STOP.name(**names), topics.EMERGENCY_STOP.type)
-        self._power_client = node.client(topics.MOTOR_POWER.name(**names), topics.MOTOR_POWER.type)
+        self._clients = {
+            service: node.client(service.name(**names), service.type)
+            for service in (topics.EMERGENCY_STOP, topics.MOTOR_POWER)
+        }
         self._powered: bool | None = None
         """As the body confirmed it last; None before it did."""
         self._said_unswitched = False
@@ -225,22 +310,23 @@ class RosBody:
 
     def base_pose(self) -> Pose2:
         """Where the base stands now. Raises BodySilent."""
-        return on_plane(self._pose.since(self._moved_s).pose)
+        return on_plane(self._pose.since(self._moved_s))
 
     def joints(self) -> Joints:
         """Raises BodySilent."""
-        return _joints(self._joint_states.since(self._moved_s), self._arm_model)
+        said: _Said = self._joint_states.since(self._moved_s)
+        return said.joints
 
     def recent_gripper_m(self) -> float | None:
         """Half the gap between the fingers a moment ago, None when nobody says so."""
-        message = self._joint_states.recent()
-        return None if message is None else _joints(message, self._arm_model).gripper_m
+        said: _Said | None = self._joint_states.recent()
+        return None if said is None else said.joints.gripper_m
 
     def battery(self) -> Battery:
         """Raises BodySilent."""
         # At 1 Hz a recent one is as good as the next, and an assignment need not wait for it.
         message = self._battery.recent() or self._battery.next()
-        return Battery(min(float(message.percentage), 1.0), message.power_supply_status == 1)
+        return Battery(self._battery.believed(message), message.charging)
 
     def vitals(self) -> dict[str, Any]:
         """State of charge and whether the robot is docked, as far as recently heard, and what is unknown
@@ -248,9 +334,9 @@ class RosBody:
         heard: dict[str, Any] = {}
         battery, pose = self._battery.recent(), self._pose.recent()
         if battery is not None:
-            heard["soc"] = round(min(float(battery.percentage), 1.0), 3)
+            heard["soc"] = round(self._battery.believed(battery), 3)
         if pose is not None:
-            base = on_plane(pose.pose)
+            base = on_plane(pose)
             heard["docked"] = any(on_contacts(dock, base) for dock in self._docks)
         if unknown := self.unknown:
             heard["unknown"] = unknown
@@ -262,10 +348,19 @@ class RosBody:
         heard = (self._battery, self._pose, self._joint_states)
         return "; ".join(f"{one.topic}: {one.problem}" for one in heard if one.problem)
 
+    def unfit(self) -> str:
+        """Why no work can be proved with a body that speaks so, as far as it was heard; "" if it can."""
+        if said := self._pace.misfit(self._clock.now_s()):
+            return said
+        joints: _Said | None = self._joint_states.recent()
+        if joints is not None and joints.without_effort:
+            return f"{self._joint_states.topic}: no effort of {', '.join(joints.without_effort)}"
+        return ""
+
     def recent_base_pose(self) -> Pose2 | None:
         """Where the base stood a moment ago, None when nobody says so."""
         pose = self._pose.recent()
-        return None if pose is None else on_plane(pose.pose)
+        return None if pose is None else on_plane(pose)
 
     # -- motion ----------------------------------------------------------------------------------------
 
@@ -288,16 +383,18 @@ class RosBody:
 
     def emergency_stop(self, engage: bool) -> None:
         """Have the body itself hold still, or let go. A body without that service is only told to stop."""
-        if not self._stop_client.wait_for_server(0.0):
+        if not self._clients[topics.EMERGENCY_STOP].wait_for_server(0.0):
             return
         try:
-            self._stop_client.call(types.new(f"{topics.EMERGENCY_STOP.type}_Request", data=engage))
+            self._clients[topics.EMERGENCY_STOP].call(
+                types.new(f"{topics.EMERGENCY_STOP.type}_Request", data=engage)
+            )
         except Ros2Error as error:
             log.warning("the emergency stop does not answer: %s", error)
 
     def switch_off(self) -> None:
         """Cut the motors' power. A body without that service keeps it, which is said once."""
-        if self._power_client.wait_for_server(0.0):
+        if self._clients[topics.MOTOR_POWER].wait_for_server(0.0):
             self._switch(False)
         elif not self._said_unswitched:
             self._said_unswitched = True
@@ -305,7 +402,7 @@ class RosBody:
 
     def switch_on(self) -> bool:
         """Give the motors power, unless they are known to have it; whether they have it only now."""
-        if self._powered or not self._power_client.wait_for_server(0.0):
+        if self._powered or not self._clients[topics.MOTOR_POWER].wait_for_server(0.0):
             return False
         return self._switch(True)
 
@@ -313,7 +410,9 @@ class RosBody:
         """Whether the body did it. Work continues either way: what needs power fails by itself."""
         self._powered = None
         try:
-            reply = self._power_client.call(types.new(f"{topics.MOTOR_POWER.type}_Request", data=on))
+            reply = self._clients[topics.MOTOR_POWER].call(
+                types.new(f"{topics.MOTOR_POWER.type}_Request", data=on)
+            )
         except Ros2Error as error:
             log.warning("the motors were not switched %s: %s", "on" if on else "off", error)
             return False
@@ -369,8 +468,7 @@ class RosBody:
         return goal.result()
 
 
-def _joints(message: Any, arm: ArmModel) -> Joints:
-    position = dict(zip(message.name, message.position, strict=False))
+def _joints(position: dict[str, float], arm: ArmModel) -> Joints:
     left, right = (position[name] for name in arm.fingers)
     return Joints(np.array([position[name] for name in arm.joints]), float(left - right) / 2)
 

@@ -16,10 +16,11 @@ from rodeo.robot.arm import Arm
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.perception import Array, View
 from rodeo.robot.ros_body import RosBody
-from rodeo.ros2 import types
+from rodeo.ros2 import readings, types
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import Unknown
 from rodeo.site import topics
 from rodeo.site.topics import Topic
 
@@ -31,8 +32,6 @@ _PICTURE_S = 10.0
 """Without a picture until the camera counts as silent, see `Patience`."""
 _SLICE_S = 0.5
 """Wall time between two looks whether that is so."""
-_DEPTH_ENCODING = "32FC1"
-_MOST_PIXELS = 1_000_000
 
 
 class WristCamera:
@@ -63,12 +62,10 @@ class WristCamera:
         finally:
             node.close()
         position_m, rotation = self._pose()
-        matrix = np.array(info.k, float).reshape(3, 3)
-        if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
-            raise NoAnswer("the wrist camera does not say its focal lengths", k=matrix.ravel().tolist())
         try:
-            return [View(depth_image(frame), matrix, position_m, rotation) for frame in frames]
-        except MalformedMessage as error:
+            matrix = readings.intrinsics(info)
+            return [View(readings.depth_m(frame), matrix, position_m, rotation) for frame in frames]
+        except Unknown as error:
             raise NoAnswer(f"the wrist camera sends no depth: {error.message}") from error
 
     def _subscribe(self, node: Node, topic: Topic, into: queue.SimpleQueue[bytes]) -> None:
@@ -96,18 +93,3 @@ class WristCamera:
         c, s = math.cos(base.yaw_rad), math.sin(base.yaw_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return turn @ position_m + (base.x_m, base.y_m, 0.0), turn @ rotation
-
-
-def depth_image(image: Any) -> Array:
-    """(h, w) m of a sensor_msgs/Image. Raises MalformedMessage."""
-    height, width, step = int(image.height), int(image.width), int(image.step)
-    data = np.asarray(image.data, np.uint8)
-    if image.encoding != _DEPTH_ENCODING or step < 4 * width or not 0 < height * width <= _MOST_PIXELS:
-        raise MalformedMessage(
-            "not a depth image", encoding=str(image.encoding)[:20], width=width, height=height, step=step
-        )
-    if data.size < height * step:
-        raise MalformedMessage("the depth picture is cut off", bytes=int(data.size), expected=height * step)
-    rows = data[: height * step].reshape(height, step)[:, : 4 * width]
-    order = ">f4" if image.is_bigendian else "<f4"
-    return np.ascontiguousarray(rows).view(order).astype(float)

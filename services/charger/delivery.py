@@ -21,10 +21,10 @@ from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.recorder import OnSeal, Recorder, SealedProof
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding
 from rodeo.host.clock import Clock
-from rodeo.host.stamps import stamp_s
 from rodeo.recording.door import MessageDoor, Refusals
 from rodeo.recording.statements import Heard
 from rodeo.ros2.base import MessageInfo
+from rodeo.ros2.readings import power
 from rodeo.signing.keys import Signer
 from rodeo.site import topics
 from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
@@ -195,8 +195,8 @@ class Delivery:
             if not self._let_in(self._output_topic, topics.DOCK_OUTPUT.type, info):
                 return
             # Noise around 0 V is no negative voltage, which a record cannot hold.
-            voltage_v = max(float(message.voltage), 0.0)
-            reading = Reading(stamp_s(message.header.stamp), voltage_v, float(message.current))
+            said = power(message)
+            reading = Reading(said.time_s, max(said.voltage_v, 0.0), said.current_a)
             since_s, risen_w = reading.time_s - self._last_time_s, reading.power_w - self.power_w
             self._power_rises_w_s = risen_w / since_s if since_s > 0 and self.power_w > 0 else 0.0
             self._last_time_s = reading.time_s

@@ -19,10 +19,10 @@ from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
 from rodeo.host.files import read_model, replace_file, set_aside
-from rodeo.host.stamps import stamp_s
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.ros2.plain import deserialize
+from rodeo.ros2.readings import power
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
@@ -165,10 +165,7 @@ def recover(path: Path, output_topic: str) -> Recorded:
     try:
         for topic, _, message in SealedReader(path):
             if topic == output_topic:
-                output = deserialize(message.data, topics.DOCK_OUTPUT.type)
-                found.unsaid.append(
-                    Reading(stamp_s(output.header.stamp), float(output.voltage), float(output.current))
-                )
+                found.unsaid.append(Reading(*power(deserialize(message.data, topics.DOCK_OUTPUT.type))))
             elif topic == SEAL_CHANNEL:
                 found.seals.add("0x" + sha256(message.data).hexdigest())
             elif topic == ATTESTATION_CHANNEL:

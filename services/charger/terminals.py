@@ -11,7 +11,7 @@ from typing import Any
 from rodeo.errors import RodeoError
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.plain import PlainNode, new
-from rodeo.ros2.readings import unknown_power
+from rodeo.ros2.readings import power, why_unknown
 from rodeo.site import topics
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ class Terminals:
         node.subscription(output.name(dock=dock), output.type, self._on_output, inline=True)
 
     def _on_output(self, message: Any, info: MessageInfo) -> None:
-        self._unusable = unknown_power(message)
+        self._unusable = why_unknown(power, message)
         if not self._unusable:
             self._heard_s = time.monotonic()
             self._on_reading(message, info)

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from decimal import Decimal
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,9 +26,9 @@ from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.host.instance import HEARTBEAT_S
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.geometry import on_plane
-from rodeo.ros2 import types, wire
+from rodeo.ros2 import readings, types, wire
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.ros2.readings import unknown_charge, unknown_joints, unknown_pose
+from rodeo.ros2.readings import MOST_PUBLISHERS, Unknown
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.text.strict_json import Json
@@ -52,31 +53,40 @@ _ENDED_ASKED = 30
 _PATH_POINTS = 60
 
 
+Read = Callable[[Any], Any]
+
+
 class Newest:
     """The newest message of a ROS topic that can be used."""
 
-    def __init__(self, session: zenoh.Session, domain_id: int, topic: str, typename: str) -> None:
+    def __init__(
+        self, session: zenoh.Session, domain_id: int, topic: str, typename: str, read: Read | None = None
+    ) -> None:
         self._typename = typename
-        self._unknown = _UNKNOWN.get(typename, lambda _message: "")
+        self._read = read or _READ.get(typename, lambda message: message)
         key = wire.data_key(domain_id, topic, typename)
-        self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(MOST_PUBLISHERS))
         self.message: Any = None
         self.heard_s = -np.inf
         """Wall (monotonic) time at which it was read."""
 
     def read(self) -> None:
         """Take what has come."""
-        sample = self._subscriber.handler.try_recv()
-        if sample is None:
-            return
+        while (sample := self._subscriber.handler.try_recv()) is not None:
+            self._take(sample)
+
+    def _take(self, sample: zenoh.Sample) -> None:
         try:
             message = types.deserialize(sample.payload.to_bytes(), self._typename)
         except MalformedMessage as error:
             log.warning("ignored a message on %s: %s", sample.key_expr, error)
             return
-        if self._unknown(message):
+        try:
+            said = self._read(message)
+        except Unknown:
             return  # what was known before grows old
-        self.message = message
+        # Each publisher of joints says some of them.
+        self.message = self.message | said if isinstance(said, dict) and self.message else said
         self.heard_s = time.monotonic()
 
     @property
@@ -87,13 +97,14 @@ class Newest:
         self._subscriber.undeclare()
 
 
-_UNKNOWN: dict[str, Callable[[Any], str]] = {
-    topics.MOCAP_POSE.type: lambda message: unknown_pose(message.pose),
-    topics.ODOM.type: lambda message: unknown_pose(message.pose.pose),
-    topics.BATTERY_STATE.type: unknown_charge,
-    topics.PLAN.type: lambda path: next(filter(None, (unknown_pose(one.pose) for one in path.poses)), ""),
+_READ: dict[str, Read] = {
+    topics.MOCAP_POSE.type: lambda message: readings.pose(message.pose),
+    topics.ODOM.type: lambda message: readings.pose(message.pose.pose),
+    topics.BATTERY_STATE.type: readings.battery,
+    topics.JOINT_STATES.type: readings.positions,
+    topics.PLAN.type: lambda path: [readings.pose(one.pose).position for one in path.poses],
 }
-"""Why a message cannot be drawn. Joints are looked at one by one."""
+"""What is drawn of a message. Raises Unknown where that cannot be drawn."""
 
 
 @dataclass
@@ -265,14 +276,19 @@ class Live:
     def _subscribe(self) -> None:
         session, domain_id = self._bus.session, self._site.bus.domain_id
 
-        def keep(topic: topics.Topic, **names: str) -> None:
+        def keep(topic: topics.Topic, read: Read | None = None, **names: str) -> None:
             name = topic.name(**names)
-            self._newest[name] = Newest(session, domain_id, name, topic.type)
+            self._newest[name] = Newest(session, domain_id, name, topic.type, read)
 
         for robot in self._site.robots:
             keep(topics.MOCAP_POSE, body=robot.name)
-            for topic in (topics.ODOM, topics.JOINT_STATES, topics.BATTERY_STATE, topics.PLAN):
+            for topic in (topics.ODOM, topics.JOINT_STATES, topics.PLAN):
                 keep(topic, ns=robot.namespace)
+            keep(
+                topics.BATTERY_STATE,
+                partial(readings.battery, full=robot.battery.percentage_full),
+                ns=robot.namespace,
+            )
         for item in self._site.items:
             keep(topics.MOCAP_POSE, body=item.id)
 
@@ -287,7 +303,7 @@ class Live:
         for item in self._site.items:
             pose = self._newest[topics.MOCAP_POSE.name(body=item.id)]
             if pose.message is not None:
-                at = pose.message.pose.position
+                at = pose.message.position
                 items[item.id] = {"x": _mm(at.x), "y": _mm(at.y), "z": _mm(at.z), "fresh": pose.fresh}
         return {"robots": robots, "items": items}
 
@@ -299,19 +315,18 @@ class Live:
         battery = self._newest[topics.BATTERY_STATE.name(ns=namespace)]
         state: Json = {"fresh": False}
         if mocap.message is not None:
-            state |= _pose(mocap.message.pose) | {"fresh": mocap.fresh, "source": "motion capture"}
+            state |= _pose(mocap.message) | {"fresh": mocap.fresh, "source": "motion capture"}
         elif odom.message is not None:
-            state |= _pose(odom.message.pose.pose) | {"fresh": odom.fresh, "source": "wheel odometry"}
+            state |= _pose(odom.message) | {"fresh": odom.fresh, "source": "wheel odometry"}
         if joints.message is not None and joints.fresh:
             arm = arm_drawing(robot.kinematics)
-            if not unknown_joints(joints.message, arm.joints):
-                angles = dict(zip(joints.message.name, joints.message.position, strict=False))
-                state["arm"] = arm.points(np.array([angles[joint] for joint in arm.joints]))
+            if joints.message.keys() >= {*arm.joints}:
+                state["arm"] = arm.points(np.array([joints.message[joint] for joint in arm.joints]))
         if battery.message is not None and battery.fresh:
-            state["soc"] = round(float(battery.message.percentage), 3)
+            state["soc"] = round(battery.message.soc, 3)
         plan = self._newest[topics.PLAN.name(ns=namespace)]
         if plan.message is not None and plan.fresh:
-            points = [pose.pose.position for pose in plan.message.poses]
+            points = plan.message
             state["path"] = [[_mm(at.x), _mm(at.y)] for at in points[:: max(1, len(points) // _PATH_POINTS)]]
         return state
 

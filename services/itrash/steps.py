@@ -7,12 +7,15 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 from rodeo.host.stamps import stamp_s
 from rodeo.lab.config import BinConfig
+from rodeo.ros2 import readings
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import Unknown
 from rodeo.runtime.process import Process
 from rodeo.site import topics
 from services.itrash.behaviour import Action, Attest, Bin
@@ -54,17 +57,16 @@ class Steps:
         return sensors
 
     def _on_presence(self, message: Any, _info: MessageInfo) -> None:
-        if math.isnan(message.range):  # REP 117: an erroneous reading says nothing, not even "empty"
-            return
-        self.feed(
-            self._presence,
-            lambda: self.bin.presence(float(message.range), stamp_s(message.header.stamp)),
-        )
+        with suppress(Unknown):  # an erroneous reading says nothing, not even "empty"
+            distance_m = readings.distance_m(message)
+            self.feed(
+                self._presence, lambda: self.bin.presence(distance_m, stamp_s(message.header.stamp))
+            )
 
     def _load_callback(self, compartment: str, sensor: str) -> Callable[[Any, MessageInfo], None]:
         def on_load(message: Any, _info: MessageInfo) -> None:
-            force_n = float(message.wrench.force.z)
-            if math.isfinite(force_n):  # a broken cell weighs nothing
+            with suppress(Unknown):  # a broken cell weighs nothing
+                force_n = readings.force_n(message)
                 self.feed(sensor, lambda: self.bin.load(compartment, force_n, stamp_s(message.header.stamp)))
 
         return on_load

@@ -24,12 +24,19 @@ class Acceptance:
     """Weighs what is assigned to the robot, before the robot agrees to it."""
 
     def __init__(
-        self, site: Site, dao: RobotParticipant, clock: Clock, behaviours: Mapping[str, Behaviour]
+        self,
+        site: Site,
+        dao: RobotParticipant,
+        clock: Clock,
+        behaviours: Mapping[str, Behaviour],
+        unfit: Callable[[], str],
     ) -> None:
+        """`unfit` tells why the robot could not prove any work, if so."""
         self._site = site
         self._dao = dao
         self._clock = clock
         self._behaviours = behaviours
+        self._unfit = unfit
 
     def accept(self, task: Task, here: Pose2, busy_s: float = 0.0) -> TaskFailed | None:
         """Agree to an assigned task, or give it back where a robot that stands `here` cannot do it in time.
@@ -54,6 +61,8 @@ class Acceptance:
 
     def _refusal(self, task: Task, here: Pose2, busy_s: float) -> TaskFailed | None:
         """Why the task cannot be done, as far as is known before moving."""
+        if unfit := self._unfit():
+            return TaskFailed(f"the work could not be proved: {unfit}")
         try:
             require_time_for_verdict(task, self._site)
             needs = self._behaviours[task.kind].weigh(task, here)

@@ -109,6 +109,7 @@ class Agent:
     def step(self) -> None:
         situation = self._senses.look()
         intent, reason = reasoned(situation, self._process.site.agent)
+        unfit = self._idle.machine.body.unfit()
         self._senses.keep(situation, intent, reason)
         if intent is not Intent.OFF and self._idle.switch_on():
             return
@@ -119,11 +120,14 @@ class Agent:
         if intent is not Intent.WORK:
             # A task to be done comes first: its motion must not wait for the chain.
             self._offers.name_payout()
-            wanted = situation.able if takes_work(situation) else ()
+            wanted = situation.able if takes_work(situation) and not unfit else ()
             if wanted:
                 self._turns.let_others_begin(self._idle.activity.report, self._senses.check)
             self._offers.open(wanted)
-        self._process.ready()
+        if unfit:
+            self._process.not_ready(unfit)
+        else:
+            self._process.ready()
         self._acts[intent](situation)
 
 

@@ -119,7 +119,7 @@ def assembled(process: Process, robot: RobotConfig, closing: ExitStack) -> Agent
     activity = Activity(process, machine.body, upkeep)
     prices = Prices(site, robot, dao, upkeep, clock, process.data_dir)
     skills = parts.make_skills(machine, bins, upkeep)
-    acceptance = Acceptance(site, dao, clock, skills.behaviours)
+    acceptance = Acceptance(site, dao, clock, skills.behaviours, machine.body.unfit)
     receipts = Receipts(site, robot, witness, bus, parts.node, clock)
     closing.callback(receipts.close)
     charging = Charging(

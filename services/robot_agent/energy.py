@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -114,10 +113,7 @@ class EnergyMeter:
 
     def reading(self, time_s: float, voltage_v: float, current_a: float) -> None:
         """`current_a` is negative while it discharges, as sensor_msgs/BatteryState says."""
-        power_w = -voltage_v * current_a
-        if not math.isfinite(power_w):
-            return
-        power_w = max(0.0, power_w)
+        power_w = max(0.0, -voltage_v * current_a)
         if self._last is not None:
             last_s, last_w = self._last
             step_s = time_s - last_s

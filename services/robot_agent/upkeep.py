@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 import time
+from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from rodeo.robot.behaviour import Estimate
 from rodeo.robot.errors import CapReached
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import Unknown, power
 from rodeo.site import topics
 from rodeo.site.config import MaintenanceConfig, Site
 from services.robot_agent.energy import DETOUR, Consumption, EnergyMeter, battery_suffices
@@ -72,7 +74,8 @@ class Upkeep:
         base = self._body.recent_base_pose()
         with self._lock:
             if self._working:
-                self._meter.reading(time_s, float(message.voltage), float(message.current))
+                with suppress(Unknown):
+                    self._meter.reading(*power(message))
             if base is not None:
                 self._moved(time_s, (base.x_m, base.y_m))
             self._readings += 1

@@ -16,7 +16,7 @@ from rodeo.lab.geometry import on_plane
 from rodeo.ros2 import types
 from rodeo.ros2.action import ActionServer, ServerGoal
 from rodeo.ros2.node import Node
-from rodeo.ros2.readings import unknown_pose
+from rodeo.ros2.readings import Unknown, pose
 from rodeo.ros2.wire import LATCHED
 from rodeo.site import topics
 from services.robot_sim import messages
@@ -270,9 +270,10 @@ def _goal_pose(target: Any) -> Pose2:
     frame = target.header.frame_id
     if frame not in ("", "map"):
         raise UnknownFrame(202, "the goal must be in the frame map", frame=frame)
-    if problem := unknown_pose(target.pose):
-        raise GoalOutsideMap(204, f"the goal is no pose: {problem}")
-    return on_plane(target.pose)
+    try:
+        return on_plane(pose(target.pose))
+    except Unknown as error:
+        raise GoalOutsideMap(204, f"the goal is no pose: {error.message}") from error
 
 
 def _motion(goal: ServerGoal, arm: ArmModel) -> Motion:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -16,8 +16,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from rodeo import topics
-from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.recording.door import MessageDoor
@@ -25,16 +23,18 @@ from rodeo.robot import ros_body
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.receipts import Gauge
 from rodeo.robot.ros_body import RosBody
-from rodeo.robot.wrist_camera import depth_image
-from rodeo.ros2 import types
+from rodeo.ros2 import readings, types
 from rodeo.ros2.base import MessageInfo
-from rodeo.topics import Topic
+from rodeo.ros2.readings import Unknown
+from rodeo.site import topics
+from rodeo.site.config import Site
+from rodeo.site.topics import Topic
 from rodeo.witness.motion import MotionLog
 from rodeo.witness.motion import Sample as Seen
 from rodeo_kinds.waste_disposal.harness.workshop import CleaningWorkshop
 from rodeo_testing.recordings import Sample, Take, shifted_by
 from services.charger.session import Session, SessionLimits, SessionState
-from services.itrash.process import Itrash
+from services.itrash.steps import Steps
 from tests.outside.rows import Row
 from tests.support.site import LAB
 
@@ -129,7 +129,7 @@ MESSAGES: dict[str, Callable[[float, dict[str, Any]], Any]] = {
 
 
 class Lab:
-    """A clock that goes on while somebody waits, drivers that send meanwhile, and the node that hears."""
+    """A clock that runs while somebody waits, drivers that send meanwhile, and the node that hears."""
 
     def __init__(self, streams: Sequence[dict[str, Any]]) -> None:
         self._time_s = START_S
@@ -167,8 +167,9 @@ class Lab:
             callback(info)
 
     # as a node
-    def raw_subscription(self, topic: str, _type: str, callback: Any, **_options: Any) -> None:
+    def raw_subscription(self, topic: str, _type: str, callback: Any, **_options: Any) -> Any:
         self._heard.setdefault(topic, []).append(callback)
+        return SimpleNamespace(close=lambda: None)
 
     def subscription(self, topic: str, typename: str, callback: Any, **_options: Any) -> None:
         self.raw_subscription(
@@ -193,22 +194,25 @@ def _site() -> Site:
 
 
 @contextmanager
-def _body(streams: Sequence[dict[str, Any]]) -> Iterator[tuple[RosBody, Lab]]:
+def _body(
+    streams: Sequence[dict[str, Any]], fields: dict[str, Any] | None = None
+) -> Iterator[tuple[RosBody, Lab]]:
     lab, site = Lab(streams), _site()
     fake_time = SimpleNamespace(monotonic=lambda: lab.now_s(), time=lab.now_s)
     with (
         patch.object(ros_body, "ActionClient", lambda *_a, **_k: None),
         patch.object(ros_body, "time", fake_time),
-        patch("rodeo.clock.time", fake_time),
+        patch("rodeo.host.clock.time", fake_time),
     ):
-        wall = site.clock.model_copy(update={"source": "wall"})
-        site = site.model_copy(update={"clock": wall})
+        wall = site.clock.model_copy(update={"source": "wall", "speed": 1.0, "idle_speed": 1.0})
+        robot = RobotConfig.model_validate(site.robots[0].model_dump() | (fields or {}))
+        site = site.model_copy(update={"clock": wall, "robots": [robot]})
         yield RosBody(cast(Any, lab), site, site.robots[0], cast(Any, lab), Interrupts()), lab
 
 
 def _live(given: dict[str, Any]) -> None:
     """The robot's mind asks its body."""
-    with _body(given["streams"]) as (body, lab):
+    with _body(given["streams"], given.get("robot")) as (body, lab):
         lab.wait_until(START_S + given.get("after_s", 1.0))
         asked = given["asks"]
         found: Any
@@ -383,7 +387,11 @@ def _charge(given: dict[str, Any]) -> None:
         time_s = START_S + second
         flows = second >= 10
         current_a = 10.0 if flows else 0.0
-        gauge.reading(time_s, 40.0, given.get("current", current_a), _number(value))
+        flow = {"current": given.get("current", current_a), "percentage": value}
+        with suppress(Unknown):
+            found = readings.battery(battery(time_s, flow))
+            if found.voltage_v is not None and found.current_a is not None:
+                gauge.reading(found.time_s, found.voltage_v, found.current_a, found.soc)
         energy_wh += 40.0 * current_a / 3600
         if gauge.latest is not None:
             session.signed(gauge.latest.soc)
@@ -431,7 +439,7 @@ def _depth(given: dict[str, Any]) -> None:
         step=raw.shape[1],
         data=raw.ravel(),
     )
-    found = depth_image(image)
+    found = readings.depth_m(image)
     if not np.allclose(found[1:], 1.5) or (np.isfinite(found[0, 0]) and found[0, 0] != 0):
         raise NotThere(f"another picture: {found[0, 0]} {found[1, 1]}")
 
@@ -447,19 +455,24 @@ def _bin(given: dict[str, Any]) -> None:
     bin_ = SimpleNamespace(
         presence=lambda value, _time_s: take(value),
         load=lambda _name, value, _time_s: take(value),
+        memory=SimpleNamespace(unsigned=[]),
     )
-    process = SimpleNamespace(
-        _bin=bin_, _config=SimpleNamespace(name="itrash"), _feed=lambda _sensor, step: step()
+    heard: dict[str, Callable[[Any, Any], None]] = {}
+    node = SimpleNamespace(
+        subscription=lambda topic, _type, callback, inline: heard.update({topic: callback})
     )
-    value = _number(given["says"])
+    steps, config, value = Steps(cast(Any, bin_), cast(Any, None)), _site().bins[0], _number(given["says"])
+    steps.listen(cast(Any, node), config)
     if given["sensor"] == "presence":
+        topic = topics.BIN_PRESENCE.name(bin=config.name)
         message = types.new(topics.BIN_PRESENCE.type, header=_header(START_S), range=value)
         message.min_range, message.max_range = 0.02, 2.0
-        Itrash._on_presence(cast(Any, process), message, cast(Any, None))
     else:
+        topic = topics.BIN_LOAD.name(bin=config.name, compartment=next(iter(config.compartments)))
         message = types.new(topics.BIN_LOAD.type, header=_header(START_S))
         message.wrench.force.z = value
-        Itrash._load_callback(cast(Any, process), "paper", "load")(message, cast(Any, None))
+    with patch.object(steps, "feed", lambda _sensor, step: step()):
+        heard[topic](message, None)
     if bool(took) != given["taken"]:
         raise NotThere(f"the bin took {took}")
 

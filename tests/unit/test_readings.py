@@ -20,8 +20,8 @@ from rodeo.robot import ros_body
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
-from rodeo.ros2 import types
-from rodeo.ros2.readings import unknown_charge, unknown_joints, unknown_pose, unknown_power
+from rodeo.ros2 import readings, types
+from rodeo.ros2.readings import Unknown
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.text.strict_json import encode
@@ -69,19 +69,22 @@ BAD_POSES = [*(pose(x_m) for x_m in NO_NUMBERS), *(pose(turn=turn) for turn in N
 
 
 def test_finite_numbers_in_their_range_are_known() -> None:
-    assert not unknown_pose(pose().pose) and not unknown_pose(pose(turn=(0.6, 0.0, 0.0, -0.8)).pose)
-    assert not unknown_charge(battery(0.0)) and not unknown_charge(battery(1.0))
-    assert not unknown_power(battery()) and not unknown_joints(joints(), ("waist",))
+    assert readings.pose(pose().pose) and readings.pose(pose(turn=(0.6, 0.0, 0.0, -0.8)).pose)
+    assert [readings.battery(battery(one)).soc for one in (0.0, 1.0)] == [0.0, 1.0]
+    assert readings.power(battery())[1:] == (25.0, -2.0)
+    assert readings.joints([joints()], ("waist",)).positions == {"waist": 0.1}
 
 
 @pytest.mark.parametrize("message", BAD_POSES)
 def test_a_pose_without_place_or_rotation_is_unknown(message: Any) -> None:
-    assert unknown_pose(message.pose)
+    with pytest.raises(Unknown):
+        readings.pose(message.pose)
 
 
 @pytest.mark.parametrize("percentage", [*NO_NUMBERS, -0.1, 87.0])
 def test_a_charge_outside_its_range_is_unknown(percentage: float) -> None:
-    assert unknown_charge(battery(percentage))
+    with pytest.raises(Unknown):
+        readings.battery(battery(percentage))
 
 
 # -- the robot's mind -----------------------------------------------------------------------------------
@@ -108,7 +111,7 @@ class Robot:
     """A mind's body whose topics the test speaks on; a wait of its clock lets the next message come."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.heard: dict[str, Callable[[Any], None]] = {}
+        self.heard: dict[str, list[Callable[[Any], None]]] = {}
         self.clock = ManualClock()
         self.grip = SimpleNamespace(position=0.01, stalled=True)
         monkeypatch.setattr(ros_body, "ActionClient", lambda *_names, **_how: None)
@@ -119,11 +122,13 @@ class Robot:
         site = Site.load(LAB)
         self.body = RosBody(node, site, site.robots[0], self.clock, Interrupts())
 
-    def _subscribe(self, topic: str, _type: str, heard: Callable[[Any], None], *, inline: bool) -> None:
-        self.heard[topic] = heard
+    def _subscribe(self, topic: str, _type: str, heard: Callable[[Any], None], *, inline: bool) -> Any:
+        self.heard.setdefault(topic, []).append(heard)
+        return SimpleNamespace(close=lambda: None)
 
     def say(self, topic: str, message: Any) -> None:
-        self.heard[topic](SimpleNamespace(cdr=types.serialize(message)))
+        for heard in self.heard[topic]:
+            heard(SimpleNamespace(cdr=types.serialize(message), gid=b""))
 
 
 @pytest.fixture
@@ -205,7 +210,7 @@ def test_a_dock_that_measures_nothing_is_silent_and_says_why(value: float) -> No
     (on_output,) = topics_.values()
     for message in (battery(voltage=value), battery(current=value)):
         on_output(message, None)
-        assert "can be used: voltage and current are" in terminals.silence
+        assert "can be used: the" in terminals.silence
     assert not heard
     on_output(battery(), None)
     assert len(heard) == 1 and terminals.silence == ""
@@ -222,6 +227,8 @@ def test_the_console_draws_what_is_known(topic: topics.Topic, bad: Any, good: An
     came: list[Any] = []
 
     def take() -> Any:
+        if not came:
+            return None
         payload = types.serialize(came.pop())
         return SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload), key_expr="a key")
 
@@ -244,6 +251,7 @@ def test_the_consoles_numbers_are_finite() -> None:
 
 def test_an_experiment_notes_finite_readings_and_poses() -> None:
     meters: Any = Meters.__new__(Meters)
+    meters.site = Site.load(LAB)
     meters.lock, meters.battery, meters.flows, meters._last = threading.Lock(), [], [], {}
     for value in NO_NUMBERS:
         meters.on_gauge("panther1", battery(value), None)

@@ -21,7 +21,7 @@ def _cleaning(case: Case) -> list[tuple[Topic, str]]:
 
 
 def cleaning_topics(case: Case) -> Finding:
-    """Odometry, joints and their controllers at their nominal rates."""
+    """Odometry, joints and their controllers, at least as often as the key table says."""
     case.item  # noqa: B018 - the first check that needs to know it
     return rates(case, _cleaning(case))
 

@@ -559,7 +559,7 @@ def posted_again_after_it_began(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, assigned=shop.take.start_s + 59)
 
 
-@HARNESS.forgery("cleaning_topics", "fastest", role="holder of two keys")
+@HARNESS.forgery("classified", role="holder of two keys")
 def sped_up(shop: CleaningWorkshop) -> Submission:
     """Everything played twice as fast."""
     return shop.submitted(at_pace(shop.take, 2.0))

@@ -109,6 +109,9 @@ class KinematicBody:
         self._arm = Arm(site.robots[0].limits)
         self._hang: Vector = np.zeros(3)
 
+    def unfit(self) -> str:
+        return ""
+
     def recent_base_pose(self) -> Pose2:
         return self.base
 

@@ -10,6 +10,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import zenoh
 
@@ -118,6 +119,8 @@ class Lab:
             message = types.new(type_)
             if type_ == topics.ODOM.type:
                 message.pose.pose.orientation.w = 1.0
+            else:
+                message.name, message.position = ["waist"], np.zeros(1)
             message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
             publisher.publish(message)
 

@@ -336,7 +336,7 @@ def test_a_body_is_not_silent_while_another_process_holds_the_clock(monkeypatch:
     battery = Latest(node, "battery_state", typename, clock, Interrupts(), simulated=True)  # type: ignore[arg-type]
     cdr = types.serialize(types.new(typename, percentage=0.5))
     # It tells its state once a second.
-    clock.after = [lambda: None] * 40 + [lambda: node.heard(SimpleNamespace(cdr=cdr))]
+    clock.after = [lambda: None] * 40 + [lambda: node.heard(SimpleNamespace(cdr=cdr, gid=b""))]
     assert battery.next().percentage == pytest.approx(0.5)
     clock.wall_s += 30.0
     assert battery.recent() is not None, "the site's clock stood"
@@ -360,7 +360,7 @@ def test_only_what_a_simulated_body_said_at_the_end_of_a_motion_tells_where_it_e
     def say(stamp_s: float) -> None:
         message = types.new(typename, name=[str(stamp_s)])
         set_stamp(message, round(stamp_s * 1e9))
-        node.heard(SimpleNamespace(cdr=types.serialize(message)))
+        node.heard(SimpleNamespace(cdr=types.serialize(message), gid=b""))
 
     clock.site_ns = 5 * 10**9
     say(stamp_s)

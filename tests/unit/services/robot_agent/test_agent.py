@@ -80,6 +80,9 @@ class Night:
     memory: Any = field(default_factory=lambda: SimpleNamespace(held=None))
     agent: Any = None
 
+    def unfit(self) -> str:
+        return ""
+
     def __post_init__(self) -> None:
         self.hands: Any = SimpleNamespace(
             fold=lambda: self.did.append("fold"), make_way=lambda: self.did.append("make way")
