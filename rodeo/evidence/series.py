@@ -10,6 +10,7 @@ copies a column when it is asked for, and nothing else.
 from __future__ import annotations
 
 from array import array
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, overload
@@ -28,6 +29,8 @@ STRANGE_SHARE = 0.1
 _SAMPLES = 31
 """Messages that are looked at to find the layout that most have. With `STRANGE_SHARE` of strange ones, most
 of these are strange once in thirty million times."""
+_MOST_WALKS = 2 * _SAMPLES
+"""Over messages of one topic, however many publishers it has."""
 _GOLDEN = 0.6180339887498949
 """Places at its multiples are spread evenly, and fall into step with nothing that comes periodically."""
 _AT_ONCE_BYTES = 4 << 20
@@ -160,13 +163,14 @@ def tables(
     found: list[Table] = []
     left, lengths = np.arange(len(messages)), messages.lengths()
     named: set[str] = set()
+    layouts = _Layouts(messages, ros_type, topic)
     for _ in range(most):
         sizes, counts = np.unique(lengths[left], return_counts=True)
         rows = left[lengths[left] == sizes[counts.argmax()]]
         if most == 1:
             _refuse_strange(messages, rows, topic)
         try:
-            walk, reference, free = _most_common(messages, rows, ros_type, topic)
+            walk, reference, free = layouts.most_common(rows)
         except LayoutChanged:
             if found:
                 break
@@ -174,7 +178,7 @@ def tables(
         kept = rows[_alike(messages, rows, reference, free)]
         left = np.setdiff1d(left, kept, assume_unique=True)
         own = {bare(text) for path, text in walk.strings.items() if path.startswith(f"{names}[")}
-        if not own & named:
+        if not (own & named or (found and len(kept) == 1)):
             named |= own
             buffer, starts = np.frombuffer(messages.buffer, np.uint8), messages.starts()
             at_ns = np.frombuffer(log_ns, np.uint64)[kept]
@@ -199,36 +203,54 @@ def _alike(messages: Payloads, rows: Array, reference: Array, free: Array) -> Ar
     return alike
 
 
-def _most_common(messages: Payloads, rows: Array, ros_type: str, topic: str) -> tuple[Walk, Array, Array]:
-    """The layout that most of the sampled `rows` have: the walk over one of them, its bytes, and which of
-    these are free to differ. A layout is recognised by its bytes, so no message is walked over in vain.
+class _Layouts:
+    """The layouts that samples of a topic's messages have. One is recognised by its bytes, so no message is
+    walked over in vain, and what was walked over for one publisher is not again for the next."""
 
-    Raises LayoutChanged if most cannot be read.
-    """
-    found: list[tuple[Walk, Array, Array]] = []
-    votes: list[int] = []
-    unreadable: list[LayoutChanged] = []
-    for sample in range(min(_SAMPLES, len(rows))):
-        row = sample if len(rows) <= _SAMPLES else int(sample * _GOLDEN % 1 * len(rows))
-        message = messages[int(rows[row])]
+    def __init__(self, messages: Payloads, ros_type: str, topic: str) -> None:
+        self._messages, self._type, self._topic = messages, ros_type, topic
+        self._known: list[tuple[Walk, Array, Array]] = []
+        self._unreadable: dict[int, LayoutChanged] = {}
+        self._left = _MOST_WALKS
+
+    def most_common(self, rows: Array) -> tuple[Walk, Array, Array]:
+        """The layout that most of the sampled `rows`, of one length, have: the walk over one of them, its
+        bytes, and which of these are free to differ.
+
+        Raises LayoutChanged if most cannot be read.
+        """
+        votes = Counter[int]()
+        unreadable: list[LayoutChanged] = []
+        for sample in range(min(_SAMPLES, len(rows))):
+            at = int(rows[sample if len(rows) <= _SAMPLES else int(sample * _GOLDEN % 1 * len(rows))])
+            try:
+                votes[self._layout(at)] += 1
+            except LayoutChanged as error:
+                unreadable.append(error)
+        if unreadable and len(unreadable) >= max(votes.values(), default=0):
+            raise unreadable[0]
+        return self._known[max(votes, key=lambda one: votes[one])]
+
+    def _layout(self, row: int) -> int:
+        """Which of those known a message has. Raises LayoutChanged."""
+        message = self._messages[row]
         data = np.frombuffer(message, np.uint8)
-        alike = (number for number, (_, own, free) in enumerate(found) if ((data == own) | free).all())
-        if (number := next(alike, None)) is not None:
-            votes[number] += 1
-            continue
+        for number, (_, own, free) in enumerate(self._known):
+            if len(own) == len(data) and ((data == own) | free).all():
+                return number
+        if row in self._unreadable or not self._left:
+            raise self._unreadable.get(row) or LayoutChanged("too many layouts", topic=self._topic)
+        self._left -= 1
         try:
-            walk = _walked(message, ros_type, topic)
+            walk = _walked(message, self._type, self._topic)
         except LayoutChanged as error:
-            unreadable.append(error)
-            continue
+            self._unreadable[row] = error
+            raise
         free = np.ones(len(data), bool)
         for guard in walk.guards:
             free[guard] = False
-        found.append((walk, data, free))
-        votes.append(1)
-    if unreadable and len(unreadable) >= max(votes, default=0):
-        raise unreadable[0]
-    return found[int(np.argmax(votes))]
+        self._known.append((walk, data, free))
+        return len(self._known) - 1
 
 
 def _walked(message: bytes, ros_type: str, topic: str) -> Walk:
