@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rodeo.checks.case import Case, CaseError
 from rodeo.checks.results import once_per_case
 from rodeo.evidence.series import Array, Table
+from rodeo.ros2.readings import are_joints
 from rodeo.site import topics
+
+if TYPE_CHECKING:
+    from rodeo.lab.arm import ArmModel
 
 
 @dataclass(frozen=True)
@@ -50,15 +54,29 @@ def named_tables(case: Case, topic: topics.Topic, name: str) -> list[Table]:
     that says most of them, and what says none of them is left out."""
     name = "/" + name
     tables = case.proof.tables(name, topic.type)
-    if len(tables) > 1:
-        # Imported here: the oracle's own process has no use for MuJoCo.
-        from rodeo.lab.world import arm_model
+    if topic is not topics.JOINT_STATES:
+        return [_of_evidence(case, one, name) for one in tables]
+    # Imported here: the oracle's own process has no use for MuJoCo.
+    from rodeo.lab.world import arm_model
 
-        arm = arm_model(case.robot.kinematics)
-        said = [len({*arm.joints, *arm.fingers} & {*one.names()}) for one in tables]
-        ranked = sorted(zip(said, tables, strict=True), key=lambda one: -one[0])
-        tables = [one for count, one in ranked if count] or tables[:1]
-    return [_of_evidence(case, one, name) for one in tables]
+    arm = arm_model(case.robot.kinematics)
+    said = [len({*arm.joints, *arm.fingers} & {*one.names()}) for one in tables]
+    ranked = sorted(zip(said, tables, strict=True), key=lambda one: -one[0])
+    tables = [one for count, one in ranked if count] or tables[:1]
+    return [_of_numbers(_of_evidence(case, one, name), arm) for one in tables]
+
+
+def _of_numbers(table: Table, arm: ArmModel) -> Table:
+    """The messages that say where each of their joints of the arm is, and how hard their fingers push.
+    Drivers say NaN for what they did not measure, also of wheels."""
+    known, names = np.ones(len(table), bool), table.names()
+    for path, joints in (("position", (*arm.joints, *arm.fingers)), ("effort", arm.fingers)):
+        wanted = [name for name in joints if name in names]
+        if wanted and table.numbers[path].length == len(names):
+            known &= are_joints(table.named(path, wanted))
+    if not known.any():
+        raise CaseError("no message says numbers for the joints", topic=table.topic)
+    return table.only(known)
 
 
 def _of_evidence(case: Case, table: Table, name: str) -> Table:

@@ -254,7 +254,7 @@ class BatteryConfig(Section):
     capacity_wh: Positive = 734.0
     capacity_ah: Positive = 20.0
     resistance_ohm: Positive = 0.15
-    percentage_full: Literal[1, 100] = Field(1, description="what its driver calls full")
+    percentage_full: float = Field(1.0, ge=1, le=1e6, description="what its driver calls full")
     soc: float = Field(1.0, ge=0, le=1, description="state of charge when the world is new")
     idle_power_w: Positive = 45.0
     standby_power_w: float = Field(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from statistics import median
+from typing import NamedTuple
 
+from rodeo.evidence.container import Limits
 from rodeo.host.clock import Clock
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.rates import FASTEST_HZ
@@ -16,6 +19,7 @@ from rodeo.ros2 import plain
 from rodeo.ros2.base import MessageInfo, Subscription
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.ros2.node import Node
+from rodeo.ros2.readings import MOST_PUBLISHERS
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.site.rates import SETTING, accepted_hz
@@ -27,22 +31,55 @@ _LASTED_S = 1.5
 _HEARD_S = 10.0
 _SLACK = 1.1
 """Times the highest rate: a scheduler is not a metronome."""
+_AGAIN_SHARE = 0.15
+"""Share of stamps that may be repeated, or go back: such messages are no evidence, and count as missed."""
+_RECORD_BYTES = 31
+"""What a file adds to a message."""
+LEAST_WORK_S = 300.0
+"""Work of so long has to fit into a proof before any is taken."""
+
+
+class _Heard(NamedTuple):
+    """One message: site time, and stamp."""
+
+    at_s: float
+    stamp_s: float
+
+
+@dataclass
+class _Publisher:
+    says: frozenset[str]
+    """Which of the arm's joints, or all that there is."""
+    heard: deque[_Heard] = field(default_factory=lambda: deque(maxlen=_MOST))
+    size_bytes: int = 0
+
+    def since(self, at_s: float) -> list[_Heard]:
+        return [one for one in self.heard.copy() if one.at_s > at_s]
 
 
 class Pace:
-    """Listens to each topic of the robot until it is known to be good enough. A publisher that says some of
-    the joints is looked at like one that says all."""
+    """Listens to each topic of the robot until it is known to be good enough. Of publishers that say the same
+    the one that was heard first counts, as it does for the recorder.
 
-    def __init__(self, node: Node, site: Site, robot: RobotConfig, clock: Clock) -> None:
-        self._rates, self._clock = robot.rates, clock
+    Args:
+        joints: those of the arm. Whoever says others only may say them as often as it likes.
+        most: what a proof holds.
+    """
+
+    def __init__(
+        self, node: Node, site: Site, robot: RobotConfig, clock: Clock, joints: tuple[str, ...], most: Limits
+    ) -> None:
+        self._rates, self._clock, self._most = robot.rates, clock, most
+        self._joints = {name: name.encode() + b"\0" for name in joints}
         self._slack_s = stamp_slack_s(max(site.clock.speed, site.clock.idle_speed))
-        self._heard: dict[Topic, dict[bytes, deque[tuple[float, float]]]] = {}
-        """Topic -> publisher -> (site time, stamp) of its last messages."""
+        self._publishers: dict[Topic, dict[bytes, _Publisher]] = {}
+        self._flows: dict[tuple[str, bytes], tuple[float, float]] = {}
+        """Topic and publisher -> messages and bytes in a second."""
         self._inputs: dict[Topic, Subscription] = {}
         self._names: dict[Topic, str] = {}
         for topic in topics.ROBOT_STATE:
             if topic is not topics.POSE or not site.lab.mocap:
-                self._heard[topic] = {}
+                self._publishers[topic] = {}
                 self._names[topic] = topic.name(ns=robot.namespace)
                 self._inputs[topic] = node.raw_subscription(
                     self._names[topic], topic.type, partial(self._on_message, topic), inline=True
@@ -50,41 +87,62 @@ class Pace:
 
     def _on_message(self, topic: Topic, info: MessageInfo) -> None:
         with suppress(MalformedMessage):
-            stamp_s = plain.stamp_ns(info.cdr) * 1e-9
-            heard = self._heard[topic]
-            if info.gid not in heard:
-                heard[info.gid] = deque(maxlen=_MOST)
-            heard[info.gid].append((self._clock.now_s(), stamp_s))
+            heard = _Heard(self._clock.now_s(), plain.stamp_ns(info.cdr) * 1e-9)
+            publisher = self._publishers[topic].get(info.gid) or self._new(topic, info, heard.at_s)
+            if publisher is not None:
+                publisher.heard.append(heard)
+                publisher.size_bytes = len(info.cdr) + _RECORD_BYTES
 
-    def misfit(self, now_s: float) -> str:
-        """Why work cannot be proved with drivers that speak so; "" where it can, or is not known yet."""
+    def _new(self, topic: Topic, info: MessageInfo, now_s: float) -> _Publisher | None:
+        known = self._publishers[topic]
+        live = {gid: one for gid, one in known.items() if one.since(now_s - _HEARD_S)}
+        says, most = frozenset({topic.key}), 1
+        if topic is topics.JOINT_STATES:
+            says = frozenset(name for name, text in self._joints.items() if text in info.cdr)
+            most = MOST_PUBLISHERS
+        if len(live) >= most or (says and says <= {name for one in live.values() for name in one.says}):
+            return None
+        # Replaced as a whole: others look meanwhile.
+        self._publishers[topic] = live | {info.gid: _Publisher(says)}
+        return self._publishers[topic][info.gid]
+
+    def misfit(self, now_s: float, work_s: float) -> str:
+        """Why work of `work_s` cannot be proved with drivers that speak so; "" where it can, or is not known
+        yet."""
         for topic in [*self._inputs]:
-            said, known = "", False
-            for heard in self._heard[topic].copy().values():
-                found = self._of(topic, [one for one in heard.copy() if now_s - one[0] < _HEARD_S])
-                said, known = said or found or "", known or found is not None
-            if said:
-                return f"{self._names[topic]}: {said}"
+            known = False
+            for gid, publisher in self._publishers[topic].items():
+                found = self._of(topic, gid, publisher, publisher.since(now_s - _HEARD_S))
+                if found:
+                    return f"{self._names[topic]}: {found}"
+                known = known or found is not None
             if known:
                 self._inputs.pop(topic).close()
-        return ""
+        return self._too_much(work_s)
 
-    def _of(self, topic: Topic, heard: list[tuple[float, float]]) -> str | None:
+    def _of(self, topic: Topic, gid: bytes, publisher: _Publisher, heard: list[_Heard]) -> str | None:
         """None where too little was heard."""
         if not heard:
             return None
-        last_s, last_stamp_s = heard[-1]
-        if abs(last_stamp_s - last_s) > self._slack_s:
-            off_s = last_stamp_s - last_s
+        off_s = heard[-1].stamp_s - heard[-1].at_s
+        if publisher.says and abs(off_s) > self._slack_s:
             return (
                 f"its stamps are {off_s:+.0f} s off the site's clock; synchronize the robot's "
                 "clock (NTP), and have the driver stamp its messages"
             )
-        stamps = [stamp_s for _, stamp_s in heard]
-        steps = [after - before for before, after in pairwise(stamps) if after > before]
-        if len(steps) < 2 or stamps[-1] - stamps[0] < _LASTED_S:
+        steps = [after.stamp_s - before.stamp_s for before, after in pairwise(heard)]
+        forward = [one for one in steps if one > 0]
+        if len(forward) < 2 or heard[-1].at_s - heard[0].at_s < _LASTED_S:
             return None
-        hz = 1 / median(steps)
+        hz = 1 / median(forward)
+        self._flows[self._names[topic], gid] = hz, hz * publisher.size_bytes
+        if not publisher.says:
+            return ""
+        if len(forward) < (1 - _AGAIN_SHARE) * len(steps):
+            return (
+                f"{1 - len(forward) / len(steps):.0%} of its stamps do not come after the one before; have "
+                "the driver stamp each message when it measures"
+            )
         least_hz, most_hz = accepted_hz(self._rates, topic)
         if hz < least_hz:
             return f"it comes at {hz:.0f} Hz, and a proof needs {topic.rate_hz:g} Hz"
@@ -94,3 +152,18 @@ class Pace:
                 f"robot's rates, {FASTEST_HZ:g} Hz at most"
             )
         return ""
+
+    def _too_much(self, work_s: float) -> str:
+        if not self._flows:
+            return ""
+        (name, _), (hz, _) = max(self._flows.items(), key=lambda one: one[1][1])
+        messages, size = (work_s * sum(one) for one in zip(*self._flows.values(), strict=True))
+        if messages > self._most.messages:
+            said = f"{messages:,.0f} messages, and a proof holds {self._most.messages:,}"
+        elif size > self._most.uncompressed_bytes:
+            said = f"{size / 1e6:,.0f} MB, and a proof holds {self._most.uncompressed_bytes / 1e6:,.0f}"
+        else:
+            return ""
+        return (
+            f"{work_s:.0f} s of work are {said}; have the drivers publish less, first /{name} ({hz:.0f} Hz)"
+        )

@@ -12,13 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rodeo.checks.counts import COUNTS
+from rodeo.evidence.container import Limits
 from rodeo.host.clock import Clock, Patience
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.geometry import on_plane, quaternion_of
 from rodeo.lab.layout import on_contacts
 from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
-from rodeo.recording.pace import Pace
+from rodeo.recording.pace import LEAST_WORK_S, Pace
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
@@ -47,6 +49,8 @@ _SILENT_AFTER_S = 10.0
 """Without a message until the body counts as silent, see `Patience`."""
 _FRESH_S = 0.1
 """Site time for which a message tells how things are now, unless a motion ended since it came."""
+_LASTING_S = 2.0
+"""Nonsense for so long is no single message. A driver that starts says zeros before its first measurement."""
 _CLOCK_BEHIND_S = 1.0
 """Site time by which a simulated clock is heard late at most: no stamp is believed that is further ahead."""
 _GOAL_TIME_TOLERANCE_S = 3
@@ -119,6 +123,8 @@ class Latest:
         self.topic = topic
         self.problem = ""
         """Why the messages that were decoded last cannot be used."""
+        self._problem_s = math.inf
+        """Site time since which there is one."""
         self._read, self._publishers = read, publishers
         self._simulated = simulated
         self._interrupts = interrupts
@@ -154,6 +160,12 @@ class Latest:
             if min(wall_s - one.wall_s, site_s - one.site_s) < _SILENT_AFTER_S
         ]
         return self._said(newest)[0]
+
+    def lasting_problem(self) -> str:
+        """Why nothing can be used that was said for a while; "" while there is no such reason."""
+        self.recent()
+        lasts = self.problem and self._clock.now_s() - self._problem_s >= _LASTING_S
+        return self.problem if lasts else ""
 
     def since(self, moved_s: float) -> Any:
         """What is known, if all of it is fresh and came after `moved_s`, else what comes next.
@@ -226,6 +238,7 @@ class Latest:
         elif not newest:
             return None, []
         if problem and not self.problem:
+            self._problem_s = self._clock.now_s()
             log.warning("ignored a message on %s: %s", self.topic, problem)
         elif self.problem and not problem:
             log.info("messages on %s can be used again", self.topic)
@@ -275,8 +288,8 @@ class RosBody:
             return Latest(node, name, topic.type, clock, interrupts, simulated, read, publishers)
 
         arm = self._arm_model = arm_model(robot.kinematics)
-        self._pace = Pace(node, site, robot, clock)
         wanted = (*arm.joints, *arm.fingers)
+        self._pace = Pace(node, site, robot, clock, wanted, COUNTS.limits(Limits().file_bytes))
 
         def gather(messages: list[Any]) -> tuple[Any, frozenset[int]]:
             found, used = readings.joints(messages, wanted)
@@ -348,10 +361,14 @@ class RosBody:
         heard = (self._battery, self._pose, self._joint_states)
         return "; ".join(f"{one.topic}: {one.problem}" for one in heard if one.problem)
 
-    def unfit(self) -> str:
-        """Why no work can be proved with a body that speaks so, as far as it was heard; "" if it can."""
-        if said := self._pace.misfit(self._clock.now_s()):
+    def unfit(self, work_s: float = LEAST_WORK_S) -> str:
+        """Why no work of `work_s` can be proved with a body that speaks so, as far as it was heard; "" if it
+        can."""
+        if said := self._pace.misfit(self._clock.now_s(), work_s):
             return said
+        for one in (self._battery, self._pose, self._joint_states):
+            if said := one.lasting_problem():
+                return f"{one.topic}: {said}"
         joints: _Said | None = self._joint_states.recent()
         if joints is not None and joints.without_effort:
             return f"{self._joint_states.topic}: no effort of {', '.join(joints.without_effort)}"
@@ -427,9 +444,10 @@ class RosBody:
         command = types.new("control_msgs/msg/GripperCommand", position=position_m, max_effort=force_n)
         goal = types.new(f"{topics.GRIPPER_CMD.type}_Goal", command=command)
         result = self._execute(self._grip, lambda: goal)
-        if not math.isfinite(result.position):
-            raise MotionFailed("the gripper does not say where its fingers are", position=result.position)
-        return Grip(float(result.position), bool(result.stalled))
+        try:
+            return Grip(readings.JOINT.known(result.position), bool(result.stalled))
+        except Unknown as error:
+            raise MotionFailed(f"the gripper does not say where its fingers are: {error.message}") from error
 
     def _execute(
         self,

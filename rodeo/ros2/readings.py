@@ -71,8 +71,9 @@ class Quantity(NamedTuple):
 _FULL_SLACK = 0.05
 """Gauges show a little more than full."""
 CHARGE = Quantity("percentage", "", 0.0, 1.0 + _FULL_SLACK)
-VOLTAGE = Quantity("voltage", "V", -1e5, 1e5)
-CURRENT = Quantity("current", "A", -1e5, 1e5)
+VOLTAGE = Quantity("voltage", "V", -10.0, 1e3)
+CURRENT = Quantity("current", "A", -1e3, 1e3)
+"""Drivers that say mV and mA are outside soon."""
 FORCE = Quantity("force", "N", -1e4, 1e4)
 JOINT = Quantity("position", "rad or m", -1e3, 1e3)
 FARTHEST_M = 1e4
@@ -135,10 +136,10 @@ def battery(message: Any, full: float = 1.0) -> Battery:
     try:
         soc = CHARGE.known(message.percentage / full)
     except Unknown as error:
-        if 1 + _FULL_SLACK < message.percentage <= 100 and full == 1:
+        if message.percentage > 1 + _FULL_SLACK:
             raise Unknown(
-                f"the percentage is {message.percentage:g}: if that is of 100, set percentage_full = 100 in "
-                "the robot's battery"
+                f"the percentage is {message.percentage:g}, and full is {full:g}: set percentage_full in the "
+                "robot's battery to what its driver calls full, such as percentage_full = 100"
             ) from error
         raise
     if not (soc or message.voltage):
@@ -248,6 +249,13 @@ def without_effort(messages: Sequence[Any], wanted: Collection[str]) -> list[str
         if math.isfinite(effort)
     }
     return [name for name in wanted if name not in said]
+
+
+def are_joints(columns: Any) -> Any:
+    """(n,) bool: which rows of positions or efforts (n, m) are numbers that a joint can have."""
+    import numpy as np
+
+    return (np.abs(columns) <= JOINT.most).all(axis=1)  # False for NaN
 
 
 # -- sensors ---------------------------------------------------------------------------------------------

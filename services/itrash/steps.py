@@ -59,9 +59,7 @@ class Steps:
     def _on_presence(self, message: Any, _info: MessageInfo) -> None:
         with suppress(Unknown):  # an erroneous reading says nothing, not even "empty"
             distance_m = readings.distance_m(message)
-            self.feed(
-                self._presence, lambda: self.bin.presence(distance_m, stamp_s(message.header.stamp))
-            )
+            self.feed(self._presence, lambda: self.bin.presence(distance_m, stamp_s(message.header.stamp)))
 
     def _load_callback(self, compartment: str, sensor: str) -> Callable[[Any, MessageInfo], None]:
         def on_load(message: Any, _info: MessageInfo) -> None:

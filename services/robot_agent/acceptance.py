@@ -19,6 +19,8 @@ from services.robot_agent.participant import RobotParticipant
 
 log = logging.getLogger(__name__)
 
+_UNPROVED = "the work could not be proved"
+
 
 class Acceptance:
     """Weighs what is assigned to the robot, before the robot agrees to it."""
@@ -29,9 +31,9 @@ class Acceptance:
         dao: RobotParticipant,
         clock: Clock,
         behaviours: Mapping[str, Behaviour],
-        unfit: Callable[[], str],
+        unfit: Callable[..., str],
     ) -> None:
-        """`unfit` tells why the robot could not prove any work, if so."""
+        """`unfit` tells why the robot could not prove any work, or work of so many seconds, if so."""
         self._site = site
         self._dao = dao
         self._clock = clock
@@ -62,11 +64,13 @@ class Acceptance:
     def _refusal(self, task: Task, here: Pose2, busy_s: float) -> TaskFailed | None:
         """Why the task cannot be done, as far as is known before moving."""
         if unfit := self._unfit():
-            return TaskFailed(f"the work could not be proved: {unfit}")
+            return TaskFailed(f"{_UNPROVED}: {unfit}")
         try:
             require_time_for_verdict(task, self._site)
             needs = self._behaviours[task.kind].weigh(task, here)
             require_time_for_work(task, busy_s + needs.duration_s, self._clock.now_s())
+            if unfit := self._unfit(needs.duration_s):
+                raise TaskFailed(f"{_UNPROVED}: {unfit}")
         except TaskFailed as error:
             return error
         except ValidationError as error:

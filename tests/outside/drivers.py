@@ -6,8 +6,9 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from copy import deepcopy
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial, reduce
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ from unittest.mock import patch
 import numpy as np
 
 from rodeo.errors import RodeoError
+from rodeo.host.stamps import set_stamp
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.recording.door import MessageDoor
 from rodeo.robot import ros_body
@@ -100,13 +102,24 @@ def pose(time_s: float, fields: dict[str, Any]) -> Any:
     return types.new(topics.POSE.type, header=header, pose=inner)
 
 
+def _stamp_s(time_s: float, fields: dict[str, Any]) -> float:
+    """With a clock that ticks each `tick_s`, and one message of `late_every` `back_s` late."""
+    if tick_s := fields.get("tick_s"):
+        time_s = START_S + math.floor((time_s - START_S) / tick_s + 1e-6) * tick_s
+    late = (round((time_s - START_S) * 100) % fields.get("late_every", 2) == 1) * fields.get("back_s", 0.0)
+    return time_s + fields.get("stamp_off_s", 0.0) - late
+
+
 def joints(time_s: float, fields: dict[str, Any]) -> Any:
     names = [name for part in fields.get("parts", PARTS) for name in PARTS[part]]
     names = names[::-1] if fields.get("reversed") else names
     names = [name for name in names if name not in fields.get("without", ())]
     names += fields.get("again", [])
     positions = [fields.get("other", POSITIONS.get(name, 0.0)) for name in names]
-    for name, value in fields.get("positions", {}).items():
+    said = fields.get("positions", {}) | {
+        name: math.nan for part in fields.get("nowhere", ()) for name in PARTS[part]
+    }
+    for name, value in said.items():
         positions[names.index(name)] = value
     columns = {"position": positions, "velocity": [0.0] * len(names), "effort": [1.0] * len(names)}
     columns |= {one: [] for one in fields.get("empty", ())}
@@ -115,7 +128,7 @@ def joints(time_s: float, fields: dict[str, Any]) -> Any:
     arrays = {name: np.array(one, float) for name, one in columns.items()}
     return types.new(
         topics.JOINT_STATES.type,
-        header=_header(time_s + fields.get("stamp_off_s", 0.0), fields.get("frame", "")),
+        header=_header(_stamp_s(time_s, fields), fields.get("frame", "")),
         name=named,
         **arrays,
     )
@@ -231,9 +244,11 @@ def _live(given: dict[str, Any]) -> None:
 
 def _ready(given: dict[str, Any]) -> None:
     """The robot's mind looks whether it can work with this body at all."""
-    with _body(given["streams"]) as (body, lab):
-        lab.wait_until(START_S + 5.0)
-        if said := body.unfit():
+    with _body(given["streams"], given.get("robot")) as (body, lab):
+        for step in range(1, 11):
+            lab.wait_until(START_S + step / 2)
+            said = body.unfit()
+        if said:
             raise NotThere(said)
 
 
@@ -297,9 +312,37 @@ def _film(given: dict[str, Any]) -> None:
         take = _split(take, parts)
     if given.get("prefix"):
         take = take.edited("panther1/joint_states", lambda s: _renamed(s, given["prefix"]))
+    for name, fields in given.get("unmeasured", {}).items():
+        take = take.edited(TOPICS[name].name(ns="panther1"), partial(_unmeasured, fields))
+    if every := given.get("stamped_again"):
+        take = take.edited("panther1/joint_states", partial(_stamped_again, every))
     report = shop.judged(replace(shop.submitted(take), site=_declaring(shop.site, given.get("rates"))))
     if not report.accepted:
         raise NotThere(report.reason)
+
+
+def _unmeasured(fields: dict[str, Any], sample: Sample) -> Sample:
+    """`fields` of joints, or of a controller's feedback, are NaN in every so many messages."""
+    if sample.sequence % fields.get("every", 1):
+        return sample
+    message = deepcopy(sample.message)
+    for name in fields.get("all", ()):
+        inner = reduce(getattr, name.split(".")[:-1], message)
+        column = getattr(inner, name.rpartition(".")[2])
+        setattr(inner, name.rpartition(".")[2], np.full(len(column), np.nan))
+    for part in fields.get("nowhere", ()):
+        message.position = np.where(np.isin(message.name, PARTS[part]), np.nan, message.position)
+        message.effort = np.where(np.isin(message.name, PARTS[part]), np.nan, message.effort)
+    return replace(sample, message=message)
+
+
+def _stamped_again(every: int, sample: Sample) -> Sample:
+    """One message of so many has the stamp of the one before."""
+    if sample.sequence % every:
+        return sample
+    message = deepcopy(sample.message)
+    set_stamp(message, sample.time_ns - 20_000_000)
+    return replace(sample, message=message)
 
 
 def _declaring(site: Site, rates: dict[str, float] | None) -> Site:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import os
 import struct
+from copy import deepcopy
 from dataclasses import replace
 from hashlib import sha256
 from typing import Any
@@ -874,6 +875,40 @@ def a_grip_of_steel(shop: CleaningWorkshop) -> Submission:
 
 _STRONG = np.ones(12)
 _STRONG[FINGERS] = 10.0
+
+
+@HARNESS.forgery("cleaning_topics", "no message says numbers", role="executor")
+def fingers_that_measure_nothing(shop: CleaningWorkshop) -> Submission:
+    """The efforts of the fingers are NaN throughout: nothing says that they held the item."""
+    return shop.submitted(
+        shop.take.edited(JOINT_STATES, lambda s: with_joints(s, effort=s.message.effort * np.nan))
+    )
+
+
+@HARNESS.forgery("cleaning_gaps", JOINT_STATES, role="executor")
+def infinite_positions_for_a_while(shop: CleaningWorkshop) -> Submission:
+    """The joints' positions are infinite in the part in which the robot misbehaved."""
+    begin_s, end_s = middle_s(shop.take, 0.5), middle_s(shop.take, 0.65)
+    take = edited_between(
+        shop.take,
+        JOINT_STATES,
+        begin_s,
+        end_s,
+        lambda s: with_joints(s, position=s.message.position + np.inf),
+    )
+    return shop.submitted(take)
+
+
+@HARNESS.forgery("odometry", "nan", role="executor")
+def odometry_without_numbers(shop: CleaningWorkshop) -> Submission:
+    """The odometry is NaN wherever it would disagree."""
+
+    def unmeasured(sample: Sample) -> Sample:
+        message = deepcopy(sample.message)
+        message.pose.pose.position.x = math.nan
+        return replace(sample, message=message)
+
+    return shop.submitted(shop.take.edited(ODOM, unmeasured))
 
 
 @HARNESS.forgery("gripper_agrees", role="executor")

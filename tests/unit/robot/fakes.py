@@ -109,7 +109,7 @@ class KinematicBody:
         self._arm = Arm(site.robots[0].limits)
         self._hang: Vector = np.zeros(3)
 
-    def unfit(self) -> str:
+    def unfit(self, work_s: float = 0.0) -> str:
         return ""
 
     def recent_base_pose(self) -> Pose2:

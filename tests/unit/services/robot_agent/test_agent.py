@@ -80,7 +80,7 @@ class Night:
     memory: Any = field(default_factory=lambda: SimpleNamespace(held=None))
     agent: Any = None
 
-    def unfit(self) -> str:
+    def unfit(self, work_s: float = 0.0) -> str:
         return ""
 
     def __post_init__(self) -> None:

@@ -219,7 +219,7 @@ class Mind:
             standing=Standing(), working_on=lambda _nonce: None, cancelled=lambda _nonce: False
         )
         idle = AtRest(process, machine, self.news, activity, fit, none, self.offers)
-        acceptance = Acceptance(site, self.dao, self.clock, self.behaviours, lambda: "")
+        acceptance = Acceptance(site, self.dao, self.clock, self.behaviours, lambda *_: "")
         seq: Any = SimpleNamespace(seq=0)
         assignments = Assignments(self.dao, seq, acceptance, self.news, self.orders)
         execution = Execution(process, machine, skills, fit, assignments, activity)
