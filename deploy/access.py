@@ -46,6 +46,8 @@ _CALLERS: dict[str, str] = {
     topics.ROBOT_ORDER.key: OPERATOR,
     # A certificate for people would give commands there that people may not give.
     topics.ROS_SERVICE.key: NODE,
+    topics.ROS_CREATE_TASK.key: NODE,
+    topics.ROS_DO_TASK.key: "ros_dao",
 }
 """The one process that uses a service or action which moves or switches something."""
 

@@ -2,6 +2,8 @@
 
 naming      what ROS calls a field, a message and a service
 fields      the fields of a message, from those of a model
+problem     an error as nodes get it
+actions     what the goals, results and feedback of actions hold
 package     every message, service and action, their texts, and their types in `rodeo.ros2`
 convert     values of models to messages, and back
 generate    writes the folder `rodeo_msgs` and its page of reference

@@ -15,9 +15,9 @@ from rodeo.errors import InvalidRequest, RodeoError
 from rodeo.host.stamps import stamp_ns
 from rodeo.interfaces.fields import PACKAGE, Count, Field, How, fields_of
 from rodeo.interfaces.package import kind_message, kind_models, params_fields
-from rodeo.money.currency import Currency
+from rodeo.interfaces.problem import problem_of
+from rodeo.money.currency import IEC, Currency
 from rodeo.ros2 import types
-from rodeo.text.redaction import redacted_json
 from rodeo.text.strict_json import encode
 
 _NUMBERS = {"int64": np.int64, "float64": np.float64, "bool": np.bool_}
@@ -26,18 +26,12 @@ _PARAMS = f"{PACKAGE}/msg/TaskParams"
 
 def problem(error: RodeoError) -> Any:
     """rodeo_msgs/Problem of what the bridge, or this process, refused."""
-    said = redacted_json(error.to_json())
-    return types.new(
-        f"{PACKAGE}/msg/Problem",
-        code=said["code"],
-        message=said["message"],
-        details=encode(said["details"]).decode(),
-    )
+    return message(problem_of(error), IEC)
 
 
-def message(model: BaseModel, currency: Currency) -> Any:
-    """The message of an answer."""
-    typename = f"{PACKAGE}/msg/{type(model).__name__}"
+def message(model: BaseModel, currency: Currency, typename: str = "") -> Any:
+    """The message of an answer, by default of the type that has the model's name."""
+    typename = typename or f"{PACKAGE}/msg/{type(model).__name__}"
     return _message(typename, _fields(type(model)), model, currency)
 
 

@@ -11,7 +11,16 @@ from importlib.metadata import version
 from pathlib import Path
 
 from rodeo.interfaces.fields import PACKAGE, Count, Field, How
-from rodeo.interfaces.package import Interface, asked, commands, interfaces, register
+from rodeo.interfaces.naming import service_name
+from rodeo.interfaces.package import (
+    Interface,
+    asked,
+    commands,
+    create_task,
+    do_task,
+    interfaces,
+    register,
+)
 from rodeo.payloads import meanings
 from rodeo.ros2.definitions import type_hash
 
@@ -32,7 +41,7 @@ def _comment(interface: Interface, part: int, field: Field, name: str) -> list[s
         meaning = (info and info.description) or (meanings(model).get(field.source, "") if model else "")
         said += [meaning.replace("\\|", "|")] if meaning else []
         said += _form(field)
-    request = interface.form == "srv" and part == 0
+    request = interface.form != "msg" and part == 0
     if request and field.how is How.AMOUNT:
         said.append(f"Say {field.name} or {field.wei}; both only if they agree.")
     elif field.count is Count.OPTIONAL:
@@ -94,6 +103,7 @@ _MANIFEST = """\
   <license>Apache-2.0</license>
   <buildtool_depend>ament_cmake</buildtool_depend>
   <buildtool_depend>rosidl_default_generators</buildtool_depend>
+  <depend>action_msgs</depend>
   <depend>builtin_interfaces</depend>
   <exec_depend>rosidl_default_runtime</exec_depend>
   <member_of_group>rosidl_interface_packages</member_of_group>
@@ -126,8 +136,14 @@ def _page() -> str:
         if one.form == "srv":
             name, form = served[one.name]
             lines.append(f"| `{name}` | `{one.typename}` | {form} | {one.about} |")
+    lines += ["", "## Actions", "", "Their goals are at the same place.", ""]
+    lines += ["| action | type | server | what |", "|---|---|---|---|"]
+    for one, server in ((create_task(), "the process"), (do_task(), "a node of the participant")):
+        lines.append(f"| `{service_name(one.name)}` | `{one.typename}` | {server} | {one.about} |")
     for one in interfaces():
-        lines += ["", f"## {one.typename}", "", f"`{type_hash(one.typename)}`", "", "```text"]
+        # rmw_zenoh has no key for an action itself.
+        hashed = f"{one.typename}_SendGoal" if one.form == "action" else one.typename
+        lines += ["", f"## {one.typename}", "", f"`{type_hash(hashed)}`", "", "```text"]
         lines += [*text(one).rstrip().splitlines(), "```"]
     return "\n".join(lines) + "\n"
 

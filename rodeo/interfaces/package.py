@@ -11,27 +11,21 @@ from pydantic import BaseModel, create_model
 
 from rodeo import kinds
 from rodeo.bus import queries
-from rodeo.bus.messages import DaoEvent, Message, Mined
+from rodeo.bus.messages import DaoEvent, Message, Mined, Task
 from rodeo.bus.messages import Kind as KindName
 from rodeo.bus.queries import Answer, Query
 from rodeo.commands import COMMANDS
+from rodeo.commands.tasks import RegisterTask
+from rodeo.interfaces import actions
 from rodeo.interfaces.fields import PACKAGE, Count, Field, How, fields_of, nested
 from rodeo.interfaces.naming import distinct, interface_name, service_name
+from rodeo.interfaces.problem import Problem
 
 DISTRIBUTION = "rodeo-dao"
 """Kinds of other packages have no type of their own: what is installed must not change a hash."""
 
 PROCESS = "ros_dao"
 """The process that serves the interfaces, as the table of commands names it."""
-
-
-class Problem(Message):
-    """Why something was not done: the error's code, in words, and the values that explain it."""
-
-    code: str
-    """What programs tell errors apart by, such as insufficient_funds."""
-    message: str
-    details: dict[str, Any]
 
 
 class Commanded(Message):
@@ -68,7 +62,8 @@ class Interface:
     form: Literal["msg", "srv", "action"]
     about: str
     parts: tuple[tuple[Field, ...], ...]
-    """The fields of a message; of a service's request and response."""
+    """The fields of a message; of a service's request and response; of an action's goal, result and
+    feedback."""
     models: tuple[type[BaseModel], ...] = ()
     """The models of the parts, for what their fields mean."""
 
@@ -195,7 +190,7 @@ def interfaces() -> tuple[Interface, ...]:
 
     done: set[type[BaseModel]] = set()
     queried: list[type[BaseModel]] = [one.query.answer for one in asked().values()]
-    roots: list[type[BaseModel]] = [Problem, Mined, DaoEvent, *queried]
+    roots: list[type[BaseModel]] = [Problem, Mined, DaoEvent, Task, *queried]
     for model in roots:
         collect(model)
     found = [
@@ -205,9 +200,30 @@ def interfaces() -> tuple[Interface, ...]:
     found += _params()
     found += [command.interface for command in commands().values()]
     found += [query.interface for query in asked().values()]
+    found += [create_task(), do_task()]
     distinct((one.name for one in found if one.form == "msg"), PACKAGE)
     distinct((one.name for one in found if one.form != "msg"), PACKAGE)
     return tuple(sorted(found, key=lambda one: one.path))
+
+
+@cache
+def create_task() -> Interface:
+    """The action that posts a task and follows it to its end."""
+    models = (RegisterTask, actions.TaskEnded, actions.TaskChanged)
+    about = (
+        "Post a task, and follow it to its end. The goal's UUID is the ID of the request. Cancelling cancels "
+        "the task while nobody has it."
+    )
+    parts = (actions.task_fields(), *(tuple(fields_of(model, request=False)) for model in models[1:]))
+    return Interface(actions.CREATE_TASK, "action", about, parts, models)
+
+
+@cache
+def do_task() -> Interface:
+    """The action that the participant's own nodes serve: each task that it is assigned is a goal."""
+    models = (actions.Assigned, actions.WorkDone, actions.Working)
+    parts = tuple(tuple(fields_of(model, request=False)) for model in models)
+    return Interface(actions.DO_TASK, "action", _first(actions.Assigned), parts, models)
 
 
 _PARAMS = (

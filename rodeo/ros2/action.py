@@ -1,26 +1,22 @@
-"""ROS 2 actions: three services (send_goal, get_result, cancel_goal) and two topics (feedback, status)."""
+"""ROS 2 actions: a server that executes one goal at a time, and clients."""
 
 from __future__ import annotations
 
-import enum
 import logging
 import threading
 import time
 import uuid
-from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import partial
 from typing import Any
 
-import numpy as np
 import zenoh
 
 from rodeo.errors import RodeoError
-from rodeo.host import stamps
 from rodeo.host.clock import Clock, WallClock
-from rodeo.ros2 import types, wire
+from rodeo.ros2 import types
 from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.errors import (
     ActionServerLost,
@@ -34,13 +30,11 @@ from rodeo.ros2.errors import (
     ServiceTimeout,
     ServiceUnavailable,
 )
+from rodeo.ros2.goals import GoalServer, GoalStatus, ServerGoal, service_name, uuid_message
 from rodeo.ros2.node import Node
-from rodeo.ros2.service import Client, DeferredService, PendingRequest
+from rodeo.ros2.service import Client, PendingRequest
 
 log = logging.getLogger(__name__)
-
-_GOALS_KEPT = 64
-"""Ended goals whose results a late client can still ask for."""
 
 _CLOSE_TIMEOUT_S = 2.0
 
@@ -48,60 +42,7 @@ _RESULT_POLL_S = 60.0
 """A get_result query that is still open after this is asked again: a router may have lost it."""
 
 
-class GoalStatus(enum.IntEnum):
-    """action_msgs/msg/GoalStatus."""
-
-    UNKNOWN = 0
-    ACCEPTED = 1
-    EXECUTING = 2
-    CANCELING = 3
-    SUCCEEDED = 4
-    CANCELED = 5
-    ABORTED = 6
-
-    @property
-    def ended(self) -> bool:
-        return self >= GoalStatus.SUCCEEDED
-
-
-def _service_name(action: str, service: str) -> str:
-    return f"{action}/_action/{service}"
-
-
-class ServerGoal:
-    """One accepted goal, as the server's `execute` sees it."""
-
-    def __init__(self, server: ActionServer, goal_id: bytes, request: Any, stamp_ns: int) -> None:
-        self.goal_id = goal_id
-        self.request = request
-        self.stamp_ns = stamp_ns
-        self.status = GoalStatus.ACCEPTED
-        self.cancel_requested = threading.Event()
-        self.around: Any = None
-        """What the server's `around` gave for it."""
-        self.over = threading.Event()
-        """Its thread has ended, and the next goal may be executed."""
-        self._server = server
-
-    @property
-    def is_cancel_requested(self) -> bool:
-        """True when a client cancels this goal, or a newer goal replaces it."""
-        return self.cancel_requested.is_set()
-
-    def publish_feedback(self, feedback: Any) -> None:
-        self._server.publish_feedback(self, feedback)
-
-    def succeed(self, result: Any) -> None:
-        self._server.end(self, GoalStatus.SUCCEEDED, result)
-
-    def abort(self, result: Any) -> None:
-        self._server.end(self, GoalStatus.ABORTED, result)
-
-    def canceled(self, result: Any) -> None:
-        self._server.end(self, GoalStatus.CANCELED, result)
-
-
-class ActionServer:
+class ActionServer(GoalServer):
     """Executes goals one at a time; a newer goal asks the running one to stop, as Nav2 and ros2_control do.
 
     Args:
@@ -122,30 +63,14 @@ class ActionServer:
         follows: Callable[[bytes], bool] | None = None,
         around: Callable[[], AbstractContextManager[Any]] = nullcontext,
     ) -> None:
-        self._node = node
-        self._name = name
-        self._typename = typename
+        super().__init__(node, name, typename)
         self._execute = execute
         self._accept = accept or (lambda goal: True)
         self._follows = follows or (lambda gid: True)
         self._around = around
-        self._goals: OrderedDict[bytes, ServerGoal] = OrderedDict()
-        self._results: dict[bytes, Any] = {}
-        self._waiting: dict[bytes, list[PendingRequest]] = {}
-        self._lock = threading.RLock()
         self._newest: ServerGoal | None = None
         self._closed = False
-        self._feedback = node.publisher(_service_name(name, "feedback"), f"{typename}_FeedbackMessage")
-        self._status = node.publisher(
-            _service_name(name, "status"), "action_msgs/msg/GoalStatusArray", wire.LATCHED
-        )
-        for service, service_type, handler in (
-            ("get_result", f"{typename}_GetResult", self._on_get_result),
-            ("cancel_goal", "action_msgs/srv/CancelGoal", self._on_cancel),
-            ("send_goal", f"{typename}_SendGoal", self._on_send_goal),
-        ):
-            node.keep(DeferredService(node, _service_name(name, service), service_type, handler))
-        node.keep(self)
+        self.serve()
 
     @property
     def _gone(self) -> bool:
@@ -160,10 +85,9 @@ class ActionServer:
         if self._newest is not None and not self._newest.over.wait(_CLOSE_TIMEOUT_S):
             log.warning("%s: the running goal does not stop", self._name)
 
-    def _on_send_goal(self, pending: PendingRequest) -> None:
+    def on_send_goal(self, pending: PendingRequest) -> None:
         goal_id = pending.request.goal_id.uuid.tobytes()
         stamp_ns = self._node.clock.now_ns()
-        response = f"{self._typename}_SendGoal_Response"
         with self._lock:
             new = goal_id not in self._goals
             accepted = new and self._follows(pending.gid) and self._accept(pending.request.goal)
@@ -178,7 +102,7 @@ class ActionServer:
                 run = partial(self._run, goal, self._newest, around)
                 self._newest = goal
         try:
-            pending.respond(types.new(response, accepted=accepted, stamp=types.time_message(stamp_ns)))
+            self.respond_to_goal(pending, accepted, stamp_ns)
         finally:
             # What is around it has to be left, whoever heard of it.
             if accepted:
@@ -199,7 +123,7 @@ class ActionServer:
             goal.over.set()
 
     def _carry_out(self, goal: ServerGoal) -> None:
-        self._set_status(goal, GoalStatus.EXECUTING)
+        self.set_status(goal, GoalStatus.EXECUTING)
         try:
             self._execute(goal)
         except RodeoError as error:
@@ -211,65 +135,14 @@ class ActionServer:
         if not goal.status.ended:
             goal.abort(types.new(f"{self._typename}_Result"))
 
-    def _on_get_result(self, pending: PendingRequest) -> None:
-        goal_id = pending.request.goal_id.uuid.tobytes()
+    def on_cancel(self, pending: PendingRequest) -> None:
         with self._lock:
-            goal = self._goals.get(goal_id)
-            if goal is not None and not goal.status.ended:
-                self._waiting.setdefault(goal_id, []).append(pending)
-                return
-        pending.respond(self._result_response(goal))
-
-    def _result_response(self, goal: ServerGoal | None) -> Any:
-        response = f"{self._typename}_GetResult_Response"
-        if goal is None:
-            return types.new(response, status=int(GoalStatus.UNKNOWN))
-        return types.new(response, status=int(goal.status), result=self._results[goal.goal_id])
-
-    def _on_cancel(self, pending: PendingRequest) -> None:
-        info = pending.request.goal_info
-        goal_id = info.goal_id.uuid.tobytes()
-        stamp_ns = stamps.stamp_ns(info.stamp)
-        with self._lock:
-            chosen = [goal for goal in self._goals.values() if _cancels(goal, goal_id, stamp_ns)]
+            chosen = self.chosen(pending)
             live = [goal for goal in chosen if not goal.status.ended]
             for goal in live:
                 goal.cancel_requested.set()
-                self._set_status(goal, GoalStatus.CANCELING)
-        # action_msgs/srv/CancelGoal: ERROR_NONE, ERROR_UNKNOWN_GOAL_ID, ERROR_GOAL_TERMINATED
-        code = 0 if live or not any(goal_id) else 3 if chosen else 2
-        goals = [_goal_info(goal) for goal in live]
-        pending.respond(
-            types.new("action_msgs/srv/CancelGoal_Response", return_code=code, goals_canceling=goals)
-        )
-
-    def publish_feedback(self, goal: ServerGoal, feedback: Any) -> None:
-        message = types.new(
-            f"{self._typename}_FeedbackMessage", goal_id=_uuid(goal.goal_id), feedback=feedback
-        )
-        self._feedback.publish(message)
-
-    def end(self, goal: ServerGoal, status: GoalStatus, result: Any) -> None:
-        with self._lock:
-            if goal.status.ended:
-                raise Ros2Error("the goal has already ended", action=self._name, status=goal.status.name)
-            self._results[goal.goal_id] = result
-            self._set_status(goal, status)
-            waiting = self._waiting.pop(goal.goal_id, [])
-            ended = [known for known in self._goals.values() if known.status.ended]
-            for old in ended[:-_GOALS_KEPT]:
-                del self._goals[old.goal_id], self._results[old.goal_id]
-        for pending in waiting:
-            pending.respond(self._result_response(goal))
-
-    def _set_status(self, goal: ServerGoal, status: GoalStatus) -> None:
-        with self._lock:
-            goal.status = status
-            statuses = [
-                types.new("action_msgs/msg/GoalStatus", goal_info=_goal_info(known), status=int(known.status))
-                for known in self._goals.values()
-            ]
-            self._status.publish(types.new("action_msgs/msg/GoalStatusArray", status_list=statuses))
+                self.set_status(goal, GoalStatus.CANCELING)
+        self.respond_to_cancel(pending, chosen, live)
 
 
 class ClientGoal:
@@ -341,10 +214,10 @@ class ActionClient:
         self._lost_after_s = lost_after_s
         self._feedback_callbacks: dict[bytes, Callable[[Any], None]] = {}
         # First, so that the server's feedback finds it from the first goal on.
-        node.subscription(_service_name(name, "feedback"), f"{typename}_FeedbackMessage", self._on_feedback)
-        self._send: Client = node.client(_service_name(name, "send_goal"), f"{typename}_SendGoal")
-        self._get: Client = node.client(_service_name(name, "get_result"), f"{typename}_GetResult")
-        self._cancel: Client = node.client(_service_name(name, "cancel_goal"), "action_msgs/srv/CancelGoal")
+        node.subscription(service_name(name, "feedback"), f"{typename}_FeedbackMessage", self._on_feedback)
+        self._send: Client = node.client(service_name(name, "send_goal"), f"{typename}_SendGoal")
+        self._get: Client = node.client(service_name(name, "get_result"), f"{typename}_GetResult")
+        self._cancel: Client = node.client(service_name(name, "cancel_goal"), "action_msgs/srv/CancelGoal")
 
     def _on_feedback(self, message: Any, info: MessageInfo) -> None:
         callback = self._feedback_callbacks.get(message.goal_id.uuid.tobytes())
@@ -355,19 +228,38 @@ class ActionClient:
         """True as soon as a server is there; False after `timeout_s` wall seconds without one."""
         return self._send.wait_for_server(timeout_s)
 
+    def knows(self, goal_id: bytes, timeout_s: float = 1.0) -> bool:
+        """Whether the server has this goal, or its result. A server that has it without a result answers only
+        then: after `timeout_s` of wall time. Raises ServiceUnavailable, ServiceFailed."""
+        request = types.new(f"{self._typename}_GetResult_Request", goal_id=uuid_message(goal_id))
+        try:
+            return bool(self._get.call(request, timeout_s).status != GoalStatus.UNKNOWN)
+        except ServiceTimeout:
+            return True
+
+    def follow(self, goal_id: bytes) -> ClientGoal:
+        """A goal that the server has already."""
+        return ClientGoal(self, goal_id, self._clock)
+
     def send_goal(
-        self, goal: Any, feedback: Callable[[Any], None] | None = None, timeout_s: float = 5.0
+        self,
+        goal: Any,
+        feedback: Callable[[Any], None] | None = None,
+        timeout_s: float = 5.0,
+        goal_id: bytes | None = None,
     ) -> ClientGoal:
-        """Send a goal and return once it is accepted. `feedback` runs in Zenoh's receiving thread.
+        """Send a goal and return once it is accepted. `feedback` runs in Zenoh's receiving thread. The goal
+        has a random ID unless one is given.
 
         Raises ActionServerUnavailable, GoalRejected, ServiceTimeout.
         """
-        goal_id = uuid.uuid4().bytes
+        goal_id = goal_id or uuid.uuid4().bytes
         if feedback is not None:
             self._feedback_callbacks[goal_id] = feedback
         try:
             response = self._send.call(
-                types.new(f"{self._typename}_SendGoal_Request", goal_id=_uuid(goal_id), goal=goal), timeout_s
+                types.new(f"{self._typename}_SendGoal_Request", goal_id=uuid_message(goal_id), goal=goal),
+                timeout_s,
             )
             if not response.accepted:
                 raise GoalRejected(f"{self.name} rejected the goal", action=self.name)
@@ -377,14 +269,14 @@ class ActionClient:
         except Ros2Error:
             self._feedback_callbacks.pop(goal_id, None)
             raise
-        return ClientGoal(self, goal_id, self._clock)
+        return self.follow(goal_id)
 
     def fetch_result(self, goal_id: bytes, arrived: Callable[[], object] = lambda: None) -> Any:
         """Block until the goal has ended; `arrived` is called when its result is there.
 
         Raises GoalAborted, GoalCanceled, ActionServerLost.
         """
-        request = types.new(f"{self._typename}_GetResult_Request", goal_id=_uuid(goal_id))
+        request = types.new(f"{self._typename}_GetResult_Request", goal_id=uuid_message(goal_id))
         try:
             response = self._wait_for_result(request, arrived)
         finally:
@@ -420,22 +312,5 @@ class ActionClient:
                     threading.Event().wait(0.1)
 
     def cancel(self, goal_id: bytes, timeout_s: float) -> None:
-        info = types.new("action_msgs/msg/GoalInfo", goal_id=_uuid(goal_id))
+        info = types.new("action_msgs/msg/GoalInfo", goal_id=uuid_message(goal_id))
         self._cancel.call(types.new("action_msgs/srv/CancelGoal_Request", goal_info=info), timeout_s)
-
-
-def _uuid(goal_id: bytes) -> Any:
-    return types.new("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(goal_id, np.uint8))
-
-
-def _goal_info(goal: ServerGoal) -> Any:
-    return types.new(
-        "action_msgs/msg/GoalInfo", goal_id=_uuid(goal.goal_id), stamp=types.time_message(goal.stamp_ns)
-    )
-
-
-def _cancels(goal: ServerGoal, goal_id: bytes, stamp_ns: int) -> bool:
-    """The goals that a cancel request means: one, and/or every one up to a time, or all (action_msgs)."""
-    if not any(goal_id) and not stamp_ns:
-        return True
-    return goal.goal_id == goal_id or bool(stamp_ns and goal.stamp_ns <= stamp_ns)

@@ -317,6 +317,62 @@ ROS_SERVICE = _ros(
     "a command that the participant gives, or a query: [ROS 2 interfaces](ros2.md) lists them",
 )
 
+ROS_CREATE_TASK = _ros(
+    "{org}/{participant}/create_task",
+    "rodeo_msgs/action/CreateTask",
+    Form.ACTION,
+    "ros_dao",
+    "post a task and follow it to its end; many goals at a time",
+)
+ROS_DO_TASK = _ros(
+    "{org}/{participant}/do_task",
+    "rodeo_msgs/action/DoTask",
+    Form.ACTION,
+    NODE,
+    "a task that the participant is assigned is a goal of its own node, whose result is the proof",
+)
+ROS_TASKS = replace(
+    _ros(
+        "{org}/{participant}/tasks",
+        "rodeo_msgs/msg/Tasks",
+        Form.TOPIC,
+        "ros_dao",
+        "open and running tasks, the newest 500; `total` counts all of them, and `get_tasks` has the rest",
+    ),
+    latched=True,
+)
+ROS_SERVICES = replace(
+    _ros(
+        "{org}/{participant}/services",
+        "rodeo_msgs/msg/Services",
+        Form.TOPIC,
+        "ros_dao",
+        "services that participants offer, at most 500",
+    ),
+    latched=True,
+)
+ROS_BALANCES = replace(
+    _ros(
+        "{org}/{participant}/balances",
+        "rodeo_msgs/msg/Wallets",
+        Form.TOPIC,
+        "ros_dao",
+        "balances of the site's participants",
+    ),
+    latched=True,
+)
+ROS_EVENTS = replace(
+    _ros(
+        "{org}/{participant}/events",
+        "rodeo_msgs/msg/DaoEvent",
+        Form.TOPIC,
+        "ros_dao",
+        "each contract event from now on. A node that comes late or was away hears the newest one, and asks "
+        "`get_events` for those after the last that it knows",
+    ),
+    latched=True,
+)
+
 # -- DAO plane ------------------------------------------------------------------------------------------
 
 COMMAND = _dao(

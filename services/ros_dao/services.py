@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -25,20 +23,14 @@ from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo.site.ros_names import ros_name
 from rodeo.text.strict_json import encode
+from services.ros_dao.workers import Busy, Workers
 
 log = logging.getLogger(__name__)
 
 COMMAND_THREADS, QUERY_THREADS = 64, 8
 """A command waits for its block, so many of them wait at once."""
-MOST_WAITING = 256
-"""Requests that wait for a thread; further ones are refused."""
-
 Answer = Callable[[PendingRequest], dict[str, Any]]
 """Fields of the response."""
-
-
-class Busy(RodeoError):
-    """Too many requests of this participant wait."""
 
 
 class UnknownInterface(RodeoError):
@@ -47,35 +39,12 @@ class UnknownInterface(RodeoError):
     machines = False
 
 
-class Workers:
-    """Threads that answer requests."""
-
-    def __init__(self, name: str, threads: int) -> None:
-        self._threads = ThreadPoolExecutor(threads, thread_name_prefix=name)
-        self._room = threading.BoundedSemaphore(threads + MOST_WAITING)
-
-    def take(self, typename: str, answer: Answer, pending: PendingRequest) -> None:
-        """Have `pending` answered with a response of `typename`, or refuse it at once."""
-        if not self._room.acquire(blocking=False):
-            busy = Busy("too many requests wait: send this one again later", most=MOST_WAITING)
-            pending.respond(types.new(typename, problem=[problem(busy)]))
-            return
-        try:
-            self._threads.submit(self._work, typename, answer, pending)
-        except RuntimeError:
-            # The threads have ended: a client of a process that stops hears that nobody answers.
-            log.debug("stopping; did not answer")
-
-    def _work(self, typename: str, answer: Answer, pending: PendingRequest) -> None:
-        try:
-            pending.respond(types.new(typename, **_answered(answer, pending)))
-        except zenoh.ZError as error:
-            log.info("did not answer, because this process is leaving the bus: %s", error)
-        finally:
-            self._room.release()
-
-    def close(self) -> None:
-        self._threads.shutdown(wait=False, cancel_futures=True)
+def _take(workers: Workers, typename: str, answer: Answer, pending: PendingRequest) -> None:
+    """Have `pending` answered with a response of `typename`, or refuse it at once."""
+    try:
+        workers.submit(lambda: pending.respond(types.new(typename, **_answered(answer, pending))))
+    except Busy as error:
+        pending.respond(types.new(typename, problem=[problem(error)]))
 
 
 def _answered(answer: Answer, pending: PendingRequest) -> dict[str, Any]:
@@ -118,7 +87,7 @@ class Services:
         types.prepare(f"{typename}_Request")
         types.prepare(response)
         self._keys.add(wire.data_key(node.domain_id, name, typename))
-        node.keep(DeferredService(node, name, typename, partial(workers.take, response, answer)))
+        node.keep(DeferredService(node, name, typename, partial(_take, workers, response, answer)))
 
     def _command(self, command: Command, pending: PendingRequest) -> dict[str, Any]:
         fields = request_of(command.request, pending.request, self._currency)

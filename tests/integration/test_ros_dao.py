@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -18,7 +19,8 @@ from rodeo.bus.session import Bus
 from rodeo.host.clock import WallClock
 from rodeo.interfaces.package import register
 from rodeo.ros2 import definitions, types, wire
-from rodeo.ros2.errors import ServiceUnavailable
+from rodeo.ros2.action import ActionClient, ActionServer, ServerGoal
+from rodeo.ros2.errors import GoalAborted, GoalCanceled, GoalRejected, ServiceUnavailable
 from rodeo.ros2.node import Node
 from rodeo.site import tls
 from rodeo.site.config import Site
@@ -59,6 +61,8 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
         for name in ("anna-2", "bert"):
             done(robot.call("transfer", to=name, amount_iec="500"))
         robot.close()
+        # Who is proven does not rest after it gave a task back.
+        organization.command("organization", "vouch", account="bert")
         yield organization
     finally:
         organization.stop()
@@ -102,8 +106,10 @@ def bert(dao: Dao) -> Iterator[Caller]:
     caller.close()
 
 
-def params(**fields: Any) -> Any:
-    return types.new("rodeo_msgs/msg/TaskParams", json=json.dumps(fields))
+def posted(**fields: Any) -> dict[str, Any]:
+    """The fields that post a cleaning."""
+    params = types.new("rodeo_msgs/msg/TaskParams", json=json.dumps(PARAMS))
+    return {"kind": CLEANING, "reward_iec": "10", "params": params, **fields}
 
 
 def done(response: Any) -> Any:
@@ -264,3 +270,262 @@ def test_without_a_bridge_the_process_says_so_and_answers_by_name(dao: Dao, anna
     assert code(anna.call("get_chain")) == "no_responder"
     dao.running.start("bridge")
     dao.running.wait_for_status(PROCESS, lambda one: one.ready)
+
+
+# -- topics ------------------------------------------------------------------------------------------------
+
+
+class Heard:
+    """The newest message of a latched topic."""
+
+    def __init__(self, caller: Caller, topic: str, typename: str) -> None:
+        self.newest: Any = None
+        caller.node.subscription(f"{caller.prefix}/{topic}", typename, self._take, wire.LATCHED)
+
+    def _take(self, message: Any, _info: Any) -> None:
+        self.newest = message
+
+    def until(self, holds: Callable[[Any], bool]) -> Any:
+        return wait_until(lambda: self.newest is not None and holds(self.newest) and self.newest)
+
+
+def test_who_comes_late_hears_the_tasks_services_and_balances_and_how_they_change(
+    dao: Dao, anna: Caller, bert: Caller
+) -> None:
+    tasks = Heard(anna, "tasks", "rodeo_msgs/msg/Tasks")
+    services = Heard(anna, "services", "rodeo_msgs/msg/Services")
+    balances = Heard(anna, "balances", "rodeo_msgs/msg/Wallets")
+    tasks.until(lambda one: one.total == dao.state("tasks", state="open,assigned")["total"])
+    services.until(lambda one: one.total == dao.state("services")["total"])
+
+    def annas(one: Any) -> str:
+        return str(next(wallet.balance_iec for wallet in one.wallets if wallet.name == "anna-2"))
+
+    before = float(annas(balances.until(lambda one: True)))
+    task_id = done(anna.call("register_task", **posted())).task_id[0]
+    tasks.until(lambda one: [task.state for task in one.tasks if task.id == task_id] == ["open"])
+    balances.until(lambda one: float(annas(one)) == before - 10)
+    done(anna.call("cancel_task", task_id=task_id))
+    tasks.until(lambda one: task_id not in [task.id for task in one.tasks])
+    balances.until(lambda one: float(annas(one)) == before)
+
+
+class Log:
+    """Every event, as a node reads them: the topic wakes, `get_events` says what happened."""
+
+    def __init__(self, after: int) -> None:
+        self.after = after
+        self.seen: list[tuple[int, int, int]] = []
+        self._lock = threading.Lock()
+
+    def listen(self, caller: Caller) -> None:
+        topic = f"{caller.prefix}/events"
+        take = partial(self._wake, caller)
+        caller.node.subscription(topic, "rodeo_msgs/msg/DaoEvent", take, wire.LATCHED)
+
+    def _wake(self, caller: Caller, _event: Any, _info: Any) -> None:
+        with self._lock:
+            while True:
+                (page,) = caller.call("get_events", after=self.after, limit=np.array([5])).answer
+                self.seen += [(one.seq, one.block, one.log_index) for one in page.events]
+                if not page.events:
+                    return
+                self.after = page.events[-1].seq
+
+
+def test_a_node_that_was_cut_off_misses_no_event_and_counts_none_twice(dao: Dao, bert: Caller) -> None:
+    first = dao.state("chain")["last_seq"]
+    log = Log(first)
+
+    def pay(times: int) -> None:
+        for _ in range(times):
+            done(bert.call("transfer", to="carl", amount_iec="0.1"))
+
+    for session in range(3):
+        caller = Caller(dao, "anna-2")
+        log.listen(caller)
+        pay(6)
+        if session < 2:
+            # It goes at any moment, and others pay while it is away.
+            caller.close()
+            pay(6)
+    last = dao.state("chain")["last_seq"]
+    wait_until(lambda: log.after == last)
+    caller.close()
+    assert [seq for seq, _, _ in log.seen] == list(range(first + 1, last + 1))
+    assert len({(block, index) for _, block, index in log.seen}) == last - first >= 30
+
+
+# -- actions -----------------------------------------------------------------------------------------------
+
+CREATE, DO = "rodeo_msgs/action/CreateTask", "rodeo_msgs/action/DoTask"
+
+
+def create(caller: Caller) -> ActionClient:
+    client = ActionClient(caller.node, f"{caller.prefix}/create_task", CREATE, lost_after_s=HANG_S)
+    assert client.wait_for_server(HANG_S)
+    return client
+
+
+def goal(**fields: Any) -> Any:
+    return types.new(f"{CREATE}_Goal", **posted(**fields))
+
+
+class Mind:
+    """bert's node: it does what `accept` takes, and its work is the proof."""
+
+    def __init__(self, dao: Dao, caller: Caller, accept: bool = True) -> None:
+        self.store_url = dao.site.store_url
+        self.goals: list[int] = []
+        self.work = threading.Event()
+        self.work.set()
+        self.server = ActionServer(
+            caller.node, f"{caller.prefix}/do_task", DO, self._do, lambda asked: self._takes(asked, accept)
+        )
+
+    def _takes(self, asked: Any, accept: bool) -> bool:
+        self.goals.append(asked.task.id)
+        return accept
+
+    def _do(self, handle: ServerGoal) -> None:
+        handle.publish_feedback(types.new(f"{DO}_Feedback", activity="cleaning", progress=np.array([0.5])))
+        wait_until(lambda: self.work.is_set() or handle.is_cancel_requested)
+        if handle.is_cancel_requested:
+            handle.canceled(types.new(f"{DO}_Result"))
+            return
+        digest = f"{handle.request.task.id:064x}"
+        uri = f"{self.store_url}/{digest}.mcap"
+        handle.succeed(types.new(f"{DO}_Result", proof_sha256=f"0x{digest}", proof_uri=uri))
+
+
+@pytest.fixture
+def service(bert: Caller) -> Iterator[int]:
+    """bert's, which anybody may name, and whose tasks have to be accepted."""
+    wanted = {"kind": CLEANING, "price_iec": "10", "auto_accept": np.array([False])}
+    offered = done(bert.call("register_service", **wanted)).service_id[0]
+    done(bert.call("set_namers", service_id=offered, namers=["anybody"]))
+    yield int(offered)
+    done(bert.call("update_service", service_id=offered, state=["retired"]))
+
+
+def test_a_goal_posts_a_task_that_anothers_node_does_and_gets_the_result(
+    dao: Dao, anna: Caller, bert: Caller, service: int
+) -> None:
+    mind = Mind(dao, bert)
+    mind.work.clear()
+    states: list[str] = []
+    asked = create(anna).send_goal(
+        goal(service_id=np.array([service])), lambda one: states.append(one.task.state), HANG_S
+    )
+    wait_until(lambda: "assigned" in states)
+    mind.work.set()
+    wait_until(lambda: "submitted" in states)
+    (task_id,) = mind.goals
+    dao.judge(task_id, accepted=True)
+    result = asked.result(HANG_S)
+    (task,) = result.task
+    assert (task.id, task.state, task.paid_iec, task.verdict) == (task_id, "settled", "10", ["accepted"])
+    assert task.proof_sha256 == [f"0x{task_id:064x}"] and not result.problem
+    told = {event.tx_hash for event in dao.events if event.task_id == task_id}
+    assert set(result.transactions) == told and len(result.transactions) == len(told)
+    # A ruling that is final at once is seen with the payment.
+    order = dict.fromkeys(state for state in states if state != "ruled")
+    assert list(order) == ["assigned", "submitted", "settled"]
+
+
+def test_a_goal_that_cannot_be_posted_is_aborted_with_the_reason(anna: Caller) -> None:
+    for fields, expected in (
+        ({"reward_iec": "1000000"}, "insufficient_funds"),
+        ({"reward_iec": "much"}, "invalid_request"),
+        ({"kind": "flying"}, "unknown_kind"),
+    ):
+        with pytest.raises(GoalAborted) as caught:
+            create(anna).send_goal(goal(**fields), timeout_s=HANG_S).result(HANG_S)
+        assert code(caught.value.result) == expected
+        assert not len(caught.value.result.task)
+
+
+def test_goals_run_side_by_side_and_cancelling_one_cancels_its_task(dao: Dao, anna: Caller) -> None:
+    client, before = create(anna), dao.balances()["anna-2"]
+    ids: list[list[int]] = [[] for _ in range(3)]
+    goals = [
+        client.send_goal(goal(), lambda one, known=known: known.append(one.task.id), HANG_S) for known in ids
+    ]
+    wait_until(lambda: all(ids))
+    assert dao.balances()["anna-2"] == before - 30
+    for asked, (task_id, *_) in zip(goals, ids, strict=True):
+        asked.cancel(HANG_S)
+        with pytest.raises(GoalCanceled) as caught:
+            asked.result(HANG_S)
+        assert caught.value.result.task[0].id == task_id
+        assert dao.task(task_id)["state"] == "cancelled"
+    assert dao.balances()["anna-2"] == before
+
+
+def test_a_task_that_somebody_has_is_not_cancelled_and_a_goal_without_one_is_not_known(
+    dao: Dao, anna: Caller, bert: Caller, service: int
+) -> None:
+    mind = Mind(dao, bert)
+    mind.work.clear()
+    client = create(anna)
+    asked = client.send_goal(goal(service_id=np.array([service])), timeout_s=HANG_S)
+    wait_until(lambda: mind.goals)
+    wait_until(lambda: dao.task(mind.goals[0])["accepted"])
+    asked.cancel(HANG_S)
+    assert not asked.done
+    assert not client.knows(bytes(16), HANG_S)
+    mind.work.set()
+    wait_until(lambda: dao.task(mind.goals[0])["state"] == "submitted")
+    dao.judge(mind.goals[0], accepted=True)
+    assert asked.result(HANG_S).task[0].state == "settled"
+
+
+def test_what_a_node_rejects_is_given_back(dao: Dao, anna: Caller, bert: Caller, service: int) -> None:
+    mind = Mind(dao, bert, accept=False)
+    fields = posted(service_id=np.array([service]), max_attempts=np.array([1]))
+    task_id = done(anna.call("register_task", **fields)).task_id[0]
+    wait_until(lambda: task_id in mind.goals)
+    wait_until(lambda: dao.task(task_id)["state"] == "failed")
+    assert dao.task(task_id)["verdict"] == "abandoned" and mind.goals == [task_id]
+
+
+def test_after_the_process_was_killed_goals_go_on_and_nothing_is_doubled(
+    dao: Dao, anna: Caller, bert: Caller, service: int
+) -> None:
+    mind = Mind(dao, bert)
+    mind.work.clear()
+    before, tasks = dao.balances()["anna-2"], dao.state("tasks")["total"]
+    client = create(anna)
+    asked = client.send_goal(goal(service_id=np.array([service])), timeout_s=HANG_S)
+    wait_until(lambda: mind.goals and dao.task(mind.goals[0])["accepted"])
+    for process in (PROCESS, "ros_dao.berts"):
+        dao.running.kill(process)
+    dao.running.start(PROCESS, "ros_dao.berts")
+    mind.work.set()
+    wait_until(lambda: dao.task(mind.goals[0])["state"] == "submitted")
+    dao.judge(mind.goals[0], accepted=True)
+    assert asked.result(HANG_S).task[0].state == "settled"
+    assert len(mind.goals) == 1 and dao.state("tasks")["total"] == tasks + 1
+    assert dao.balances()["anna-2"] == before - 10
+    # Its result is on disk.
+    dao.running.kill(PROCESS)
+    dao.running.start(PROCESS)
+    assert client.fetch_result(asked.goal_id).task[0].id == mind.goals[0]
+    with pytest.raises(GoalRejected):
+        client.send_goal(goal(), timeout_s=HANG_S, goal_id=asked.goal_id)
+
+
+def test_a_goal_of_another_chain_ends_as_lost(dao: Dao, anna: Caller) -> None:
+    client = create(anna)
+    known: list[int] = []
+    asked = client.send_goal(goal(), lambda one: known.append(one.task.id), HANG_S)
+    wait_until(lambda: known)
+    dao.running.kill(PROCESS)
+    path = dao.site.data_dir / PROCESS / "goals" / "anna-2" / f"{asked.goal_id.hex()}.json"
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({**record, "chain": "another"}))
+    dao.running.start(PROCESS)
+    with pytest.raises(GoalAborted) as caught:
+        asked.result(HANG_S)
+    assert code(caught.value.result) == "lost"
+    done(anna.call("cancel_task", task_id=known[0]))

@@ -14,7 +14,7 @@ from markdown_it.token import Token
 
 from rodeo import kinds
 from rodeo.site.processes import PROCESSES
-from rodeo.site.topics import BODY, TOPICS, Form
+from rodeo.site.topics import BODY, NODE, TOPICS, Form
 from tests.docs.text import ROOT
 
 ARCHITECTURE, ONE_TASK = "docs/explanation/architecture.md", "docs/explanation/one-task.md"
@@ -136,7 +136,7 @@ def test_every_arrow_on_the_bus_starts_or_ends_at_the_keys_writer() -> None:
         for topic in (table[key] for key in flows()[label]):
             writers = sources if topic.form is Form.TOPIC else targets
             # The only bodies in the picture are those that the simulator speaks for.
-            writer = "robot_sim" if topic.writer == BODY else topic.writer
+            writer = {BODY: "robot_sim", NODE: "nodes"}.get(topic.writer, topic.writer)
             assert writer == "every process" or writers == [writer], (label, topic.key)
 
 

@@ -101,7 +101,7 @@ ROWS: dict[Call, str] = {
         "WristCamera._subscribe",
         "node.raw_subscription(topic.name(**self._names))",
     ): ONE,
-    ("rodeo/ros2/action.py", "ActionClient.__init__", "node.subscription(_service_name(name, 'feedback'))"): (
+    ("rodeo/ros2/action.py", "ActionClient.__init__", "node.subscription(service_name(name, 'feedback'))"): (
         ONE
     ),
     (

@@ -83,12 +83,20 @@ def test_the_hashes_of_ros_are_computed_a_second_time(typename: str, digest: str
     assert rihs01(typename) == digest
 
 
+PARTS = ("SendGoal", "GetResult", "FeedbackMessage")
+"""What is on the wire of an action."""
+
+
 def test_every_type_has_the_hash_of_its_description() -> None:
     for one in interfaces():
-        assert definitions.type_hash(one.typename) == f"RIHS01_{rihs01(one.typename)}", one.path
+        ends = [f"_{part}" for part in PARTS] if one.form == "action" else [""]
+        for typename in (f"{one.typename}{end}" for end in ends):
+            assert definitions.type_hash(typename) == f"RIHS01_{rihs01(typename)}", one.path
 
 
-@pytest.mark.parametrize("name", ["msg/Tasks", "srv/RegisterTask_Request", "srv/GetEvents_Response"])
+@pytest.mark.parametrize(
+    "name", ["msg/Tasks", "srv/RegisterTask_Request", "srv/GetEvents_Response", "action/DoTask_Goal"]
+)
 def test_structures_survive_cdr(name: str) -> None:
     typename = f"rodeo_msgs/{name}"
     cdr = types.serialize(types.new(typename))
