@@ -26,8 +26,8 @@ from rodeo.lab.config import RobotConfig
 from rodeo.runtime.serving import served_by
 from rodeo.signing.keystores import MOCAP_NAME
 from rodeo.site import topics
-from rodeo.site.config import BRIDGE, Site, agent_process, body_identity, node_identity, ros_process
-from rodeo.site.processes import processes_of
+from rodeo.site.config import BRIDGE, Site, agent_process, body_identity, node_identity
+from rodeo.site.processes import processes_of, ros_process
 from rodeo.site.ros_names import ros_name
 from rodeo.site.tls import OPERATOR
 from rodeo.site.topics import BODY, NODE, TOPICS, Form, Plane, Topic

@@ -290,11 +290,11 @@ class Participant:
     def accept_task(self, task: Task) -> None:
         """Agree to do an assigned task; nothing where this participant has agreed before."""
         if not task.accepted:
-            self._say(acceptance(task))
+            self.command("accept_task", acceptance(task))
 
     def abandon_task(self, task: Task) -> None:
         """Give an assigned task back."""
-        self._say(abandonment(task))
+        self.command("abandon_task", abandonment(task))
 
     def raise_reward(self, task_id: int, reward_iec: Decimal) -> int:
         """Post an open task of one's own again for more; returns its new ID. Done again it gives the same."""
@@ -306,7 +306,7 @@ class Participant:
 
     def set_payout(self, payout: str, provider: str | None = None) -> None:
         """Have payments for a provider's work, by default this participant's, go to another account."""
-        self._say(validate(SetPayout, {"payout": payout, "provider": provider}))
+        self.command("set_payout", validate(SetPayout, {"payout": payout, "provider": provider}))
 
     def submit_proof(
         self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None
@@ -342,9 +342,6 @@ class Participant:
         if problem is not None:
             raise problem
         return min((at_s for at_s in due.values() if at_s is not None and at_s >= now_s), default=None)
-
-    def _say(self, request: Command) -> Mined:
-        return self.command(request.declared.name, request)
 
     def command(self, name: str, request: Command) -> Mined:
         """Send a transaction through the bridge and wait for its receipt (at most 30 s of wall time)."""

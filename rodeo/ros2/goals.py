@@ -17,7 +17,7 @@ from rodeo.ros2.node import Node
 from rodeo.ros2.service import DeferredService, PendingRequest
 
 _GOALS_KEPT = 64
-"""Ended goals whose results a late client can still ask for."""
+"""Ended goals whose status is published."""
 
 
 class GoalStatus(enum.IntEnum):
@@ -76,16 +76,15 @@ class ServerGoal:
 class GoalServer:
     """Keeps goals. A subclass says which it takes (`on_send_goal`) and cancels (`on_cancel`), carries them
     out, and calls `serve` once it is complete.
-
-    Args:
-        kept: ended goals whose results a late client can still ask for.
     """
 
-    def __init__(self, node: Node, name: str, typename: str, kept: int = _GOALS_KEPT) -> None:
+    kept = _GOALS_KEPT
+    """Ended goals whose results a late client can still ask for."""
+
+    def __init__(self, node: Node, name: str, typename: str) -> None:
         self._node = node
         self._name = name
         self._typename = typename
-        self._kept = kept
         self._goals: OrderedDict[bytes, ServerGoal] = OrderedDict()
         self._results: dict[bytes, Any] = {}
         self._waiting: dict[bytes, list[PendingRequest]] = {}
@@ -171,7 +170,7 @@ class GoalServer:
             self.set_status(goal, status)
             waiting = self._waiting.pop(goal.goal_id, [])
             ended = [known for known in self._goals.values() if known.status.ended]
-            for old in ended[: -self._kept]:
+            for old in ended[: -self.kept]:
                 del self._goals[old.goal_id], self._results[old.goal_id]
         for pending in waiting:
             pending.respond(self._result_response(goal))

@@ -30,8 +30,8 @@ from rodeo.site.config import (
     dock_process,
     oracle_names,
     oracle_process,
-    ros_process,
 )
+from rodeo.site.processes import ros_process
 
 log = logging.getLogger(__name__)
 

@@ -782,8 +782,7 @@ class Site(BaseSettings):
     @model_validator(mode="after")
     def _has_walls(self) -> Self:
         # A site that was loaded and is validated again has them already.
-        built = [one for one in walls(self.rooms, self.lab) if one not in self.lab.furniture]
-        if built:
+        if built := [one for one in walls(self.rooms, self.lab) if one not in self.lab.furniture]:
             self.lab = self.lab.model_copy(update={"furniture": (*self.lab.furniture, *built)})
         return self
 
@@ -873,11 +872,6 @@ def bin_process(site: Site, name: str) -> str:
 def dock_process(site: Site, name: str) -> str:
     """Name of the process that is the meter of the dock called `name`."""
     return _process("charger", site.docks, name)
-
-
-def ros_process(site: Site, owner: str) -> str:
-    """Name of the process that speaks ROS 2 for the participants of `owner`."""
-    return "ros_dao" if len(site.ros) == 1 else f"ros_dao.{owner}"
 
 
 def oracle_names(site: Site) -> list[str]:
@@ -1068,7 +1062,7 @@ def faults(site: Site) -> dict[Place, str]:
         _names,
         _wallets,
         _bridges,
-        _ros,
+        lambda one: ros_names.faults(one.org, one.ros, one.robots, one.participants, [*one.bins, *one.docks]),
         _amounts,
         _governance,
         _oracles,
@@ -1182,38 +1176,6 @@ def _bridges(site: Site) -> Iterator[tuple[Place, str]]:
             yield place, ONE_HOST.format(one.name)
 
 
-def _ros(site: Site) -> Iterator[tuple[Place, str]]:
-    """Names that ROS 2 refuses, or that two would have there, and participants that no owner's process may
-    command."""
-    if not site.ros:
-        return
-    yield from _twice(
-        [(("ros", number, "owner"), one.owner) for number, one in enumerate(site.ros)],
-        "two processes speak ROS 2 for {}: write one table",
-    )
-    furniture = [*(one.name for one in site.bins), *(one.name for one in site.docks)]
-    namespaces = [robot.namespace for robot in site.robots]
-    if why := ros_names.unusable(site.org) or ros_names.taken(site.org, namespaces, furniture):
-        yield ("org",), why
-    known = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
-    places: list[tuple[Place, str]] = [
-        (("ros", number, "participants", entry), name)
-        for number, one in enumerate(site.ros)
-        for entry, name in enumerate(one.participants)
-    ]
-    for place, name in places:
-        if name == "organization":
-            yield place, "the organization's own wallet takes no commands over ROS 2"
-        elif name not in known:
-            yield place, f"nobody on this site is called {name}{close(name, known)}"
-        elif why := ros_names.unusable(name):
-            yield place, why
-        elif ros_names.is_the_labs(site.org, name):
-            yield place, f"the lab itself has a service of this name in ROS 2: rename {name}"
-    for number, why in ros_names.collisions(name for _, name in places):
-        yield places[number][0], why
-
-
 ONE_HOST = (
     "the wallets of the organization and of its oracle are both on {}: whoever takes over that computer can "
     "post tasks and accept their proofs; give them to different [[bridges]]"
@@ -1251,10 +1213,8 @@ def _amounts_in(part: object, place: Place) -> Iterator[tuple[Place, Decimal]]:
 
 
 def _governance(site: Site) -> Iterator[tuple[Place, str]]:
-    governance, known = (
-        site.governance,
-        [*(r.name for r in site.robots), *(p.name for p in site.participants)],
-    )
+    governance = site.governance
+    known = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
     for number, name in enumerate(governance.members):
         if name not in known:
             yield (

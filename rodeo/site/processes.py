@@ -12,7 +12,6 @@ from rodeo.site.config import (
     dock_process,
     oracle_names,
     oracle_process,
-    ros_process,
 )
 
 
@@ -37,6 +36,11 @@ PROCESSES: tuple[ProcessEntry, ...] = (
     ProcessEntry("robot_sim", "services.robot_sim", "the simulated lab and robots"),
     ProcessEntry("robot_agent", "services.robot_agent", "the robot's mind"),
 )
+
+
+def ros_process(site: Site, owner: str) -> str:
+    """Name of the process that speaks ROS 2 for the participants of `owner`."""
+    return "ros_dao" if len(site.ros) == 1 else f"ros_dao.{owner}"
 
 
 def processes_of(site: Site) -> list[ProcessEntry]:

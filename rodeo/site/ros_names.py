@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 from rodeo.site.topics import TOPICS, Plane
+from rodeo.text.site_problems import Place, close
 
 
 def ros_name(name: str) -> str:
@@ -12,41 +14,79 @@ def ros_name(name: str) -> str:
     return name.replace("-", "_")
 
 
-def unusable(name: str) -> str:
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+class _Robot(_Named, Protocol):
+    @property
+    def namespace(self) -> str: ...
+
+
+class _Owner(Protocol):
+    @property
+    def owner(self) -> str: ...
+
+    @property
+    def participants(self) -> list[str]: ...
+
+
+def faults(
+    org: str,
+    owners: Sequence[_Owner],
+    robots: Sequence[_Robot],
+    participants: Sequence[_Named],
+    furniture: Sequence[_Named],
+) -> Iterator[tuple[Place, str]]:
+    """Where `[[ros]]` of a site file is wrong, and why: names that ROS 2 refuses, or that two would have
+    there, and participants whom no owner's process may command."""
+    if not owners:
+        return
+    if why := _unusable(org) or _taken(org, robots, furniture):
+        yield ("org",), why
+    known = [one.name for one in (*robots, *participants)]
+    first: dict[str, str] = {}
+    for number, one in enumerate(owners):
+        if one.owner in [other.owner for other in owners[:number]]:
+            yield ("ros", number, "owner"), f'two processes speak ROS 2 for "{one.owner}": write one table'
+        for entry, name in enumerate(one.participants):
+            place = ("ros", number, "participants", entry)
+            same = first.get(ros_name(name))
+            first.setdefault(ros_name(name), name)
+            if why := _refused(org, name, known, same):
+                yield place, why
+
+
+def _refused(org: str, name: str, known: list[str], same: str | None) -> str:
+    """Why no process may speak ROS 2 for the participant `name`; `same` has its name there already."""
+    if name == "organization":
+        return "the organization's own wallet takes no commands over ROS 2"
+    if name not in known:
+        return f"nobody on this site is called {name}{close(name, known)}"
+    if same is not None:
+        both = f"{name} and {same} are both {ros_name(name)} in ROS 2"
+        return f"{name} is listed twice" if same == name else both
+    own = f"{ros_name(org)}/{ros_name(name)}"
+    if any(topic.plane is Plane.ROBOT and topic.key == own for topic in TOPICS):
+        return f"the lab itself has a service of this name in ROS 2: rename {name}"
+    return _unusable(name)
+
+
+def _unusable(name: str) -> str:
     """Why ROS 2 takes no such name, as a sentence; empty if it does."""
     if "__" in ros_name(name):
         return f"ROS 2 takes no name with two underscores in a row, and {name} is {ros_name(name)} there"
     return ""
 
 
-def collisions(participants: Iterable[str]) -> Iterator[tuple[int, str]]:
-    """Place in the list, and why, of each participant that has the name of one before it."""
-    seen: dict[str, str] = {}
-    for number, name in enumerate(participants):
-        first = seen.get(ros_name(name))
-        if first == name:
-            yield number, f"{name} is listed twice"
-        elif first is not None:
-            yield number, f"{name} and {first} are both {ros_name(name)} in ROS 2"
-        seen.setdefault(ros_name(name), name)
-
-
-def taken(org: str, namespaces: Iterable[str], furniture: Iterable[str]) -> str:
+def _taken(org: str, robots: Sequence[_Robot], furniture: Sequence[_Named]) -> str:
     """Why the organization's names in ROS 2 would be those of a robot, a bin, a dock or the lab, as a
     sentence; empty if they are its own."""
     own = ros_name(org)
-    for namespace in namespaces:
-        if namespace.partition("/")[0] == own:
-            return f"the organization {org} is {own} in ROS 2, like the namespace of a robot: rename one"
-    fixed = {
-        topic.key.partition("/")[0] for topic in TOPICS if topic.plane is Plane.ROBOT and "{" in topic.key
-    }
-    if own in {*furniture, *fixed}:
+    if own in [robot.namespace.partition("/")[0] for robot in robots]:
+        return f"the organization {org} is {own} in ROS 2, like the namespace of a robot: rename one"
+    fixed = {one.key.partition("/")[0] for one in TOPICS if one.plane is Plane.ROBOT and "{" in one.key}
+    if own in {*(one.name for one in furniture), *fixed}:
         return f"the organization {org} is {own} in ROS 2, a name that the lab itself uses there: rename one"
     return ""
-
-
-def is_the_labs(org: str, participant: str) -> bool:
-    """Whether a topic or service of the lab has the name of this participant's."""
-    own = f"{ros_name(org)}/{ros_name(participant)}"
-    return any(topic.plane is Plane.ROBOT and topic.key == own for topic in TOPICS)

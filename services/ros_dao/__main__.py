@@ -3,7 +3,7 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import ros_process
+from rodeo.site.processes import ros_process
 from services.ros_dao.process import run
 
 DESCRIPTION = "The organization as ROS 2 services, for the nodes of one owner's participants."

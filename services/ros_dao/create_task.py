@@ -28,8 +28,6 @@ log = logging.getLogger(__name__)
 
 THREADS = 32
 """Tasks that are being posted or cancelled at once."""
-KEPT = 500
-"""Ended goals whose results can still be asked for."""
 
 _TYPE = topics.ROS_CREATE_TASK.type
 
@@ -57,6 +55,8 @@ class TaskGoals(GoalServer):
         folder: its goals on disk.
     """
 
+    kept = 500
+
     def __init__(
         self,
         node: Node,
@@ -66,7 +66,7 @@ class TaskGoals(GoalServer):
         folder: Path,
         follower: Follower,
     ) -> None:
-        super().__init__(node, name, _TYPE, KEPT)
+        super().__init__(node, name, _TYPE)
         self._participant = participant
         self._currency = currency
         self._records = Records(folder)
@@ -121,7 +121,7 @@ class TaskGoals(GoalServer):
         problem: RodeoError | None = None
         if new:
             try:
-                goal.record.request = self._command(pending.request.goal, goal_id)
+                goal.record.request = _command(pending.request.goal, goal_id, self._currency)
             except RodeoError as error:
                 problem = error
             try:
@@ -137,12 +137,6 @@ class TaskGoals(GoalServer):
         elif new:
             self.set_status(goal, GoalStatus.EXECUTING)
             self._post(goal)
-
-    def _command(self, sent: Any, goal_id: bytes) -> dict[str, Any]:
-        """The command of a goal. Raises InvalidRequest."""
-        fields = request_of(task_fields(), sent, self._currency)
-        command = validate(RegisterTask, {**fields, "request_id": f"goal-{goal_id.hex()}"})
-        return command.model_dump(mode="json", exclude_defaults=True)
 
     def on_cancel(self, pending: PendingRequest) -> None:
         try:
@@ -185,7 +179,8 @@ class TaskGoals(GoalServer):
         record = goal.record
         while not self._workers.stop.is_set():
             try:
-                self._require_chain(record)
+                _require_chain(self._participant, record)
+                self._records.save(record)
                 mined = self._participant.command("register_task", validate(RegisterTask, record.request))
                 record.task_id = mined.task_id
                 self._records.save(record)
@@ -201,16 +196,6 @@ class TaskGoals(GoalServer):
                 self._follow(goal)
                 return
 
-    def _require_chain(self, record: Record) -> None:
-        """Raises Lost where the command was sent to another chain, or to other contracts."""
-        chain = self._participant.ask(queries.CHAIN)
-        now = f"{chain.genesis_hash} {chain.contracts.task_manager}"
-        if not record.chain:
-            record.chain = now
-            self._records.save(record)
-        if record.chain != now:
-            raise Lost("the task was posted on another chain", task_id=record.task_id, chain=record.chain)
-
     def _follow(self, goal: TaskGoal) -> None:
         self._follower.soon(goal.goal_id, lambda: self._look(goal))
 
@@ -220,9 +205,9 @@ class TaskGoals(GoalServer):
         if goal.status.ended or task_id is None:
             return
         try:
-            self._require_chain(goal.record)
+            _require_chain(self._participant, goal.record)
             task = self._participant.task(task_id)
-            transactions = list(dict.fromkeys(self._transactions(task_id)))
+            transactions = list(dict.fromkeys(_transactions(self._participant, task_id)))
         except (Lost, RemoteError) as error:
             if passes(error):
                 raise
@@ -235,12 +220,6 @@ class TaskGoals(GoalServer):
             self.publish_feedback(goal, self._message(changed, "Feedback"))
         if task.state not in LIVE_STATES:
             self._over(goal, task, transactions)
-
-    def _transactions(self, task_id: int) -> Iterator[str]:
-        after = 0
-        while events := self._participant.ask(queries.EVENTS, task_id=task_id, after=after).events:
-            yield from (event.tx_hash for event in events)
-            after = events[-1].seq
 
     def _over(self, goal: TaskGoal, task: Task, transactions: list[str]) -> None:
         problem, status = None, GoalStatus.SUCCEEDED
@@ -271,3 +250,27 @@ class TaskGoals(GoalServer):
 def _news(task: Task) -> tuple[Any, ...]:
     ruling = None if task.standing is None else task.standing.ruling
     return task.state, task.attempt, task.executor, task.accepted, ruling
+
+
+def _command(sent: Any, goal_id: bytes, currency: Currency) -> dict[str, Any]:
+    """The command of a goal. Raises InvalidRequest."""
+    fields = request_of(task_fields(), sent, currency)
+    command = validate(RegisterTask, {**fields, "request_id": f"goal-{goal_id.hex()}"})
+    return command.model_dump(mode="json", exclude_defaults=True)
+
+
+def _require_chain(participant: Participant, record: Record) -> None:
+    """Note the chain and the contracts to which the command goes. Raises Lost where those are others now."""
+    chain = participant.ask(queries.CHAIN)
+    now = f"{chain.genesis_hash} {chain.contracts.task_manager}"
+    record.chain = record.chain or now
+    if record.chain != now:
+        raise Lost("the task was posted on another chain", task_id=record.task_id, chain=record.chain)
+
+
+def _transactions(participant: Participant, task_id: int) -> Iterator[str]:
+    """Hash of the transaction of each event of the task."""
+    after = 0
+    while events := participant.ask(queries.EVENTS, task_id=task_id, after=after).events:
+        yield from (event.tx_hash for event in events)
+        after = events[-1].seq

@@ -17,7 +17,8 @@ from rodeo.ros2.node import Node
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
 from rodeo.site import topics
-from rodeo.site.config import Site, ros_process
+from rodeo.site.config import Site
+from rodeo.site.processes import ros_process
 from rodeo.site.ros_names import ros_name
 from services.ros_dao.board import Board
 from services.ros_dao.create_task import TaskGoals
