@@ -236,7 +236,7 @@ class TaskGoals(GoalServer):
         self._ended(goal, status, TaskEnded(problem=problem_of(error), task=None, transactions=[]))
 
     def _ended(self, goal: TaskGoal, status: GoalStatus, ended: TaskEnded) -> None:
-        """On disk first: what was told is told again after a restart."""
+        """Write the end to disk first, so that the result is the same after a restart."""
         goal.record.status, goal.record.ended = status, ended
         self._records.save(goal.record)
         self.end(goal, status, self._message(ended, "Result"))

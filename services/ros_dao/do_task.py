@@ -45,7 +45,7 @@ class Assignments:
 
     Args:
         name: the action's full name.
-        say: is told what the node does, and which part of it is done.
+        say: called with what the node does, and which part of it is done.
     """
 
     def __init__(
