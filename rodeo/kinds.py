@@ -271,7 +271,8 @@ def _attribute(kind: Kind, where: str) -> Any:
 class Kinds(Mapping[str, Kind]):
     """The kinds that a site lists, by name."""
 
-    def __init__(self, kinds: Mapping[str, Kind]) -> None:
+    def __init__(self, site: Site, kinds: Mapping[str, Kind]) -> None:
+        self._site = site
         self._kinds = dict(kinds)
 
     def __getitem__(self, name: str) -> Kind:
@@ -286,6 +287,10 @@ class Kinds(Mapping[str, Kind]):
     def by_people(self, name: str) -> bool:
         """Whether people do and judge this kind. A kind that the site does not list has no checks here."""
         return name not in self or self[name].by_people
+
+    def completed(self, name: str, params: Mapping[str, Any]) -> dict[str, Any]:
+        """The parameters with the values that follow from them at this site."""
+        return self[name].complete(self._site, params) if name in self else dict(params)
 
     def providing(self, what: Literal["energy"]) -> Kind | None:
         """The kind that provides it, if the site lists one."""
@@ -308,7 +313,7 @@ def kinds_of(site: Site) -> Kinds:
                 full_charge_iec=f"{most_iec:f}",
                 price_iec=f"{kind.price_iec:f}",
             )
-    return Kinds(kinds)
+    return Kinds(site, kinds)
 
 
 def providing_energy(site: Site) -> Kind:

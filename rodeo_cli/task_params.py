@@ -37,7 +37,7 @@ def task_params(site: Site, name: str, flags: Sequence[str], params: str | None)
     values |= _flags(flags, {} if kind is None else kind.schema.get("properties", {}))
     if kind is None:
         return values
-    values = kind.complete(site, values)
+    values = kinds.completed(name, values)
     if wrong := kind.wrong_params(site, values):
         raise InvalidRequest("the task's parameters are not valid", fields=wrong)
     return values

@@ -65,7 +65,12 @@ class RegisterTask(Command):
     )
     reward_iec: Iec = Field(description="Reward in IEC, put into escrow.", examples=["100"])
     params: TaskParams = Field(
-        {}, description="The task's parameters: the fields of its kind.", examples=[{"window": "north"}]
+        {},
+        description=(
+            "The task's parameters: the fields of its kind. What follows from the others may be left out, as "
+            "the place of a listed item."
+        ),
+        examples=[{"window": "north"}],
     )
     description: str = Field(default="", max_length=2000, description="Description for people.")
     execution_window_s: Window | None = Field(
@@ -104,10 +109,10 @@ class RegisterTask(Command):
     def _task_request(self, desk: Desk) -> TaskRequest:
         """The task as it is registered. Raises RequestError where it would not be accepted."""
         desk.require_kind(self.kind)
-        kind = desk.kinds.get(self.kind)
+        kind, params = desk.kinds.get(self.kind), desk.kinds.completed(self.kind, self.params)
         if kind is not None:
-            kind.validate(self.params)
-        text = json.dumps({"description": self.description, "params": self.params}, separators=(",", ":"))
+            kind.validate(params)
+        text = json.dumps({"description": self.description, "params": params}, separators=(",", ":"))
         if len(text) > MAX_TEXT_BYTES:
             raise InvalidRequest(
                 "parameters and description are too long", bytes=len(text), limit=MAX_TEXT_BYTES

@@ -92,7 +92,7 @@ def _limit(word: str, key: str) -> Callable[[Error, str], str]:
             for other, factor in others.items()
             if isinstance(given, int | float) and key in ("le", "lt") and given * factor <= float(limit)
         ]
-        return f"write {word} {float(limit):g}{behind}, not {_shown(given)}{''.join(meant[:1])}"
+        return f"write {word} {float(limit):.12g}{behind}, not {_shown(given)}{''.join(meant[:1])}"
 
     return said
 

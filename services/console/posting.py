@@ -28,7 +28,8 @@ def problems(site: Site, kinds: Kinds, request: RegisterTask) -> dict[str, str]:
     if request.execution_window_s is not None and request.execution_window_s < MIN_WINDOW_S:
         wrong["execution_window_s"] = f"give the executor at least {MIN_WINDOW_S} s"
     if kind is not None:
-        wrong |= {f"params.{field}": text for field, text in kind.wrong_params(site, request.params).items()}
+        params = kinds.completed(request.kind, request.params)
+        wrong |= {f"params.{field}": text for field, text in kind.wrong_params(site, params).items()}
     return wrong
 
 

@@ -171,6 +171,15 @@ def test_a_task_that_goes_around_the_bridge_leaves_lists_readable(dao: Dao) -> N
         dao.command("panther1", "cancel_task", task_id=task["id"])
 
 
+def test_the_place_of_a_listed_item_follows_from_its_id(dao: Dao) -> None:
+    request_ = TASK | {"params": {"item_id": "item1"}, "reward_iec": "1", "allow_wait": True}
+    task_id = dao.command("organization", "register_task", **request_)["task_id"]
+    pose = next(one.pose for one in dao.site.items if one.id == "item1")
+    posted = dao.state(f"task/{task_id}")["params"]
+    dao.command("organization", "cancel_task", task_id=task_id)
+    assert (posted["x_m"], posted["y_m"]) == (pose.x_m, pose.y_m)
+
+
 def test_texts_that_everybody_would_keep_for_ever_are_bounded(dao: Dao) -> None:
     error = refusal(
         dao, "wallet/organization/register_task", TASK | {"params": PARAMS | {"note": "x" * 20_000}}

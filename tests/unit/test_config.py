@@ -312,7 +312,7 @@ def test_votes_that_nobody_could_cast_are_an_error(tmp_path: Path) -> None:
         ("verdict_window_s = 59", "verdict_window_s", "at least 60 s"),
         ("verdict_window_s = 2_592_001", "audit_window_s", "2592061 s together"),
         ("audit_window_s = 2_592_000", "audit_window_s", "2764800 s together"),
-        ("audit_window_s = 2_592_001", "audit_window_s", "less than or equal to 2592000"),
+        ("audit_window_s = 2_592_001", "audit_window_s", "write at most 2592000"),
     ],
 )
 def test_a_case_that_no_judge_takes_is_an_error(tmp_path: Path, line: str, field: str, text: str) -> None:

@@ -61,8 +61,8 @@ def test_no_charge_may_cost_more_by_the_rates_than_a_task_pays(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ("rates = [{ from_hour = 0, iec = 0 }]", "greater than 0"),
-        ("rates = [{ from_hour = 24, iec = 1 }]", "less than or equal to 23"),
+        ("rates = [{ from_hour = 0, iec = 0 }]", "write more than 0"),
+        ("rates = [{ from_hour = 24, iec = 1 }]", "write at most 23"),
         ("rates = [{ from_hour = 6, iec = 1 }, { from_hour = 6, iec = 2 }]", "two rates begin at hour 6"),
         ('judge = "auditor"\nrates = [{ from_hour = 0, iec = 1 }]', "remove rates"),
     ],

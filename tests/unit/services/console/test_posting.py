@@ -30,6 +30,13 @@ def cleaning(**fields: Any) -> RegisterTask:
     return RegisterTask(kind="waste_disposal", params=params, **{"reward_iec": Decimal(100), **fields})
 
 
+def test_what_follows_from_the_item_need_not_be_given(site: Site) -> None:
+    named = RegisterTask(kind="waste_disposal", params={"item_id": "item1"}, reward_iec=Decimal(100))
+    assert problems(site, named) == {}
+    unknown = RegisterTask(kind="waste_disposal", params={"item_id": "item99"}, reward_iec=Decimal(100))
+    assert "params.item_id" in problems(site, unknown)
+
+
 def charging(**params: Any) -> RegisterTask:
     values = {
         "robot": "panther1",
