@@ -39,7 +39,7 @@ from rodeo.ros2.node import Node
 from rodeo.ros2.service import Client
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
-from rodeo.site.config import Site, agent_process
+from rodeo.site.config import Site, robot_process
 from rodeo_testing.assignments import BINDING
 from tests.support.site import free_port
 
@@ -178,7 +178,7 @@ def _announce_minds(site: Site, bus: Bus) -> list[zenoh.LivelinessToken]:
     session = str(bus.session.info.zid())
     return [
         bus.session.liveliness().declare_token(
-            topics.CLOCK_HOLD.name(org=site.org, process=agent_process(site, robot.name), session=session)
+            topics.CLOCK_HOLD.name(org=site.org, process=robot_process(site, robot.name), session=session)
         )
         for robot in site.robots
     ]

@@ -7,7 +7,9 @@
     a device               speaks through the process that has its key
     a wallet               takes from the process that works for it, and from operator and console, the
                            commands that are declared for them (`rodeo.commands`), and no others
-    a participant's nodes  ask the ROS 2 services of that participant, and serve its `do_task`, nothing else
+    a participant's nodes  ask the ROS 2 services of that participant, serve its `do_task`, and open what
+                           every node does; as a robot's mind they also do what a mind may, but for stopping
+                           the body: the robot's recorder takes the orders
     a motion               is asked for by the process that `_CALLERS` names, and by operator and console
 
 What the rules do not allow is denied.
@@ -23,22 +25,26 @@ from rodeo.commands import COMMANDS
 from rodeo.commands.people import PEOPLE
 from rodeo.dao import ORGANIZATION
 from rodeo.lab.config import RobotConfig
+from rodeo.ros2.definitions import dds_type
 from rodeo.runtime.serving import served_by
 from rodeo.signing.keystores import MOCAP_NAME
 from rodeo.site import topics
-from rodeo.site.config import BRIDGE, Site, agent_process, body_identity, node_identity
+from rodeo.site.config import BRIDGE, Site, body_identity, node_identity, robot_process
+from rodeo.site.minds import AGENT
 from rodeo.site.processes import processes_of, ros_process
 from rodeo.site.ros_names import ros_name
 from rodeo.site.tls import OPERATOR
-from rodeo.site.topics import BODY, NODE, TOPICS, Form, Plane, Topic
+from rodeo.site.topics import BODY, EVERY_NODE, NODE, RECORDER, TOPICS, Form, Plane, Topic
 
 _CALLERS: dict[str, str] = {
-    topics.NAVIGATE_TO_POSE.key: "robot_agent",
-    topics.FOLLOW_JOINT_TRAJECTORY.key: "robot_agent",
-    topics.GRIPPER_CMD.key: "robot_agent",
-    topics.MOTOR_POWER.key: "robot_agent",
+    topics.NAVIGATE_TO_POSE.key: AGENT,
+    topics.FOLLOW_JOINT_TRAJECTORY.key: AGENT,
+    topics.GRIPPER_CMD.key: AGENT,
+    topics.MOTOR_POWER.key: AGENT,
     # Whoever stops another owner's robot, or lets it continue, decides over its work.
-    topics.EMERGENCY_STOP.key: "robot_agent",
+    topics.EMERGENCY_STOP.key: RECORDER,
+    # Only the mind says what it does, and what its robot signs.
+    **dict.fromkeys((topics.START_RECORDING.key, topics.PRESENT.key, topics.STOP_RECORDING.key), AGENT),
     topics.BIN_CAPTURE.key: "itrash",
     topics.DOCK_ENABLE.key: "charger",
     # Nobody who is paid for moving things moves them by decree.
@@ -50,6 +56,17 @@ _CALLERS: dict[str, str] = {
     topics.ROS_DO_TASK.key: "ros_dao",
 }
 """The one process that uses a service or action which moves or switches something."""
+
+_PARAMETERS = {
+    "describe_parameters": "rcl_interfaces/srv/DescribeParameters",
+    "get_parameter_types": "rcl_interfaces/srv/GetParameterTypes",
+    "get_parameters": "rcl_interfaces/srv/GetParameters",
+    "get_type_description": "type_description_interfaces/srv/GetTypeDescription",
+    "list_parameters": "rcl_interfaces/srv/ListParameters",
+    "set_parameters": "rcl_interfaces/srv/SetParameters",
+    "set_parameters_atomically": "rcl_interfaces/srv/SetParametersAtomically",
+}
+"""Services that every node of ROS 2 Jazzy serves under its own name (rclcpp's and rclpy's Node)."""
 
 _ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
 """A second writer: bin and dock have frames, too."""
@@ -80,8 +97,13 @@ _ANY_KEY = ["**", "@ros2_lv/**", "**/@adv/**"]
 def everybody(site: Site) -> list[str]:
     """The names of those who may be on the bus."""
     bodies = [body_identity(robot.name) for robot in site.robots]
+    return [*(process.name for process in processes_of(site)), *bodies, *nodes_of(site), OPERATOR]
+
+
+def nodes_of(site: Site) -> list[str]:
+    """The certificates of participants' ROS 2 nodes: those of an owner, and those that are a robot's mind."""
     nodes = [node_identity(name) for one in site.ros for name in one.participants]
-    return [*(process.name for process in processes_of(site)), *bodies, *nodes, OPERATOR]
+    return list(dict.fromkeys([*nodes, *(robot.mind for robot in site.robots if robot.mind is not None)]))
 
 
 def access_control(site: Site) -> dict[str, Any]:
@@ -112,13 +134,14 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
 def _written_by(site: Site, process: str) -> Iterator[str]:
     # Whose endpoints are in the ROS graph is no secret and no command.
     yield "@ros2_lv/**"
-    everybodys = "" if _job(process) in (BODY, NODE) else _EVERYBODY
+    yield from _parameters_of(site, process)
+    roles = _roles(site, process)
     for topic in TOPICS:
         if topic is topics.SERVES:
             # Nobody keeps another from its work by claiming it.
             for what, name in served_by(site, process):
                 yield topic.pattern(org=site.org, what=what, name=name)
-        elif topic.writer in (_job(process), everybodys) or _ALSO_WRITES.get(topic.key) == process:
+        elif topic.writer in roles or _ALSO_WRITES.get(topic.key) == process:
             for key in _written_keys(site, topic, process):
                 yield key
                 if topic.plane is not Plane.DAO:
@@ -127,10 +150,12 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
 
 def _asked_by(site: Site, process: str) -> Iterator[str]:
     yield "**/@adv/**"
+    roles = _roles(site, process)
     if _job(process) in (BODY, NODE):
+        yield from _parameters_of(site, process)
         for topic in TOPICS:
             own = topic.writer == BODY and topic.form is not Form.TOPIC
-            if own if _job(process) == BODY else _CALLERS.get(topic.key) == NODE:
+            if own if _job(process) == BODY else _CALLERS.get(topic.key) in roles:
                 yield from _asked_keys(site, topic, process)
         return
     for topic in TOPICS:
@@ -139,8 +164,10 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
                 yield topics.COMMAND.name(org=site.org, participant=participant, command=command)
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
-        people = process in PEOPLE and topic.plane is not Plane.ORGANIZATION
-        if asked and (people or _CALLERS.get(topic.key, _job(process)) == _job(process)):
+        caller = _CALLERS.get(topic.key, _job(process))
+        of_mind = caller == AGENT and topic.writer == RECORDER
+        people = process in PEOPLE and topic.plane is not Plane.ORGANIZATION and not of_mind
+        if asked and (people or caller in roles):
             yield from _asked_keys(site, topic, process)
 
 
@@ -157,8 +184,8 @@ def _wallets_of(site: Site, process: str) -> list[str]:
     """Participants for whom the process works; `*` for all."""
     if process in PEOPLE:
         return ["*"]
-    if (job := _job(process)) in ("robot_agent", "oracle"):
-        return _own(site, process, "robot" if job == "robot_agent" else "oracle")
+    if (job := _job(process)) in (AGENT, "oracle"):
+        return _own(site, process, "robot" if job == AGENT else "oracle")
     return _participants_of(site, process) or [ORGANIZATION]
 
 
@@ -175,6 +202,23 @@ def _participants_of(site: Site, process: str) -> list[str]:
 def _job(process: str) -> str:
     """The name in the key table, which does not tell one robot's mind or body from another's."""
     return process.partition(".")[0]
+
+
+def _roles(site: Site, process: str) -> set[str]:
+    """The names in the key table as which the process speaks. A mind of ours is its robot's recorder, too."""
+    job = _job(process)
+    if job in (BODY, NODE):
+        is_mind = process in [robot.mind for robot in site.robots]
+        return {job, EVERY_NODE, *([AGENT] if is_mind else [])}
+    return {job, _EVERYBODY, *([RECORDER] if job == AGENT else [])}
+
+
+def _parameters_of(site: Site, process: str) -> Iterator[str]:
+    """The keys of the parameters of a participant's nodes, which are in its namespace."""
+    if _job(process) == NODE:
+        namespace = f"{ros_name(site.org)}/{ros_name(process.removeprefix(f'{NODE}.'))}"
+        for service, typename in _PARAMETERS.items():
+            yield f"{site.bus.domain_id}/{namespace}/*/{service}/{dds_type(typename)}/*"
 
 
 def _own(site: Site, process: str, what: str) -> list[str]:
@@ -194,9 +238,9 @@ def _robots_of(site: Site, process: str) -> list[RobotConfig]:
     own = [
         robot
         for robot in site.robots
-        if process in (body_identity(robot.name), agent_process(site, robot.name))
+        if process in (body_identity(robot.name), robot_process(site, robot.name), robot.mind)
     ]
-    return own or site.robots
+    return own if _job(process) == NODE else own or site.robots
 
 
 def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
@@ -206,6 +250,9 @@ def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
         return
     if topic.plane is Plane.ORGANIZATION:
         yield from _ros_keys(site, topic, process)
+        return
+    if topic.writer == EVERY_NODE:
+        yield f"{site.bus.domain_id}/{topic.name()}/**"
         return
     devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
     for robot, device in itertools.product(_robots_of(site, process), devices):

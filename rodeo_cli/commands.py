@@ -41,6 +41,7 @@ COMMANDS = {
         "Show and change the organization's rules, members, devices and treasury.",
     ),
     "robot": ("robot:robots", "Give orders to robots and show their state."),
+    "ros2": ("ros2:ros2", "Connect a participant's ROS 2 nodes to the site."),
     "bin": ("bins:bins", "Tell a bin what items really were."),
     "console": ("accounts:accounts", "Manage the accounts of people who may use the console."),
     "site": ("sites:sites", "Check a site file and prepare a site for its processes."),

@@ -28,7 +28,7 @@ from rodeo.bus.session import Bus, heard_status
 from rodeo.errors import BusUnavailable, ConfigError, RodeoError, WrongBus
 from rodeo.host.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.site import topics
-from rodeo.site.config import Site, bridge_wallets
+from rodeo.site.config import Site, bridge_wallets, robot_process
 from rodeo.site.deploying import deployment_under_way
 from rodeo.site.processes import processes_of
 from rodeo.site.tls import OPERATOR, bus_is_closed, identity, openness
@@ -228,7 +228,23 @@ def read_rows(site: Site, timeout_s: float = 5.0, warn: Callable[[str], None] | 
             rows.append(Row(name, "not ready", f"process {pid} runs, but {silence}"))
         elif not heard or last_ending(site.data_dir / name) is not None:
             rows.append(_ended(site, name))
-    return rows
+    return [*rows, *_minds(site, rows)]
+
+
+def _minds(site: Site, rows: list[Row]) -> Iterator[Row]:
+    """The minds that are ROS 2 nodes, of which the recorders tell whether they are there."""
+    for robot in site.robots:
+        if robot.mind is not None:
+            recorder = robot_process(site, robot.name)
+            told = next((row.status for row in rows if row.name == recorder and row.state == "ready"), None)
+            if told is None:
+                yield Row(
+                    robot.mind, "not ready", f"{recorder}, which sees the mind of {robot.name}, is not ready"
+                )
+            elif told.details.get("mind"):
+                yield Row(robot.mind, "ready", f"the mind of {robot.name}")
+            else:
+                yield Row(robot.mind, "down", f"no node is the mind of {robot.name}")
 
 
 def _ended(site: Site, name: str) -> Row:

@@ -103,6 +103,7 @@ def check(path: Path) -> list[Finding]:
             *_other_units(site),
             *_demo(site),
             *_one_host(site),
+            *_minds(site),
             *_hurried(site),
             *_standby(site),
             *_unpriced(site),
@@ -172,6 +173,19 @@ def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
     together = {"organization", ORACLE} <= set(bridge_wallets(site)[BRIDGE])
     if site.bridges and together and not site.oracles:
         yield ("bridges",), ONE_HOST.format("the site's own bridge")
+
+
+def _minds(site: Site) -> Iterator[tuple[Place, str]]:
+    """Minds that cannot keep up with the clock, or take no tasks."""
+    spoken_for = {name for owner in site.ros for name in owner.participants}
+    for number, robot in enumerate(site.robots):
+        if robot.mind is None:
+            continue
+        place = "robots", number, "mind"
+        if robot.name not in spoken_for:
+            yield place, f"no [[ros]] lists {robot.name}, so its mind cannot take its tasks over ROS 2"
+        if not site.clock.keeps_wall_time:
+            yield place, f"the clock waits for no {robot.mind}: set clock.speed and clock.idle_speed to 1"
 
 
 # -- the room --------------------------------------------------------------------------------------------

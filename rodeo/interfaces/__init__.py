@@ -4,6 +4,7 @@ naming      what ROS calls a field, a message and a service
 fields      the fields of a message, from those of a model
 problem     an error as nodes get it
 actions     what the goals, results and feedback of actions hold
+recorder    what a mind asks of its robot's recorder
 package     every message, service and action, their texts, and their types in `rodeo.ros2`
 convert     values of models to messages, and back
 generate    writes the folder `rodeo_msgs` and its page of reference

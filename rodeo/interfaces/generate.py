@@ -19,6 +19,7 @@ from rodeo.interfaces.package import (
     create_task,
     do_task,
     interfaces,
+    recorder,
     register,
 )
 from rodeo.payloads import meanings
@@ -133,13 +134,20 @@ def _page() -> str:
     lines += ["## Services", "", "Below `/<organization>/<participant>/`, hyphens as `_`.", ""]
     lines += ["| service | type | form | what |", "|---|---|---|---|"]
     for one in interfaces():
-        if one.form == "srv":
+        if one.name in served:
             name, form = served[one.name]
             lines.append(f"| `{name}` | `{one.typename}` | {form} | {one.about} |")
     lines += ["", "## Actions", "", "Their goals are at the same place.", ""]
     lines += ["| action | type | server | what |", "|---|---|---|---|"]
     for one, server in ((create_task(), "the process"), (do_task(), "a node of the participant")):
         lines.append(f"| `{service_name(one.name)}` | `{one.typename}` | {server} | {one.about} |")
+    lines += [
+        "",
+        "The recorder of a robot whose mind is a ROS 2 node serves these in the robot's namespace.",
+        "",
+    ]
+    lines += ["| service | type | what |", "|---|---|---|"]
+    lines += [f"| `/{key}` | `{one.typename}` | {one.about} |" for key, one in recorder().items()]
     for one in interfaces():
         # rmw_zenoh has no key for an action itself.
         hashed = f"{one.typename}_SendGoal" if one.form == "action" else one.typename

@@ -20,6 +20,7 @@ from rodeo.interfaces import actions
 from rodeo.interfaces.fields import PACKAGE, Count, Field, How, fields_of, nested
 from rodeo.interfaces.naming import distinct, interface_name, service_name
 from rodeo.interfaces.problem import Problem
+from rodeo.interfaces.recorder import SERVICES, RobotOrders
 
 DISTRIBUTION = "rodeo-dao"
 """Kinds of other packages have no type of their own: what is installed must not change a hash."""
@@ -176,6 +177,21 @@ def asked() -> dict[str, Asked]:
 
 
 @cache
+def recorder() -> dict[str, Interface]:
+    """Service of a robot's recorder, by its key in the table -> its interface."""
+    return {
+        key: Interface(
+            request.__name__,
+            "srv",
+            _first(request),
+            (tuple(fields_of(request, request=True)), tuple(fields_of(response, request=False))),
+            (request, response),
+        )
+        for key, (request, response) in SERVICES.items()
+    }
+
+
+@cache
 def interfaces() -> tuple[Interface, ...]:
     """All of the package. Raises NameCollision and NoInterface."""
     models: dict[str, type[BaseModel]] = {}
@@ -190,7 +206,7 @@ def interfaces() -> tuple[Interface, ...]:
 
     done: set[type[BaseModel]] = set()
     queried: list[type[BaseModel]] = [one.query.answer for one in asked().values()]
-    roots: list[type[BaseModel]] = [Problem, Mined, DaoEvent, Task, *queried]
+    roots: list[type[BaseModel]] = [Problem, Mined, DaoEvent, Task, RobotOrders, *queried]
     for model in roots:
         collect(model)
     found = [
@@ -200,7 +216,7 @@ def interfaces() -> tuple[Interface, ...]:
     found += _params()
     found += [command.interface for command in commands().values()]
     found += [query.interface for query in asked().values()]
-    found += [create_task(), do_task()]
+    found += [create_task(), do_task(), *recorder().values()]
     distinct((one.name for one in found if one.form == "msg"), PACKAGE)
     distinct((one.name for one in found if one.form != "msg"), PACKAGE)
     return tuple(sorted(found, key=lambda one: one.path))

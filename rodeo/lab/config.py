@@ -346,6 +346,9 @@ class RobotConfig(Section):
     """Postures of the arm. An arm with other joints than a ViperX 300S's needs its own."""
     wallet: str = Field("", pattern=r"^[a-z][a-z0-9_-]*$", validate_default=True)
     """Keystore of its account; by default the name."""
+    mind: str | None = Field(None, pattern=r"^node\.[a-z][a-z0-9_-]*$")
+    """Certificate of the ROS 2 nodes that are its mind, `node.<participant>`: they move its body, and a
+    process `robot_recorder` records their work. By default its mind is a process `robot_agent`."""
     payout: Annotated[str, AfterValidator(typed_address)] | None = None
     """Address that payments for its work go to, and its bonds and stakes; by default its own. The robot names
     it once. From then on only that address can change it, and neither the robot's key nor this file."""

@@ -82,6 +82,21 @@ class Irrevocable:
 
 
 @dataclass(frozen=True)
+class Done:
+    """Work that a mind did which is no behaviour, while it was recorded."""
+
+    task: Task
+    recording: Record
+    bins: Mapping[str, SmartBin]
+    """The site's, by name."""
+    presented: tuple[str, float] | None
+    """The bin to which the robot presented itself last, and when (site time)."""
+    clock: Clock
+    wait: Callable[[float], None]
+    """Waits for seconds of site time, and raises what ends the process."""
+
+
+@dataclass(frozen=True)
 class Robot:
     """What a behaviour works with."""
 
@@ -123,9 +138,16 @@ class Behaviour(ABC):
     def execute(self, work: Work) -> None:
         """Do the work. It may have been interrupted before. Raises TaskFailed when it cannot be done."""
 
-    def irrevocable(self, recording: Path) -> Irrevocable | None:
+    @staticmethod
+    def irrevocable(recording: Path) -> Irrevocable | None:
         """What an interrupted attempt did for good, by its recording, which may be cut off. None: it can
         all be done again, in a new recording."""
+        return None
+
+    @staticmethod
+    def attend(done: Done) -> None:
+        """Return when the recording of work that another mind did holds what a proof needs. Raises NoAnswer
+        and TakenOut where it lacks that."""
         return None
 
     def finish(self, done: Irrevocable, work: Work) -> None:

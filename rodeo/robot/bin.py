@@ -180,6 +180,12 @@ class SmartBin:
         self.listener.catch_up()
 
 
+def names(said: Classification, claimant: Claimant) -> bool:
+    """Whether the bin says that `claimant` showed it. Addresses may differ in case."""
+    own = claimant.address.lower(), claimant.recording, claimant.task_id, claimant.attempt
+    return own in [(o.address.lower(), o.recording, o.task_id, o.attempt) for o in said.claimants]
+
+
 def moment_s(word: Word) -> float:
     """Site time of what a statement is about."""
     return word.shown_s if isinstance(word, Classification) else word.settled_s

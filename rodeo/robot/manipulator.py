@@ -16,7 +16,7 @@ from rodeo.lab.config import DockConfig, ItemConfig, Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import top_grasps
 from rodeo.lab.layout import dock_parking, on_contacts
-from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
+from rodeo.lab.world import GRIPPER_OPEN_M
 from rodeo.robot.arm import (
     CRUISE_RAD_S,
     Arm,
@@ -29,7 +29,7 @@ from rodeo.robot.errors import Blocked, GraspFailed, MotionFailed
 from rodeo.robot.memory import Held, Memory
 from rodeo.robot.navigation import Floor, in_base_frame
 from rodeo.robot.perception import Sighting, View
-from rodeo.robot.ros_body import RosBody
+from rodeo.robot.ros_body import NOTHING_HELD_M, OPEN_ENOUGH_M, RosBody, holds_something
 from rodeo.robot.wrist_camera import WristCamera
 from rodeo.site.config import Site
 
@@ -54,8 +54,6 @@ _LIFT_M = 0.15
 _DESCENT_RAD_S = 0.6
 _LIFT_RAD_S = 0.8
 _GRIP_FORCE_N = 5.0
-_NOTHING_HELD_M = GRIPPER_CLOSED_M + 0.001
-_OPEN_ENOUGH_M = GRIPPER_OPEN_M - 0.004
 _THERE_RAD = 0.03
 """An arm this close to a posture need not move to it."""
 _PUT_DOWN_M = 0.004
@@ -202,7 +200,7 @@ class MobileManipulator:
     # -- taking ----------------------------------------------------------------------------------------
 
     def open_fingers(self) -> None:
-        if self._body.joints().gripper_m < _OPEN_ENOUGH_M:
+        if self._body.joints().gripper_m < OPEN_ENOUGH_M:
             self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N)
 
     def grasp(self, item: ItemConfig, sighting: Sighting) -> Held:
@@ -243,7 +241,7 @@ class MobileManipulator:
 
     def _fingers_apart(self) -> bool:
         """Whether something keeps the fingers from closing, unless they are open."""
-        return _NOTHING_HELD_M < self._body.joints().gripper_m < _OPEN_ENOUGH_M
+        return holds_something(self._body.joints().gripper_m)
 
     def _unknown(self) -> Held:
         """Something that nobody remembers taking; it hangs as low as any item does."""
@@ -258,7 +256,7 @@ class MobileManipulator:
 
     def _check_held(self) -> None:
         gripper_m = self._body.recent_gripper_m()
-        if gripper_m is not None and gripper_m <= _NOTHING_HELD_M:
+        if gripper_m is not None and gripper_m <= NOTHING_HELD_M:
             raise GraspFailed("the item slipped out on the way", gripper_m=round(gripper_m, 4))
 
     # -- bringing --------------------------------------------------------------------------------------
@@ -324,7 +322,7 @@ class MobileManipulator:
 
 
 def _check_grip(position_m: float) -> None:
-    if position_m <= _NOTHING_HELD_M:
+    if position_m <= NOTHING_HELD_M:
         raise GraspFailed("the fingers closed on nothing", position_m=round(position_m, 4))
 
 

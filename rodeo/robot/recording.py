@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -77,6 +78,14 @@ def stated(path: Path) -> dict[str, int]:
     for signer, statement in statements(path) if path.exists() else ():
         last[signer] = max(last.get(signer, 0), statement.seq)
     return last
+
+
+def recording_of(path: Path) -> str:
+    """Digest of the first seal of the recording at `path`, as statements name it; "" before there is one."""
+    reader = SealedReader(path)
+    with suppress(ContainerError):
+        next(iter(reader), None)
+    return "0x" + reader.audit.digests[0] if reader.audit.digests else ""
 
 
 def notes(path: Path) -> Iterator[tuple[float, dict[str, Any]]]:
@@ -368,14 +377,14 @@ class Recording:
         if self._hole_ns and not self._holes_allowed:
             raise EvidenceHole("messages of the robot were lost", lost_s=self._hole_ns * 1e-9)
 
-    def await_witness(self, item: str) -> None:
+    def await_witness(self, item: str | None) -> None:
         """Wait until motion capture listed this recording and showed where `item` lies and the robot stands:
         what is moved before proves nothing. A robot that begins beside the item may grasp it without a drive.
         Raises NoAnswer; returns at once on a site without motion capture."""
         patience = Patience(self._clock, _WITNESS_S)
         while self._watches:
             with self._lock:
-                listed, shown = self._listed, {item, self._robot} <= self._shown
+                listed, shown = self._listed, {item or self._robot, self._robot} <= self._shown
             if listed and shown:
                 return
             self._clock.wait_until(self._clock.now_s() + _LOOK_S)

@@ -19,7 +19,7 @@ from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.geometry import on_plane, quaternion_of
 from rodeo.lab.layout import on_contacts
-from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
+from rodeo.lab.world import CONTROL_PERIOD_S, GRIPPER_CLOSED_M, GRIPPER_OPEN_M, arm_model
 from rodeo.recording.pace import LEAST_WORK_S, Pace
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.errors import BodySilent, MotionFailed
@@ -54,6 +54,8 @@ _LASTING_S = 2.0
 _CLOCK_BEHIND_S = 1.0
 """Site time by which a simulated clock is heard late at most: no stamp is believed that is further ahead."""
 _GOAL_TIME_TOLERANCE_S = 3
+NOTHING_HELD_M = GRIPPER_CLOSED_M + 0.001
+OPEN_ENOUGH_M = GRIPPER_OPEN_M - 0.004
 
 
 @dataclass(frozen=True)
@@ -484,6 +486,11 @@ class RosBody:
             _cancel(goal)
             raise
         return goal.result()
+
+
+def holds_something(gripper_m: float) -> bool:
+    """Whether fingers, half a gap of `gripper_m` apart, closed on something: neither closed nor open."""
+    return NOTHING_HELD_M < gripper_m < OPEN_ENOUGH_M
 
 
 def _joints(position: dict[str, float], arm: ArmModel) -> Joints:

@@ -49,6 +49,7 @@ from rodeo.runtime.serving import Claim, Holder, Rival, Thing
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
 from rodeo.site.config import Site
+from rodeo.site.minds import clock_holder
 from rodeo.site.tls import identity
 from rodeo.text.redaction import redacted, redacted_json
 
@@ -209,7 +210,7 @@ class Process:
     def _holder(self) -> tuple[str, str] | None:
         """How the simulator's clock knows this process, if it waits for it."""
         clock = self.site.clock
-        holds = self.name.partition(".")[0] in clock.holders and not clock.keeps_wall_time
+        holds = clock_holder(self.name) in clock.holders and not clock.keeps_wall_time
         return (self.site.org, self.name) if holds else None
 
     # -- readiness and progress ------------------------------------------------------------------------

@@ -24,12 +24,12 @@ from rodeo.errors import Interrupted, ServedElsewhere
 from rodeo.site import topics
 from rodeo.site.config import (
     Site,
-    agent_process,
     bin_process,
     bridge_wallets,
     dock_process,
     oracle_names,
     oracle_process,
+    robot_process,
 )
 from rodeo.site.processes import ros_process
 
@@ -72,7 +72,7 @@ def served_by(site: Site, process: str) -> list[Thing]:
     things |= {bin_process(site, one.name): Thing("bin", one.name) for one in site.bins}
     things |= {dock_process(site, one.name): Thing("dock", one.name) for one in site.docks}
     things |= {ros_process(site, one.owner): Thing("ros", one.owner) for one in site.ros}
-    things |= {agent_process(site, robot.name): Thing("robot", robot.name) for robot in site.robots}
+    things |= {robot_process(site, robot.name): Thing("robot", robot.name) for robot in site.robots}
     return [things[process]] if process in things else []
 
 

@@ -36,7 +36,8 @@ from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, Place
 from rodeo.lab.rooms import RoomConfig, walls
 from rodeo.money.currency import IEC, MAX_DECIMALS, MIN_DECIMALS, Currency, InvalidAmount
 from rodeo.money.rewards import Rise
-from rodeo.site import endpoint, ros_names
+from rodeo.site import endpoint, minds, ros_names
+from rodeo.site.minds import job_beside
 from rodeo.site.topics import BODY, NODE
 from rodeo.text import redaction
 from rodeo.text.addresses import typed_address
@@ -125,9 +126,10 @@ class ClockConfig(_Table):
         "itrash",
         "charger",
     ]
-    """Processes that a simulated clock waits for while they are busy (`rodeo.bus.holding`). With `bridge`,
-    `oracle` and `chain` in the list, the speed of the machine does not change what a site does. `arrivals` is
-    the process that posts the tasks of an experiment."""
+    """Processes that a simulated clock waits for while they are busy (`rodeo.bus.holding`); a robot's
+    recorder holds it as `robot_agent` does. With `bridge`, `oracle` and `chain` in the list, the speed of the
+    machine does not change what a site does. `arrivals` is the process that posts the tasks of an
+    experiment."""
     start: AwareDatetime | None = None
     """Time at which a simulated site begins, with a UTC offset: 2026-05-04T06:00:00Z. None: the wall time."""
     seed: int | None = Field(default=None, ge=0)
@@ -859,9 +861,9 @@ def _called(name: str, what: str, parts: Sequence[Part]) -> Part:
     raise ConfigError(f"no such {what} on this site", **known)
 
 
-def agent_process(site: Site, robot: str) -> str:
-    """Name of the process that is the mind of `robot`."""
-    return _process("robot_agent", site.robots, robot)
+def robot_process(site: Site, robot: str) -> str:
+    """Name of the process that has the key of the robot's device: its mind, or the recorder beside that."""
+    return _process(job_beside(site.robot(robot).mind), site.robots, robot)
 
 
 def bin_process(site: Site, name: str) -> str:
@@ -1062,6 +1064,7 @@ def faults(site: Site) -> dict[Place, str]:
         _names,
         _wallets,
         _bridges,
+        lambda one: minds.faults(one.robots, one.participants, one.clock.speed),
         lambda one: ros_names.faults(one.org, one.ros, one.robots, one.participants, [*one.bins, *one.docks]),
         _amounts,
         _governance,

@@ -6,13 +6,15 @@ from dataclasses import dataclass, replace
 
 from rodeo.site.config import (
     Site,
-    agent_process,
     bin_process,
     bridge_process,
     dock_process,
     oracle_names,
     oracle_process,
+    robot_process,
 )
+from rodeo.site.minds import AGENT, job_beside
+from rodeo.site.topics import RECORDER
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ PROCESSES: tuple[ProcessEntry, ...] = (
     ProcessEntry("console", "services.console", "the web page where people run the organization"),
     ProcessEntry("ros_dao", "services.ros_dao", "the organization as ROS 2 services, for one owner's nodes"),
     ProcessEntry("robot_sim", "services.robot_sim", "the simulated lab and robots"),
-    ProcessEntry("robot_agent", "services.robot_agent", "the robot's mind"),
+    ProcessEntry(AGENT, "services.robot_agent", "the robot's mind"),
+    ProcessEntry(RECORDER, "services.robot_recorder", "records what the robot's mind, a ROS 2 node, does"),
 )
 
 
@@ -57,18 +60,21 @@ def processes_of(site: Site) -> list[ProcessEntry]:
         "itrash": _each("itrash", "bin", {one.name: bin_process(site, one.name) for one in site.bins}),
         "ros_dao": _each("ros_dao", "owner", {one.owner: ros_process(site, one.owner) for one in site.ros}),
         "charger": _each("charger", "dock", {one.name: dock_process(site, one.name) for one in site.docks}),
-        "robot_agent": _each(
-            "robot_agent", "robot", {one.name: agent_process(site, one.name) for one in site.robots}
-        ),
+        **{job: _each(job, "robot", robots_with(site, job)) for job in (AGENT, RECORDER)},
     }
     if site.chain.backend == "external":
         own["chain"] = []
     return [entry for process in PROCESSES for entry in own.get(process.name, [process])]
 
 
+def robots_with(site: Site, job: str) -> dict[str, str]:
+    """Robot -> its process, of those whose key an AGENT has, or a RECORDER."""
+    return {one.name: robot_process(site, one.name) for one in site.robots if job_beside(one.mind) == job}
+
+
 def _each(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
-    """A process for each name. Where there is only one, its command needs no option that names it."""
-    if len(names) == 1:
+    """A process for each name. Where there is only one of its kind, its command needs no option."""
+    if list(names.values()) == [job]:
         return [BY_NAME[job]]
     return _named(job, option, names)
 

@@ -22,6 +22,13 @@ NODE = "node"
 """Identity that speaks ROS 2 for a participant: on the bus `node.<participant>`
 (`rodeo.site.config.node_identity`)."""
 
+EVERY_NODE = "every node"
+"""Writer of what each node of ROS 2 publishes by itself: those of participants, and of bodies."""
+
+RECORDER = "robot_recorder"
+"""What has the key of a robot's device: a process of its own beside a mind that is a ROS 2 node, else part of
+`robot_agent`."""
+
 
 class Plane(StrEnum):
     ROBOT = "robot"
@@ -99,8 +106,8 @@ def _topic(key: str, type: str, rate_hz: float | None, writer: str, recorded: bo
     return Topic(key, type, Form.TOPIC, Plane.ROBOT, rate_hz, writer, recorded, meaning)
 
 
-def _served(key: str, type: str, form: Form, meaning: str) -> Topic:
-    writer = BODY if key.startswith("{ns}/") else "robot_sim"
+def _served(key: str, type: str, form: Form, meaning: str, writer: str = "") -> Topic:
+    writer = writer or (BODY if key.startswith("{ns}/") else "robot_sim")
     return Topic(key, type, form, Plane.ROBOT, None, writer, meaning=meaning)
 
 
@@ -250,6 +257,48 @@ GRIPPER_CMD = _served(
     "control_msgs/action/GripperCommand",
     Form.ACTION,
     "open or close the fingers",
+)
+
+# -- robot plane: what its recorder offers a mind that is a ROS 2 node ---------------------------------------
+
+START_RECORDING = _served(
+    "{ns}/start_recording",
+    "rodeo_msgs/srv/StartRecording",
+    Form.SERVICE,
+    "record an attempt; answered when motion capture lists the recording",
+    RECORDER,
+)
+PRESENT = _served(
+    "{ns}/present",
+    "rodeo_msgs/srv/Present",
+    Form.SERVICE,
+    "sign for a bin that the robot shows it something; answered with what the bin says of it",
+    RECORDER,
+)
+STOP_RECORDING = _served(
+    "{ns}/stop_recording",
+    "rodeo_msgs/srv/StopRecording",
+    Form.SERVICE,
+    "seal and store the recording, once it holds what the kind of work needs; answered with URI and hash",
+    RECORDER,
+)
+ROBOT_ORDERS = replace(
+    _topic("{ns}/orders", "rodeo_msgs/msg/RobotOrders", None, RECORDER, False, "the orders that hold"),
+    latched=True,
+)
+
+# -- robot plane: what every node of ROS 2 opens by itself, beside its own parameters' services --------------
+
+ROSOUT = replace(
+    _topic("rosout", "rcl_interfaces/msg/Log", None, EVERY_NODE, False, "what nodes log"), latched=True
+)
+PARAMETER_EVENTS = _topic(
+    "parameter_events",
+    "rcl_interfaces/msg/ParameterEvent",
+    None,
+    EVERY_NODE,
+    False,
+    "changes of nodes' parameters",
 )
 
 # -- robot plane: what the lab itself offers ------------------------------------------------------------
@@ -454,7 +503,7 @@ ROBOT_ORDER = _dao(
     "rodeo/{org}/robot/{robot}/{order}",
     "per query",
     Form.QUERY,
-    "robot_agent",
+    RECORDER,
     "orders to the robot (pause, resume, charge, cancel, stop), its state, and why it decided what (explain)",
 )
 STATUS = _dao("rodeo/{org}/status/{process}", "Status", Form.TOPIC, "every process", "heartbeat", 1)
@@ -544,8 +593,8 @@ def robot_interface() -> str:
     """A robot's interface as a table: part of docs/tutorials/robot.md."""
     lines = ["| name | type | form | rate (Hz) | in a proof | what |", "|---|---|---|---|---|---|"]
     for topic in TOPICS:
-        if topic is ITEM_POSE:
-            continue  # the mind's own
+        if topic is ITEM_POSE or topic.writer == RECORDER:
+            continue  # the mind's own, and what is for it
         if topic.plane is Plane.ROBOT and (topic.key.startswith("{ns}/") or topic.key.startswith("tf")):
             form = "subscribed" if topic.writer != BODY else topic.form
             recorded = "yes" if topic.recorded else ""

@@ -17,12 +17,12 @@ from pydantic import ValidationError
 from rodeo.bus.messages import Task
 from rodeo.errors import wrong_fields
 from rodeo.lab.config import ItemConfig, Pose2
-from rodeo.lab.drop import JUDGED_AFTER_DROP_S, RECORDED_AFTER_DROP_S, SPEAKS_AGAIN_S, SUBMITTED_S
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.lab.geometry import wrap
 from rodeo.lab.items import NotGraspable
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
-from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot, Work
-from rodeo.robot.bin import SmartBin
+from rodeo.robot.behaviour import Behaviour, Done, Estimate, Irrevocable, Robot, Work
+from rodeo.robot.bin import SmartBin, names
 from rodeo.robot.body import Point
 from rodeo.robot.errors import (
     Blocked,
@@ -37,9 +37,10 @@ from rodeo.robot.errors import (
 from rodeo.robot.memory import Held
 from rodeo.robot.navigation import in_base_frame
 from rodeo.robot.perception import Cluster, Sighting, View, best, candidates, cloud, clusters
-from rodeo.robot.recording import last_s, notes, statements
+from rodeo.robot.recording import last_s, notes, recording_of, statements
 from rodeo.vision.classification import UNKNOWN
 from rodeo.witness.statement import Claimant, Classification, Drop
+from rodeo_kinds.waste_disposal.aftermath import Aftermath
 from rodeo_kinds.waste_disposal.params import CleaningParams
 from rodeo_kinds.waste_disposal.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
 
@@ -69,8 +70,6 @@ _FALL_S = 0.6
 _HOLD_WALL_S = 5.0
 """How long the arm is held still for the bin to speak: what is missing from a recording while nothing moves
 is no loss."""
-_LOOK_AROUND_S = 1.0
-"""Site time after which a robot that waits hears of orders."""
 _LOOK_AWAY_S = 1.5
 _OTHER_VIEWS_RAD = (0.6, -0.6)
 """How far the gripper turns for the next views of what the bin does not know."""
@@ -151,23 +150,32 @@ class WasteDisposal(Behaviour):
             raise TaskFailed("no such bin on this site", bin=params.bin)
         return sorted(found, key=lambda one: one.away_m(params.x_m, params.y_m))
 
-    def irrevocable(self, recording: Path) -> Irrevocable | None:
+    @staticmethod
+    def irrevocable(recording: Path) -> Irrevocable | None:
         """What was released cannot be taken out of the bin again."""
-        released = release_in(recording)
+        released = release_in(recording) or drop_in(recording)
         if released is None:
             return None
         told = tells_of_disposal(recording, *released, RECORDED_AFTER_DROP_S)
         return Irrevocable(released[0], told, where=released[1])
 
-    def finish(self, done: Irrevocable, work: Work) -> None:
-        self.confirm(done.done_s, self._station(done.where), work)
+    @staticmethod
+    def attend(done: Done) -> None:
+        """Wait for the bin's word on what the robot showed it, and until that has stayed in the bin."""
+        if done.presented is None:
+            return
+        name, presented_s = done.presented
+        after = Aftermath(done.task, done.recording, done.bins[name], done.clock, done.wait)
+        drop = after.confirmation(presented_s, _BIN_ANSWER_WALL_S)
+        if drop is None:
+            raise NoAnswer("the bin did not confirm that anything fell", bin=name)
+        after.stay(drop.settled_s, drop)
 
-    def _station(self, name: str) -> Station:
-        """Raises TaskFailed."""
-        for station in self.stations:
-            if station.name == name:
-                return station
-        raise TaskFailed("no such bin on this site", bin=name)
+    def finish(self, done: Irrevocable, work: Work) -> None:
+        station = next((one for one in self.stations if one.name == done.where), None)
+        if station is None:
+            raise TaskFailed("no such bin on this site", bin=done.where)
+        self.confirm(done.done_s, station, work)
 
     def tidy(self) -> None:
         """Make room for whoever uses a bin next, with the arm folded, wherever it was left."""
@@ -372,7 +380,7 @@ class WasteDisposal(Behaviour):
                 log.warning("the bin did not answer; showing %s again", item.id)
             else:
                 after_s = said.shown_s
-                if not _names(said, claimant):
+                if not names(said, claimant):
                     if attempt == _SHOWS:
                         raise NoAnswer(
                             "the bin's statement does not name this robot",
@@ -416,7 +424,7 @@ class WasteDisposal(Behaviour):
         work.recording.note({"event": "released", "item": held.item_id})
         self._memory.let_go(None)
         self._body.wait(_FALL_S)
-        self._hold_still(released_s, station)
+        _hold_still(released_s, station)
         try:
             self._body.draw_back()
         except (MotionFailed, Unreachable) as error:  # the item is in the bin all the same
@@ -425,50 +433,19 @@ class WasteDisposal(Behaviour):
             self._recover()
         return released_s
 
-    def _hold_still(self, released_s: float, station: Station) -> None:
-        """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
-        try:
-            station.bin.wait_for(Drop, released_s, _HOLD_WALL_S)
-        except NoAnswer as error:
-            log.info("%s yet", error)
-
     def _finish(self, released_s: float, station: Station, patience_s: float, work: Work) -> None:
         """Wait for the bin's own word, make room at the bin, and be there until what fell has stayed in it.
-
-        Without the bin's word the recording stands as it is and the oracle decides. Raises TakenOut.
-        """
+        Raises TakenOut."""
         work.report("waiting for the bin to confirm", 0.9)
-        drop: Drop | None = None
-        try:
-            drop = station.bin.wait_for(Drop, released_s, patience_s)
-        except NoAnswer as error:
-            log.warning("%s; submitting without its confirmation", error)
-            work.recording.note({"event": "unconfirmed", **error.to_json()})
+        after = Aftermath(work.task, work.recording, station.bin, self._clock, self._body.wait)
+        drop = after.confirmation(released_s, patience_s)
         work.report("driving away from the bin", 0.92)
         try:
             self.tidy()
         except (MotionFailed, Unreachable) as error:
             log.warning("the robot stays at the bin: %s", error)
         work.report("checking that the item stays in the bin", 0.94)
-        until_s = (released_s if drop is None else drop.settled_s) + RECORDED_AFTER_DROP_S
-        while (now_s := self._clock.now_s()) < until_s:
-            self._body.wait(min(until_s - now_s, _LOOK_AROUND_S))
-        # Whoever pulled the plug of motion capture is at fault only if it is seen to speak again, or if the
-        # bin missed it: then the robot need not wait for ever.
-        latest_s = until_s + SPEAKS_AGAIN_S
-        if work.task.execution_deadline is not None:
-            latest_s = min(latest_s, work.task.execution_deadline - SUBMITTED_S)
-        if not work.recording.await_motion(until_s - RECORDED_AFTER_DROP_S + JUDGED_AFTER_DROP_S, latest_s):
-            work.recording.note({"event": "unwitnessed", "waited_s": self._clock.now_s() - until_s})
-        if drop is None:
-            return
-        if (removal := station.bin.removed(drop)) is not None:
-            raise TakenOut(
-                "something was taken out of the bin after the drop",
-                compartment=removal.compartment,
-                weight_n=removal.weight_n,
-                after_s=round(removal.settled_s - drop.settled_s, 3),
-            )
+        after.stay(released_s if drop is None else drop.settled_s, drop)
 
     def _recover(self) -> None:
         """After a failed step: the arm out of the way, whatever is held stays held."""
@@ -476,6 +453,14 @@ class WasteDisposal(Behaviour):
             self._body.fold()
         except (MotionFailed, Unreachable) as error:
             log.warning("the arm did not fold: %s", error)
+
+
+def _hold_still(released_s: float, station: Station) -> None:
+    """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
+    try:
+        station.bin.wait_for(Drop, released_s, _HOLD_WALL_S)
+    except NoAnswer as error:
+        log.info("%s yet", error)
 
 
 def ordered(task: Task) -> CleaningParams:
@@ -495,6 +480,18 @@ def release_in(path: Path) -> tuple[float, str] | None:
     return found[-1] if found else None
 
 
+def drop_in(path: Path) -> tuple[float, str] | None:
+    """When something fell that the robot of this recording had shown, and into which bin: a mind that is not
+    ours notes no release."""
+    own = recording_of(path)
+    fell = [
+        (one.after_s, one.device)
+        for _, one in statements(path)
+        if isinstance(one, Drop) and own in [claimant.recording for claimant in one.claimants]
+    ]
+    return fell[-1] if fell else None
+
+
 def tells_of_disposal(path: Path, after_s: float, bin_name: str, for_s: float) -> bool:
     """Whether the recording holds the bin's word that something fell after `after_s` (site time), and what
     came for `for_s` after that."""
@@ -511,9 +508,3 @@ def _two_sides(poses: list[Pose2]) -> list[list[Pose2]]:
     first = poses[0]
     elsewhere = [p for p in poses if abs(wrap(p.yaw_rad - first.yaw_rad)) > math.pi / 3]
     return [poses, elsewhere] if elsewhere else [poses]
-
-
-def _names(said: Classification, claimant: Claimant) -> bool:
-    """Whether the bin says that `claimant` showed it. Addresses may differ in case."""
-    own = claimant.address.lower(), claimant.recording, claimant.task_id, claimant.attempt
-    return own in [(o.address.lower(), o.recording, o.task_id, o.attempt) for o in said.claimants]

@@ -3,16 +3,18 @@
 import sys
 
 from rodeo.runtime.process import main_of_one
-from rodeo.site.config import agent_process
+from rodeo.site.config import robot_process
+from rodeo.site.minds import AGENT
+from rodeo.site.processes import robots_with
 from services.robot_agent.process import run
 
 if __name__ == "__main__":
     sys.exit(
         main_of_one(
-            "robot_agent",
+            AGENT,
             "robot",
-            lambda site: [one.name for one in site.robots],
-            agent_process,
+            lambda site: list(robots_with(site, AGENT)),
+            robot_process,
             run,
             "the robot's mind",
         )

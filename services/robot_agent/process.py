@@ -5,16 +5,20 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 
+from rodeo.errors import ConfigError
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
-from rodeo.site.config import Site, agent_process
+from rodeo.site.config import Site, robot_process
 from services.robot_agent.assembly import assembled
 
 
 def run(site: Site, robot: str, stop: threading.Event) -> None:
-    """Drive `robot` until `stop`. Raises ConfigError for an unknown name."""
+    """Drive `robot` until `stop`. Raises ConfigError for an unknown name, and for a robot that has another
+    mind."""
     config = site.robot(robot)
-    name = agent_process(site, config.name)
+    if config.mind is not None:
+        raise ConfigError(f"the mind of {robot} is {config.mind}: start its robot_recorder", robot=robot)
+    name = robot_process(site, config.name)
     with Process(name, site, stop) as process:
         process.serve_alone(served_by(site, name))
         process.wait_clock()

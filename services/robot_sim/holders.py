@@ -11,7 +11,7 @@ from collections.abc import Callable
 import zenoh
 
 from rodeo.bus.session import Bus
-from rodeo.site.config import Site, agent_process, bin_process, dock_process
+from rodeo.site.config import Site, bin_process, dock_process, robot_process
 from services.robot_sim.marks import Marks
 from services.robot_sim.roster import Roster, Session
 from services.robot_sim.standstill import Standstill
@@ -58,7 +58,7 @@ class Holders:
         self._marked_ns = -1
         self._begins_s: float | None = None
         self._begun = False
-        self._minds = frozenset(agent_process(site, robot.name) for robot in site.robots)
+        self._minds = frozenset(robot_process(site, robot.name) for robot in site.robots)
         self._own_missing = missing
         self._expected = self._minds | _expected(site)
         self._missing = self._expected if "arrivals" in site.clock.holders else frozenset()

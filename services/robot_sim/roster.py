@@ -16,6 +16,7 @@ from rodeo.bus.session import Bus, decode_json, validate
 from rodeo.errors import RodeoError
 from rodeo.site import topics
 from rodeo.site.config import Site
+from rodeo.site.minds import clock_holder
 from services.robot_sim.marks import Marks
 
 log = logging.getLogger(__name__)
@@ -32,7 +33,7 @@ class Session(NamedTuple):
     @property
     def kind(self) -> str:
         """As `clock.holders` has it: the minds are one."""
-        return self.process.partition(".")[0]
+        return clock_holder(self.process)
 
     @classmethod
     def of(cls, key: object) -> Session:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import queue
 import subprocess
 import sys
@@ -37,12 +38,14 @@ from rodeo_testing.assignments import BINDING
 from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
 from services.bridge.wallet import KNOWN
 from services.robot_sim.sessions import BodySessions
+from tests.support.command import rodeo
 from tests.support.site import RunningSite, free_port, write_site
 
-ONE, OTHER = "panther1", "panther2"
+ONE, OTHER, MINDED = "panther1", "panther2", "panther3"
 ROBOTS = f"""robots = [
     {{ name = "{ONE}", pose = {{ x_m = 1.4, y_m = 1.3 }} }},
     {{ name = "{OTHER}", pose = {{ x_m = 3.6, y_m = 4.1 }} }},
+    {{ name = "{MINDED}", pose = {{ x_m = 3.6, y_m = 1.3 }}, mind = "node.{MINDED}" }},
 ]
 ros = [{{ owner = "second", participants = ["{OTHER}"] }}]"""
 MIND = f"robot_agent.{ONE}"
@@ -238,6 +241,50 @@ def test_a_velocity_comes_from_a_robots_own_mind(running: RunningSite, voices: V
             )
 
     assert 1.0 not in until(heard, 0.5, say)
+
+
+def test_a_session_file_lets_a_mind_move_its_own_body_and_open_what_every_node_does(
+    running: RunningSite, voices: Voices, tmp_path: Path
+) -> None:
+    path = tmp_path / "session.json5"
+    ran = rodeo(
+        *("ros2", "session", MINDED, "--out", str(path), "--site", str(running.path)),
+        env=os.environ,
+        timeout_s=HANG_S,
+    )
+    assert (ran.returncode, f"RMW_ZENOH_SESSION_CONFIG_URI={path}" in ran.stdout) == (0, True), ran.stderr
+    session = zenoh.open(zenoh.Config.from_file(str(path)))
+    heard: queue.Queue[str] = queue.Queue()
+    listener = node_of(running, voices, "itrash")
+    node = Node(session, "mind", f"{running.site.org}/{MINDED}", running.site.bus.domain_id, _Now())
+    own, others, logs = topics.CMD_VEL.name(ns=MINDED), topics.CMD_VEL.name(ns=ONE), topics.ROSOUT.name()
+    said = []
+    for name, topic in ((others, topics.CMD_VEL), (own, topics.CMD_VEL), (logs, topics.ROSOUT)):
+        listener.raw_subscription(name, topic.type, lambda _info, name=name: heard.put(name), inline=True)
+        said.append((node.publisher(name, topic.type), new(topic.type)))
+
+    def say() -> None:
+        for publisher, message in said:
+            publisher.publish(message)
+
+    came = until(heard, own, say) + until(heard, logs, say)
+    assert others not in came
+
+    stop, power = topics.EMERGENCY_STOP, topics.MOTOR_POWER
+    done = new(f"{power.type}_Response", success=True)
+    for topic, robot in itertools.product((stop, power), (ONE, MINDED)):
+        body = node_of(running, voices, body_identity(robot))
+        body.service(topic.name(ns=robot), topic.type, lambda _request: done)
+    for topic, robot, may in ((power, MINDED, True), (power, ONE, False), (stop, MINDED, False)):
+        client = node.client(topic.name(ns=robot), topic.type)
+        assert client.wait_for_server(HANG_S)
+        request = new(f"{topic.type}_Request", data=False)
+        if may:
+            assert client.call(request, HANG_S).success
+        else:
+            with pytest.raises(ServiceUnavailable):
+                client.call(request, HANG_S)
+    session.close()
 
 
 def test_the_simulators_mark_comes_after_what_its_bodies_said(running: RunningSite, voices: Voices) -> None:

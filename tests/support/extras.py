@@ -37,6 +37,7 @@ EXTRA_OF = {
     "ros_dao": "ros-dao",
     "robot_sim": "robot-sim",
     "robot_agent": "robot-agent",
+    "robot_recorder": "robot-recorder",
 }
 """Process -> its extra."""
 

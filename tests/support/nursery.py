@@ -45,6 +45,7 @@ _IMPORTED = {
     "services.itrash": "services.itrash.process",
     "services.oracle": "services.oracle.process",
     "services.robot_agent": "services.robot_agent.process",
+    "services.robot_recorder": "services.robot_recorder.process",
     "services.robot_sim": "services.robot_sim.process",
     "services.ros_dao": "services.ros_dao.process",
 }

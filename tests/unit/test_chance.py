@@ -14,7 +14,7 @@ import pytest
 from rodeo.errors import ConfigError
 from rodeo.lab.body import Twist2
 from rodeo.site.chance import Moments, generator
-from rodeo.site.config import ClockConfig, Site, agent_process
+from rodeo.site.config import ClockConfig, Site, robot_process
 from services.robot_sim.simulation import Simulation
 from tests.support.site import LAB
 
@@ -132,7 +132,7 @@ def test_two_robots_have_minds_and_sensors_of_their_own() -> None:
     lab = site(7)
     twin = lab.robots[0].model_copy(update={"name": "panther2"})
     both = lab.model_copy(update={"robots": [lab.robots[0], twin]})
-    one, two = (generator(both, agent_process(both, robot.name), "explore").random() for robot in both.robots)
+    one, two = (generator(both, robot_process(both, robot.name), "explore").random() for robot in both.robots)
     assert one != two
 
 

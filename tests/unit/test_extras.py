@@ -25,6 +25,7 @@ NEVER = {
     "itrash": {"web3", "eth-account", "py-ecc", "mujoco"},
     "robot-sim": {"web3", "eth-account", "py-ecc"},
     "robot-agent": {"web3", "eth-account", "py-ecc"},
+    "robot-recorder": {"web3", "eth-account", "py-ecc"},
     "oracle": {"web3", "eth-account", "py-ecc"},
     "console": {"web3", "eth-account", "py-ecc"},
     "chain": {"web3", "numpy", "mujoco"},

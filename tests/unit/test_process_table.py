@@ -53,6 +53,22 @@ def test_a_chain_elsewhere_is_not_started() -> None:
     assert "chain" not in {p.name for p in processes_of(site)}
 
 
+def test_a_robot_whose_mind_is_a_ros_node_has_a_recorder_in_place_of_an_agent() -> None:
+    minds = {"panther1": None, "panther2": "node.panther2"}
+    robots = [RobotConfig(name=name, pose=Pose2(x_m=1, y_m=1), mind=mind) for name, mind in minds.items()]
+
+    def of(*robots: RobotConfig) -> dict[str, tuple[str, ...]]:
+        processes = processes_of(SITE.model_copy(update={"robots": list(robots)}))
+        modules = ("services.robot_agent", "services.robot_recorder")
+        return {p.name: p.arguments for p in processes if p.module in modules}
+
+    assert of(*robots) == {
+        "robot_agent.panther1": ("--robot", "panther1"),
+        "robot_recorder.panther2": ("--robot", "panther2"),
+    }
+    assert of(robots[1]) == {"robot_recorder": ()}
+
+
 def test_each_owner_of_ros_nodes_has_a_process_and_nobody_else_pays_for_one() -> None:
     def of(*owners: str) -> dict[str, tuple[str, ...]]:
         tables = [RosConfig(owner=one, participants=[one]) for one in owners]

@@ -213,6 +213,11 @@ ROWS: dict[Call, str] = {
         "self._bus.subscribe_with_source(everybodys)",
     ): "the oracle that the key names: its registered key signed the vote",
     (
+        "services/robot_recorder/mind.py",
+        "Mind.__init__",
+        "node.session.liveliness().declare_subscriber(expression)",
+    ): "anybody: it only tells operators that a mind is there",
+    (
         "services/ros_dao/services.py",
         "Fallback.__init__",
         "session.declare_queryable(expression)",

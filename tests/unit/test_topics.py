@@ -12,6 +12,7 @@ from rodeo import payloads
 from rodeo.bus import queries
 from rodeo.commands import COMMANDS
 from rodeo.commands.declare import example_of
+from rodeo.interfaces.package import register
 from rodeo.payloads import keys_page
 from rodeo.ros2 import definitions
 from rodeo.site import topics
@@ -31,7 +32,7 @@ def test_what_is_recorded_is_a_robot_plane_topic() -> None:
 
 
 def test_every_robot_plane_type_is_a_ros_type_with_a_hash() -> None:
-
+    register()
     for topic in TOPICS:
         if topic.plane is Plane.ROBOT and topic.form is Form.TOPIC:
             assert definitions.type_hash(topic.type).startswith("RIHS01_")

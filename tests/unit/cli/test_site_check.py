@@ -480,3 +480,33 @@ def test_one_owner_has_one_process(said: Said) -> None:
     table = '[[ros]]\nowner = "x"\nparticipants = ["{}"]\n'
     found = said(PEOPLE + table.format("alice") + table.format("a-b"))
     assert len(found) == 1 and 'two processes speak ROS 2 for "x"' in found[0]
+
+
+MINDED = '[[robots]]\nname = "panther1"\npose = {{ x_m = 1.4, y_m = 1.3 }}\nmind = "{}"\n'
+SPOKEN = '[[ros]]\nowner = "mine"\nparticipants = ["panther1"]\n'
+
+
+@pytest.mark.parametrize(
+    ("head", "mind", "sentence"),
+    [
+        (
+            "",
+            "node.panter1",
+            'of this site is called panter1; is "panther1" meant?',
+        ),
+        ("", "node.organization", "no robot and no participant of this site is called organization"),
+        ("", "panther1", "mind"),
+        ("clock.speed = 0\n", "node.panther1", "clock.speed = 0 waits for no ROS 2 node"),
+        ("clock.speed = 20\n", "node.panther1", "the clock waits for no node.panther1: set clock.speed"),
+    ],
+)
+def test_a_mind_that_cannot_be_one_is_named(said: Said, head: str, mind: str, sentence: str) -> None:
+    found = said(head + MINDED.format(mind) + SPOKEN)
+    assert len(found) == 1 and sentence in found[0]
+
+
+def test_a_mind_without_a_process_that_gives_its_commands_is_doubtful(said: Said) -> None:
+    head = "clock.speed = 1\nclock.idle_speed = 1\n"
+    found = said(head + MINDED.format("node.panther1"))
+    assert len(found) == 1 and "no [[ros]] lists panther1" in found[0]
+    assert said(head + MINDED.format("node.panther1") + SPOKEN) == []

@@ -1,6 +1,7 @@
 """The router's rules cover the table of keys."""
 
 import itertools
+from typing import Any
 
 import pytest
 import zenoh
@@ -13,10 +14,10 @@ from rodeo.site.config import (
     OtherBridgeConfig,
     RosConfig,
     Site,
-    agent_process,
     body_identity,
     node_identity,
     oracle_process,
+    robot_process,
 )
 from rodeo.site.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
 from tests.support.site import LAB
@@ -45,6 +46,19 @@ ROS = Site.load(LAB).model_copy(
 )
 
 
+MINDED = Site.load(LAB).model_copy(
+    update={
+        "robots": [
+            RobotConfig(name="panther1", pose=Pose2(x_m=1, y_m=1), mind="node.panther1"),
+            RobotConfig(name="panther2", pose=Pose2(x_m=2, y_m=1), mind="node.anna-2"),
+            RobotConfig(name="panther3", pose=Pose2(x_m=3, y_m=1)),
+        ],
+        "ros": [RosConfig(owner="annas", participants=["panther1", "anna-2"])],
+    }
+)
+"""Two robots whose minds are ROS 2 nodes, and one of ours."""
+
+
 def may(site: Site, name: str, does: str, key: str) -> bool:
     """Whether who shows the certificate of `name` "writes" or "asks" `key`."""
     rules = {rule["id"]: rule["key_exprs"] for rule in access_control(site)["rules"]}
@@ -52,15 +66,17 @@ def may(site: Site, name: str, does: str, key: str) -> bool:
 
 
 def test_every_key_has_a_writer_who_may_be_on_the_bus() -> None:
-    known = {*(name.partition(".")[0] for name in everybody(ROS)), "every process"}
+    known = {*(name.partition(".")[0] for site in (ROS, MINDED) for name in everybody(site))}
+    known |= {"every process", topics.EVERY_NODE}
     assert {topic.writer for topic in TOPICS} <= known
 
 
-@pytest.mark.parametrize("tables", [[], ROS.ros])
-def test_no_two_may_write_the_same(two: Site, tables: list[RosConfig]) -> None:
-    two = two.model_copy(update={"ros": tables})
+@pytest.mark.parametrize("tables", [{}, {"ros": ROS.ros}, {"robots": MINDED.robots, "ros": MINDED.ros}])
+def test_no_two_may_write_the_same(two: Site, tables: dict[str, Any]) -> None:
+    two = two.model_copy(update=tables)
     # A robot's frames have its namespace in the message, not in the key, which all tools expect.
-    shared = {"@ros2_lv/**", *(f"0/{topic.key}/{end}" for topic in (topics.TF, topics.TF_STATIC)
+    all_nodes = topics.TF, topics.TF_STATIC, topics.ROSOUT, topics.PARAMETER_EVENTS
+    shared = {"@ros2_lv/**", *(f"0/{topic.key}/{end}" for topic in all_nodes
                                for end in ("**", "**/@adv/**"))}  # fmt: skip
     rules = {rule["id"]: rule["key_exprs"] for rule in access_control(two)["rules"]}
     written = {name: set(rules[f"{name} writes"]) - shared for name in everybody(two)}
@@ -72,6 +88,7 @@ def test_no_two_may_write_the_same(two: Site, tables: list[RosConfig]) -> None:
 
 
 ROBOTS_OWN = [topic for topic in TOPICS if topic.key.startswith("{ns}/")]
+BODYS = [topic for topic in ROBOTS_OWN if topic.writer == topics.BODY and topic.form is not Form.TOPIC]
 
 
 @pytest.mark.parametrize("topic", ROBOTS_OWN, ids=lambda topic: topic.key)
@@ -80,17 +97,15 @@ def test_what_is_in_a_robots_namespace_only_that_robots_body_or_mind_says(two: S
         key = f"0/{topic.name(ns=robot.namespace)}/what/follows"
         speakers = {name for name in everybody(two) if may(two, name, "writes", key)}
         body = topic.writer == topics.BODY
-        assert speakers == {body_identity(robot.name) if body else agent_process(two, robot.name)}
+        assert speakers == {body_identity(robot.name) if body else robot_process(two, robot.name)}
 
 
-@pytest.mark.parametrize(
-    "topic", [topic for topic in ROBOTS_OWN if topic.form is not Form.TOPIC], ids=lambda topic: topic.key
-)
+@pytest.mark.parametrize("topic", BODYS, ids=lambda topic: topic.key)
 def test_a_body_is_commanded_by_its_own_mind_itself_and_people(two: Site, topic: Topic) -> None:
     for robot in two.robots:
         key = f"0/{topic.name(ns=robot.namespace)}/what/follows"
         commanders = {name for name in everybody(two) if may(two, name, "asks", key)}
-        own = {body_identity(robot.name), agent_process(two, robot.name)}
+        own = {body_identity(robot.name), robot_process(two, robot.name)}
         assert commanders == {*own, "operator", "console"}
 
 
@@ -98,7 +113,7 @@ def test_a_mind_takes_orders_for_its_own_robot_only(two: Site) -> None:
     for robot in two.robots:
         key = topics.ROBOT_ORDER.name(org=two.org, robot=robot.name, order="pause")
         assert [name for name in everybody(two) if may(two, name, "writes", key)] == [
-            agent_process(two, robot.name)
+            robot_process(two, robot.name)
         ]
 
 
@@ -227,3 +242,46 @@ def test_a_participants_nodes_ask_nothing_of_the_bridge() -> None:
         assert not [
             key for key in rules[f"{name} asks"] + rules[f"{name} writes"] if key.startswith("rodeo/")
         ]
+
+
+MINDS = {"panther1": "node.panther1", "panther2": "node.anna-2"}
+
+
+@pytest.mark.parametrize("robot", MINDS)
+def test_nodes_that_are_a_mind_move_their_own_body_and_ask_its_recorder_and_nobody_elses(robot: str) -> None:
+    mind, recorder = MINDS[robot], f"robot_recorder.{robot}"
+    for topic in BODYS:
+        key = f"0/{topic.name(ns=robot)}/x/y"
+        asks = {name for name in everybody(MINDED) if may(MINDED, name, "asks", key)}
+        moves = recorder if topic is topics.EMERGENCY_STOP else mind
+        assert asks == {moves, body_identity(robot), "operator", "console"}, topic.key
+    for topic in (topics.START_RECORDING, topics.PRESENT, topics.STOP_RECORDING):
+        key = f"0/{topic.name(ns=robot)}/x/y"
+        assert [name for name in everybody(MINDED) if may(MINDED, name, "asks", key)] == [mind]
+        assert [name for name in everybody(MINDED) if may(MINDED, name, "writes", key)] == [recorder]
+    for topic in (topics.CMD_VEL, topics.ITEM_POSE):
+        key = f"0/{topic.name(ns=robot)}/x/y"
+        assert [name for name in everybody(MINDED) if may(MINDED, name, "writes", key)] == [mind]
+
+
+def test_a_mind_signs_nothing_and_tells_the_organization_nothing() -> None:
+    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(MINDED)["rules"]}
+    for robot, mind in MINDS.items():
+        written = [key for key in rules[f"{mind} writes"] if key.startswith("rodeo/")]
+        assert written + [key for key in rules[f"{mind} asks"] if key.startswith("rodeo/")] == []
+        order = topics.ROBOT_ORDER.name(org="lab", robot=robot, order="stop")
+        assert [name for name in everybody(MINDED) if may(MINDED, name, "writes", order)] == [
+            f"robot_recorder.{robot}"
+        ]
+
+
+def test_a_node_serves_the_parameters_of_its_own_namespace_and_logs() -> None:
+    served = "get_parameters/rcl_interfaces::srv::dds_::GetParameters_/RIHS01_0"
+    for does in ("writes", "asks"):
+        key = f"0/lab/anna_2/my_node/{served}"
+        assert [name for name in everybody(MINDED) if may(MINDED, name, does, key)] == ["node.anna-2"]
+    for name in ("node.anna-2", "body.panther3"):
+        for topic in (topics.ROSOUT, topics.PARAMETER_EVENTS):
+            assert may(MINDED, name, "writes", f"0/{topic.key}/x/y")
+            assert may(MINDED, name, "writes", f"0/{topic.key}/x/y/@adv/pub/z/0/_")
+    assert not may(MINDED, "bridge", "writes", "0/rosout/x/y")

@@ -17,7 +17,7 @@ from rodeo.bus.session import Bus, zenoh_config
 from rodeo.ros2.node import Node
 from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
-from rodeo.site.config import Site, agent_process
+from rodeo.site.config import Site, robot_process
 from rodeo_testing.waiting import HANG_S, PAUSE_S, wait_until
 from services.robot_sim import holders as holders_module
 from services.robot_sim import messages
@@ -509,7 +509,7 @@ def test_nothing_is_jumped_over_before_a_mind_is_ready(
     connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator
 ) -> None:
     """It may have looked at something that arrived, and have nothing to do until its sensors are heard."""
-    name = agent_process(site, site.robots[0].name)
+    name = robot_process(site, site.robots[0].name)
     mind = Mind(connect(), site, name, starting=True)
     with mind.clock.hold():
         pass

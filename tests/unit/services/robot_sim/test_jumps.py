@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 import zenoh
 
-from rodeo.site.config import ClockConfig, Site, agent_process, bin_process, dock_process
+from rodeo.site.config import ClockConfig, Site, bin_process, dock_process, robot_process
 from rodeo_testing.waiting import HANG_S
 from services.robot_sim import holders as holders_module
 from services.robot_sim.loop import Loop
@@ -76,7 +76,7 @@ def test_every_process_wakes_at_each_of_its_times_and_the_clock_stops_nowhere_el
     loop.holders, loop.tell_time = simulator.holders, lambda time_ns: tell(simulator, time_ns)
     simulator.wake = loop.wake
     names = {
-        "mind": agent_process(site, site.robots[0].name),
+        "mind": robot_process(site, site.robots[0].name),
         "bin": bin_process(site, site.bins[0].name),
         "dock": dock_process(site, site.docks[0].name),
     }

@@ -1,0 +1,44 @@
+"""What a recorder refuses its mind.
+
+RodeoError
+└── RequestError
+    ├── NotAssigned         the robot has no such attempt to do
+    ├── RecordingRuns       another attempt is being recorded
+    ├── RecordingOver       the attempt has been recorded: it is stopped, and not started again
+    ├── NothingRecorded     no such attempt is, or was, recorded
+    ├── OperatorsOrder      the robot is paused or stopped
+    ├── UnknownBin          the site has no such bin
+    └── NothingGrasped      the fingers hold nothing, or held nothing then
+"""
+
+from __future__ import annotations
+
+from rodeo.errors import RequestError
+
+
+class NotAssigned(RequestError):
+    """The robot has no such attempt to do."""
+
+
+class RecordingRuns(RequestError):
+    """Another attempt is being recorded; a second recording at the same time would be a fork."""
+
+
+class RecordingOver(RequestError):
+    """The attempt has been recorded."""
+
+
+class NothingRecorded(RequestError):
+    """No such attempt is, or was, recorded."""
+
+
+class OperatorsOrder(RequestError):
+    """Operators paused or stopped the robot."""
+
+
+class UnknownBin(RequestError):
+    """The site has no bin of this name."""
+
+
+class NothingGrasped(RequestError):
+    """Nothing is between the fingers, or nothing was when the mind says that they closed."""

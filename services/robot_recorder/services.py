@@ -1,0 +1,105 @@
+"""The recorder's ROS 2 services. What is refused is an answer, too."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from typing import Any
+
+import zenoh
+
+from rodeo.bus.session import validate
+from rodeo.errors import RodeoError
+from rodeo.host.clock import Clock
+from rodeo.interfaces.convert import problem, request_of
+from rodeo.interfaces.package import Interface, recorder
+from rodeo.interfaces.recorder import Present, StartRecording, StopRecording
+from rodeo.money.currency import IEC
+from rodeo.ros2 import types
+from rodeo.ros2.node import Node
+from rodeo.ros2.service import DeferredService, PendingRequest
+from rodeo.site import topics
+from services.robot_recorder.showing import Showing
+from services.robot_recorder.takes import Takes
+
+log = logging.getLogger(__name__)
+
+Answer = Callable[[Any], dict[str, Any]]
+"""The fields of a response, from the model of the request."""
+
+
+class HeldService:
+    """One service, which answers one request after the other in a thread of its own. From a request's arrival
+    to its answer the site's clock is held, but for the waits on it: the mind that asks cannot hold it."""
+
+    def __init__(self, node: Node, name: str, interface: Interface, clock: Clock, answer: Answer) -> None:
+        self._interface, self._clock, self._answer = interface, clock, answer
+        self._response = f"{interface.typename}_Response"
+        types.prepare(f"{interface.typename}_Request")
+        types.prepare(self._response)
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._service = DeferredService(node, name, interface.typename, self._take)
+        node.keep(self)
+
+    def _take(self, pending: PendingRequest) -> None:
+        arrived = ExitStack()
+        arrived.enter_context(self._clock.hold())
+        try:
+            self._thread.submit(self._work, pending, arrived)
+        except RuntimeError:
+            # The thread has ended: a client of a process that stops hears that nobody answers.
+            arrived.close()
+
+    def _work(self, pending: PendingRequest, arrived: ExitStack) -> None:
+        with self._clock.acting():
+            arrived.close()
+            try:
+                pending.respond(types.new(self._response, **self._fields(pending)))
+            except zenoh.ZError as error:
+                log.info("did not answer, because this process is leaving the bus: %s", error)
+
+    def _fields(self, pending: PendingRequest) -> dict[str, Any]:
+        try:
+            said = request_of(self._interface.parts[0], pending.request, IEC)
+            return self._answer(validate(self._interface.models[0], said))
+        except RodeoError as error:
+            log.warning("refused %s: %s", self._interface.name, error)
+            return {"problem": [problem(error)]}
+        except Exception as error:
+            log.exception("%s failed", self._interface.name)
+            return {"problem": [problem(RodeoError(f"internal error: {error!r}"))]}
+
+    def close(self) -> None:
+        self._service.close()
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def serve(node: Node, namespace: str, takes: Takes, showing: Showing, clock: Clock) -> None:
+    """Serve what the mind of the robot in `namespace` asks for, until `node` is closed."""
+
+    def start(asked: StartRecording) -> dict[str, Any]:
+        take = takes.start(asked.task_id, asked.attempt)
+        return {"recording": take.recording.claimant.recording, "resumed": take.resumed}
+
+    def present(asked: Present) -> dict[str, Any]:
+        said = showing.present(asked.bin, asked.grasped)
+        return {
+            "item_class": said.item_class,
+            "compartment": said.compartment,
+            "full": said.full,
+            "another_angle": said.another_angle,
+        }
+
+    def stop(asked: StopRecording) -> dict[str, Any]:
+        proof = takes.stop(asked.task_id, asked.attempt, asked.failure)
+        return {"proof_uri": proof.uri, "proof_sha256": proof.sha256, "missing": proof.missing}
+
+    answers: dict[topics.Topic, Answer] = {
+        topics.START_RECORDING: start,
+        topics.PRESENT: present,
+        topics.STOP_RECORDING: stop,
+    }
+    for topic, answer in answers.items():
+        HeldService(node, topic.name(ns=namespace), recorder()[topic.key], clock, answer)
