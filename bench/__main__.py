@@ -24,6 +24,7 @@ AREAS = (
     "robot",
     "itrash",
     "bridge",
+    "ros2",
     "autonomy",
     "pace",
     "soak",

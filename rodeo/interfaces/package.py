@@ -108,6 +108,7 @@ class Asked:
     request: tuple[Field, ...]
 
 
+@cache
 def kind_models() -> dict[str, type[BaseModel]]:
     """The parameters' models of the kinds that come with RODEO."""
     own = [
@@ -127,6 +128,7 @@ def params_fields(kind: str) -> tuple[Field, ...]:
     return tuple(fields_of(kind_models()[kind], request=True))
 
 
+@cache
 def parameter_model(query: Query[Any]) -> type[BaseModel]:
     """What a query takes, with the numbers in its key."""
     if "{id}" not in query.what:
