@@ -46,7 +46,7 @@ from rodeo.site.deploying import Steps, deploying
 
 log = logging.getLogger(__name__)
 
-_NODE_S = {"external": 15.0, "anvil": 3600.0, "eth-tester": 3600.0}
+NODE_S = {"external": 15.0, "anvil": 3600.0, "eth-tester": 3600.0}
 """How long to wait for the node to answer, wall time. A local one is about to start, which may take a slow
 machine long; its launcher tells when it cannot."""
 _RETRY_S = 0.1
@@ -205,10 +205,10 @@ def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
-        _first_members(site)
+        first_members(site)
         deployment = create_contracts(site, w3, administrator, say, steps)
         # For this step alone, until the organization is set up.
-        deployment.save(_unfinished(site))
+        deployment.save(unfinished(site))
     else:
         steps.plan(-count_contracts(site))
     found = "vote" if deployment.decides_by_vote else "administrator"
@@ -257,14 +257,14 @@ def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAcc
         }
     )
     path = deployment.save(site.data_dir)
-    Deployment.path(_unfinished(site), deployment.chain_id).unlink(missing_ok=True)
+    Deployment.path(unfinished(site), deployment.chain_id).unlink(missing_ok=True)
     say(f"contracts on chain {deployment.chain_id} since block {deployment.block}: {path}")
     return deployment
 
 
 def wait_for_node(site: Site, w3: Web3, stop: threading.Event, say: Say) -> bool:
     """Wait until the site's node answers; False when stopped before. Raises ChainUnavailable."""
-    url, wait_s = site.chain.shown_url, _NODE_S[site.chain.backend]
+    url, wait_s = site.chain.shown_url, NODE_S[site.chain.backend]
     deadline_s = time.monotonic() + wait_s
     said = False
     while not stop.is_set():
@@ -350,7 +350,7 @@ def _require_token(site: Site, deployment: Deployment) -> None:
         )
 
 
-def _unfinished(site: Site) -> Path:
+def unfinished(site: Site) -> Path:
     """Where the record is kept until the organization is set up."""
     return site.data_dir / "deployments" / "unfinished"
 
@@ -360,7 +360,7 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
     chain, whose money is nobody's, has contracts of another release. Raises OtherRelease elsewhere."""
     with translated():
         chain_id, genesis_hash = w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex()
-    for folder in (site.data_dir, _unfinished(site)):
+    for folder in (site.data_dir, unfinished(site)):
         try:
             deployment = Deployment.load(folder, chain_id)
             deployment.verify(w3)
@@ -500,7 +500,7 @@ def _require_judges(site: Site, client: ChainClient) -> None:
         )
 
 
-def _first_members(site: Site) -> list[str]:
+def first_members(site: Site) -> list[str]:
     """Their accounts. Raises MemberTwice."""
     elsewhere = keystores.wallets_elsewhere(site)
     names = {(elsewhere.get(name) or keystores.address(site, name)): name for name in site.governance.members}
@@ -511,7 +511,7 @@ def _first_members(site: Site) -> list[str]:
 
 def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
     """What gives the first members their votes."""
-    for account in _first_members(site):
+    for account in first_members(site):
         if not client.is_member(account):
             yield client.organization_calls.grant_role(Role.MEMBER, account)
         if not client.votes(account):

@@ -96,26 +96,45 @@ def vote(
         held = _by_signer(loaded, bus, committee, [*_read(file), own])
         write_file(file, _VOTES.dump_json(list(held.values()), indent=2).decode() + "\n")
         same = {key: one for key, one in held.items() if one.vote == own.vote}
-        while len(same) >= needed:
-            refused = _post(loaded, bus, judge, list(same.values()))
-            if refused is None:
-                said = f"That was enough: the ruling on task {task_id} is {ruling}"
-                said += "." if said_by + 1 == len(instances) else ", unless it is challenged again."
-                break
-            key = next((str(one) for one in refused.details.values() if one in same), "")
-            if refused.code == _TOO_LOW and len(same) > needed:
-                key = _unstaked(loaded, bus, judge, same, refused)
-            elif refused.code not in _REFUSED:
-                raise refused
-            if same.get(key) in (None, own):
-                raise refused
-            say(f"The vote of {key} in {file} does not count: {refused.code}.")
-            del same[key]
-        else:
-            missing = needed - len(same)
-            are = "equal vote is" if missing == 1 else "equal votes are"
-            said = f"{missing} {are} missing in {file}."
+        counted = _counted(loaded, bus, judge, same, own, needed, file)
+    if counted:
+        last = said_by + 1 == len(instances)
+        said = f"That was enough: the ruling on task {task_id} is {ruling}"
+        said += "." if last else ", unless it is challenged again."
+    else:
+        missing = needed - len(same)
+        are = "equal vote is" if missing == 1 else "equal votes are"
+        said = f"{missing} {are} missing in {file}."
     say(f"{judge} voted: {ruling}. {said}")
+
+
+def _counted(
+    site: Site,
+    bus: Bus,
+    judge: str,
+    same: dict[str, SignedVote],
+    own: SignedVote,
+    needed: int,
+    file: Path,
+) -> bool:
+    """Post equal votes as soon as they are enough; those that the contract does not count leave `same`.
+
+    Raises what refuses the judge's `own` vote, or all of them.
+    """
+    while len(same) >= needed:
+        refused = _post(site, bus, judge, list(same.values()))
+        if refused is None:
+            return True
+        key = next((str(one) for one in refused.details.values() if one in same), "")
+        if refused.code == _TOO_LOW and len(same) > needed:
+            key = _unstaked(site, bus, judge, same, refused)
+        elif refused.code not in _REFUSED:
+            raise refused
+        if same.get(key) in (None, own):
+            raise refused
+        say(f"The vote of {key} in {file} does not count: {refused.code}.")
+        del same[key]
+    return False
 
 
 def _by_signer(site: Site, bus: Bus, committee: str, given: list[SignedVote]) -> dict[str, SignedVote]:

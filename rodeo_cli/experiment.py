@@ -27,6 +27,19 @@ _SAY_EVERY_S = 10.0
 
 experiments = typer.Typer(help="Run and measure whole days of a site.", no_args_is_help=True)
 
+TariffOption = Annotated[
+    Path | None,
+    typer.Option(exists=True, dir_okay=False, help="CSV file with columns `from_hour` (UTC), `eur_kwh`."),
+]
+CalibratedOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--calibrated/--no-calibrated",
+        help="Run the days once more, with the base load and the pace that were fitted to the paper.",
+        show_default="only where site, days, robots, arrivals and pace are the published ones",
+    ),
+]
+
 
 @experiments.command()
 @reports_errors
@@ -44,10 +57,7 @@ def paper(
         str,
         typer.Option(help="poisson:RATE per hour, or a CSV file with a column `hours`.", metavar="SOURCE"),
     ] = "",
-    tariff: Annotated[
-        Path | None,
-        typer.Option(exists=True, dir_okay=False, help="CSV file with columns `from_hour` (UTC), `eur_kwh`."),
-    ] = None,
+    tariff: TariffOption = None,
     chain: Annotated[Literal["eth-tester", "anvil"] | None, typer.Option(help="The local chain.")] = None,
     pace: Annotated[
         Literal["site", "paper"], typer.Option(help="Speed limits of the site file, or slower ones.")
@@ -56,14 +66,7 @@ def paper(
         bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
     ] = False,
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Run so many seeds one after the other.")] = 1,
-    calibrated: Annotated[
-        bool | None,
-        typer.Option(
-            "--calibrated/--no-calibrated",
-            help="Run the days once more, with the base load and the pace that were fitted to the paper.",
-            show_default="only where site, days, robots, arrivals and pace are the published ones",
-        ),
-    ] = None,
+    calibrated: CalibratedOption = None,
 ) -> None:
     """Run the days of the published experiment, and report them beside its numbers.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -110,36 +111,27 @@ def show(name: Name, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fals
             ("done by", kind.behaviour or ("people, or a separate process")),
         ),
     )
-    parameters = document["parameters"].get("properties", {})
-    needed = document["parameters"].get("required", [])
-    print_listing(
-        None,
-        False,
-        ("parameter", "type", "needed", "description"),
-        [
-            Row((field, _type(one), "yes" if field in needed else "no", str(one.get("description", ""))))
-            for field, one in parameters.items()
-        ],
-        [3],
-    )
-    say("")
-    print_listing(
-        None,
-        False,
-        ("recorded", "written by", "Hz", "signed by"),
-        [
-            Row((one["topic"], one["written_by"], str(one["rate_hz"] or ""), one["signed_by"]))
-            for one in document["recorded"]
-        ],
-    )
-    say("")
-    print_listing(
-        None,
-        False,
-        ("stage", "check", "what it checks", "source"),
-        [Row((str(c["stage"]), c["name"], c["asks"], c["source"])) for c in document["checks"]],
-        [2, 3],
-    )
+    for number, (columns, rows, folds) in enumerate(_tables(document)):
+        if number:
+            say("")
+        print_listing(None, False, columns, rows, folds)
+
+
+def _tables(document: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], list[Row], list[int]]]:
+    """Columns, rows and the columns that fold of a kind's parameters, recorded topics and checks."""
+    parameters, needed = (document["parameters"].get(one, ()) for one in ("properties", "required"))
+    told = [
+        Row((field, _type(one), "yes" if field in needed else "no", str(one.get("description", ""))))
+        for field, one in dict(parameters).items()
+    ]
+    yield ("parameter", "type", "needed", "description"), told, [3]
+    recorded = [
+        Row((one["topic"], one["written_by"], str(one["rate_hz"] or ""), one["signed_by"]))
+        for one in document["recorded"]
+    ]
+    yield ("recorded", "written by", "Hz", "signed by"), recorded, []
+    checks = [Row((str(c["stage"]), c["name"], c["asks"], c["source"])) for c in document["checks"]]
+    yield ("stage", "check", "what it checks", "source"), checks, [2, 3]
 
 
 def _current_rules(path: Path, name: str) -> list[str] | None:

@@ -84,7 +84,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             (f"budget of {_ROLES[role]}", f"{iec(one.amount_iec)} in {span(one.period_s)}")
             for role, one in sorted(state.budgets.items())
         ),
-        *((kind.kind, _kind_in_words(kind)) for kind in state.kinds),
+        *((kind.kind, kind_in_words(kind)) for kind in state.kinds),
         ("void attempts", voids_in_words(state.voids)),
         *(
             (
@@ -218,7 +218,7 @@ def _stake_in_words(judge: queries.Judge, needed: Decimal, site: Site) -> str:
     return told
 
 
-def _kind_in_words(kind: queries.KindRules) -> str:
+def kind_in_words(kind: queries.KindRules) -> str:
     if not kind.allowed:
         return "not accepted"
     names = {"auditor": "an auditor", "oracle": "the oracle"}

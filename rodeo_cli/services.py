@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -29,9 +30,6 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import iec
 from rodeo_cli.layout import Row
 from rodeo_cli.task_words import party
-
-if TYPE_CHECKING:
-    pass
 
 services = typer.Typer(help="List and change the services that participants offer.", no_args_is_help=True)
 
@@ -92,37 +90,36 @@ def price(
     say(f"Service {service_id} will cost {iec(service['price_iec'])} from its next task on.")
 
 
-@services.command("pause")
-@reports_errors
-def pause(
-    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
-) -> None:
-    """Take no new tasks. A task in progress continues."""
-    change_service(site, service_id, participant, state="paused")
-    say(f"Service {service_id} is paused. Resume it with `rodeo service resume {service_id}`.")
+_STATES = {
+    "pause": (
+        "paused",
+        "Take no new tasks. A task in progress continues.",
+        "Service {0} is paused. Resume it with `rodeo service resume {0}`.",
+    ),
+    "resume": ("active", "Take tasks again.", "Service {0} takes tasks again."),
+    "withdraw": (
+        "retired",
+        "End an offer for good and refund the rest of its bond. A task in progress continues.\n\n"
+        "Whoever is paid for the provider's work may do this, too, for instance when the provider's key is "
+        "lost.",
+        "Service {0} is withdrawn for good. Offer a new one with `rodeo service offer`.",
+    ),
+}
+"""Command -> the state that it gives a service, its help, and what it prints."""
 
 
-@services.command("resume")
-@reports_errors
-def resume(
-    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
-) -> None:
-    """Take tasks again."""
-    change_service(site, service_id, participant, state="active")
-    say(f"Service {service_id} takes tasks again.")
+def _changes_state(state: str, done: str) -> Callable[..., None]:
+    def command(
+        service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+    ) -> None:
+        change_service(site, service_id, participant, state=state)
+        say(done.format(service_id))
+
+    return reports_errors(command)
 
 
-@services.command("withdraw")
-@reports_errors
-def withdraw(
-    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
-) -> None:
-    """End an offer for good and refund the rest of its bond. A task in progress continues.
-
-    Whoever is paid for the provider's work may do this, too, for instance when the provider's key is lost.
-    """
-    change_service(site, service_id, participant, state="retired")
-    say(f"Service {service_id} is withdrawn for good. Offer a new one with `rodeo service offer`.")
+for _word, (_state, _help, _done) in _STATES.items():
+    services.command(_word, help=_help)(_changes_state(_state, _done))
 
 
 def change_service(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -21,9 +21,6 @@ from rodeo_cli.common import (
     send_command,
     write_file,
 )
-
-if TYPE_CHECKING:
-    pass
 
 SignOption = Annotated[
     Path | None,

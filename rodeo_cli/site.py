@@ -177,7 +177,7 @@ def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None
     rows = read_rows(loaded, warn=wrong.append)
     bus = {"router": loaded.bus.router, "closed": bus_is_closed(loaded), "problem": "; ".join(wrong)}
     document = {"site": loaded.org, "bus": bus, "processes": [_row_json(loaded, row) for row in rows]}
-    print_listing(document, as_json, COLUMNS, map(_table_row, rows), folds=FOLDS)
+    print_listing(document, as_json, COLUMNS, map(table_row, rows), folds=FOLDS)
     if not as_json:
         _print_warnings(loaded, rows, wrong)
     if wrong or not all(row.state == "ready" for row in rows):
@@ -392,10 +392,10 @@ def what_hangs(site: Site, rows: list[Row], patience: Patience) -> str:
 
 def status_table(rows: list[Row]) -> Group:
     """A table of the width of the terminal; what a process does or lacks stands there in full."""
-    return Group(*lines(COLUMNS, [_table_row(row) for row in rows], console.width, FOLDS))
+    return Group(*lines(COLUMNS, [table_row(row) for row in rows], console.width, FOLDS))
 
 
-def _table_row(row: Row) -> TableRow:
+def table_row(row: Row) -> TableRow:
     colours = {1: COLOURS[row.state], 3: "cyan"}
     if row.status is None:
         return TableRow((row.name, row.where, row.reason, "", ""), colours)

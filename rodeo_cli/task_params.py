@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rodeo.errors import InvalidRequest, MalformedJson
 from rodeo.site.config import Site
-
-if TYPE_CHECKING:
-    pass
 
 
 def task_params(site: Site, name: str, flags: Sequence[str], params: str | None) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from rodeo.bus import queries
 from rodeo.bus.messages import Task
 from rodeo.bus.session import Bus
@@ -27,9 +25,6 @@ from rodeo_cli import formatting
 from rodeo_cli.common import time_left
 from rodeo_cli.formatting import iec, plain
 from rodeo_cli.layout import Row
-
-if TYPE_CHECKING:
-    pass
 
 STATE_COLOURS = {
     "open": "yellow",

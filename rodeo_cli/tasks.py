@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -37,10 +37,30 @@ from rodeo_cli.signing import SignedArgument, SignOption, ValidOption, sign_into
 from rodeo_cli.task_params import task_params
 from rodeo_cli.task_words import facts, judged_by, left_of, row
 
-if TYPE_CHECKING:
-    pass
-
 tasks = typer.Typer(help="Post, list, show and cancel tasks.", no_args_is_help=True)
+
+
+RulesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--rules",
+        help="Hash of the rules by which it is judged, among the kind's current ones "
+        "(`rodeo kind show`). By default the newest.",
+    ),
+]
+ServiceOption = Annotated[
+    int | None, typer.Option(help="The only service that may do it. By default the policy chooses.")
+]
+NamedProviderOption = Annotated[
+    str | None,
+    typer.Option(help="The only provider that may do it, with any of its services: a name or an address."),
+]
+UpToOption = Annotated[
+    str | None,
+    typer.Option(
+        "--reward-up-to", help="Stay, and raise the reward up to this (IEC) while nobody takes the task."
+    ),
+]
 
 
 @tasks.command("create", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
@@ -54,32 +74,11 @@ def create(
     params: Annotated[str | None, typer.Option(help="The task's parameters as a JSON object.")] = None,
     description: Annotated[str, typer.Option(help="Description for people.")] = "",
     max_attempts: Annotated[int | None, typer.Option(help="Attempts before the reward is refunded.")] = None,
-    rules_sha256: Annotated[
-        str | None,
-        typer.Option(
-            "--rules",
-            help="Hash of the rules by which it is judged, among the kind's current ones "
-            "(`rodeo kind show`). By default the newest.",
-        ),
-    ] = None,
-    service: Annotated[
-        int | None,
-        typer.Option(help="The only service that may do it. By default the policy chooses."),
-    ] = None,
-    provider: Annotated[
-        str | None,
-        typer.Option(
-            help="The only provider that may do it, with any of its services: a name or an address."
-        ),
-    ] = None,
+    rules_sha256: RulesOption = None,
+    service: ServiceOption = None,
+    provider: NamedProviderOption = None,
     wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
-    up_to: Annotated[
-        str | None,
-        typer.Option(
-            "--reward-up-to",
-            help="Stay, and raise the reward up to this (IEC) while nobody takes the task.",
-        ),
-    ] = None,
+    up_to: UpToOption = None,
     rise: Annotated[float, typer.Option(help="Part of the reward that each rise adds.")] = 0.1,
     rise_every: Annotated[float, typer.Option(help="Seconds of site time between two rises.")] = 3600.0,
     sign: SignOption = None,
@@ -102,14 +101,13 @@ def create(
             "description": description,
             "allow_wait": wait,
         }
-        if max_attempts is not None:
-            request["max_attempts"] = max_attempts
-        if rules_sha256 is not None:
-            request["rules_sha256"] = rules_sha256
-        if service is not None:
-            request["service_id"] = service
-        if provider is not None:
-            request["provider"] = provider
+        optional = {
+            "max_attempts": max_attempts,
+            "rules_sha256": rules_sha256,
+            "service_id": service,
+            "provider": provider,
+        }
+        request |= {name: value for name, value in optional.items() if value is not None}
         if doubt := _doubt(loaded, bus, kind, request["params"]):
             errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
         if sign is not None:

@@ -26,10 +26,11 @@ import uvicorn
 from pydantic import BaseModel
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
-from starlette.requests import ClientDisconnect, Request
+from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY, RequestBodyLimitMiddleware
+from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rodeo.errors import PortUnavailable, RodeoError, snake_case
@@ -108,6 +109,11 @@ def problems(descriptions: Mapping[int, str]) -> dict[int | str, dict[str, Any]]
     return {status: {"description": text, "content": content} for status, text in descriptions.items()}
 
 
+def _too_large(limit_bytes: int) -> Response:
+    said = f"a request has at most {limit_bytes} bytes"
+    return problem(413, "body_too_large", said, {"max_bytes": limit_bytes})
+
+
 def answer_with_problems(api: Starlette, status_of: Callable[[RodeoError], int] = lambda _: 500) -> None:
     """Make every error of an application a problem; `status_of` says the status of one of ours."""
 
@@ -117,8 +123,10 @@ def answer_with_problems(api: Starlette, status_of: Callable[[RodeoError], int] 
         headers = {"WWW-Authenticate": "Bearer"} if status == HTTPStatus.UNAUTHORIZED else None
         return problem(status, error.code, error.message, error.details, headers)
 
-    async def refuse_http(_request: Request, error: Exception) -> Response:
+    async def refuse_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
+        if (limit_bytes := request.scope.get(MAX_BODY_SIZE_SCOPE_KEY)) and error.status_code == 413:
+            return _too_large(limit_bytes)
         phrase = HTTPStatus(error.status_code).phrase.title().replace(" ", "")
         return problem(error.status_code, snake_case(phrase), str(error.detail), headers=error.headers)
 
@@ -150,48 +158,15 @@ def health(why_not_ready: Callable[[], str]) -> list[Route]:
 # -- limits --------------------------------------------------------------------------------------------
 
 
-class LimitBody:
-    """ASGI middleware: a body beyond `limit_bytes(path)` is a problem, whatever its headers claim."""
-
-    def __init__(self, app: ASGIApp, limit_bytes: Callable[[str], int]) -> None:
-        self._app = app
-        self._limit_bytes = limit_bytes
+class LimitBody(RequestBodyLimitMiddleware):
+    """Starlette's limit; a body that says itself that it is too large is refused unread, with a problem."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        limit_bytes = self._limit_bytes(scope["path"])
-        refusal = problem(
-            413, "body_too_large", f"a request has at most {limit_bytes} bytes", {"max_bytes": limit_bytes}
-        )
-        stated = dict(scope["headers"]).get(b"content-length", b"0")
-        if not stated.isdigit() or int(stated) > limit_bytes:
-            await refusal(scope, receive, send)
-            return
-        received_bytes = 0
-        started = False
-
-        async def limited() -> Message:
-            nonlocal received_bytes
-            message = await receive()
-            received_bytes += len(message.get("body", b""))
-            return {"type": "http.disconnect"} if received_bytes > limit_bytes else message
-
-        async def answer(message: Message) -> None:
-            # What the application says of a body that was cut off is beside the point.
-            nonlocal started
-            if started or received_bytes <= limit_bytes:
-                started = True
-                await send(message)
-
-        try:
-            await self._app(scope, limited, answer)
-        except ClientDisconnect:
-            if received_bytes <= limit_bytes:
-                raise
-        if received_bytes > limit_bytes and not started:
-            await refusal(scope, receive, send)
+        stated = dict(scope.get("headers", ())).get(b"content-length", b"0")
+        if scope["type"] == "http" and not (stated.isdigit() and int(stated) <= self.max_body_size):
+            await _too_large(self.max_body_size)(scope, receive, send)
+        else:
+            await super().__call__(scope, receive, send)
 
 
 class LimitRate:
@@ -324,7 +299,7 @@ class HttpServer:
         """`port` 0 takes a free one. Raises PortUnavailable, which says the `purpose`."""
         limits = limits or Limits()
         self._socket = listen(host, port, purpose)
-        bounded = LimitBody(app, lambda _path: limits.body_bytes)
+        bounded = LimitBody(app, limits.body_bytes)
         self._server = uvicorn.Server(configuration(bounded, limits, lifespan="off"))
         # Outside the main thread uvicorn leaves signals alone: they belong to the process.
         self._thread = threading.Thread(

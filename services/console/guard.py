@@ -87,7 +87,8 @@ class Guard:
         origins: set[str],
         owner: Callable[[str], str | None],
     ) -> None:
-        self.app = LimitBody(app, _limit_bytes)
+        sizes = (MAX_BODY_BYTES, MAX_API_BODY_BYTES, MAX_LOGIN_BODY_BYTES)
+        self._limited = {size: LimitBody(app, size) for size in sizes}
         self._accounts = accounts
         self._origins = origins
         self._hosts = {urlsplit(origin).netloc for origin in origins}
@@ -100,11 +101,14 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
-            await self.app(scope, receive, send)
+            await self._app(scope, receive, send)
         elif scope["type"] == "websocket":
             await self._websocket(scope, receive, send)
         else:
             await self._http(scope, receive, send)
+
+    async def _app(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self._limited[_limit_bytes(scope.get("path", ""))](scope, receive, send)
 
     # -- HTTP ------------------------------------------------------------------------------------------
 
@@ -113,7 +117,7 @@ class Guard:
         path, method = scope["path"], scope["method"]
         nonce = secrets.token_urlsafe(16)
         scope.setdefault("state", {})["csp_nonce"] = nonce
-        respond: ASGIApp = self.app
+        respond: ASGIApp = self._app
         try:
             session: Session | None = self._accounts.session(self.token(headers), touch=True)
         except NotLoggedIn:
@@ -207,7 +211,7 @@ class Guard:
                     return {"type": "websocket.disconnect", "code": _POLICY_VIOLATION}
             return message
 
-        await self.app(scope, checked, send)
+        await self._app(scope, checked, send)
 
 
 def _plain(origin: str) -> str:

@@ -121,7 +121,7 @@ class Votes:
         self._waits, self._tell = waits, tell
         self._judges = [one.name for one in site.oracles]
         self._held: dict[Key, _Held] = {}
-        self._early: dict[tuple[str, Key], deque[str]] = {}
+        self.early: dict[tuple[str, Key], deque[str]] = {}
         """Signatures on submissions on which this oracle has not voted yet, the newest last."""
         self._checks = CheckBudget(_CHECKS_PER_WALL_S)
         """By oracle, on whose key the signatures come."""
@@ -165,7 +165,7 @@ class Votes:
         held = _Held(task.kind, task.proof_submitted, end_s, vote, report_uri, {self._name: signature})
         with self._lock:
             self._held[key] = held
-            early = {name: self._early.pop((name, key), deque()) for name in self._judges}
+            early = {name: self.early.pop((name, key), deque()) for name in self._judges}
         self._publish(key, signature)  # before the bridge is asked who votes, which may take its time
         for name, signatures in early.items():
             for one in signatures:
@@ -185,7 +185,7 @@ class Votes:
         """The chain is another one."""
         with self._lock:
             self._held.clear()
-            self._early.clear()
+            self.early.clear()
             self._acted_on = None
             self.voters.forget()
 
@@ -224,7 +224,7 @@ class Votes:
         with self._lock:
             held = self._held.get(submission)
             if held is None:
-                early = self._early.setdefault((name, submission), deque(maxlen=_EARLY))
+                early = self.early.setdefault((name, submission), deque(maxlen=_EARLY))
                 if signature not in early:
                     early.append(signature)
                 return
@@ -415,13 +415,13 @@ class Votes:
     def forget(self) -> None:
         """Forget submissions that have their verdict."""
         with self._lock:
-            known = [*self._held, *(key for _, key in self._early)]
+            known = [*self._held, *(key for _, key in self.early)]
         decided = {key for key in known if not self._waits(*key)}
         with self._lock:
             for key in decided:
                 self._held.pop(key, None)
-            for name, key in list(self._early):
+            for name, key in list(self.early):
                 if key in decided:
-                    del self._early[name, key]
+                    del self.early[name, key]
         if decided:
             self._tell()

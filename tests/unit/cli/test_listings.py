@@ -431,7 +431,7 @@ def test_progress_is_a_number_in_a_pipe_and_a_bar_on_a_terminal(
         process="oracle", pid=1, ready=True, reason="", activity="verifying", progress=0.4,
         since_s=now_s, time_s=now_s,
     )  # fmt: skip
-    cell = site_commands._table_row(site_commands.Row("oracle", "ready", status=status)).cells[3]
+    cell = site_commands.table_row(site_commands.Row("oracle", "ready", status=status)).cells[3]
     assert shown in f" {cell}" and ("━" in cell) is terminal
 
 

@@ -88,7 +88,7 @@ def test_the_rules_of_the_site_file_are_the_installed_ones(
 )
 def test_a_kind_says_who_judges_it(changes: dict[str, Any], says: str) -> None:
     kind = {"kind": "x", "allowed": True, "min_window_s": 0, "audit_window_s": 0} | changes
-    assert says in organization._kind_in_words(organization.queries.KindRules.model_validate(kind))
+    assert says in organization.kind_in_words(organization.queries.KindRules.model_validate(kind))
 
 
 def test_void_attempts_are_counted_by_whose_doing_they_were() -> None:

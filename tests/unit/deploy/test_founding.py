@@ -165,7 +165,7 @@ def test_two_members_are_two_accounts(site: Site) -> None:
     governance = GovernanceConfig(kind="vote", members=["organization", "alice", "bob"])
     wallets.ensure_wallets(site)
     with pytest.raises(contracts.MemberTwice) as twice:
-        contracts._first_members(site.model_copy(update={"participants": named, "governance": governance}))
+        contracts.first_members(site.model_copy(update={"participants": named, "governance": governance}))
     assert twice.value.details[to_checksum_address(address)] == "bob"
 
 
@@ -198,7 +198,7 @@ def test_an_interrupted_founding_goes_on_and_leaves_nothing_that_could_be_done_l
     fail_once(monkeypatch, before)
     with pytest.raises(ChainUnavailable):
         told(slow)
-    there = ChainClient(slow.chain.url, Deployment.load(contracts._unfinished(slow), CHAIN_ID))
+    there = ChainClient(slow.chain.url, Deployment.load(contracts.unfinished(slow), CHAIN_ID))
     # Until the end it is the founder's, as an organization without a delay is, and nobody else's.
     assert there.administrator() == there.deployment.address("OrganizationTimelock")
     assert there.decision_delay_s() == 0

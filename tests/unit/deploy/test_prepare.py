@@ -184,7 +184,7 @@ def test_a_local_site_is_prepared_without_being_started(tmp_path: Path) -> None:
 def test_without_a_node_it_is_said_at_once_what_is_waited_for_and_then_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(contracts._NODE_S, "external", 1.0)
+    monkeypatch.setitem(contracts.NODE_S, "external", 1.0)
     monkeypatch.setenv(keystores.PASSPHRASE_VARIABLE, "secret")
     path = write_site(tmp_path, "external", ELSEWHERE)
     url = Site.load(path).chain.url

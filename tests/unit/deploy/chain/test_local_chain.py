@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -166,7 +167,8 @@ def test_a_full_disk_keeps_no_part_of_a_block_and_the_chain_goes_on_when_there_i
 
 
 def _rows(chain: EmbeddedChain) -> int:
-    return int(chain.store._connection.execute("select count(*) from state").fetchone()[0])
+    with closing(sqlite3.connect(chain.path)) as reading:
+        return int(reading.execute("select count(*) from state").fetchone()[0])
 
 
 def test_another_chains_file_is_refused(tmp_path: Path, chain: EmbeddedChain) -> None:

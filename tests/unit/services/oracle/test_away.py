@@ -116,7 +116,8 @@ def test_what_the_store_lost_is_put_there_again_by_its_executor(search: Callable
     assert one.done.wait(HANG_S)
     copy = one.missing.copy(one.key)
     assert copy is not None and copy.read_bytes() == DATA
-    assert Store(one.missing._site).fetch(one.task.proof_uri or "", one.task.proof_sha256 or "").exists()
+    assert one.bus.store is not None
+    assert one.bus.store.fetch(one.task.proof_uri or "", one.task.proof_sha256 or "").exists()
     one.missing.forget(one.key)
     assert not copy.exists()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
@@ -49,6 +50,10 @@ class Sweep:
 
     def path(self, number: int) -> Path:
         return Path(self.files[number].uri.removeprefix("file://"))
+
+    def looked_at(self) -> set[str]:
+        """Digests of the files that it remembers to have looked at."""
+        return set(json.loads((self.folder / "scrub.json").read_text())["looked_s"])
 
     def days(self, count: float) -> None:
         """So much time passes, looked at eight times a day."""
@@ -99,11 +104,11 @@ def test_a_pass_is_paced_and_goes_on_after_a_restart(sweep: Sweep) -> None:
     assert sweep.scrub.checked == 0
     sweep.days(0.5)
     assert sweep.scrub.checked == 1
-    first = dict(sweep.scrub._progress.looked_s)
+    first = sweep.looked_at()
     sweep.start()
     sweep.days(2 * days / 3)
     assert sweep.scrub.checked == 2
-    assert set(sweep.scrub._progress.looked_s) == {one.sha256 for one in sweep.files} > set(first)
+    assert sweep.looked_at() == {one.sha256 for one in sweep.files} > first
 
 
 def test_a_report_comes_again_from_the_oracles_own_copy(sweep: Sweep) -> None:

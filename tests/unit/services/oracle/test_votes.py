@@ -214,7 +214,7 @@ def test_a_false_vote_in_a_judges_name_displaces_none_of_its_own(anna: Anna) -> 
 def test_of_those_who_vote_early_as_much_is_kept_whatever_strangers_publish(anna: Anna) -> None:
     for number in range(50):
         anna.hear("bert", signed("erin", vote(reason=str(number))))
-    assert [len(kept) for kept in anna.votes._early.values()] == [4]
+    assert [len(kept) for kept in anna.votes.early.values()] == [4]
     anna.hear("bert", signed("bert"))  # it is published again and again
     anna.vote()
     assert anna.held() == ["anna", "bert"]
