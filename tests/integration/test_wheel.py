@@ -1,4 +1,7 @@
-"""The wheel in an environment of its own, in an empty folder: the demo runs without a checkout."""
+"""Wheels in an environment of their own, in an empty folder: the demo runs without a checkout.
+
+The kind `waste_disposal` is a wheel of its own there, as a third party builds it from its folder alone.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +22,25 @@ pytestmark = pytest.mark.long
 
 ROOT = LAB.parents[2]
 BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "rodeo*", "services", "deploy")
+KIND = "waste_disposal"
+KIND_PROJECT = f"""
+[project]
+name = "their-{KIND.replace("_", "-")}"
+version = "1.0"
+dependencies = ["rodeo-dao"]
+
+[project.entry-points."rodeo.kinds"]
+{KIND} = "rodeo_kinds.{KIND}:KIND"
+
+[tool.setuptools.packages.find]
+include = ["rodeo_kinds.{KIND}*"]
+"""
 LIMIT_S = 3_000.0
 """Wall time after which a command hangs."""
 
 
 class Environment:
-    """A virtual environment with the wheel and its extra `site`, and an empty folder to work in.
+    """A virtual environment with both wheels and RODEO's extra `site`, and an empty folder to work in.
 
     pip installs the wheel and checks that the extra's requirements are met. They are not downloaded again,
     which takes four minutes: a .pth file leads to a folder with links to those distributions of the running
@@ -38,7 +54,7 @@ class Environment:
         self.home = folder / "home"
         self.home.mkdir()
         self.bin = folder / "venv" / "bin"
-        wheel = _build(folder)
+        wheel, kind = _build(folder)
         _run([sys.executable, "-m", "venv", str(folder / "venv")], folder)
         needed = folder / "needed"
         needed.mkdir()
@@ -48,7 +64,10 @@ class Environment:
         self.packages = Path(self.python("import sysconfig; print(sysconfig.get_path('purelib'))"))
         (self.packages / "needed.pth").write_text(f"{needed}\n")
         constraints = str(ROOT / "constraints.txt")
-        _run([str(self.bin / "pip"), "install", "-q", "-c", constraints, f"{wheel}[site]"], self.work)
+        _run(
+            [str(self.bin / "pip"), "install", "-q", "-c", constraints, f"{wheel}[site]", str(kind)],
+            self.work,
+        )
 
     def python(self, program: str) -> str:
         return _run([str(self.bin / "python"), "-c", program], self.work, self.env).strip()
@@ -72,9 +91,9 @@ def _run(
     return done.stdout
 
 
-def _build(folder: Path) -> Path:
-    """The wheel, built from a copy: setuptools leaves a folder, and packs what an earlier one left."""
-    source = folder / "source"
+def _build(folder: Path) -> tuple[Path, Path]:
+    """RODEO's wheel, and the kind's. From copies: setuptools packs what an earlier build left in a folder."""
+    source, kind = folder / "source", folder / "kind"
     source.mkdir()
     for path in (found for pattern in BUILT_FROM for found in ROOT.glob(pattern)):
         if path.is_dir():
@@ -83,10 +102,17 @@ def _build(folder: Path) -> Path:
             )
         else:
             shutil.copy(path, source)
-    _run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), "."], source)
+    (kind / "rodeo_kinds").mkdir(parents=True)
+    shutil.move(source / "rodeo_kinds" / KIND, kind / "rodeo_kinds")
+    (kind / "pyproject.toml").write_text(KIND_PROJECT)
+    declared = (source / "pyproject.toml").read_text()
+    (source / "pyproject.toml").write_text(declared.replace(f'{KIND} = "rodeo_kinds.{KIND}:KIND"\n', ""))
+    projects = [str(source), str(kind)]
+    _run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), *projects], folder)
     shutil.rmtree(source)
-    (wheel,) = folder.glob("*-py3-none-any.whl")
-    return wheel
+    (wheel,) = folder.glob("rodeo_dao-*-py3-none-any.whl")
+    (theirs,) = folder.glob("their_*-py3-none-any.whl")
+    return wheel, theirs
 
 
 def _requirements(own: Distribution, extras: set[str]) -> dict[str, Distribution]:
@@ -127,15 +153,24 @@ def test_nothing_is_imported_from_the_checkout(installed: Environment) -> None:
     files, path = json.loads(installed.python(program))
     assert all(Path(file).is_relative_to(installed.packages) for file in files), files
     assert [folder for folder in path if folder and Path(folder).resolve().is_relative_to(ROOT)] == []
+    program = (
+        "import json\nfrom importlib.metadata import entry_points as found\n"
+        "print(json.dumps({one.name: one.dist.name for one in found(group='rodeo.kinds')}))"
+    )
+    kinds = json.loads(installed.python(program))
+    assert kinds == {"battery_charging": "rodeo-dao", KIND: "their-waste-disposal"}
     left_out = ("bench", "tests", "training", "pytest")
     missing = f"import importlib.util as u; print([m for m in {left_out} if u.find_spec(m)])"
     assert installed.python(missing) == "[]"
 
 
-def test_the_demo_settles_its_tasks_without_a_checkout(installed: Environment) -> None:
+def test_the_demo_pays_for_a_task_of_a_third_partys_kind_without_a_checkout(installed: Environment) -> None:
     installed.rodeo("demo", "--limit", str(LIMIT_S - 30))
     summary = json.loads((installed.work / "out" / "demo" / "summary.json").read_text())
-    assert [task["state"] for task in summary["tasks"]] == ["settled", "settled"]
+    assert {task["kind"]: task["state"] for task in summary["tasks"]} == {
+        KIND: "settled",
+        "battery_charging": "settled",
+    }
     assert summary["supply_iec"]["before"] == summary["supply_iec"]["after"]
 
 

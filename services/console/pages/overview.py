@@ -9,14 +9,13 @@ from nicegui import ui
 from rodeo.access.roles import Role
 from rodeo.bus.messages import Task
 from rodeo.bus.queries import Wallet
-from rodeo.display.formatting import iec, kind, moment, party, process, share, span
+from rodeo.display.formatting import iec, moment, party, process, share, span
 from rodeo.judging.verdicts import WORDS, is_peoples_verdict, standing_words, verdict_words
 from rodeo.text.strict_json import Json
 from services.console.heartbeats import ProcessState
 from services.console.lab_map import LabMap
 from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
 from services.console.pages.widgets import (
-    Link,
     Section,
     Text,
     badge,
@@ -24,6 +23,7 @@ from services.console.pages.widgets import (
     empty,
     progress_bar,
     table,
+    task_list,
     tile,
 )
 
@@ -146,37 +146,29 @@ def _draw_processes(processes: list[ProcessState]) -> None:
 
 
 def _draw_queue(tasks: list[Task]) -> None:
-    if not tasks:
-        empty("No task is waiting or being done.")
-        return
-    with ui.element("ul").classes("list"):
-        for task in tasks:
-            with ui.element("li"):
-                Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
-                badge(task.state)
-                who = f" · {party(task.executor_name, task.executor)}" if task.executor else ""
-                amount = task.reward_iec if task.price_iec is None else task.price_iec
-                stands = ""
-                if (said := task.standing) is not None:
-                    stands = f" · {standing_words(task, iec(said.amount_iec), moment(said.until))}"
-                Text("span", f"{iec(amount)}{who}{stands}", "soft")
+    def draw(task: Task) -> None:
+        badge(task.state)
+        who = f" · {party(task.executor_name, task.executor)}" if task.executor else ""
+        amount = task.reward_iec if task.price_iec is None else task.price_iec
+        stands = ""
+        if (said := task.standing) is not None:
+            stands = f" · {standing_words(task, iec(said.amount_iec), moment(said.until))}"
+        Text("span", f"{iec(amount)}{who}{stands}", "soft")
+
+    task_list(tasks, draw, "No task is waiting or being done.")
 
 
 def _draw_verdicts(tasks: list[Task]) -> None:
-    if not tasks:
-        empty("No verdict yet.")
-        return
-    with ui.element("ul").classes("list"):
-        for task in tasks:
-            with ui.element("li"):
-                Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
-                verdict = task.verdict or ""
-                badge(WORDS.get(verdict, verdict))
-                by_people = is_peoples_verdict(task)
-                paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
-                said = f"{verdict_words(verdict, task.reason, None, by_people, task.fault)} · "
-                when = moment(task.settled or task.proof_submitted)
-                Text("span", (paid if task.state == "settled" else "") + said + when, "soft")
+    def draw(task: Task) -> None:
+        verdict = task.verdict or ""
+        badge(WORDS.get(verdict, verdict))
+        by_people = is_peoples_verdict(task)
+        paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
+        said = f"{verdict_words(verdict, task.reason, None, by_people, task.fault)} · "
+        when = moment(task.settled or task.proof_submitted)
+        Text("span", (paid if task.state == "settled" else "") + said + when, "soft")
+
+    task_list(tasks, draw, "No verdict yet.")
 
 
 def _draw_wallets(wallets: list[Wallet]) -> None:

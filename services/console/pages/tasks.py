@@ -186,6 +186,10 @@ def _draw_pager(total: int, page: int, go: Any) -> None:
             ).props("max-pages=7 boundary-numbers")
 
 
+_OTHER = ""
+"""A kind that is not installed here."""
+
+
 class PostForm:
     """The form for a new task, checked while it is filled in and again before anything is sent."""
 
@@ -200,9 +204,9 @@ class PostForm:
                     self.kind = ui.select(known, value=next(iter(known), None), label="Kind")
                     self.kind.on_value_change(self._kind_chosen)
                     self._parameters = {
-                        name: Parameters(site, one, self._changed) for name, one in console.kinds.items()
+                        name: Parameters(site, one, self._changed)
+                        for name, one in (*console.kinds.items(), (_OTHER, None))
                     }
-                    self._others = Parameters(site, None, self._changed)
                     for params in self._parameters.values():
                         if (item := params.field("item")) is not None:
                             item.on_value_change(self._item_chosen)
@@ -272,7 +276,7 @@ class PostForm:
 
     def _shown(self) -> Parameters:
         """The fields of the kind that is chosen."""
-        return self._parameters.get(self.kind.value, self._others)
+        return self._parameters.get(self.kind.value, self._parameters[_OTHER])
 
     def _usual_reward(self) -> str:
         """What the kind usually costs; empty where that is not known."""
@@ -345,7 +349,7 @@ class PostForm:
     def _changed(self) -> None:
         if not hasattr(self, "map"):
             return
-        for params in (*self._parameters.values(), self._others):
+        for params in self._parameters.values():
             params.show(params is self._shown())
         place = self._place()
         self._where.set_text("" if place is None else f"{place[0]:.2f} m east, {place[1]:.2f} m north")

@@ -54,6 +54,34 @@ def register(console: Console) -> None:
             TreasuryPage(console)
 
 
+class Earnings:
+    """Earned and spent by week; `problem` shows why they are not current."""
+
+    def __init__(self, console: Console, problem: Section) -> None:
+        self._console = console
+        self._problem = problem
+        with card("Earned and spent, by week") as head:
+            with head:
+                ui.button("Earnings as CSV", icon="download").props("flat dense href=/files/earnings.csv")
+            self._weeks = ui.echart(_week_options([])).style("height: 280px; width: 100%")
+            self._weeks.props(
+                'role="img" aria-label="Earned and spent by week; the table below has the numbers"'
+            )
+            self._lines = Section(_draw_earnings).waiting()
+        follow_async(console, "events", self._load)
+
+    async def _load(self) -> None:
+        try:
+            lines = await ask(self._console.queries.earnings)
+        except RodeoError as error:
+            self._problem.show(stale(error))
+            return
+        self._weeks.options.clear()
+        self._weeks.options.update(_week_options(lines))
+        self._weeks.update()
+        self._lines.show(lines)
+
+
 class TreasuryPage:
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -85,16 +113,8 @@ class TreasuryPage:
                 self._rows = Section(self._draw_rows).waiting()
             with ui.element("div").classes("stack span-5"), card("Tariffs"):
                 _draw_tariffs(console)
-        with card("Earned and spent, by week") as head:
-            with head:
-                ui.button("Earnings as CSV", icon="download").props("flat dense href=/files/earnings.csv")
-            self._weeks = ui.echart(_week_options([])).style("height: 280px; width: 100%")
-            self._weeks.props(
-                'role="img" aria-label="Earned and spent by week; the table below has the numbers"'
-            )
-            self._lines = Section(_draw_earnings).waiting()
+        Earnings(console, self._problem)
         self._refresh = follow_async(console, "events", self._load)
-        follow_async(console, "events", self._load_earnings)
 
     def _choose(self, event: Any) -> None:
         self._account, self._page = str(event.value), 1
@@ -128,17 +148,6 @@ class TreasuryPage:
         self._none.show(_why_empty(charted))
         self._rows.show(page.transfers, page.total, self._page)
         self._draw_chart(charted)
-
-    async def _load_earnings(self) -> None:
-        try:
-            lines = await ask(self._console.queries.earnings)
-        except RodeoError as error:
-            self._problem.show(stale(error))
-            return
-        self._weeks.options.clear()
-        self._weeks.options.update(_week_options(lines))
-        self._weeks.update()
-        self._lines.show(lines)
 
     def _draw_chart(self, transfers: list[queries.Transfer]) -> None:
         ordered = sorted(transfers, key=lambda one: one.seq)

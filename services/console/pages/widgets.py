@@ -12,7 +12,8 @@ from typing import Any, ParamSpec, TypeVar
 from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from rodeo.display.formatting import STATE_COLOURS, short
+from rodeo.bus.messages import Task
+from rodeo.display.formatting import STATE_COLOURS, kind, short
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -66,6 +67,18 @@ def tile(name: str, value: str) -> Text:
 
 def empty(text: str) -> None:
     Text("p", text, "empty")
+
+
+def task_list(tasks: Sequence[Task], draw: Callable[[Task], object], none: str) -> None:
+    """Links to tasks, each with what `draw` shows of it; `none` where there are none."""
+    if not tasks:
+        empty(none)
+        return
+    with ui.element("ul").classes("list"):
+        for task in tasks:
+            with ui.element("li"):
+                Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
+                draw(task)
 
 
 def notice(text: str, bad: bool = False) -> None:

@@ -33,16 +33,15 @@ from services.console.pages.frame import (
     user,
 )
 from services.console.pages.widgets import (
-    Link,
     Section,
     Text,
     badge,
     card,
     confirm,
-    empty,
     modal,
     notice,
     on_page,
+    task_list,
     tile,
 )
 
@@ -108,30 +107,28 @@ class ExecutorDesk:
         self._ended.show(ended)
 
     def _draw_assigned(self, tasks: list[Task]) -> None:
-        if not tasks:
-            empty("Nothing is assigned to you. Offer a service, and tasks of its kind come here.")
-            return
-        with ui.element("ul").classes("list"):
-            for task in tasks:
-                with ui.element("li"):
-                    Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
-                    with ui.element("span").classes("line tight"):
-                        ui.button("Accept", on_click=partial(self._accept, task)).props(
-                            f'outline dense aria-label="Accept task {task.id}"'
-                        )
-                        ui.button("Hand in", on_click=partial(self._hand_in, task)).props(
-                            f'unelevated dense aria-label="Hand in task {task.id}"'
-                        )
-                    due = f" · due by {moment(task.execution_deadline)}" if task.execution_deadline else ""
-                    Text(
-                        "span",
-                        f"{task.description or 'no description'} · pays {iec(task.price_iec)}{due}",
-                        "soft",
-                    )
-                    if task.execution_deadline:
-                        time_left(self._console, task.execution_deadline)
-                    if task.nonce:
-                        Text("span", f"Show the code {photo_code(task.nonce)} in a photo", "soft")
+        def draw(task: Task) -> None:
+            with ui.element("span").classes("line tight"):
+                ui.button("Accept", on_click=partial(self._accept, task)).props(
+                    f'outline dense aria-label="Accept task {task.id}"'
+                )
+                ui.button("Hand in", on_click=partial(self._hand_in, task)).props(
+                    f'unelevated dense aria-label="Hand in task {task.id}"'
+                )
+            due = f" · due by {moment(task.execution_deadline)}" if task.execution_deadline else ""
+            Text(
+                "span",
+                f"{task.description or 'no description'} · pays {iec(task.price_iec)}{due}",
+                "soft",
+            )
+            if task.execution_deadline:
+                time_left(self._console, task.execution_deadline)
+            if task.nonce:
+                Text("span", f"Show the code {photo_code(task.nonce)} in a photo", "soft")
+
+        task_list(
+            tasks, draw, "Nothing is assigned to you. Offer a service, and tasks of its kind come here."
+        )
 
     @on_page
     async def _accept(self, task: Task) -> None:
@@ -192,22 +189,18 @@ class ExecutorDesk:
 
 
 def _draw_ended(tasks: list[Task]) -> None:
-    if not tasks:
-        empty("You have submitted nothing yet.")
-        return
-    with ui.element("ul").classes("list"):
-        for task in tasks:
-            with ui.element("li"):
-                Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
-                verdict = task.verdict or ""
-                badge(WORDS.get(verdict, verdict) or task.state)
-                by_people = is_peoples_verdict(task)
-                said = verdict_words(verdict, task.reason, None, by_people, task.fault)
-                if task.state == "settled":
-                    said = f"paid {iec(task.paid_iec)} on {moment(task.settled)} · {said}"
-                elif task.standing is not None:
-                    said = standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))
-                Text("span", said or "waiting for the ruling", "soft")
+    def draw(task: Task) -> None:
+        verdict = task.verdict or ""
+        badge(WORDS.get(verdict, verdict) or task.state)
+        by_people = is_peoples_verdict(task)
+        said = verdict_words(verdict, task.reason, None, by_people, task.fault)
+        if task.state == "settled":
+            said = f"paid {iec(task.paid_iec)} on {moment(task.settled)} · {said}"
+        elif task.standing is not None:
+            said = standing_words(task, iec(task.standing.amount_iec), moment(task.standing.until))
+        Text("span", said or "waiting for the ruling", "soft")
+
+    task_list(tasks, draw, "You have submitted nothing yet.")
 
 
 def _due(task: Task) -> str:
@@ -239,20 +232,16 @@ class AuditorDesk:
         self._waiting.show(waiting[:SHOWN])
 
     def _draw(self, tasks: list[Task]) -> None:
-        if not tasks:
-            empty("No proof waits for an auditor.")
-            return
-        with ui.element("ul").classes("list"):
-            for task in tasks:
-                with ui.element("li"):
-                    Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
-                    ui.button("Open", on_click=partial(self._open, task)).props(
-                        f'unelevated dense aria-label="Judge task {task.id}"'
-                    )
-                    who = f"{task.executor_name or task.executor} for {iec(task.price_iec)}"
-                    Text("span", f"{who}{_due(task)}", "soft")
-                    if (ends_s := running_out_s(task)) is not None:
-                        time_left(self._console, ends_s)
+        def draw(task: Task) -> None:
+            ui.button("Open", on_click=partial(self._open, task)).props(
+                f'unelevated dense aria-label="Judge task {task.id}"'
+            )
+            who = f"{task.executor_name or task.executor} for {iec(task.price_iec)}"
+            Text("span", f"{who}{_due(task)}", "soft")
+            if (ends_s := running_out_s(task)) is not None:
+                time_left(self._console, ends_s)
+
+        task_list(tasks, draw, "No proof waits for an auditor.")
 
     @on_page
     async def _open(self, task: Task) -> None:

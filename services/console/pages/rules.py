@@ -1,0 +1,286 @@
+"""The organization's rules: policy, terms, kinds of work, judges."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from decimal import Decimal
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from rodeo.access.roles import Role
+from rodeo.bus import queries
+from rodeo.display.formatting import (
+    iec,
+    kind,
+    party,
+    quorum_in_words,
+    short,
+    span,
+    voids_in_words,
+    windows_in_words,
+)
+from rodeo.kinds import KindError
+from rodeo.text.strict_json import Json
+from services.console.pages.forms import choose_command
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    user,
+)
+from services.console.pages.widgets import (
+    Field,
+    Text,
+    ask_form,
+    fact,
+    facts,
+    hash_text,
+    on_page,
+    table,
+)
+
+_UNSAID = "unsaid"
+"""Stands for no choice."""
+POLICIES = {
+    "first_come": "First come, first served",
+    "lowest_price": "Lowest price",
+    "highest_reputation": "Highest reputation",
+}
+
+
+async def changed(console: Console, refresh: Callable[[], None], name: str, request: Json, done: str) -> bool:
+    """Carry out a command and show what it changed; whether it was done."""
+    if await act(console, name, request, done) is None:
+        return False
+    refresh()
+    return True
+
+
+class Rules:
+    """The organization's rules, with what an administrator changes of them; `refresh` shows them anew."""
+
+    def __init__(self, console: Console, refresh: Callable[[], None]) -> None:
+        self._console = console
+        self._refresh = refresh
+
+    async def _act(self, name: str, request: Json, done: str) -> bool:
+        return await changed(self._console, self._refresh, name, request, done)
+
+    def _draw_kinds(self, organization: queries.Organization) -> None:
+        table(
+            "Kinds of work",
+            [
+                ("Kind of work", ""),
+                ("Judged by", ""),
+                ("Time", "wrap wide-only"),
+                ("Counts up to", "number wide-only"),
+                ("Rules", "wide-only"),
+                ("", ""),
+            ],
+            [
+                (
+                    kind(one.kind),
+                    judged_by(one),
+                    windows_in_words(one) or "–",
+                    iec(one.reference_price_iec) if one.max_window_s else "–",
+                    partial(_rules_hashes, one.rules_sha256),
+                    partial(self._kind_end, one),
+                )
+                for one in organization.kinds
+            ],
+        )
+
+    def draw(self, organization: queries.Organization) -> None:
+        terms = organization.terms
+        failures = terms.max_failures
+        with facts():
+            fact("Chosen by", POLICIES.get(organization.policy, organization.policy))
+            fact("Open to", "members only" if organization.members_only else "everybody")
+            fact("Bond", iec(terms.bond_iec))
+            fact("Penalty for a failure", iec(terms.penalty_iec))
+            fact("Suspended after", f"{failures} failures in a row" if failures else "never")
+            if voids := voids_in_words(organization.voids):
+                fact(
+                    "Void attempts",
+                    partial(Text, "span", voids, "alarming") if organization.many_voids else voids,
+                    "wrap",
+                )
+        self._draw_kinds(organization)
+        _draw_judges(organization)
+        if user().has(Role.ADMINISTRATOR):
+            with ui.element("div").classes("line tight"):
+                ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
+                ui.button("Times of a kind", on_click=partial(self._change_times, organization)).props(
+                    "outline dense"
+                )
+                now = {"policy": organization.policy, **terms.model_dump(mode="json")}
+                more = partial(choose_command, self._console, Role.ADMINISTRATOR, self._refresh, now)
+                ui.button("Other commands", on_click=more).props("outline dense")
+
+    def _kind_end(self, one: queries.KindRules) -> None:
+        if not user().has(Role.ADMINISTRATOR):
+            return
+        click: Callable[[], Awaitable[Any]]
+        if one.allowed:
+            word = "Forbid"
+            request = {"kind": one.kind, "allowed": False}
+            click = partial(self._act, "allow_kind", request, f"{kind(one.kind)} is forbidden")
+        else:
+            word, click = "Allow", partial(self._allow_kind, one.kind)
+        ui.button(word, on_click=click).props(f'flat dense aria-label="{word} {kind(one.kind)}"')
+        if one.allowed:
+            label = f"Change the rules of {kind(one.kind)}"
+            ui.button("Rules", on_click=partial(self._change_hashes, one)).props(
+                f'flat dense aria-label="{label}"'
+            )
+
+    @on_page
+    async def _change_hashes(self, one: queries.KindRules) -> None:
+        async def change(answer: dict[str, str]) -> bool:
+            request = {"kind": one.kind, "rules_sha256": answer["rules_sha256"]}
+            if answer["action"] == "retire":
+                return await self._act("retire_rules", request, "No more tasks are posted under these rules")
+            request |= {"judge": one.judge}
+            return await self._act("allow_kind", request, "New tasks are judged by these rules")
+
+        await ask_form(
+            f"Rules of {kind(one.kind)}",
+            {
+                "rules_sha256": Field("Hash of the rules (0x…)", await ask(self._installed_rules, one.kind)),
+                "action": Field(
+                    "What to do",
+                    choices={
+                        "allow": "Judge new tasks by them; older rules stay current",
+                        "retire": "Post no more tasks under them; their open tasks keep them",
+                    },
+                ),
+            },
+            "Do it",
+            change,
+        )
+
+    def _installed_rules(self, name: str) -> str:
+        """Hash of the rules by which the installed checks judge a kind; empty where people judge it."""
+        # Imported here: what the checks use takes its time, and few pages need it.
+        from rodeo.checks.rules import rules_hash
+
+        found = self._console.kinds.get(name)
+        try:
+            return "" if found is None else rules_hash(found) or ""
+        except KindError:
+            return ""
+
+    @on_page
+    async def _allow_kind(self, name: str) -> None:
+        """The judge is named each time: no judge is meant by leaving it out."""
+        judges = {_UNSAID: "Choose who judges it", "auditor": "an auditor"}
+        if not name or not self._console.kinds.by_people(name):
+            judges["oracle"] = "the oracle, where it has checks for it"
+
+        async def allow(answer: dict[str, str]) -> bool:
+            if answer["judge"] == _UNSAID:
+                ui.notify("Choose who judges this kind of work", type="warning")
+                return False
+            if not answer["rules_sha256"]:
+                del answer["rules_sha256"]
+            done = f"{kind(answer['kind'])} is allowed"
+            return await self._act("allow_kind", {"allowed": True, **answer}, done)
+
+        await ask_form(
+            f"Allow {kind(name)}" if name else "Allow a kind of work",
+            {
+                "kind": Field("Name, for example window_cleaning", name),
+                "judge": Field("Judged by", choices=judges),
+                "rules_sha256": Field(
+                    "Hash of the rules (0x…), where the oracle judges", await ask(self._installed_rules, name)
+                ),
+            },
+            "Allow it",
+            allow,
+        )
+
+    @on_page
+    async def _change_times(self, organization: queries.Organization) -> None:
+        judges = {one.kind: one.judge for one in organization.kinds if one.allowed}
+
+        async def change(answer: dict[str, str]) -> bool:
+            request = {name: value for name, value in answer.items() if value}
+            request |= {"judge": judges[answer["kind"]]}
+            return await self._act("allow_kind", request, f"The times of {kind(answer['kind'])} are set")
+
+        await ask_form(
+            "Times of a kind, in seconds, and its price; what is left empty stays",
+            {
+                "kind": Field("Kind of work", choices={name: kind(name) for name in judges}),
+                "min_window_s": Field("Shortest time to work"),
+                "max_window_s": Field("Longest time to work"),
+                "grace_s": Field("Time to accept a task or give it back"),
+                "reference_price_iec": Field("An attempt counts in a record up to (IEC)"),
+                "audit_window_s": Field("Auditors may rule for, when the judge cannot; then it is void"),
+            },
+            "Set them",
+            change,
+        )
+
+
+def _draw_judges(organization: queries.Organization) -> None:
+    if organization.judges:
+        table(
+            "Oracles that have to agree",
+            [("Oracle", ""), ("Works for", ""), ("Stake", "number"), ("Key", "wide-only")],
+            [
+                (
+                    one.name or str(one.seat),
+                    party(one.owner_name, one.owner),
+                    _stake(one, organization.stake_needed(one)),
+                    partial(hash_text, one.key),
+                )
+                for one in organization.judges
+            ],
+        )
+    for number, committee in enumerate(organization.committees):
+        table(
+            "Judges of the appeal" if number else "Judges of challenges",
+            [
+                ("Judge of the appeal" if number else "Judge of challenges", ""),
+                ("Stake", "number"),
+                ("Key", "wide-only"),
+            ],
+            [
+                (
+                    one.name or str(one.seat),
+                    _stake(one, committee.stake_needed(one)),
+                    partial(hash_text, one.key),
+                )
+                for one in committee.judges
+            ],
+        )
+
+
+def _rules_hashes(rules: list[str]) -> None:
+    """Hashes, newest first: new tasks get that one."""
+    for one in reversed(rules):
+        hash_text(one)
+
+
+def _stake(judge: queries.Judge, needed: Decimal) -> str:
+    """Empty where it neither has nor needs a stake."""
+    if judge.stake_iec < needed:
+        return f"{iec(judge.stake_iec)} of {iec(needed)}"
+    return iec(judge.stake_iec) if judge.stake_iec else ""
+
+
+def judged_by(one: queries.KindRules) -> str:
+    """The judge of this kind of work, and the one that rules on what it cannot decide."""
+    if not one.allowed:
+        return "not allowed"
+    if one.removed:
+        return "nobody: its judge was removed"
+    judges = one.judge if one.judge in ("oracle", "auditor") else f"the contract {short(one.judge)}"
+    if one.judge == "oracle" and one.votes:
+        judges = quorum_in_words(one)
+    if one.judge == "auditor" or not one.audit_window_s:
+        return judges
+    return f"{judges}; auditors for {span(one.audit_window_s)} where it cannot decide, then void"
