@@ -123,26 +123,9 @@ def up(
             f"There is no {CHECKOUT_SITE} here: starting the installed lab. Its data, keys and logs are in "
             f"{Site.load(site).data_dir}"
         )
-    if not anyway and (loaded := Site.load(site)).bus.open:
-        from rodeo_cli.site_check import undecided_on_open_bus
-
-        if why := undecided_on_open_bus(loaded):
-            raise ConfigError(f"{why}. --anyway starts it as it is", path=str(site))
-    # Imported here: chain and databases take a second, and these two are seldom wanted.
-    if new_chain:
-        from deploy.chain.record import give_up_chain
-
-        if (record := give_up_chain(Site.load(site))) is not None:
-            told = f"starting a new chain; the record of the old one is kept in {record}"
-            console.print(told, soft_wrap=True)
-    if new_journal:
-        from services.bridge.continuity import give_up_journal
-
-        loaded = Site.load(site)
-        for name in bridge_wallets(loaded):
-            if not names or name in names:
-                give_up_journal(loaded, name)
-        console.print("the bridge continues without the transactions that its journal lost", soft_wrap=True)
+    if not anyway:
+        _require_paid(site)
+    _give_up(site, names, new_chain, new_journal)
     if detach:
         _detach(site, names)
         return
@@ -156,6 +139,34 @@ def up(
     except KeyboardInterrupt:
         pass
     console.print("stopped")
+
+
+def _require_paid(path: Path) -> None:
+    """Raises ConfigError where no work is paid because the bus is open."""
+    if (site := Site.load(path)).bus.open:
+        from rodeo_cli.site_check import undecided_on_open_bus
+
+        if why := undecided_on_open_bus(site):
+            raise ConfigError(f"{why}. --anyway starts it as it is", path=str(path))
+
+
+def _give_up(path: Path, names: Sequence[str], chain: bool, journal: bool) -> None:
+    """Continue without what was lost: the local chain, or the journals of the bridges among `names`."""
+    # Imported here: chain and databases take a second, and these two are seldom wanted.
+    if chain:
+        from deploy.chain.record import give_up_chain
+
+        if (record := give_up_chain(Site.load(path))) is not None:
+            told = f"starting a new chain; the record of the old one is kept in {record}"
+            console.print(told, soft_wrap=True)
+    if journal:
+        from services.bridge.continuity import give_up_journal
+
+        site = Site.load(path)
+        for name in bridge_wallets(site):
+            if not names or name in names:
+                give_up_journal(site, name)
+        console.print("the bridge continues without the transactions that its journal lost", soft_wrap=True)
 
 
 @reports_errors
