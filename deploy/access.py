@@ -200,7 +200,7 @@ def _participants_of(site: Site, process: str) -> list[str]:
 
 
 def _job(process: str) -> str:
-    """The name in the key table, which does not tell one robot's mind or body from another's."""
+    """The name in the key table: the same for every robot's mind, and for every robot's body."""
     return process.partition(".")[0]
 
 
@@ -244,7 +244,7 @@ def _robots_of(site: Site, process: str) -> list[RobotConfig]:
 
 
 def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
-    """Key expressions of what `process` says on `topic` on this site."""
+    """Key expressions that `process` publishes on `topic` on this site."""
     if topic.writer == BRIDGE and site.bridges:
         yield from _written_by_bridge(site, topic, process)
         return

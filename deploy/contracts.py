@@ -6,7 +6,7 @@ fixed supply of `economy.supply_iec`, the organization and each robot get `econo
 to the organization's administrator, who brings it in with Organization.deposit when the treasury needs it.
 
 On an external chain the wallets must hold gas already; on a local one the node's first account gives it.
-`rodeo site prepare` does this and all that it needs, and says each step.
+`rodeo site prepare` does this and all that it needs, and prints each step.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 
 NODE_S = {"external": 15.0, "anvil": 3600.0, "eth-tester": 3600.0}
 """How long to wait for the node to answer, wall time. A local one is about to start, which may take a slow
-machine long; its launcher tells when it cannot."""
+machine long; its launcher reports when it cannot."""
 _RETRY_S = 0.1
 _UNLIMITED = 2**256 - 1
 _MOST_TOGETHER = 60
@@ -94,7 +94,7 @@ class _Sender:
     """Sends what sets the organization up.
 
     Where the administrator is a timelock, it is so from the beginning, and does at once what its founder
-    schedules, until the founder ends that. What the site file says later has to be proposed.
+    schedules, until the founder ends that. Later changes of the site file have to be proposed.
     """
 
     def __init__(self, client: ChainClient, administrator: str, names: dict[str, str], say: Say) -> None:
@@ -231,7 +231,7 @@ def _deploy(site: Site, stop: threading.Event, say: Say, steps: Steps) -> None:
 
 
 def set_up(site: Site, w3: Web3, deployment: Deployment, administrator: LocalAccount, say: Say) -> Deployment:
-    """Tell the organization what the site file says and it does not know, and record it.
+    """Send the organization what the site file has and the chain lacks, and record it.
 
     Raises ChainError, KindError and WalletError.
     """
@@ -719,7 +719,7 @@ def _missing_instances(site: Site, client: ChainClient, administrator: str, kind
         staked = zip(committees, wanted.instances, strict=False)
         needed = {committee: to_units(one.judge_stake_iec) for committee, one in staked}
         yield from _missing_stakes(client, administrator, kind, needed)
-    # What an instance says of the next one: how it is challenged, and how long that takes.
+    # How an instance's ruling is challenged before the next one, and how long that takes.
     challenged = [
         (one.window_s, to_units(one.stake_iec), to_units(one.judge_stake_iec)) for one in wanted.instances
     ]
@@ -811,7 +811,7 @@ def _is_registered(client: ChainClient, device: str) -> bool:
 
 
 def _owner(site: Site, client: ChainClient, device_role: str, name: str) -> str:
-    """A robot's device works for the robot, an oracle's for whom the site file says or for nobody else, and
+    """A robot's device works for the robot, an oracle's for the owner in the site file or for itself, and
     everything else for the organization."""
     if device_role == "oracle":
         owner = next(one.owner for one in site.oracles if one.name == name) or name

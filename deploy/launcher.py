@@ -125,7 +125,7 @@ class Launcher:
             os.close(lock)
 
     def lock_folders(self) -> list[Path]:
-        """What tells `stop_site`, and a second launcher, of this one."""
+        """Folders whose locks show this launcher to `stop_site` and to a second launcher."""
         folder = self.site.data_dir / LAUNCHER
         return [folder / name for name in self.only] or [folder]
 

@@ -1,6 +1,6 @@
 """All that a site needs before its processes start, on any chain: keys, certificates, gas money, contracts.
 
-Every step may be done already; then it is said and nothing is done. So it may be repeated at any time.
+A step that is done already is reported and skipped, so the command may be repeated at any time.
 """
 
 from __future__ import annotations

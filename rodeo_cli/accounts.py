@@ -98,7 +98,7 @@ rules."""
 
 def login_link(site: Site, url: str) -> str:
     """A link that opens the console at `url`, logged in as an account of the demo's own, which nobody else
-    can open: its passphrase is random, and told to nobody."""
+    can open: its passphrase is random and never shown."""
     with closing(_accounts_of(site)) as accounts:
         if DEMO not in [user.name for user in accounts.users()]:
             accounts.add_user(DEMO, secrets.token_urlsafe(32), [Role.OPERATOR, Role.TREASURER, Role.AUDITOR])

@@ -40,7 +40,7 @@ BinOption = Annotated[
 ]
 
 _TYPED = {"image_sha256": "picture", "class": "item_class"}
-"""Field of what is signed -> the parameter that says it."""
+"""Field of the signed correction -> the parameter that sets it."""
 
 
 @bins.command("correct")

@@ -190,12 +190,12 @@ def say(sentence: str) -> None:
 
 
 def site_pace(site: Site, bus: Bus) -> Pace | None:
-    """How fast the site's time goes; None where nobody tells it."""
+    """How fast the site's time goes; None if it is unknown."""
     from rodeo.person import pace  # takes its time to import
 
     details: dict[str, Any] = {}
     if site.clock.source == "sim":
-        # Silence is said in the text: nobody tells the site's time.
+        # A missing answer becomes part of the text: the site's time is unknown.
         with suppress(BusError):
             key = topics.STATUS.name(org=site.org, process="robot_sim")
             details = queries.fitting(Status, bus.query(key), key).details

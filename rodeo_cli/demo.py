@@ -385,7 +385,7 @@ def _post(demo: Demo, bus: Bus) -> None:
     demo.say(f"the organization posted task {done.result()['task_id']}")
 
 
-# -- what the bus says ---------------------------------------------------------------------------------
+# -- messages of the bus -------------------------------------------------------------------------------
 
 
 def _offered(bus: Bus, org: str) -> set[str]:
@@ -437,7 +437,7 @@ def _over(demo: Demo, kind: str) -> bool:
 
 
 def _soc(demo: Demo) -> float | None:
-    """The robot's state of charge, as its mind told it last."""
+    """The robot's state of charge, as its mind last reported it."""
     return demo.watcher.statuses()["robot_agent"].details.get("soc")
 
 
@@ -447,7 +447,7 @@ def _away(demo: Demo) -> bool:
 
 
 def _progress(task: Task, energy: str, statuses: dict[str, Status]) -> float | None:
-    """Share of a task done: the executor tells how far its work is, the chain the rest."""
+    """Share of a task that is done: the executor reports its work, the chain the rest."""
     if task.state == "assigned":
         job = "charger" if task.kind == energy else "robot_agent"
         told = [status.progress or 0.0 for name, status in statuses.items() if name.partition(".")[0] == job]

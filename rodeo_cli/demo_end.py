@@ -1,4 +1,4 @@
-"""What `rodeo demo` says at its end: the two tasks, who has what now, and how to look at it."""
+"""The end of `rodeo demo`: the two tasks, the balances, and how to look at the recordings."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class View:
 
 @dataclass(frozen=True)
 class Scene:
-    """A part of the film: this much of the recording, in so many seconds, with one caption. The camera
+    """A part of the film: a stretch of the recording, how many seconds it lasts, and one caption. The camera
     moves from the view of the scene before to `view`."""
 
     until_s: float
@@ -180,7 +180,7 @@ def write(film: Film, path: Path, quality: int) -> int:
 
 
 def _script(case: Case) -> tuple[Array, list[Scene]]:
-    """The bin's picture of the item and the scenes, by what the recording says happened when."""
+    """The bin's picture of the item and the scenes, by the times in the recording."""
     phases, said = phases_of(case), [one.statement for one in bin_said(case)]
     shown = next((one for one in said if isinstance(one, Classification)), None)
     drop = next((one for one in said if isinstance(one, Drop)), None)

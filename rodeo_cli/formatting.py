@@ -106,7 +106,7 @@ _OPTION_OF_FIELD = {
 """Where a request's field has another name on the command line."""
 
 _UNFIT = re.compile(r"^the (request|answer) does not fit \w+$")
-"""What `rodeo.bus.session.validate` says of a request, in the words of its programmer."""
+"""Message of `rodeo.bus.session.validate`, in words for programmers."""
 
 
 def options_of(command: Callable[..., Any]) -> dict[str, str]:
@@ -125,7 +125,7 @@ def options_of(command: Callable[..., Any]) -> dict[str, str]:
 
 
 def explain(error: RodeoError, options: dict[str, str]) -> str:
-    """The error as a sentence: what was wrong, by the option that said it (`options_of` the command), and the
+    """The error as a sentence: what was wrong, by the option that set it (`options_of` the command), and the
     values that explain it."""
     details = dict(error.details)
     fields = details.pop("fields", None)
@@ -174,7 +174,7 @@ def _lowered(text: str) -> str:
 
 
 def _shown(details: dict[str, Any]) -> dict[str, Any]:
-    """Without what says nothing, and without the address of who is named."""
+    """Without empty values, and without the address of an account that has a name."""
     named = bool(details.get("name"))
     return {
         name: value

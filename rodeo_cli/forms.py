@@ -172,7 +172,7 @@ def _typed(annotation: Any) -> Any:
 
 
 def _done(line: Line, words: Request) -> str:
-    """What is said once it is done."""
+    """The sentence printed after the command was carried out."""
     from rodeo.commands.declare import bare
 
     if not isinstance(line.done, str):

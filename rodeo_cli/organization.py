@@ -204,7 +204,7 @@ _ROLES = {
 
 
 def _pause_in_words(state: queries.Organization, site: Site) -> str:
-    """Empty where new tasks were never paused: nothing to tell."""
+    """Empty if new tasks were never paused."""
     return f"none before {moment(state.paused_until_s, site)}" if state.paused_until_s else ""
 
 

@@ -23,12 +23,12 @@ LIMIT_S = 3600.0
 _UNSEEN_S = 5.0
 """What passes between two looks counts for no more than this: the command itself may have been stopped."""
 _STARTING_CPU_S, _MOST_CPU_S = 3, 15
-"""A process that is being loaded says nothing yet. It makes a step with so much processor time, up to the
+"""A process that is being loaded reports nothing yet. This much processor time counts as a step, up to the
 most that loading ever takes."""
 
 
 class NoProgress(RodeoError):
-    """Nothing has moved for so long that it is no use to wait on."""
+    """Nothing has moved for longer than it is useful to wait."""
 
 
 class TooSlow(RodeoError):
@@ -48,7 +48,7 @@ class Patience:
         self._begun_s = self._looked_s = now_s()
         self._seen: set[tuple[str, Hashable]] = set()
         self._last: dict[str, tuple[Hashable, float]] = {}
-        """What each process said last, and when that began."""
+        """The last report of each process, and since when it has been the same."""
 
     def look(self, told: Mapping[str, Hashable]) -> bool:
         """Whether one of `told` (who -> what) is a step. Raises NoProgress and TooSlow."""
@@ -67,7 +67,7 @@ class Patience:
         return bool(new)
 
     def since_s(self, who: str) -> float:
-        """For how long this one has said the same."""
+        """Seconds for which this process has reported the same."""
         return 0.0 if who not in self._last else self._now_s() - self._last[who][1]
 
 
@@ -81,7 +81,7 @@ def told_by(status: Status) -> Hashable:
 
 
 def told_by_loading(pids: Iterable[int]) -> Hashable:
-    """How far processes are that have said nothing yet."""
+    """Processor time of processes that have reported nothing yet."""
     return sum(min(cpu_s(pid), _MOST_CPU_S) // _STARTING_CPU_S for pid in pids)
 
 

@@ -35,7 +35,7 @@ propose = typer.Typer(
 
 
 _WHY: ContextVar[str | None] = ContextVar("why", default=None)
-"""What `propose` was told before the command that it proposes."""
+"""Options of `propose`, given before the command that it proposes."""
 
 
 def send(site: Path, participant: str, command: str, done: str, **fields: Any) -> None:

@@ -135,7 +135,7 @@ def change_service(
     Raises InvalidRequest when there is none, or its provider has no name here.
     """
     with connected(site) as (loaded, bus):
-        # They are numbered from 1 and told in that order.
+        # They are numbered from 1 and listed in that order.
         one_page = {"offset": service_id - 1, "limit": 1}
         services = queries.ask(bus, loaded.org, queries.SERVICES, **one_page).services
         service = next((one for one in services if one.id == service_id), None)

@@ -49,7 +49,7 @@ from rodeo_cli.layout import lines, printable
 from rodeo_cli.progress import NoProgress, Patience, TooSlow, duration, told_by, told_by_loading
 
 LOST_S = 3 * HEARTBEAT_S
-"""A heartbeat older than this says nothing about now."""
+"""Age above which a heartbeat no longer describes the process."""
 _MOST_PROCESSES = 500
 """Far more than a site has: on an open bus anybody may claim to be another one."""
 
@@ -373,7 +373,7 @@ def starting_step(site: Site, rows: list[Row]) -> str:
 
 
 def moves(site: Site, rows: list[Row], launcher_pid: int) -> dict[str, Hashable]:
-    """What a `Patience` looks at: who -> what it tells, of a site that `launcher_pid` has started."""
+    """Input of a `Patience`: process -> its last report, of a site that `launcher_pid` has started."""
     told: dict[str, Hashable] = {row.name: row.told for row in rows}
     told["contracts"] = str(deployment_under_way(site) or "")
     silent = _children(launcher_pid) - {row.status.pid for row in rows if row.status is not None}
@@ -417,7 +417,7 @@ def table_row(row: Row) -> TableRow:
 
 
 def bar(progress: float | None, width: int = 16) -> str:
-    """How much is done, in percent; with a `width` after a bar of so many characters."""
+    """Progress in percent; with a `width` after a bar of that many characters."""
     if progress is None:
         return ""
     if not width:
@@ -447,7 +447,7 @@ def _row_json(site: Site, row: Row) -> dict[str, Any]:
 def stop_on_signals() -> threading.Event:
     """SIGTERM and a closed terminal end the command as Ctrl-C does, which raises KeyboardInterrupt.
 
-    The event tells of it, too: what Python raises in a callback of foreign code is lost.
+    The event is set, too: an exception that Python raises in a callback of foreign code is lost.
     """
     stopped = threading.Event()
 

@@ -67,7 +67,7 @@ class Finding:
         return f"{where}: {self.severity}: {what}{self.text}"
 
     def to_json(self) -> dict[str, str | int | None]:
-        """What `rodeo site check --json` says of it; `place` is the setting with its tables, by dots."""
+        """An entry of `rodeo site check --json`; `place` is the setting with its tables, joined by dots."""
         return {
             "severity": self.severity,
             "file": str(self.path),

@@ -1,4 +1,4 @@
-"""On which line of a TOML file a value stands: `tomllib` does not tell."""
+"""Line numbers of values in a TOML file, which `tomllib` does not report."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class _Reader:
             self._at += 1
             self._value(place)
         elif self._at < len(self._tokens):
-            self._at += 1  # no TOML; whoever parses it says so
+            self._at += 1  # no TOML: the parser reports it
 
     def _key(self) -> Place:
         key: list[str | int] = []

@@ -138,7 +138,7 @@ def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
 
 
 def _chain_view(site_path: Path, file: Path) -> View:
-    """What the running site's bridge says about a proof; if none answers, a warning that says so."""
+    """The running site's view of a proof; if no bridge answers, a warning about that."""
     from rodeo.dao import ORGANIZATION, Participant
     from services.oracle.chain_view import View, view
 

@@ -22,7 +22,7 @@ def accounts(site: Site) -> dict[str, Any]:
 
     Raises WalletError without a passphrase. `holds_eth` and `missing_eth` are decimal numbers of the chain's
     native currency. They are None for a device, because it sends nothing. They are also None if no node
-    answers, or the organization there is of another release; then `problem` says so.
+    answers, or the organization there is of another release; then `problem` is the reason.
     """
     wallets.make_missing(site)
     w3 = connect(site.chain.url)

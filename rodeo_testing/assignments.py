@@ -1,4 +1,4 @@
-"""An assignment as the chain tells it, with the keys of everybody who has a part in it."""
+"""An assignment as the chain records it, with the keys of everybody who has a part in it."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ What = Literal["honest run", "forgery", "honest run that is spoiled"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the checks said of one proof."""
+    """The checks' findings on one proof."""
 
     name: str
     what: What

@@ -47,7 +47,7 @@ class Hardware:
         self.gauge = 1.0
         """What the robot's gauge makes of an ampere."""
         self.malformed = False
-        """Whether it says what is no number."""
+        """Whether its readings are not numbers."""
         self._time_ns = 1_800_000_000_000_000_000
         dock, robot = site.site.docks[0].name, site.site.robots[0]
         self._supply, self._battery = site.site.docks[0], robot.battery

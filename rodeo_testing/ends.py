@@ -1,4 +1,4 @@
-"""What a proof pays its executor by the contracts' rules, where nobody says anything but who judges it.
+"""What a proof pays its executor by the contracts' rules, if only its judge acts on it.
 
 What the oracle finds and what becomes of its word -> the ruling with which the case ends -> what that pays.
 docs/reference/contracts.md has the same two tables, which `contracts/test/Ends.t.sol` and `Silence.t.sol`

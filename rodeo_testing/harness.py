@@ -37,7 +37,7 @@ class Ending(TypedDict, total=False):
     """How a case ends."""
 
     ruling: Ruling
-    """Rejected, unless it is said."""
+    """Rejected by default."""
     doubts: str | None
     """The party that failed, where nothing is rejected; None where the executor itself gave up."""
     judging: Judging
@@ -86,7 +86,7 @@ class Forgery(Generic[W]):
 
 
 class Harness(Generic[W]):
-    """What is tried on the checks of one kind, by name. Each is one function, whose docstring says what it
+    """Forgeries and honest runs of one kind, by name. Each is one function, whose docstring describes what it
     does."""
 
     def __init__(self, workshop: Callable[[Site, Path], W]) -> None:
@@ -109,7 +109,7 @@ class Harness(Generic[W]):
     def ruining(
         self, check: str, says: str = "", *, role: Role, **ending: Unpack[Ending]
     ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
-        """Honest work that somebody keeps from being done, or from being seen. This check says so, with these
+        """Honest work that somebody prevents, or hides. This check reports it, with these
         words, and nobody is fined."""
         return lambda make: self._register(Forgery(make, role, check, says, ruins=True, **ending))
 

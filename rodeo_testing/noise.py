@@ -58,7 +58,7 @@ HEAVY = Noise()
 def noisy(
     film: Take, noise: Noise, chance: np.random.Generator, clock_s: float | None = None
 ) -> tuple[Take, Witnesses]:
-    """The film as such sensors and such a bus would have told it, and who signed it.
+    """The film as such sensors and such a bus would have delivered it, and who signed it.
 
     `clock_s` is how far the clock of the motion capture is ahead, if it is not drawn.
     """

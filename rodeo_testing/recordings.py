@@ -113,7 +113,7 @@ class Take:
         return Take([sample for sample in changed if sample is not None])
 
     def standing(self, seconds: float) -> Take:
-        """The last frames again for so long at its end."""
+        """Seconds for which the last frames are repeated at its end."""
         period_ns, every = 20_000_000, CONTROLLER_FRAMES
         last_ns = self.samples[-1].time_ns
         loop = [
@@ -207,7 +207,7 @@ class Witnesses:
     scope: Scope | None = None
     """If another than that of the recording."""
     hears: Callable[[float], bool] = lambda time_s: True
-    """Whether the witnesses hear what the recorder says at this time."""
+    """Whether the witnesses hear the recorder at this time."""
     edit: Callable[[Attestation], Attestation | None] = _KEEP
     """What the recorder makes of each statement; None leaves it out."""
     asked_for: Sequence[Attestation] = field(default=(), hash=False)
@@ -229,7 +229,7 @@ class Witnesses:
     mocap_off_s: tuple[float, float] = (math.inf, math.inf)
     """Between which times the process of the motion capture did not run."""
     mocap_stalls_s: tuple[tuple[float, float], ...] = ()
-    """From when to when it says that its simulated lab stood still."""
+    """The interval in which it reports that its simulated lab stood still."""
     mocap_forgets: bool = False
     """Whether it lost its journal by that, so that its chain begins anew."""
     ago_s: float = 0.0
@@ -239,7 +239,7 @@ class Witnesses:
 
 
 class _Memory:
-    """A journal that nobody asks, with so many statements of before."""
+    """A journal that nobody asks, with this number of earlier statements."""
 
     def __init__(self, seq: int) -> None:
         self.seq = seq
@@ -259,7 +259,7 @@ class _Scene:
             task_manager=binding.task_manager,
             organization=binding.organization,
         )
-        # A device goes on counting from film to film: what is shot later has higher numbers.
+        # A device continues its count from film to film: later films have higher numbers.
         self.before = before = max(0, take.samples[0].time_ns - START_NS) // 10**8 + witnesses.lay[1]
         self._chains = {
             role: WitnessChain(name, account, scope, inputs, cast(Journal, _Memory(before)), HeadBook())
@@ -288,7 +288,7 @@ class _Scene:
         """Chains of those that hear the heads of a charge's recording."""
 
     def hear_seal(self, data: bytes, address: str) -> None:
-        """The recorder tells its newest head."""
+        """The recorder publishes its newest head."""
         seal = json.loads(data)["payload"]
         own = "0x" + hashlib.sha256(data).hexdigest()
         if seal["recording"] is None:
@@ -360,7 +360,7 @@ class _Scene:
         return self._witnesses.mocap_says(fields)
 
     def sign(self, sample: Sample) -> Attestation | None:
-        """What a device says of what it felt."""
+        """A device's statement about what it felt."""
         model, ago_s = SIGNED[sample.topic], self._witnesses.ago_s
         fields = {name: one - ago_s if name in TIMES else one for name, one in sample.message.items()}
         counted = {name: fields[name] for name in ("number", "classification") if fields.get(name)}
@@ -397,7 +397,7 @@ class _Scene:
 
 
 class _ChargeScene:
-    """Meter and robot of one recorded charge, who signed so many statements before."""
+    """Meter and robot of one recorded charge, with the number of statements that each signed before."""
 
     def __init__(self, sides: Sides, binding: Binding, before: int) -> None:
         self._sides, self._binding = sides, binding
@@ -651,7 +651,7 @@ def write_bag(
 
 
 def shifted_by(sample: Sample, shift_ns: int) -> Sample:
-    """The same message, published and stamped so much later."""
+    """The same message, published and stamped later by this time."""
     stamp = time_message(stamped_ns(sample.message) + shift_ns)
     message = replace(sample.message, header=replace(sample.message.header, stamp=stamp))
     return replace(sample, message=message, time_ns=sample.time_ns + shift_ns)
@@ -751,7 +751,7 @@ class Camera:
         self.samples.append(Sample(topic, "", fields, self.now_ns))
 
     def still(self, seconds: float) -> None:
-        """The last frames again for so long: nothing moves, and nothing is computed."""
+        """The last frames, repeated for this time: nothing moves, and nothing is computed."""
         self.samples = Take(self.samples).standing(seconds).samples
 
     def photograph(self, bin_name: str, picture: bytes) -> None:
@@ -831,11 +831,11 @@ def film_drive(
 
 
 TIMES = ("after_s", "grasped_s", "settled_s", "shown_s", "time_s")
-"""What a statement says in seconds of site time."""
+"""Fields of statements that are site times in seconds."""
 
 
 def later(take: Take, seconds: int, after_s: float = 0.0, lost: bool = True) -> Take:
-    """The same film, shot so much later.
+    """The same film, shot later by this time.
 
     Only what is later than `after_s` is moved, if given: then there is a hole of so many seconds, in which
     messages were lost, or none were sent.

@@ -71,7 +71,7 @@ class Submission:
     chain_record: ChainRecord
     path: Path | None = None
     site: Site | None = None
-    """The site of which it is said to be, if another than the workshop's."""
+    """The site that it claims to be from, if not the workshop's."""
     uri: str | None = None
     sha256: str | None = None
     spent: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ class Submission:
 
 
 class Workshop(ABC):
-    """Filmed once; every forgery gets files of its own in `folder`. A kind says what is filmed, and for which
+    """Filmed once; every forgery gets files of its own in `folder`. A kind declares the film and its
     task."""
 
     kind: str
@@ -120,7 +120,7 @@ class Workshop(ABC):
             shop = copy(self)
             shop.take, seen = noisy(self.take, MODERATE, np.random.default_rng(seed))
             clock_s = seen.mocap_clock_s
-            # The same for every recording that is made there.
+            # The same for every recording of this workshop.
             shop._losses = lambda: losses(MODERATE, np.random.default_rng(seed), clock_s)
             self._noisy[seed] = shop
         return self._noisy[seed]
@@ -246,7 +246,7 @@ def with_devices(chain_record: ChainRecord, change: Registered) -> ChainRecord:
 
 
 def lossy(witnesses: Witnesses, lost: Witnesses) -> Witnesses:
-    """What a forger has the witnesses do, where `lost` says what is lost of it."""
+    """What a forger has the witnesses do; `lost` names the parts that are lost."""
 
     def edit(one: Attestation) -> Attestation | None:
         kept = witnesses.edit(one)
@@ -354,7 +354,7 @@ def edited_between(
 
 
 def robots_at_pace(take: Take, factor: float, *, stamps: bool = True) -> Take:
-    """What the robot says played faster, beside what the witnesses saw at its own pace."""
+    """The robot's messages played faster, beside the witnesses' at the real pace."""
     robots = at_pace(Take([s for s in take.samples if is_robots(s)]), factor, stamps=stamps)
     others = [s for s in take.samples if not is_robots(s)]
     return Take(sorted([*robots.samples, *others], key=lambda s: s.time_ns))
@@ -394,7 +394,7 @@ def at_pace(take: Take, factor: float, *, stamps: bool = True) -> Take:
 
 
 def is_robots(sample: Sample) -> bool:
-    """Whether the robot says it, rather than a witness."""
+    """Whether the robot sent it, rather than a witness."""
     return sample.topic not in SIGNED and topics.MOCAP_POSE.parts(sample.topic) is None
 
 

@@ -60,7 +60,7 @@ class Anvil:
 
     def __enter__(self) -> Anvil:
         self._lock = self._wait_for_predecessor()
-        # Before anvil finds out: whoever answers there must not be taken for it, and told our time.
+        # Before anvil finds out: another server there must not be taken for it, nor have its time set.
         listen(self._host, self._port, PURPOSE).close()
         self._process = subprocess.Popen(
             [

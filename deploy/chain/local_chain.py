@@ -208,7 +208,7 @@ class LocalChain:
             return 21_000
         computation, gas_used = self._simulate(call, header, ceiling)
         _raise_on_error(computation)
-        # A call passes on 63/64 of what is left (EIP-150): so much is enough for calls within calls, unless
+        # A call passes on 63/64 of what is left (EIP-150): this is enough for calls within calls, unless
         # the code asks for more gas than it uses.
         depth = _depth(computation)
         if depth <= _SHALLOW and not _watches_gas(computation):
@@ -326,7 +326,7 @@ class LocalChain:
         return transaction
 
     def _check(self, transaction: SignedTransactionAPI, header: BlockHeaderAPI) -> bool:
-        """Whether its nonce is due. Raises the refusals that clients tell apart, worded as geth's."""
+        """Whether its nonce is due. Raises refusals in geth's words, by which clients distinguish them."""
         if self._locate(transaction.hash) is not None:
             raise TransactionRejected("already known")
         if transaction.chain_id not in (self.chain_id, None):
@@ -412,7 +412,7 @@ def _chain_class(base: type[MiningChainAPI], chain_id: int) -> type[MiningChainA
 
 
 def _signature(chain_id: int) -> bytes:
-    """Start of the genesis block's extra data: tells a file that belongs to another chain."""
+    """Start of the genesis block's extra data, by which a file of another chain is recognized."""
     return f"rodeo/{chain_id}/".encode()
 
 

@@ -1,4 +1,4 @@
-"""The local chain's place in the site: a new one begins only where no record says that there was another."""
+"""The local chain's place in the site: a new chain begins only if no record names an earlier one."""
 
 from __future__ import annotations
 

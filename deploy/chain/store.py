@@ -42,7 +42,7 @@ _LOG_COLUMNS = (
 
 @dataclass(frozen=True)
 class StoredLog:
-    """One log with everything that eth_getLogs tells of it."""
+    """One log with every field of eth_getLogs."""
 
     block_number: int
     log_index: int
