@@ -72,11 +72,11 @@ _ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
 """A second writer: bin and dock have frames, too."""
 
 _SIGNED_FOR_PEOPLE = {"sign", "sign_vote"}
-"""What the operator asks of wallets and is no command of its own: a signature."""
+"""Requests to wallets that are no commands of their own: signatures."""
 
 _SIGNS_ITSELF = ("prepare", "broadcast", "sign")
-"""What `rodeo.dao.Participant` sends for a wallet whose key is elsewhere: the program that has it connects as
-the operator."""
+"""Requests that `rodeo.dao.Participant` sends for a wallet whose key is elsewhere: the program that has it
+connects as the operator."""
 
 
 def commands_of(job: str) -> set[str]:

@@ -24,7 +24,7 @@ from rodeo.site.config import Site
 
 _AUTHORITY_DAYS = 3650
 _CERTIFICATE_DAYS = 825
-"""What browsers and Apple's platforms accept at most for a certificate of a private authority."""
+"""Longest validity of a private authority's certificate that browsers and Apple's platforms accept."""
 
 _SKEW = datetime.timedelta(hours=1)
 """Machines whose clocks differ by less accept a certificate that was made just now."""
@@ -119,7 +119,7 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def report(folder: Path, made: list[str]) -> str:
-    """What was made in `folder`, as a sentence."""
+    """A sentence that lists the files made in `folder`."""
     if not made:
         return f"{folder} already holds every certificate of this site."
     return f"Generated in {folder}: {', '.join(made)}."

@@ -47,14 +47,14 @@ from rodeo.site.deploying import Steps, deploying
 log = logging.getLogger(__name__)
 
 NODE_S = {"external": 15.0, "anvil": 3600.0, "eth-tester": 3600.0}
-"""How long to wait for the node to answer, wall time. A local one is about to start, which may take a slow
+"""Wall time to wait for the node to answer. A local one is about to start, which may take a slow
 machine long; its launcher reports when it cannot."""
 _RETRY_S = 0.1
 _UNLIMITED = 2**256 - 1
 _MOST_TOGETHER = 60
 """Calls in one transaction: a device's registration, the most expensive of them, takes 120,000 gas."""
 _PAYMENTS = frozenset({"approve", "depositStake"})
-"""What the founder sends for itself even where the timelock administers: the tokens are the founder's."""
+"""Calls that the founder sends itself even where the timelock administers: the tokens are the founder's."""
 _ANSWERS_S = 60.0
 """The embedded node works for seconds on the transaction that founds an organization, and longer on a busy
 machine."""
@@ -155,7 +155,7 @@ class _Sender:
 
     @property
     def _way(self) -> str:
-        """In which the organization is changed once it is founded."""
+        """The way in which a founded organization is changed."""
         return "a vote of the members" if self._by_vote else "a proposal of the administrator"
 
     def _administer(self, administrator: LocalAccount, calls: Sequence[Call]) -> None:
@@ -168,8 +168,8 @@ class _Sender:
 
 
 def _at_once(client: ChainClient, calls: Sequence[Call]) -> Sequence[Call]:
-    """What the administrator's key sends so that the organization gets `calls`: several are all to its own
-    contract. Where a timelock is the administrator, that works until the founding ends."""
+    """Transactions of the administrator's key that make the organization execute `calls`: several are all to
+    its own contract. Where a timelock is the administrator, that works until the founding ends."""
     if client.deployment.has_timelock:
         return client.governance_calls.found(calls, os.urandom(32))
     if len(calls) < 2:
@@ -304,7 +304,7 @@ def _told(site: Site, name: str) -> str | None:
 
 
 def _possession(site: Site, client: ChainClient, keystore: str, owner: str) -> tuple[bytes, bytes] | None:
-    """By which the device key agrees to its owner; None where the keystore cannot be opened."""
+    """Signature by which the device key agrees to its owner; None where the keystore cannot be opened."""
     try:
         key = keystores.open_key(site, keystore)
     except WalletError as error:
@@ -351,7 +351,7 @@ def _require_token(site: Site, deployment: Deployment) -> None:
 
 
 def unfinished(site: Site) -> Path:
-    """Where the record is kept until the organization is set up."""
+    """Folder of the record until the organization is set up."""
     return site.data_dir / "deployments" / "unfinished"
 
 
@@ -382,8 +382,8 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
 
 
 def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> dict[str, int]:
-    """What the wallets sent without the bridge: all of it while there is no record that a bridge could go by,
-    then what this step has sent `now`."""
+    """Transactions that wallets sent without the bridge: all while there is no record for a bridge, then those
+    of this step (`now`)."""
     found = dict(deployment.sent)
     with translated():
         for name in keystores.wallet_names(site):
@@ -427,7 +427,7 @@ def _missing_devices(site: Site, client: ChainClient) -> Iterator[Call]:
 def _missing_rules(
     site: Site, client: ChainClient, administrator: LocalAccount, known: Sequence[str]
 ) -> Iterator[tuple[LocalAccount, Call]]:
-    """What has to be sent, and by whom, until the organization is set up as the site file says. `known` are
+    """Calls, with their senders, that are missing until the organization is as in the site file. `known` are
     hashes that were current before."""
     calls = client.organization_calls
     if (former := _former_oracle(site, client)) is not None:
@@ -470,7 +470,7 @@ def _unproven(site: Site, client: ChainClient) -> list[str]:
 
 
 def _other_delay(site: Site, client: ChainClient) -> str | None:
-    """What to say where the organization was founded with another delay than the site file's."""
+    """Hint if the organization was founded with another delay than the site file's."""
     wanted_s = site.governance.delay_s
     if not client.deployment.has_timelock:
         if not wanted_s:
@@ -510,7 +510,7 @@ def first_members(site: Site) -> list[str]:
 
 
 def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
-    """What gives the first members their votes."""
+    """Calls that give the first members their votes."""
     for account in first_members(site):
         if not client.is_member(account):
             yield client.organization_calls.grant_role(Role.MEMBER, account)
@@ -521,7 +521,7 @@ def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
 def _roles_to_grant(
     client: ChainClient, roles: Sequence[tuple[Role, str | None]]
 ) -> Iterator[tuple[Role, str]]:
-    """Those that are missing. What was revoked of a key on chain stays revoked: it may have been stolen."""
+    """Missing roles. A role that was revoked on chain stays revoked: it may have been stolen."""
     missing = [
         (role, account)
         for role, account in roles
@@ -553,7 +553,7 @@ def _former_oracle(site: Site, client: ChainClient) -> str | None:
 def _missing_kind(
     site: Site, client: ChainClient, administrator: str, declared: Kind, known: Sequence[str]
 ) -> Iterator[Call]:
-    """What has work of this kind judged by the judge that the site file names. A judge that is not one of the
+    """Calls that have work of this kind judged by the judge in the site file. A judge that is not one of the
     organization's own contracts, or the auditors in place of a machine, were named on chain, and stay."""
     kind, calls, rules = declared.name, client.organization_calls, client.kind(declared.name)
     wanted = judge_of(site, declared)
@@ -631,7 +631,7 @@ def _judge_there(client: ChainClient, rules: KindRules) -> str | None:
 
 
 def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
-    """What has the site's oracles vote on proofs of `kind`. A quorum that is on chain stays: the
+    """Calls that have the site's oracles vote on proofs of `kind`. A quorum that is on chain stays: the
     administrator or the members may have changed it."""
     quorum, needed = client.quorum(kind), votes_needed(site, kind)
     if quorum.votes:
@@ -659,7 +659,7 @@ def _seated(
     keys: Mapping[str, str | None],
     quorum: tuple[int, int, int],
 ) -> Iterator[Call]:
-    """What seats these judges, keystore -> owner (None: the key itself), and has them vote on proofs of
+    """Calls that seat these judges, keystore -> owner (None: the key itself), and has them vote on proofs of
     `kind` by this quorum: votes, panel, rotation. No quorum where one of them cannot be seated yet."""
     seats, calls = 0, client.committee_calls(committee)
     for keystore, named in keys.items():
@@ -682,7 +682,7 @@ def _seated(
 def _agreed(
     site: Site, client: ChainClient, committee: str, keystore: str, owner: str
 ) -> tuple[bytes, bytes] | None:
-    """By which a judge's key agrees to its seat; None where the keystore cannot be opened."""
+    """Signature by which a judge's key agrees to its seat; None where the keystore cannot be opened."""
     address = client.deployment.address(committee)
     try:
         return votes.possession(keystores.open_key(site, keystore), owner, client.w3.eth.chain_id, address)
@@ -698,7 +698,7 @@ def _agreed(
 
 
 def _missing_instances(site: Site, client: ChainClient, administrator: str, kind: str) -> Iterator[Call]:
-    """What lets rulings on `kind` be challenged. What is on chain stays, as a quorum does."""
+    """Calls that let rulings on `kind` be challenged. An instance on chain stays, as a quorum does."""
     wanted = site.disputes
     if wanted is None or client.instances(kind) or not client.quorum(kind).votes:
         return
@@ -738,8 +738,8 @@ def _missing_instances(site: Site, client: ChainClient, administrator: str, kind
 def _missing_stakes(
     client: ChainClient, administrator: str, kind: str, wanted: Mapping[str, int]
 ) -> Iterator[Call]:
-    """What the administrator deposits for the judges of `kind` (`wanted`: for each of a committee); nothing
-    where its tokens do not do."""
+    """Stakes that the administrator deposits for judges of `kind` (`wanted`: for each of a committee); none
+    where its tokens do not suffice."""
     disputes = client.deployment.address("DisputeJudge")
     missing = {
         (committee, seat): stake - there
@@ -765,8 +765,8 @@ def _missing_stakes(
 
 
 def _missing_hash(client: ChainClient, kind: Kind, judge: str, known: Sequence[str] | None) -> Iterator[Call]:
-    """What lets tasks of `kind` be posted under the rules that are installed, which the site's oracle has,
-    and judged by `judge`. Those that were current stay so, as far as there is room: their tasks are judged by
+    """Calls that let tasks of `kind` be posted under the installed rules, which the site's oracle has, and be
+    judged by `judge`. Those that were current stay so, as far as there is room: their tasks are judged by
     them. Installed rules among the `known` ones that are not current were retired by somebody, and stay so.
     None for `known`: the kind is not allowed with this judge, which has no rules yet."""
     # Imported here: what the checks use takes its time.
@@ -792,7 +792,7 @@ def _missing_hash(client: ChainClient, kind: Kind, judge: str, known: Sequence[s
 
 
 def _known_rules(site: Site, client: ChainClient, deployment: Deployment) -> tuple[str, ...]:
-    """Those that were known, and the installed ones that are current now."""
+    """Rules that were known, and the installed ones that are current now."""
     from rodeo.checks.rules import rules_hash
 
     current = {"0x" + one.hex() for kind in kinds_of(site) for one in client.current_rules(kind)}

@@ -105,7 +105,7 @@ def create_contracts(
 
 
 def count_contracts(site: Site) -> int:
-    """How many contracts an organization has, with its registry."""
+    """Number of contracts of an organization, with its registry."""
     return 1 + len(_names(site, own_token=site.economy.token is None))
 
 
@@ -154,7 +154,7 @@ def ensure_registry(site: Site, w3: Web3, founder: LocalAccount, say: Say) -> Re
 
 
 def _memory(site: Site) -> Path:
-    """Where the address of a registry is kept that this site has put at any address."""
+    """File with the address of a registry that this site deployed itself."""
     folder = site.data_dir / "deployments"
     folder.mkdir(parents=True, exist_ok=True)
     return folder / f"{site.chain.id}.registry"
@@ -185,7 +185,7 @@ def _create_proxy(w3: Web3) -> None:
 
 
 def _batches(parts: Sequence[Part]) -> Iterator[list[Part]]:
-    """As many together as one transaction may have, in their order."""
+    """Batches in order, each as large as one transaction may be."""
     batch: list[Part] = []
     for part in parts:
         if batch and sum(len(one.code) for one in (*batch, part)) > MAX_CODE_BYTES:
@@ -197,7 +197,7 @@ def _batches(parts: Sequence[Part]) -> Iterator[list[Part]]:
 
 
 def _names(site: Site, own_token: bool) -> list[str]:
-    """What the registry creates of the site's organization, in an order in which it can."""
+    """The contracts that the registry creates for the site's organization, in a possible order."""
     governance = site.governance
     wanted = {
         *artifacts.CONTRACTS,

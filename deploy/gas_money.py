@@ -1,4 +1,4 @@
-"""How much of an external chain's native currency each wallet needs for gas, and how much it holds."""
+"""Gas money: what each wallet needs of an external chain's native currency, and what it holds."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Purse:
 
     @property
     def missing(self) -> Decimal:
-        """What should be sent to it."""
+        """Amount that should be sent to it."""
         return max(self.needs - self.holds, Decimal(0))
 
     @property

@@ -70,7 +70,7 @@ class _Child:
     delay_s: float = _FIRST_PAUSE_S
     restart_at_s: float | None = None
     problem: str = ""
-    """How it ended the last time."""
+    """Reason of its last end."""
     gave_up: bool = False
     """It is not started again."""
 
@@ -141,7 +141,7 @@ class Launcher:
         }
 
     def problems(self) -> dict[str, str]:
-        """How the children that ended by themselves did so the last time."""
+        """Reasons why children ended by themselves, the last of each."""
         return {name: child.problem for name, child in self.children.items() if child.problem}
 
     def given_up(self) -> dict[str, str]:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 accounts = typer.Typer(help="Manage the accounts of people who may use the console.", no_args_is_help=True)
 
 PASSPHRASE_VARIABLE = "RODEO_CONSOLE_PASSPHRASE"
-"""Where a passphrase comes from when nobody is asked for it."""
+"""Variable with the passphrase when nobody is asked for it."""
 
 NameArgument = Annotated[str, typer.Argument(help="The name to log in with.")]
 

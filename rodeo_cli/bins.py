@@ -1,4 +1,4 @@
-"""What a bin saw, and how often it was right, by the people who looked."""
+"""A bin's pictures, people's corrections, and how often the bin was right."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def _command(name: str) -> Any:
 
 @cache
 def _complete() -> None:
-    """What other modules add to the groups of tasks and services."""
+    """Commands that other modules add to the groups of tasks and services."""
     from rodeo_cli import disputes, forms, people, services, tasks
 
     for command in (people.accept, people.abandon, people.submit, people.review, people.judge):

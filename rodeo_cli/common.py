@@ -1,4 +1,4 @@
-"""What the commands share: options, output, the connection to the site."""
+"""Shared by the commands: options, output, the connection to the site."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class _Plain(Console):
 
 
 def console_on(stream: TextIO | None, stderr: bool = False) -> Console:
-    """What prints on `stream`: colours and the terminal's width on a terminal, plain whole lines elsewhere.
+    """A console on `stream`: colours and the terminal's width on a terminal, plain whole lines elsewhere.
 
     FORCE_COLOR and COLUMNS change nothing where there is no terminal: a program reads what is printed there.
     """
@@ -74,7 +74,7 @@ CHECKOUT_SITE = Path("deploy/sites/lab.toml")
 INSTALLED_SITE = Path(deploy.__file__).parent / "sites" / "installed.toml"
 DEFAULT_SITE = CHECKOUT_SITE if CHECKOUT_SITE.exists() else INSTALLED_SITE
 DEFAULT_SITE_SHOWN = f"{CHECKOUT_SITE}, or without it the installed lab"
-"""What --help says: the same text in a checkout and elsewhere."""
+"""Default shown by --help: the same text in a checkout and elsewhere."""
 
 SiteOption = Annotated[
     Path,
@@ -101,7 +101,7 @@ _HINTS = {
     "already_running": "`rodeo status` shows it, `rodeo down` stops it",
     "reward_below_price": "offer more with --reward, or queue the task with --wait",
 }
-"""What to do about an error, by its code."""
+"""Hints by the error's code."""
 
 
 def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
@@ -190,7 +190,7 @@ def say(sentence: str) -> None:
 
 
 def site_pace(site: Site, bus: Bus) -> Pace | None:
-    """How fast the site's time goes; None if it is unknown."""
+    """Speed of the site's time; None if it is unknown."""
     from rodeo.person import pace  # takes its time to import
 
     details: dict[str, Any] = {}
@@ -203,7 +203,7 @@ def site_pace(site: Site, bus: Bus) -> Pace | None:
 
 
 def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
-    """How much time there is until then, by the site's clock and by the wall's."""
+    """Time until then, by the site's clock and by the wall's."""
     from rodeo.person import pace  # takes its time to import
 
     return pace.time_left(site_pace(site, bus), deadline_s)

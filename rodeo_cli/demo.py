@@ -70,7 +70,7 @@ DEMO_SOC_ABOVE = 0.002
 robot buys a charge after it. Before, the site's clock stands."""
 
 _POSTER = "arrivals"
-"""How `clock.holders` names the process that posts tasks."""
+"""Name in `clock.holders` of the process that posts tasks."""
 _NEED_SENSORS = ("robot_agent", "itrash", "charger")
 """Jobs whose processes get ready when they read sensors, for which the site's clock has to run."""
 
@@ -94,7 +94,7 @@ class Demo:
     """Opens the console, logged in."""
     tasks: dict[int, Task] = field(default_factory=dict)
     events: int = 0
-    """How many have come from the chain."""
+    """Number of events that have come from the chain."""
     changed: threading.Event = field(default_factory=threading.Event)
 
     @property
@@ -103,14 +103,14 @@ class Demo:
 
     @cached_property
     def work(self) -> Kind:
-        """What the organization has done."""
+        """Kind of the work that the organization orders."""
         if self.site.demo is None:
             raise DemoFailed("the site file has no [demo] table that sets the work to do")
         return kinds_of(self.site)[self.site.demo.kind]
 
     @cached_property
     def energy(self) -> Kind:
-        """What the robot buys afterwards."""
+        """Kind of the charge that the robot buys afterwards."""
         return providing_energy(self.site)
 
     def say(self, text: str) -> None:
@@ -180,7 +180,7 @@ class Demo:
         )
 
     def step(self, rows: list[Row]) -> str:
-        """What the start of the site is at."""
+        """State of the site's start."""
         return starting_step(self.site, rows)
 
     def view(self, rows: list[Row]) -> Group:
@@ -342,7 +342,7 @@ def _play(demo: Demo) -> dict[str, Any]:
 
 
 def shortcomings(summary: dict[str, Any], work: str, energy: str) -> list[str]:
-    """What is not as it should be at the end; empty when all is."""
+    """Problems at the end; empty if there are none."""
     problems = []
     kinds = [task["kind"] for task in summary["tasks"]]
     if sorted(kinds) != sorted((work, energy)):

@@ -22,7 +22,7 @@ def command(*words: str | Path) -> str:
 
 
 def _rodeo() -> list[str]:
-    """How this shell calls the command line that runs now."""
+    """The words by which this shell calls the running command line."""
     script = Path(sys.argv[0])
     if script.name == "rodeo":
         found = shutil.which("rodeo")

@@ -36,7 +36,7 @@ disputes = typer.Typer(
 _REFUSED = frozenset({"judge_is_party", "key_too_new", "not_a_judge", "not_in_panel", "voted_twice"})
 """The contract does not count the vote of the judge that the error names."""
 _TOO_LOW = "stake_too_low"
-"""The same, but the error names its seat."""
+"""Code for the same; the error names the judge's seat."""
 _COMMITTEES = ("DisputeCommittee", "AppealCommittee")
 """The committees that decide about a challenge, of the oracles' ruling and of the decision about it."""
 _VOTES = TypeAdapter(list[SignedVote])
@@ -168,7 +168,7 @@ def _unstaked(site: Site, bus: Bus, judge: str, same: dict[str, SignedVote], ref
 def _post(
     site: Site, bus: Bus, judge: str, same: list[SignedVote], dry_run: bool = False
 ) -> RemoteError | None:
-    """Why equal votes were refused; None if they count."""
+    """The error that refused equal votes; None if they count."""
     vote, report_uri = same[-1].vote.model_dump(mode="json"), same[-1].report_uri
     signatures = [one.signature for one in same]
     request = {"vote": vote, "report_uri": report_uri, "signatures": signatures, "dry_run": dry_run}

@@ -180,7 +180,7 @@ def _days(base: Path, out: Path, vary: Variation, source: str, resume: bool) -> 
 
 
 def _options(base: Path, vary: Variation, source: str) -> dict[str, str | int | None]:
-    """What was asked for, by its name on the command line; None where nothing was."""
+    """Options by their names on the command line; None for those not given."""
     return {
         "site": None if base == PAPER else str(base.resolve()),
         "seed": vary.seed,
@@ -216,7 +216,7 @@ def _run_seeds(
 
 
 class _Shown:
-    """What happens, as a bar on a terminal and as a line now and then elsewhere."""
+    """Progress: a bar on a terminal, a line now and then elsewhere."""
 
     def __init__(self) -> None:
         self._bar = Progress(

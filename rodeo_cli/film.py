@@ -42,7 +42,7 @@ _WHITE, _DARK = (245, 245, 245), (28, 30, 34)
 
 @dataclass(frozen=True)
 class View:
-    """Where the camera looks at (m), from how far (m), and in which direction (degrees)."""
+    """The camera's target (m), distance (m) and direction (degrees)."""
 
     lookat_m: Vec3
     distance_m: float
@@ -94,7 +94,7 @@ class Film:
 
     @property
     def item_m(self) -> Vec3:
-        """Where the last frame has the item."""
+        """Position of the item in the last frame."""
         x_m, y_m, z_m = self._data.body(self._case.item.id).xpos
         return float(x_m), float(y_m), float(z_m)
 
@@ -244,7 +244,7 @@ def _caption(image: Array, text: str) -> None:
 
 
 def _inset(image: Array, picture: Array) -> None:
-    """What the bin's camera saw, in the upper left corner."""
+    """The bin's picture, in the upper left corner."""
     height = image.shape[0]
     tall, edge = round(height * 0.36), max(2, height // 200)
     wide = round(tall * picture.shape[1] / picture.shape[0])

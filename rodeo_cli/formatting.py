@@ -83,7 +83,7 @@ _SENTENCES = {
     "governor_insufficient_proposer_votes": "the account has too few votes to propose anything",
     "governor_unexpected_proposal_state": "the proposal's state does not allow this",
 }
-"""What a contract or the bridge means by the name of its error."""
+"""Sentences for errors of contracts and the bridge, by name."""
 
 _MOMENTS = frozenset({"until", "deadline", "time", "earliest", "needed", "revoked_at"})
 """Arguments of contracts' errors that are block times, if they are as large as one. So is all else in seconds
@@ -103,14 +103,14 @@ _OPTION_OF_FIELD = {
     "states": "state",
     "who": "participant",
 }
-"""Where a request's field has another name on the command line."""
+"""Fields of requests that have another name on the command line."""
 
 _UNFIT = re.compile(r"^the (request|answer) does not fit \w+$")
 """Message of `rodeo.bus.session.validate`, in words for programmers."""
 
 
 def options_of(command: Callable[..., Any]) -> dict[str, str]:
-    """What each parameter of a Typer command is called where it is typed: `--item`, or `AMOUNT`."""
+    """Names of a Typer command's parameters as they are typed: `--item`, or `AMOUNT`."""
     called = {}
     for name, hint in get_type_hints(command, include_extras=True).items():
         for info in getattr(hint, "__metadata__", ()):
@@ -145,7 +145,7 @@ _TOGETHER = ("judge", "audit_window_s", "min_verdict_window_s", "max_verdict_win
 
 
 def _wrong(field: str, text: str, options: dict[str, str]) -> str:
-    """What to say instead of what one field of a request says."""
+    """The sentence that replaces a problem of one field."""
     field = field.removeprefix("params.")
     root = field.partition(".")[0]
     text = re.sub(r"^(Value error, |Input |String |Value )", "", text)

@@ -160,7 +160,7 @@ def _parameter(name: str, field: FieldInfo, line: Line, is_argument: bool) -> tu
 
 
 def _typed(annotation: Any) -> Any:
-    """What is typed for a field: a number, a switch, or a text, several of them for a list."""
+    """Type of a field's option: a number, a switch, or a text; a list of texts for a list."""
     if get_origin(annotation) is Annotated:
         return _typed(get_args(annotation)[0])
     if get_origin(annotation) in (Union, types.UnionType):

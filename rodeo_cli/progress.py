@@ -1,4 +1,4 @@
-"""How long a command waits for a site: as long as something moves.
+"""Patience of a command that waits for a site: it lasts as long as something moves.
 
 A step is something that is reported for the first time: a process's state, what it does and how far it is, a
 step of a deployment, a new event, a later time of the site's clock. A heartbeat is no step, and neither is a
@@ -21,7 +21,7 @@ LIMIT_S = 3600.0
 """The longest that a phase takes on any machine on which waiting makes sense."""
 
 _UNSEEN_S = 5.0
-"""What passes between two looks counts for no more than this: the command itself may have been stopped."""
+"""Most time that counts between two looks: the command itself may have been stopped."""
 _STARTING_CPU_S, _MOST_CPU_S = 3, 15
 """A process that is being loaded reports nothing yet. This much processor time counts as a step, up to the
 most that loading ever takes."""
@@ -72,7 +72,7 @@ class Patience:
 
 
 def told_by(status: Status) -> Hashable:
-    """What of a heartbeat is news when it is another one."""
+    """Part of a heartbeat that counts as progress when it changes."""
     details = status.details
     return (
         (status.ready, status.reason, status.activity, status.progress),
@@ -95,7 +95,7 @@ def cpu_s(pid: int) -> float:
 
 
 def duration(seconds: float) -> str:
-    """As people say it: 45 s, 3 min, 1 h."""
+    """A duration for people: 45 s, 3 min, 1 h."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.0f} h"

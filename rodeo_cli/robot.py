@@ -85,7 +85,7 @@ def explain(
 
 
 def _situation(one: Decided) -> str:
-    """What was so when it decided, leaving out what usually is."""
+    """The situation of a decision, without its usual parts."""
     said = [f"battery {one.soc:.0%}"]
     if one.task_id is not None:
         said.append(f"task {one.task_id}{', begun' if one.begun else ''}")

@@ -9,7 +9,7 @@ from rodeo_cli.formatting import plain
 
 
 def taken(name: str, order: str, state: dict[str, Any]) -> str:
-    """What the robot does now that it took the order."""
+    """The robot's reaction to an order."""
     task_id = state.get("task_id")
     resume = f"`rodeo robot resume {name}` lets it work again."
     match order:

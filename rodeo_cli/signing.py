@@ -70,5 +70,5 @@ def sign_into(
 
 
 def signed_in(file: Path) -> dict[str, Any]:
-    """What a file of `_sign` says. Raises MalformedJson or InvalidRequest."""
+    """The request in a file of `sign_into`. Raises MalformedJson or InvalidRequest."""
     return validate(SignedRequest, decode_json(file.read_bytes())).model_dump(mode="json")

@@ -70,13 +70,13 @@ class NotUp(RodeoError):
 
 @dataclass(frozen=True)
 class Row:
-    """What there is to say about one process."""
+    """A row of `rodeo status`: one process."""
 
     name: str
     state: str
     """ready, not ready, lost (its heartbeat stopped), down, or gave up (no restart cures it)"""
     reason: str = ""
-    """Why it is not ready, or for what it ended."""
+    """Reason why it is not ready, or why it ended."""
     status: Status | None = None
     """Its last heartbeat."""
     here: bool = True
@@ -84,7 +84,7 @@ class Row:
 
     @property
     def told(self) -> Hashable:
-        """What is news when it is another one."""
+        """Part of the row that counts as progress when it changes."""
         return (self.state, self.reason, None if self.status is None else told_by(self.status))
 
     @property
@@ -196,7 +196,7 @@ def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None
 
 
 def _print_warnings(site: Site, rows: list[Row], more: Sequence[str] = ()) -> None:
-    """What the site file and the processes warn of, each once."""
+    """Warnings of the site file and the processes, each once."""
     said = [
         *more,
         openness(site),
@@ -208,7 +208,7 @@ def _print_warnings(site: Site, rows: list[Row], more: Sequence[str] = ()) -> No
 
 
 def read_rows(site: Site, timeout_s: float = 5.0, warn: Callable[[str], None] | None = None) -> list[Row]:
-    """What each process of the site answers now; one that hangs has `timeout_s` of wall time to do so.
+    """Each process's answer now; one that hangs has `timeout_s` of wall time to do so.
 
     Processes of the same name elsewhere on the bus have rows of their own, before the site's. `warn(text)`
     hears whose bus it is when it is another site's.
@@ -268,7 +268,7 @@ def _ended(site: Site, name: str) -> Row:
 
 
 def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, list[Status]]:
-    """What the processes of each name answer; there may be several on the bus."""
+    """Answers of the processes by name; there may be several of one name on the bus."""
     found: dict[str, list[Status]] = {}
     for _, status in statuses_at(bus, topics.STATUS.pattern(org=org), timeout_s):
         found.setdefault(status.process, []).append(status)
@@ -325,7 +325,7 @@ def _put_last(known: dict[Key, Status], key: Key, status: Status) -> None:
 
 
 def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
-    """What is known of the launcher's children.
+    """Known states of the launcher's children.
 
     Heartbeats of others are left out: another site on the same router has processes of the same names.
     """
@@ -357,7 +357,7 @@ def _heard(name: str, status: Status, here: bool = True) -> Row:
 
 
 def starting_step(site: Site, rows: list[Row]) -> str:
-    """What a site that is being started does now, as a sentence; empty when every process is ready."""
+    """Activity of a site that is being started, as a sentence; empty when every process is ready."""
     waiting = [row for row in rows if row.state != "ready"]
     # The contracts need these two, and all others need the contracts.
     first = next((row for row in waiting if row.name in ("router", "chain")), None)

@@ -1,4 +1,4 @@
-"""What can be found wrong in a site file before it runs, with the line where it stands."""
+"""Problems of a site file that are found before it runs, with their lines."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def _other_units(site: Site) -> Iterator[tuple[Place, str]]:
 
 
 def _demo(site: Site) -> Iterator[tuple[Place, str]]:
-    """What `rodeo demo` could not post here."""
+    """Problems that keep `rodeo demo` from posting its tasks."""
     if site.demo is None:
         return
     kinds = {one.name: one for one in site.kinds}
@@ -198,7 +198,7 @@ class _Box:
     floor: Rectangle
 
     def depth_m(self, other: _Box) -> float:
-        """How deep they are in each other, along the axis on which it is least (separating axes)."""
+        """Depth of their overlap along the axis where it is least (separating axes)."""
         return min(
             min(max(a), max(b)) - max(min(a), min(b))
             for axis in (self.floor.pose.yaw_rad, other.floor.pose.yaw_rad)
@@ -262,7 +262,7 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
 
 
 def undecided_on_open_bus(site: Site) -> str:
-    """Why no work that the oracle judges is paid there; empty on a closed bus, or where people judge."""
+    """Reason why no work judged by the oracle is paid there; empty on a closed bus, or where people judge."""
     known = installed()
     judged = [
         one.name

@@ -58,7 +58,7 @@ def _named_provider(task: Task) -> list[tuple[str, str]]:
 
 
 def _why(task: Task, site: Site) -> str:
-    """What stands on the last attempt, or why it did not succeed, where it did not."""
+    """The ruling that stands on the last attempt, or why it failed."""
     if stands := standing(task, site):
         return stands
     if task.verdict in (None, "accepted"):
@@ -146,7 +146,7 @@ def judged_by(site: Site, bus: Bus, task: Task) -> str:
 
 
 def left_of(site: Site, bus: Bus, task: Task) -> str | None:
-    """How much time there is for what has to be done next, where there is an end to it."""
+    """Time left for the next step, if it has a deadline."""
     from rodeo.person.pace import running_out_s  # takes its time to import
 
     ends_s = running_out_s(task)

@@ -236,7 +236,7 @@ def revoke(
 
 
 def _doubt(site: Site, bus: Bus, kind: str, params: dict[str, Any]) -> str:
-    """Why the task can probably not be done as it says."""
+    """Reason why the task can probably not be done as posted."""
     from rodeo.dao import ORGANIZATION, Participant
     from rodeo.kinds import kinds_of
 

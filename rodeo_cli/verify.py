@@ -109,7 +109,7 @@ def check_lines(report: Report, width: int, verbose: bool) -> Iterator[Text]:
 
 
 def outcome(report: Report) -> str:
-    """Why, or how much was asked where nothing failed."""
+    """The reason, or the number of checks where nothing failed."""
     if not report.accepted:
         return printable(report.reason)
     skipped = sum(check.passed is None for check in report.checks)
@@ -118,7 +118,7 @@ def outcome(report: Report) -> str:
 
 
 def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
-    """What the checks come to. A person's word is never the oracle's verdict: whoever judged it is named."""
+    """The checks' outcome. A person's word is never the oracle's verdict: its judge is named."""
     from rodeo.kinds import kinds_of
 
     kinds = kinds_of(Site.load(site_path))

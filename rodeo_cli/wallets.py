@@ -57,7 +57,7 @@ def _account(
 
 
 def rows(found: dict[str, Any]) -> Iterator[Row]:
-    """What `accounts` found, in a table of `COLUMNS`."""
+    """Rows of `accounts`, for a table of `COLUMNS`."""
     for one in found["accounts"]:
         missing = one["missing_eth"] if Decimal(one["missing_eth"] or 0) else ""
         yield Row((one["address"], one["name"], f"signs {one['signs']}", one["holds_eth"] or "", missing))

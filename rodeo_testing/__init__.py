@@ -1,4 +1,4 @@
-"""What honest runs and forgeries of a kind of work are made with: a film workshop, a forger's workshop,
+"""Tools for honest runs and forgeries of a kind of work: a film workshop, a forger's workshop,
 honest noise, and public fakes of other processes. Nothing that runs beside keys imports it."""
 
 BINS = 'bins = [{ name = "itrash", pose = { x_m = 5.2, y_m = 4.45, yaw_rad = -1.5708 } }]'

@@ -1,4 +1,4 @@
-"""What the bridge's index answers, complete, for fakes of it; `changes` are what a test is about."""
+"""Complete answers of the bridge's index, for fakes of it; a test sets `changes`."""
 
 from __future__ import annotations
 
@@ -98,5 +98,5 @@ def transaction(**changes: Any) -> dict[str, Any]:
 
 
 def answered(query: Query[A], table: Mapping[str, dict[str, Any]]) -> A:
-    """What `table` has for the question, as who asks gets it."""
+    """The answer of `table` to the question, as the caller gets it."""
     return query.answer.model_validate(table[query.what])

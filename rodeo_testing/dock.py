@@ -45,7 +45,7 @@ class Hardware:
         self.energy_wh = 0.0
         self.commands: list[bool] = []
         self.gauge = 1.0
-        """What the robot's gauge makes of an ampere."""
+        """Factor of the robot's gauge on the current."""
         self.malformed = False
         """Whether its readings are not numbers."""
         self._time_ns = 1_800_000_000_000_000_000
@@ -60,7 +60,7 @@ class Hardware:
         self.fast = True
         """While current flows, and before."""
         self.target_soc = TARGET_SOC
-        """What comes after it is slow."""
+        """State of charge after which readings are slow."""
         self.hurry_until_s = 0.0
         """Whatever happens until then."""
         self._stop = threading.Event()

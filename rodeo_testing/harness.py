@@ -34,14 +34,14 @@ def _words(make: Callable[[W], Submission]) -> str:
 
 
 class Ending(TypedDict, total=False):
-    """How a case ends."""
+    """The end of a case."""
 
     ruling: Ruling
     """Rejected by default."""
     doubts: str | None
     """The party that failed, where nothing is rejected; None where the executor itself gave up."""
     judging: Judging
-    """What becomes of the oracle's word."""
+    """The fate of the oracle's word."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What honest sensors, buses and things do to a recording."""
+"""Noise that honest sensors, buses and things add to a recording."""
 
 from __future__ import annotations
 

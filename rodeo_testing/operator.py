@@ -163,6 +163,6 @@ class Operator:
         self.move(self.stowed_rad)
 
     def _hang_m(self, item: ItemConfig) -> float:
-        """How far the item's centre is below the pads."""
+        """Distance of the item's centre below the pads."""
         tool = self.data.site(f"{self.body.name}/grasp")
         return float(tool.xpos[2] - self.data.body(item.id).xpos[2])

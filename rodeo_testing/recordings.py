@@ -88,7 +88,7 @@ class Sample:
 
     @cached_property
     def pose(self) -> motion.Sample:
-        """What motion capture makes of a pose, at the time of its stamp."""
+        """The pose as motion capture signs it, at the time of its stamp."""
         at, turn = self.message.pose.position, self.message.pose.orientation
         return motion.Sample(
             stamped_ns(self.message) // 1000, (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z)
@@ -170,7 +170,7 @@ METER_RECORD, ROBOT_RECEIPT = "meter/record", "robot/receipt"
 header."""
 CHARGE_SIGNED: dict[str, type[Header]] = {METER_RECORD: MeterRecord, ROBOT_RECEIPT: Receipt}
 REGISTER_WH = 12_345.0
-"""Where a meter stands that delivered before."""
+"""Register of a meter that delivered before."""
 
 
 @dataclass(frozen=True)
@@ -209,9 +209,9 @@ class Witnesses:
     hears: Callable[[float], bool] = lambda time_s: True
     """Whether the witnesses hear the recorder at this time."""
     edit: Callable[[Attestation], Attestation | None] = _KEEP
-    """What the recorder makes of each statement; None leaves it out."""
+    """An edit of each statement that is recorded; None leaves it out."""
     asked_for: Sequence[Attestation] = field(default=(), hash=False)
-    """What it gets from the witnesses' journals before it ends; `edit` may add to it."""
+    """Statements from the witnesses' journals, asked for before it ends; `edit` may add to them."""
     recording: str | None = None
     """Digest of the recording whose heads the witnesses heard, if another than this one."""
     forks: Callable[[float], bool] = lambda time_s: False
@@ -223,7 +223,7 @@ class Witnesses:
     mocap_clock_s: float = 0.0
     """By how much the clock of the motion capture is ahead."""
     mocap_says: Callable[[dict[str, Any]], dict[str, Any]] = lambda fields: fields
-    """What motion capture makes of the fields of a statement before it signs them."""
+    """An edit of the fields of a statement before motion capture signs them."""
     lay: tuple[str, int] = ("", 0)
     """A body, and for how many statements of the motion capture it had been at rest before."""
     mocap_off_s: tuple[float, float] = (math.inf, math.inf)
@@ -418,7 +418,7 @@ class _ChargeScene:
         """Chains that hear the heads of the recording."""
 
     def sign(self, sample: Sample, recording: str) -> Attestation | None:
-        """What is recorded of it, if anything."""
+        """The recorded statement, if it is recorded."""
         model, binding = CHARGE_SIGNED[sample.topic], self._binding
         fields: dict[str, Any] = {
             "task_id": binding.task_id,
@@ -461,7 +461,7 @@ _COUNTED = ("begin_wh", "register_wh")
 def recorded(
     take: Take, binding: Binding, witnesses: Witnesses, address: str, site_bin: str
 ) -> Generator[Sample, bytes | None, None]:
-    """What a recorder hears, in order. It is sent each seal's bytes, the opening one first."""
+    """The input of a recorder, in order. It is sent each seal's bytes, the opening one first."""
     scene = _Scene(take, binding, witnesses, site_bin)
     charge = _ChargeScene(witnesses.charge, binding, scene.before)
     scene.charge = charge.listeners
@@ -520,7 +520,7 @@ def seal(
 def open_sealed(
     take: Take, path: Path, binding: Binding, account: LocalAccount, witnesses: Witnesses | None = None
 ) -> Proof:
-    """What `open_proof` makes of the file that `seal` writes, but for hash and size. `path` stays empty."""
+    """The proof that `open_proof` reads from `seal`'s file, but for hash and size. `path` stays empty."""
     columns = _Columns()
     seals, _ = _record(take, path, binding, account, witnesses or Witnesses(), "itrash", columns)
     digests = tuple("0x" + hashlib.sha256(data).hexdigest() for data in seals)
@@ -548,7 +548,7 @@ class _Columns:
         self.longest_unsealed_ns = 0
         self._schemas = [""]
         self._unsealed_ns: list[int] = []
-        """When the messages since the last seal were written."""
+        """Times at which the messages since the last seal were written."""
 
     def register_schema(self, name: str, _encoding: str, _data: bytes) -> int:
         self._schemas.append(name)
@@ -691,7 +691,7 @@ class Camera:
         return START_NS + round(self.data.time * 1e3) * 10**6
 
     def put_robot(self, pose: Pose2) -> None:
-        """Where the robot is when the film begins."""
+        """Pose of the robot when the film begins."""
         qpos = self.model.joint(f"{self.robot.name}/base").qposadr[0]
         self.data.qpos[qpos : qpos + 2] = pose.x_m, pose.y_m
         self.data.qpos[qpos + 3 : qpos + 7] = quaternion_of(pose.yaw_rad)
@@ -747,15 +747,15 @@ class Camera:
         self.samples.append(Sample(topic, CONTROLLER_STATE, stamp(state, self.now_ns), self.now_ns, number))
 
     def say(self, topic: str, **fields: Any) -> None:
-        """What a device is about to sign."""
+        """Record what a device is about to sign."""
         self.samples.append(Sample(topic, "", fields, self.now_ns))
 
     def still(self, seconds: float) -> None:
-        """The last frames, repeated for this time: nothing moves, and nothing is computed."""
+        """Repeat the last frames for this time: nothing moves, and nothing is computed."""
         self.samples = Take(self.samples).standing(seconds).samples
 
     def photograph(self, bin_name: str, picture: bytes) -> None:
-        """What the bin's camera encoded."""
+        """Record a picture as the bin's camera encodes it."""
         image = new("sensor_msgs/msg/CompressedImage", format="jpeg", data=np.frombuffer(picture, np.uint8))
         self._add(topics.BIN_IMAGE.name(bin=bin_name), topics.BIN_IMAGE.type, image)
 
@@ -766,7 +766,7 @@ class Camera:
 
 SWAY_HZ = 0.25
 SWAY_RAMP_S = 2.0
-"""In which the arm begins to sway, and in which it comes to rest again."""
+"""Seconds in which the arm begins to sway, and in which it comes to rest again."""
 
 
 class FilmedOperator(Operator):

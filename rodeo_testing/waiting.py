@@ -1,4 +1,4 @@
-"""How a test waits: until something is true, with a limit that only ends hangs."""
+"""Waiting in tests: until something is true, with a limit that only ends hangs."""
 
 from __future__ import annotations
 

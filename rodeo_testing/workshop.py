@@ -1,4 +1,4 @@
-"""What a forger works with: honest recordings, a store to submit to, and the executor's own device key."""
+"""A forger's tools: honest recordings, a store to submit to, and the executor's own device key."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ MODERATE = HEAVY.times(1 / 3)
 
 Edit = Callable[[Attestation], Attestation | None]
 Registered = Callable[[Device], Device]
-"""What is made of each device of the registry."""
+"""An edit of each device of the registry."""
 
 
 class McapMessage(NamedTuple):
@@ -66,7 +66,7 @@ class McapMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class Submission:
-    """What the chain knows of a proof. Without a URI, the file at `path` is put into the store first."""
+    """The chain's record of a proof. Without a URI, the file at `path` is put into the store first."""
 
     chain_record: ChainRecord
     path: Path | None = None
@@ -107,7 +107,7 @@ class Workshop(ABC):
 
     @abstractmethod
     def chain_record(self, **task: Any) -> ChainRecord:
-        """What the chain knows of the task; `task` replaces fields of it."""
+        """The chain's record of the task; `task` replaces fields of it."""
 
     @cached_property
     def take(self) -> Take:
@@ -115,7 +115,7 @@ class Workshop(ABC):
         return self.film()
 
     def under_noise(self, seed: int) -> Self:
-        """The same at a moderately noisy site, drawn by this seed, where every recording is made."""
+        """This workshop at a moderately noisy site, drawn by this seed, where every recording is made."""
         if seed not in self._noisy:
             shop = copy(self)
             shop.take, seen = noisy(self.take, MODERATE, np.random.default_rng(seed))
@@ -162,7 +162,7 @@ class Workshop(ABC):
     def judged(
         self, submission: Submission, checks_of: Callable[[Checks], Checks] = lambda checks: checks
     ) -> Report:
-        """What the oracle says, from the URI on; with `checks_of`, what it would say with other checks."""
+        """The oracle's report, from the URI on; with `checks_of`, by other checks."""
         uri, sha256 = submission.uri, submission.sha256
         if submission.path is not None:
             with submission.path.open("rb") as file:
@@ -267,7 +267,7 @@ def lossy(witnesses: Witnesses, lost: Witnesses) -> Witnesses:
 
 
 def _paid_before(acts: tuple[str, ...], task: Task) -> ConsumedActs:
-    """What the oracle knows when `task` is submitted and a task before was paid for these acts."""
+    """The oracle's record when `task` is submitted and a task before was paid for these acts."""
     known, before, report = ConsumedActs(), task.id + 1, "0x" + "00" * 32
     told: list[tuple[str, int, dict[str, Any]]] = [
         ("TaskRegistered", before, {"kind": task.kind}),
@@ -399,7 +399,7 @@ def is_robots(sample: Sample) -> bool:
 
 
 def told(take: Take, topic: str, **changes: Any) -> Take:
-    """What a device feels there, with other words, before it signs them."""
+    """The take with other fields in what a device signs on `topic`."""
     return take.edited(topic, lambda s: replace(s, message=s.message | changes))
 
 
@@ -447,7 +447,7 @@ def with_more_devices(chain_record: ChainRecord, *more: Device) -> ChainRecord:
 
 
 def acts_of(submission: Submission, shop: Workshop) -> list[str]:
-    """What the oracle finds that it claims; the file stays where it is."""
+    """The acts that the oracle finds it claims; the file stays where it is."""
     assert submission.path is not None
     return verify_file(submission.path, shop.site, submission.chain_record).acts
 

@@ -31,7 +31,7 @@ _PREBUILT = "node_modules/@foundry-rs/anvil-*/bin/anvil"
 _START_S = 20.0
 _STOP_S = 20.0
 _CLOCK_PERIOD_S = 0.05
-"""How often (wall) anvil gets the time: block time lags by this times the clock's speed at most."""
+"""Wall time between two settings of anvil's time: block time lags by this times the clock's speed at most."""
 
 _STATE_INTERVAL_S = 60
 """anvil writes its whole state each time, and answers nobody meanwhile. It also does when it ends, even when

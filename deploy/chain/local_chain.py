@@ -56,7 +56,7 @@ DEV_MNEMONIC = "test test test test test test test test test test test junk"
 DEV_HD_PATH = "m/44'/60'/0'/0"
 
 PRIORITY_FEE_WEI = 10**9
-"""What eth_maxPriorityFeePerGas suggests. Nobody competes for blocks here; any value would do."""
+"""Suggestion of eth_maxPriorityFeePerGas. Nobody competes for blocks here; any value would do."""
 
 _CALL_STIPEND = 2_300
 """Gas that a call with value gets on top (Yellow Paper, G_callstipend)."""
@@ -280,7 +280,7 @@ class LocalChain:
         waiting[transaction.nonce] = transaction
 
     def _mine_waiting(self, sender: bytes) -> None:
-        """What waited for the transaction that has just been mined."""
+        """Transactions that waited for the one that has just been mined."""
         waiting = self._waiting.get(sender, {})
         while (following := waiting.pop(self.state(self._head).get_nonce(sender), None)) is not None:
             try:

@@ -44,7 +44,7 @@ _NEWEST = ("latest", "safe", "finalized")
 
 @dataclass(frozen=True)
 class LogCriteria:
-    """What eth_getLogs and eth_newFilter select. A topic position is None (any) or a set (one of them)."""
+    """Selection of eth_getLogs and eth_newFilter. A topic position is None (any) or a set (one of them)."""
 
     addresses: tuple[bytes, ...]
     topics: tuple[frozenset[bytes] | None, ...]
@@ -80,7 +80,7 @@ class LogCriteria:
 
 @dataclass
 class _Filter:
-    """What a caller polls with eth_getFilterChanges."""
+    """A filter that a caller polls with eth_getFilterChanges."""
 
     changes: Callable[[int, int], list[Any]]
     """Items of the inclusive range of blocks."""
@@ -477,4 +477,4 @@ def _arity(method: _Method) -> tuple[int, int]:
 _ARITY = {name: _arity(method) for name, method in _METHODS.items()}
 
 MINING = frozenset({"eth_sendRawTransaction", "eth_sendTransaction", "evm_mine"})
-"""What makes a block."""
+"""Methods that make a block."""

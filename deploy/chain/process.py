@@ -36,7 +36,7 @@ class SiteTime:
         self._clock = clock
 
     def hold(self) -> AbstractContextManager[None]:
-        """What is done meanwhile takes no site time, on a site whose clock waits for its chain."""
+        """Work in this context takes no site time, on a site whose clock waits for its chain."""
         return nullcontext() if self._clock is None else self._clock.hold()
 
     def now_s(self) -> int | None:

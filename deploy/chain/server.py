@@ -115,7 +115,7 @@ class RpcServer:
         return Response(status_code=204) if reply is None else JSONResponse(reply)
 
     def do(self, function: Callable[[], T]) -> T:
-        """What `function` returns in the thread that answers."""
+        """Result of `function`, called in the thread that answers."""
         return self._worker.submit(function).result()
 
     def __enter__(self) -> RpcServer:
@@ -128,7 +128,7 @@ class RpcServer:
 
 
 def host_and_port(url: str) -> tuple[str, int]:
-    """Where to listen for `url`. Raises ConfigError unless it is a plain http URL with host and port."""
+    """Host and port of `url`. Raises ConfigError unless it is a plain http URL with both."""
     parts = urlsplit(url)
     if parts.scheme != "http" or not parts.hostname or not parts.port or parts.path not in ("", "/"):
         raise ConfigError("a local chain needs a URL like http://127.0.0.1:8545", url=url)

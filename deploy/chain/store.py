@@ -1,4 +1,4 @@
-"""What the local chain keeps: py-evm's key-value state and an index of logs, in one SQLite file.
+"""The local chain's storage: py-evm's key-value state and an index of logs, in one SQLite file.
 
 Everything a block changes is one SQLite transaction, synced to disk before the sender hears of the block:
 after a SIGKILL or a power cut the file holds whole blocks only.
@@ -82,7 +82,7 @@ class Store(BaseDB):
         self._connection.execute("begin")
         self._broken: ChainStoreUnwritable | None = None
         self.failure: ChainStoreUnwritable | None = None
-        """Why the last commit failed; None since one succeeded. May be read from any thread."""
+        """Reason of the last commit's failure; None since one succeeded. May be read from any thread."""
 
     # Key-value state, as py-evm asks for it
 
