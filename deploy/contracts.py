@@ -382,8 +382,8 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
 
 
 def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> dict[str, int]:
-    """Transactions that wallets sent without the bridge: all while there is no record for a bridge, then those
-    of this step (`now`)."""
+    """Transactions that wallets sent without the bridge: all while no bridge has a record, then those of this
+    step (`now`)."""
     found = dict(deployment.sent)
     with translated():
         for name in keystores.wallet_names(site):

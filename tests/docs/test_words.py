@@ -16,7 +16,6 @@ ROUNDABOUT_LEFT = {
     "rodeo/robot": 4,
     "rodeo/witness": 3,
     "rodeo_kinds": 3,
-    "rodeo_testing": 1,
     "tests": 37,
 }
 
