@@ -243,8 +243,8 @@ def _words(text: str) -> re.Pattern[str]:
 
 
 _RATE = _words(
-    "rate.?limit|rate exceeded|too many (requests|calls|connections)|compute units|throttl|quota"
-    "|request (limit|count)|capacity"
+    "rate.?limit|rate exceeded|too many (concurrent )?(request|call|conn)|per.second|compute units|throttl"
+    "|quota|request (limit|count)|capacity"
 )
 _LIMIT = _words(f"{_RATE.pattern}|(?<!gas )(?<!size )(?<!pool )limit exceeded")
 _SPENT = _words("monthly|daily|disabled|upgrade|billing|whitelist")
@@ -260,13 +260,14 @@ _NOT_NOW = _words(
 _REPLACES = _words("replace|too.?low.?to.?compete|same nonce")
 _CHEAP = _words(
     "underpriced|fee.?too.?low|base ?fee|(gas.?price|tip|fee.{0,8}).{0,12}(below|less|too.?low)"
-    "|(below|less than).{0,20}minimum"
+    "|(below|(less|lower) than).{0,20}minimum"
 )
 _BASE_FEE = _words("base ?fee")
 _LEAST = _words(r"(?:minimum|minimal|tip needed|at least)\D{0,20}(\d{4,})")
 _ABSENT = _words("not found|unknown (block|transaction)|does not exist$|not available$")
 _SLOW = _words("time.?d? ?out|timeout|deadline exceeded")
 _LATER = _words("header not found|in progress|syncing|unavailable|try again|overloaded|upstream")
+_BUSY = _words(f"{_SLOW.pattern}|{_LATER.pattern}")
 _GAS = _words("gas (limit|cap|required|allowance)|gas.{0,30}exceed|exceed.{0,30}gas")
 _TAG = _words("pending|block.?(tag|param)|argument|parameter|param|prun|support")
 
@@ -347,7 +348,7 @@ def refused(error: Any, call: Call) -> Any:
             return NotNow("the node does not take the transaction yet", reason=excerpt(text))
     elif method in _MAY_BE_ABSENT and code != _NO_METHOD and _ABSENT.search(text):
         return None
-    elif _LATER.search(text) or (_SLOW.search(text) and not is_range):
+    elif not (is_range and (_RANGE.search(text) or not _LATER.search(text))) and _BUSY.search(text):
         return NotNow("the node cannot tell now", reason=excerpt(text))
     return refusal
 

@@ -13,6 +13,9 @@ _GROWTH = 20
 """Answers to the longest batches, or ranges of blocks, after which twice as long a one is tried: an outage
 must not make them short for good."""
 _MOST_CALLS = 100
+FORGOTTEN_S = 3600.0
+"""Wall time after which the block "pending" and a small tip are tried again: a provider changes its nodes,
+and a crowded hour ends."""
 
 
 @dataclass
@@ -25,11 +28,11 @@ class Habits:
     """Requests in one batch."""
     most_blocks: int = 1 << 20
     """Blocks whose logs it is asked for at once."""
-    tags: dict[str, str | None] = field(default_factory=dict)
-    """Method -> what it takes in the place of "pending"; None for no parameter at all."""
     tip: int = 0
     """The last offer of transactions, wei per gas."""
-    least_tip: int = 0
+    _tags: dict[str, tuple[str | None, float]] = field(default_factory=dict)
+    """Method -> what it takes in the place of "pending", None for no parameter at all; and until when."""
+    _least_tip: tuple[int, float] = (0, 0.0)
     _good_ranges: int = 0
     _good_batches: int = 0
 
@@ -39,10 +42,22 @@ class Habits:
 
     def adapted(self, call: Call) -> Call:
         method, params = call
-        if method not in self.tags or params[-1:] != ["pending"]:
+        if params[-1:] != ["pending"] or not self.knows_tag(method):
             return call
-        tag = self.tags[method]
+        tag, _ = self._tags[method]
         return method, [*params[:-1], *([] if tag is None else [tag])]
+
+    def knows_tag(self, method: str) -> bool:
+        return method in self._tags and time.monotonic() < self._tags[method][1]
+
+    def note_tag(self, method: str, tag: str | None) -> None:
+        """`tag` was taken in the place of "pending"; None if no parameter was."""
+        self._tags[method] = tag, time.monotonic() + FORGOTTEN_S
+
+    @property
+    def least_tip(self) -> int:
+        least, until_s = self._least_tip
+        return least if time.monotonic() < until_s else 0
 
     def note_batch(self, size: int, good: bool) -> None:
         if not good:
@@ -62,7 +77,8 @@ class Habits:
 
     def note_tip(self, told: int) -> None:
         """A transaction offered too little: the least that the node states, or else twice as much."""
-        self.least_tip = max(self.least_tip, told or max(2 * self.tip, _GWEI))
+        least = max(self.least_tip, told or max(2 * self.tip, _GWEI))
+        self._least_tip = least, time.monotonic() + FORGOTTEN_S
 
 
 @cache

@@ -11,7 +11,8 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from email.utils import parsedate_to_datetime
 from itertools import count
 from typing import Any
@@ -49,6 +50,8 @@ _EACH_S = 1.0
 """Wall time that a node may take for each further request of a batch. It answers a batch as a whole: a
 slow node that carries out many transactions does not hang."""
 
+_SLOW_SHARE = 0.5
+"""Share of the time that an answer may take, after which a range of blocks is asked for in shorter ones."""
 _CHUNK_BYTES = 64 << 10
 
 
@@ -147,12 +150,12 @@ class Rpc:
         if blocks is not None and len(blocks) > 1 and not refusal.is_revert:
             return self._in_ranges(call, blocks)
         method, params = call
-        if params[-1:] == ["pending"] and method not in self.habits.tags and refusal.is_about_tag:
+        if params[-1:] == ["pending"] and not self.habits.knows_tag(method) and refusal.is_about_tag:
             for tag in ("latest", None):
                 (found,) = self._in_batches([(method, [*params[:-1], *([tag] if tag else [])])])
                 if not isinstance(found, Refusal) or found.is_revert:
                     log.info("the node takes no pending block for %s", method)
-                    self.habits.tags[method] = tag
+                    self.habits.note_tag(method, tag)
                     return found
         return refusal
 
@@ -185,13 +188,24 @@ class Rpc:
             for number, (method, params) in zip(ids, calls, strict=True)
         ]
         alone = len(requests) == 1
-        answer = self._post(json.dumps(requests[0] if alone else requests, default=_plain), len(calls))
+        with self._range_timed(max((len(blocks_of(call) or ()) for call in calls), default=0)):
+            answer = self._post(json.dumps(requests[0] if alone else requests, default=_plain), len(calls))
         if isinstance(answer, dict):
             if alone or "result" not in answer:
                 return self._one_for_all(answer, ids, calls)
         elif isinstance(answer, list) and not alone:
             return self._each(answer, ids, calls)
         raise self._invalid("not an answer to what was asked", answer, methods=_methods(calls))
+
+    @contextmanager
+    def _range_timed(self, blocks: int) -> Iterator[None]:
+        """A range of blocks that takes the node long, or longer than it is waited for, is too long."""
+        began_s = time.monotonic()
+        try:
+            yield
+        finally:
+            if blocks > 1 and time.monotonic() - began_s > _SLOW_SHARE * self._timeout_s:
+                self.habits.note_range(blocks, good=False)
 
     def _one_for_all(self, reply: Mapping[str, Any], ids: list[int], calls: Sequence[Call]) -> list[Any]:
         """One object: the answer to one request, or why a whole batch has none."""

@@ -11,7 +11,9 @@ import pytest
 
 from rodeo.chain.client import connect
 from rodeo.chain.node import answers, rpc
+from rodeo.chain.node import habits as habits_module
 from rodeo.chain.node.answers import Refusal
+from rodeo.chain.node.asking import Call, of_blocks
 from rodeo.chain.node.errors import ChainUnavailable, ContractReverted, InvalidAnswer, RateLimited
 from rodeo.chain.node.habits import Habits
 from rodeo.chain.node.rpc import Rpc
@@ -243,3 +245,153 @@ def test_an_outage_makes_batches_short_for_a_while_only() -> None:
     for _ in range(200):
         habits.note_batch(habits.most_calls, good=True)
     assert habits.most_calls == Habits().most_calls
+
+
+def test_a_range_of_blocks_that_takes_a_node_long_is_shortened_until_it_does_not(
+    node: BadNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It answers ten blocks in a second, and stops answering beyond a hundred."""
+    now_s = 1000.0
+    monkeypatch.setattr(rpc.time, "monotonic", lambda: now_s)
+
+    def slow(payload: Any, _good: Any) -> Reply:
+        nonlocal now_s
+        asked = payload["params"][0]
+        now_s += (int(asked["toBlock"], 16) - int(asked["fromBlock"], 16) + 1) / 10
+        return json_reply({"id": payload["id"], "result": []})
+
+    node.answer = slow
+    door = Rpc(node.url, timeout_s=10.0)
+    door.habits = Habits()
+    asked_for = 400
+    for _ in range(5):
+        try:
+            door.batch([of_blocks(LOGS_OF, 1, asked_for)])
+        except ChainUnavailable as error:
+            assert error.details["reason"] == "no answer in time"
+        asked_for = min(asked_for, door.habits.most_blocks)
+    assert door.habits.most_blocks == 50
+    for _ in range(30):
+        door.batch([of_blocks(LOGS_OF, 1, 10)])
+    assert door.habits.most_blocks == 50
+
+
+LOGS_OF: Call = ("eth_getLogs", [{"fromBlock": "0x1", "toBlock": "0x1"}])
+
+
+def test_the_block_pending_and_a_small_tip_are_tried_again_after_an_hour(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = 1000.0
+    monkeypatch.setattr(habits_module.time, "monotonic", lambda: now_s)
+    habits, call = Habits(), ("eth_getTransactionCount", ["0x" + "12" * 20, "pending"])
+    habits.note_tag(call[0], "latest")
+    habits.note_tip(25 * 10**9)
+    now_s += 3599
+    assert habits.adapted(call)[1][-1] == "latest" and habits.least_tip == 25 * 10**9
+    now_s += 2
+    assert habits.adapted(call) == call and habits.least_tip == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "block range is too wide",
+        "eth_getLogs is limited to a 10,000 range",
+        "eth_getLogs is limited to 0 - 10000 blocks range",
+        "query returned more than 10000 results. Try with this block range [0x1, 0x2]",
+        "Log response size exceeded. You can make eth_getLogs requests with up to a 2K block range",
+        "Block range limit exceeded. See more details at the documentation",
+        "ranges over 10000 blocks are not supported on freetier",
+        "exceed maximum block range: 50000",
+        "Too many logs requested. Max logs per response is 20000.",
+        "Requested range exceeds maximum range limit",
+        "Log query restricted to 5000 block range",
+        "invalid block range params",
+        "query timeout of 10 seconds exceeded",
+        "upstream response too large, please reduce the block range and try again",
+        "logs matched by query exceeds limit of 10000",
+        "exceeded max limit of blocks, try again with a smaller range",
+        "backend response too large",
+        "request timed out",
+    ],
+)
+@pytest.mark.parametrize("code", [-32000, -32005, -32602, -32603, -32614, 35])
+def test_whatever_words_a_provider_has_for_a_long_range_it_is_asked_for_shorter_ones(
+    words: str, code: int, node: BadNode
+) -> None:
+    def limited(payload: Any, _good: Any) -> Reply:
+        asked = payload["params"][0]
+        if int(asked["toBlock"], 16) - int(asked["fromBlock"], 16) + 1 > 10:
+            return json_reply({"id": payload["id"], "error": {"code": code, "message": words}})
+        return json_reply({"id": payload["id"], "result": []})
+
+    node.answer = limited
+    door = Rpc(node.url)
+    door.habits = Habits()
+    assert door.batch([of_blocks(LOGS_OF, 1, 80)]) == [[]]
+    assert door.habits.most_blocks <= 10
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        ("transaction underpriced: tip needed 30000000000, tip permitted 1", "cheap"),
+        ("max fee per gas less than block base fee: address 0x12, maxFeePerGas: 1, baseFee: 2", "cheap"),
+        ("transaction gas price below minimum: gas tip cap 1, minimum needed 25000000000", "cheap"),
+        ("gas price too low to be included, minimum 1000000000", "cheap"),
+        ("FeeTooLow, EffectivePriorityFeePerGas too low 1 < 2, BaseFee: 3", "cheap"),
+        ("effective gas price is lower than the minimum 1000000000", "cheap"),
+        ("nonce too low: next nonce 5, tx nonce 4", "past_nonce"),
+        ("nonce has already been used", "past_nonce"),
+        ("invalid transaction nonce: nonce is too low", "past_nonce"),
+        ("OldNonce, Current nonce: 5, nonce of rejected tx: 4", "past_nonce"),
+        ("replacement transaction underpriced", "replaces"),
+        ("ReplacementNotAllowed", "replaces"),
+        ("replacement fee too low", "replaces"),
+        ("insufficient funds for gas * price + value: balance 0, tx cost 1", "other"),
+    ],
+)
+def test_refusals_of_transactions_are_told_apart_by_any_nodes_words(words: str, kind: str) -> None:
+    error = {"code": -32000, "message": words}
+    assert answers.refused(error, ("eth_sendRawTransaction", ["0x02"])).kind == kind
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "already known",
+        "AlreadyKnown",
+        "known transaction: 0x12",
+        "Known transaction",
+        "transaction already imported",
+        "tx already exists in the mempool",
+        "Transaction with the same hash was already imported.",
+        "txn already in pool",
+        "transaction already in mempool",
+    ],
+)
+def test_a_transaction_that_is_there_already_was_sent(words: str) -> None:
+    error = {"code": -32000, "message": words}
+    assert str(answers.refused(error, ("eth_sendRawTransaction", ["0x02"]))).startswith("0x")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "Too many requests, please slow down",
+        "rate limit exceeded",
+        "Your app has exceeded its compute units per second capacity",
+        "exceeded the quota usage",
+        "call rate limit exhausted, retry in 10s",
+        "Request throttled",
+        "project ID request rate exceeded",
+        "you have exceeded the requests per second limit",
+        "too many concurrent requests",
+        "Concurrent requests limit exceeded",
+    ],
+)
+@pytest.mark.parametrize("code", [-32000, -32005, -32029, -32097, 429])
+def test_a_provider_that_is_asked_too_often_says_so_in_any_words(words: str, code: int) -> None:
+    found = answers.refused({"code": code, "message": words}, ("eth_chainId", []))
+    assert isinstance(found, RateLimited)
