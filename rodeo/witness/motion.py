@@ -290,12 +290,7 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
     """Up to when the body's pose is known without a break."""
     signed_in = 0
     """Number of the statement in which the body came to rest."""
-    signed = [one for one in statements if body in one.tracks]
-    unpacked = dict(
-        zip((one.seq for one in signed), unpack_all([one.tracks[body] for one in signed]), strict=True)
-    )
-    lies = {one.resting[body]: unpacked[one.seq] for one in reversed(signed) if body in one.resting}
-    """By the number of the statement in which it came to rest."""
+    unpacked, lies = _signed(statements, body)
     for index, statement in enumerate(statements):
         if known_us is None:
             known_us = statement.start_us
@@ -319,9 +314,7 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
             time_us = np.array([statement.end_us - statement.unseen_us.get(body, 0)])
             position_m, quaternion = positions[-1][-1:], quaternions[-1][-1:]
         elif times and number in lies:
-            seen_us = statement.end_us - statement.unseen_us.get(body, 0)
-            time_us = np.unique([min(statement.start_us, seen_us), seen_us])
-            position_m, quaternion = (one[:1].repeat(len(time_us), axis=0) for one in lies[number][1:])
+            time_us, position_m, quaternion = _lying(statement, body, lies[number])
             unseen.append((int(times[-1][-1]), int(time_us[0])))
             signed_in = number
         else:
@@ -340,13 +333,27 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
             numbers.append(np.full(int(fresh.sum()), index))
     if not times:
         return None
-    return Track(
-        np.concatenate(times),
-        np.concatenate(positions),
-        np.concatenate(quaternions),
-        np.concatenate(numbers),
-        _merged(unseen),
+    return Track(*map(np.concatenate, (times, positions, quaternions, numbers)), _merged(unseen))
+
+
+def _signed(
+    statements: Sequence[Motion], body: str
+) -> tuple[dict[int, tuple[Array, Array, Array]], dict[int, tuple[Array, Array, Array]]]:
+    """Times, positions and orientations of `body` by the number of the statement that has them, and by the
+    number of the one in which it came to rest there."""
+    signed = [one for one in statements if body in one.tracks]
+    unpacked = dict(
+        zip((one.seq for one in signed), unpack_all([one.tracks[body] for one in signed]), strict=True)
     )
+    return unpacked, {one.resting[body]: unpacked[one.seq] for one in reversed(signed) if body in one.resting}
+
+
+def _lying(statement: Motion, body: str, there: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """The same of a body that lies through a statement, as far as it was seen, where it came to rest."""
+    seen_us = statement.end_us - statement.unseen_us.get(body, 0)
+    time_us = np.unique([min(statement.start_us, seen_us), seen_us])
+    position_m, quaternion = (one[:1].repeat(len(time_us), axis=0) for one in there[1:])
+    return time_us, position_m, quaternion
 
 
 def _holes(time_us: Array, position_m: Array) -> list[tuple[int, int]]:
