@@ -286,14 +286,12 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
     quaternions: list[Array] = []
     numbers: list[Array] = []
     unseen: list[tuple[int, int]] = []
-    known_us: int | None = None
+    known_us = statements[0].start_us if statements else 0
     """Up to when the body's pose is known without a break."""
     signed_in = 0
     """Number of the statement in which the body came to rest."""
     unpacked, lies = _signed(statements, body)
     for index, statement in enumerate(statements):
-        if known_us is None:
-            known_us = statement.start_us
         number = statement.resting.get(body)
         rests = bool(times) and number == signed_in
         if body in statement.tracks:
@@ -333,7 +331,8 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
             numbers.append(np.full(int(fresh.sum()), index))
     if not times:
         return None
-    return Track(*map(np.concatenate, (times, positions, quaternions, numbers)), _merged(unseen))
+    time_us, position_m, quaternion, index_of = map(np.concatenate, (times, positions, quaternions, numbers))
+    return Track(time_us, position_m, quaternion, index_of, _merged(unseen))
 
 
 def _signed(
