@@ -12,7 +12,7 @@ import zenoh
 from rodeo.bus.session import validate
 from rodeo.commands import COMMANDS
 from rodeo.dao import Participant
-from rodeo.errors import InvalidRequest, RodeoError
+from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo.interfaces.convert import message, problem, request_of
 from rodeo.interfaces.package import KIND_SCHEMA, Asked, Command, KindSchema, asked, commands, parameter_model
 from rodeo.kinds import Kinds
@@ -54,7 +54,7 @@ def _answered(answer: Answer, pending: PendingRequest) -> dict[str, Any]:
         return {"problem": [problem(error)]}
     except Exception as error:
         log.exception("a request failed")
-        return {"problem": [problem(RodeoError(f"internal error: {error!r}"))]}
+        return {"problem": [problem(RemoteError("internal", repr(error)))]}
 
 
 class Services:

@@ -377,6 +377,8 @@ class Mind:
     def __init__(self, dao: Dao, caller: Caller, accept: bool = True) -> None:
         self.store_url = dao.site.store_url
         self.goals: list[int] = []
+        self.cancelled: list[int] = []
+        self.fails = False
         self.work = threading.Event()
         self.work.set()
         self.server = ActionServer(
@@ -391,7 +393,11 @@ class Mind:
         handle.publish_feedback(types.new(f"{DO}_Feedback", activity="cleaning", progress=np.array([0.5])))
         wait_until(lambda: self.work.is_set() or handle.is_cancel_requested)
         if handle.is_cancel_requested:
+            self.cancelled.append(handle.request.task.id)
             handle.canceled(types.new(f"{DO}_Result"))
+            return
+        if self.fails:
+            handle.abort(types.new(f"{DO}_Result"))
             return
         digest = f"{handle.request.task.id:064x}"
         uri = f"{self.store_url}/{digest}.mcap"
@@ -487,6 +493,23 @@ def test_what_a_node_rejects_is_given_back(dao: Dao, anna: Caller, bert: Caller,
     wait_until(lambda: task_id in mind.goals)
     wait_until(lambda: dao.task(task_id)["state"] == "failed")
     assert dao.task(task_id)["verdict"] == "abandoned" and mind.goals == [task_id]
+
+
+def test_a_goal_that_is_aborted_gives_the_task_back_and_one_whose_task_is_over_is_cancelled(
+    dao: Dao, anna: Caller, bert: Caller, service: int
+) -> None:
+    mind = Mind(dao, bert)
+    mind.work.clear()
+    fields = posted(service_id=np.array([service]), max_attempts=np.array([1]))
+    task_id = done(anna.call("register_task", **fields)).task_id[0]
+    wait_until(lambda: dao.task(task_id)["accepted"])
+    done(bert.call("abandon_task", task_id=task_id, attempt=1))
+    wait_until(lambda: mind.cancelled == [task_id])
+    mind.fails = True
+    mind.work.set()
+    task_id = done(anna.call("register_task", **fields)).task_id[0]
+    wait_until(lambda: dao.task(task_id)["state"] == "failed")
+    assert dao.task(task_id)["verdict"] == "abandoned"
 
 
 def test_after_the_process_was_killed_goals_go_on_and_nothing_is_doubled(
