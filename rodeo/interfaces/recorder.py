@@ -26,7 +26,7 @@ class RecordingStarted(Message):
     recording: str
     """Digest of the recording's first seal, as the bin's and motion capture's statements name it."""
     resumed: bool
-    """Whether a recording goes on that was interrupted after something had been done for good. Else the work
+    """Whether an interrupted recording continues, because something had been done for good. Else the work
     begins anew, from what is seen."""
 
 

@@ -1220,10 +1220,8 @@ def _governance(site: Site) -> Iterator[tuple[Place, str]]:
     known = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
     for number, name in enumerate(governance.members):
         if name not in known:
-            yield (
-                ("governance", "members", number),
-                f"nobody on this site is called {name}{close(name, known)}",
-            )
+            why = f"nobody on this site is called {name}{close(name, known)}"
+            yield ("governance", "members", number), why
     if governance.kind == "administrator" and governance.members:
         yield (
             ("governance", "members"),

@@ -24,6 +24,7 @@ from rodeo.runtime.sim_clock import SimClock
 from rodeo.site import topics
 from rodeo.site.topics import Topic
 from rodeo.witness.witness import unverified_seal
+from rodeo_cli.site import read_rows
 from rodeo_testing.waiting import HANG_S, wait_until
 from tests.support.site import RunningSite, write_site
 
@@ -118,6 +119,11 @@ def mind_of(lab: Lab, robot: str) -> Iterator[Mind]:
         mind.close()
 
 
+def minds(lab: Lab) -> dict[str, str]:
+    """What `rodeo status` says of the minds."""
+    return {row.name: row.state for row in read_rows(lab.running.site) if row.name.startswith("node.")}
+
+
 def code(response: Any) -> str:
     return str(response.problem[0].code) if response.problem else ""
 
@@ -129,6 +135,7 @@ def test_an_attempt_is_recorded_for_a_mind_and_stored(lab: Lab) -> None:
         lab.running.wait_for_status(
             recorder(robot), lambda one: one.details.get("mind") == [f"/{robot}/mind"]
         )
+        assert minds(lab) == {f"node.{one}": "ready" if one == robot else "down" for one in ROBOTS}
         started = mind.ask(topics.START_RECORDING, **attempt)
         assert (code(started), started.resumed) == ("", False)
         assert mind.ask(topics.START_RECORDING, **attempt).recording == started.recording
