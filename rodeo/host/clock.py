@@ -89,8 +89,9 @@ class WallClock:
 
     def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
         stop = stop or threading.Event()
-        # In slices: the machine may sleep, and its clock be set.
-        while (left_s := time_s - self.now_s()) > 0:
+        end_s = time.monotonic() + time_s - self.now_s()
+        # In slices: the machine may sleep, and its clock be set; back, too, and nobody waits for longer then.
+        while (left_s := min(time_s - self.now_s(), end_s - time.monotonic())) > 0:
             if stop.wait(min(left_s, _LOOK_S)):
                 return False
         return not stop.is_set()
@@ -106,8 +107,8 @@ class WallClock:
         check: Callable[[], object] | None = None,
         resting: bool = False,
     ) -> bool:
-        end_s = math.inf if wall_s is None else time.monotonic() + wall_s
         until_s = math.inf if until_s is None else until_s
+        end_s = time.monotonic() + min(math.inf if wall_s is None else wall_s, until_s - self.now_s())
         with self._changed:
             while not done():
                 left_s = min(end_s - time.monotonic(), until_s - self.now_s())
@@ -147,8 +148,9 @@ class Patience:
 
     @property
     def is_over(self) -> bool:
-        passed_s = min(time.monotonic() - self._wall_s, self._clock.now_s() - self._site_s)
-        return passed_s >= self._limit_s
+        now_s = self._clock.now_s()
+        self._site_s = min(self._site_s, now_s)  # the machine's clock may have been set back
+        return min(time.monotonic() - self._wall_s, now_s - self._site_s) >= self._limit_s
 
 
 @contextmanager

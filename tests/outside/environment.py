@@ -3,28 +3,43 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
+import queue
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
+from datetime import UTC, datetime
 from hashlib import sha256
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 from unittest.mock import patch
+from zoneinfo import ZoneInfo
 
+import zenoh
+
+from deploy import router
 from rodeo.access.errors import NotLoggedIn
+from rodeo.bus.session import Bus
 from rodeo.chain.node.rpc import Rpc
 from rodeo.errors import RodeoError
+from rodeo.evidence.proof import open_proof
+from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
+from rodeo.evidence.writer import McapWriter
 from rodeo.host import clock, http
 from rodeo.host.clock import WallClock
+from rodeo.lab.schedule import Schedule
+from rodeo.ros2 import types
+from rodeo.site import topics
 from rodeo.site.config import ConsoleConfig, Site, StoreConfig
 from rodeo.site.endpoint import make_socket_folder
+from rodeo_testing.assignments import BINDING, ROBOT
 from services.bridge.heads import SubscribedHeads
 from services.console.guard import Guard, origins_of
 from tests.outside.rows import Row
@@ -33,6 +48,7 @@ _ROOT = Path(__file__).parents[2]
 _SITE = _ROOT / "deploy" / "sites" / "lab.toml"
 _HANG_S = 60.0
 _CONTENT = b"a proof"
+_START_NS = 1_800_000_000 * 10**9
 
 
 class NotThere(Exception):
@@ -55,7 +71,7 @@ def outcome(row: Row, folder: Path) -> str:
 class _Server:
     """Answers JSON-RPC and files, directly or as a proxy, and says which of the two it was asked as."""
 
-    def __init__(self) -> None:
+    def __init__(self, host: str = "127.0.0.1") -> None:
         self.asked: list[str] = []
         server = self
 
@@ -83,7 +99,8 @@ class _Server:
             def log_message(self, *_args: Any) -> None:
                 """Quiet."""
 
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        kind = type("", (ThreadingHTTPServer,), {"address_family": socket.AF_INET6 if ":" in host else 2})
+        self._server = kind((host, 0), Handler)
         self._server.daemon_threads = True
         self.port = self._server.server_port
         threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
@@ -115,7 +132,7 @@ _VARIABLES = [f"{name}_proxy" for name in ("http", "https", "all", "no")]
 
 
 def _client(given: dict[str, Any], folder: Path) -> None:
-    server, proxy = _Server(), _Server()
+    server, proxy = _Server("::1" if given.get("host") == "[::1]" else "127.0.0.1"), _Server()
     address = f"127.0.0.1:{proxy.port}"
     changed = dict.fromkeys(given["variables"], address if given.get("bare") else f"http://{address}")
     changed |= {"NO_PROXY": given["no_proxy"]} if "no_proxy" in given else {}
@@ -201,16 +218,18 @@ def _clock(given: dict[str, Any], _folder: Path) -> None:
     )
     with patch.object(clock, "time", faked), patch.object(clock, "WALL_SLICE_S", 0.05):
         machine = WallClock()
-        until_s, ended = machine.now_s() + given["wait_s"], threading.Event()
-
-        def wait() -> None:
-            machine.wait_until(until_s)
-            machine.wait_for(lambda: False, until_s=until_s)
-            ended.set()
-
-        threading.Thread(target=wait, daemon=True).start()
+        until_s = machine.now_s() + given["wait_s"]
+        waits: list[Callable[[], object]] = [
+            lambda: machine.wait_until(until_s),
+            lambda: machine.wait_for(lambda: False, until_s=until_s),
+        ]
+        waiting = [threading.Thread(target=wait, daemon=True) for wait in waits]
+        for one in waiting:
+            one.start()
         stepped.s = given["step_s"]
-        if not ended.wait(5.0):
+        for one in waiting:
+            one.join(5.0)
+        if any(one.is_alive() for one in waiting):
             raise NotThere("it still waits")
 
 
@@ -248,7 +267,138 @@ def _command(given: dict[str, Any], folder: Path) -> None:
         raise NotThere((done.stderr or done.stdout).decode(errors="replace")[-300:])
 
 
+# -- the bus -------------------------------------------------------------------------------------------
+
+
+class _Way:
+    """The way from a robot to its router, which breaks when the robot gets another address."""
+
+    def __init__(self, port: int) -> None:
+        self._port, self._open = port, list[socket.socket]()
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._listener.accept()
+                far = socket.create_connection(("127.0.0.1", self._port))
+                self._open += [near, far]
+                for one, other in ((near, far), (far, near)):
+                    threading.Thread(target=self._pass_on, args=(one, other), daemon=True).start()
+
+    @staticmethod
+    def _pass_on(one: socket.socket, other: socket.socket) -> None:
+        with suppress(OSError):
+            while data := one.recv(65536):
+                other.sendall(data)
+        for end in (one, other):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def breaks(self) -> None:
+        for one in self._open:
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self._listener.close()
+        self.breaks()
+        for one in self._open:
+            one.close()
+
+
+def _router(endpoint: str) -> zenoh.Session:
+    config = zenoh.Config.from_file(str(router.CONFIG))
+    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    return zenoh.open(config)
+
+
+def _port(host: str) -> int:
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as free:
+        free.bind((host, 0))
+        return int(free.getsockname()[1])
+
+
+def _bus(given: dict[str, Any], _folder: Path) -> None:
+    """A robot speaks with its site over a router at this address, and may get another one itself."""
+    host = given.get("host", "127.0.0.1")
+    port = _port(host)
+    shown = f"[{host}]" if ":" in host else host
+    with closing(_router(f"tcp/{shown}:{port}")), ExitStack() as stack:
+        robots = f"tcp/{shown}:{port}"
+        if given.get("moves"):
+            way = stack.enter_context(closing(_Way(port)))
+            robots = f"tcp/127.0.0.1:{way.port}"
+        robot, site = (
+            stack.enter_context(Bus.open(one, timeout_s=_HANG_S)) for one in (robots, f"tcp/{shown}:{port}")
+        )
+        heard: dict[str, queue.Queue[Any]] = {"robot": queue.Queue(), "site": queue.Queue()}
+        robot.subscribe_json("to/robot", lambda _key, said: heard["robot"].put(said))
+        site.subscribe_json("to/site", lambda _key, said: heard["site"].put(said))
+        _until_heard(robot, site, heard)
+        if given.get("moves"):
+            way.breaks()
+            _until_heard(robot, site, heard)
+
+
+def _until_heard(robot: Bus, site: Bus, heard: dict[str, queue.Queue[Any]]) -> None:
+    """Both ways, again and again while a connection is made."""
+    for bus, to in ((site, "robot"), (robot, "site")):
+        while not heard[to].empty():
+            heard[to].get()
+        for _ in range(round(_HANG_S / 0.1)):
+            bus.put_json(f"to/{to}", {"said": True})
+            with suppress(queue.Empty):
+                heard[to].get(timeout=0.1)
+                break
+        else:
+            raise NotThere(f"the {to} hears nothing")
+
+
+# -- disks and calendars -------------------------------------------------------------------------------
+
+
+def _disk(given: dict[str, Any], folder: Path) -> None:
+    """A robot records, and its disk takes nothing until all has been said."""
+    folder.chmod(0o700)
+    path, said_all, add = folder / "a.mcap", threading.Event(), McapWriter.add_message
+
+    def slow(writer: McapWriter, *record: Any) -> bytes:
+        if threading.current_thread() is not threading.main_thread():
+            said_all.wait(_HANG_S)
+        return add(writer, *record)
+
+    cdr = types.serialize(types.new(topics.BATTERY_STATE.type))
+    with patch.object(McapWriter, "add_message", slow):
+        recorder = Recorder(path, BINDING, ROBOT, cast(Any, SimpleNamespace(now_ns=lambda: _START_NS)))
+        for number in range(given["messages"]):
+            at_ns = _START_NS + number * 20_000_000
+            recorder.write_ros("battery", topics.BATTERY_STATE.type, cdr, at_ns, at_ns, number)
+        said_all.set()
+        sealed = recorder.close()
+    if (count := open_proof(sealed.path).count("/battery")) != given["messages"]:
+        raise NotThere(f"{count} messages are in the recording")
+
+
+def _schedule(given: dict[str, Any], _folder: Path) -> None:
+    """Working hours on a day on which the clocks change."""
+    schedule = Schedule(given["hours"], given["zone"])
+    zone = ZoneInfo(given["zone"])
+    at_s = datetime.fromisoformat(given["from"]).replace(tzinfo=zone).timestamp()
+    changes = list[str]()
+    for _ in given["changes"]:
+        at_s = schedule.next_change_s(at_s)
+        changes.append(f"{datetime.fromtimestamp(at_s, UTC):%dT%H:%M}")
+    if changes != given["changes"]:
+        raise NotThere(f"the hours begin and end at {changes}")
+
+
 DEEDS: dict[str, Callable[[dict[str, Any], Path], None]] = {
+    "bus": _bus,
+    "disk": _disk,
+    "schedule": _schedule,
     "client": _client,
     "folder": _folder,
     "console": _console,

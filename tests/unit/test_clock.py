@@ -6,6 +6,7 @@ import json
 import struct
 import threading
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,6 +14,8 @@ import zenoh
 
 from rodeo.bus.receiving import direct
 from rodeo.bus.session import zenoh_config
+from rodeo.host import clock as clock_module
+from rodeo.host.clock import Patience
 from rodeo.ros2.base import Publisher
 from rodeo.ros2.node import Node
 from rodeo.ros2.types import new
@@ -210,3 +213,13 @@ def test_who_leaves_the_clock_may_still_have_threads_at_work(make_node: MakeNode
             for thread in threads:
                 thread.join()
     assert failures == []
+
+
+def test_patience_lasts_no_longer_where_the_clock_was_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    site_s = wall_s = 10_000.0
+    monkeypatch.setattr(clock_module.time, "monotonic", lambda: wall_s)
+    patience = Patience(SimpleNamespace(now_s=lambda: site_s, now_ns=lambda: 0), 10.0)
+    site_s -= 3600.0
+    assert not patience.is_over
+    site_s, wall_s = site_s + 10.0, wall_s + 10.0
+    assert patience.is_over
