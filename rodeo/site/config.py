@@ -820,8 +820,7 @@ class Site(BaseSettings):
     def min_verdict_window_s(self) -> float:
         """The shortest verdict window, s of site time, in which an honest proof has its verdict: whoever does
         work for less may lose it because the oracle is slow. While it is awaited a robot may charge."""
-        clock = self.clock
-        speeds = [] if clock.source == "wall" else [clock.speed, clock.idle_speed]
+        speeds = [] if self.clock.source == "wall" else [self.clock.speed, self.clock.idle_speed]
         return self.oracle.verdict_within_s * max([1.0, *(speed or FASTEST_CLOCK for speed in speeds)])
 
     @property
