@@ -8,8 +8,8 @@ one thing that it bounds:
 - `layouts`: joints with names in four layouts, as many bytes as a proof may hold;
 - `names`, `chunks`, `seals`, `tiny_messages`, `pictures`, `events`, `late_difference`, `summary`: what makes
   a file dear to read;
-- `strangers`, `devices_statements`, `odd_fields`, `odd_numbers`, `heads`: statements as many as a proof may
-  hold, of keys that nobody registered and of the executor's own;
+- `strangers`, `devices_statements`, `odd_fields`, `odd_numbers`, `bodies`, `heads`: statements as many as a
+  proof may hold, of keys that nobody registered, in motion capture's name and of the executor's own;
 - `swaying`: a robot that sways with the item for about as long as a carry may take;
 - `turning`: odometry that turns for as long as a recording may take;
 - `swaying_charge`: hours on a dock whose current sways, with as many records and receipts as a proof may
@@ -23,6 +23,7 @@ is well-formed serves all statements of strangers.
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 import tempfile
@@ -55,7 +56,7 @@ from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.statement import MAX_CLASSES, MAX_HEADS, payload_digest
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
-from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
+from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, MOCAP, ROBOT
 from rodeo_testing.recordings import (
     BATTERY,
     JOINTS_TYPE,
@@ -176,7 +177,7 @@ def pictures(site: Site, film: Take, folder: Path) -> Hostile:
 
 def events(site: Site, film: Take, folder: Path) -> Hostile:
     """Events that hold empty lists, which take the most memory for their bytes."""
-    return _sealed(site, film, folder, [_note(film, {"event": [[]] * 300_000}, EVENT_CHANNEL)] * 2)
+    return _sealed(site, film, folder, [_empty_lists(film)])
 
 
 def late_difference(site: Site, film: Take, folder: Path) -> Hostile:
@@ -237,6 +238,11 @@ def odd_numbers(site: Site, film: Take, folder: Path) -> Hostile:
     return _sealed(site, film, folder, _odd_numbers(film))
 
 
+def bodies(site: Site, film: Take, folder: Path) -> Hostile:
+    """Statements in motion capture's name, each of which says that thousands of bodies rest."""
+    return _sealed(site, film, folder, _said_for_motion_capture(film))
+
+
 def heads(site: Site, film: Take, folder: Path) -> Hostile:
     head = {"device": "d", "address": BINDING.executor, "chain": DIGEST, "index": 1, "digest": DIGEST}
     said = {"type": "robot.presentation", "bin": "itrash", "recording": DIGEST, "task_id": 7, "attempt": 1}
@@ -272,7 +278,7 @@ def everything(site: Site, film: Take, folder: Path) -> Hostile:
     """What none of the others leaves room for."""
     take, most = _swaying(film), _allowed(site, film)
     notes = [_note(film, {})] * (most.seals - 4 * SWAYS * SWAY_S - 2_000)
-    floods = [*_odd_numbers(film), *notes, *[_note(film, {"event": [[]] * 300_000}, EVENT_CHANNEL)] * 2]
+    floods = [*_odd_numbers(take), *_said_for_motion_capture(take), *notes, _empty_lists(film)]
     left_bytes = most.uncompressed_bytes - (48 << 20) - COUNTS.json_bytes - 1100 * most.seals
     count = most.messages - len(take.samples) - 2 * len(floods)
     numbers = np.zeros((left_bytes // count - 31 - 60) // 8)
@@ -368,6 +374,7 @@ HOSTILE = (
     devices_statements,
     odd_fields,
     odd_numbers,
+    bodies,
     heads,
     turning,
     swaying,
@@ -405,28 +412,48 @@ def _odd_numbers(film: Take) -> list[Sample]:
 def _own(film: Take, said: dict[str, Any]) -> list[Sample]:
     """A chain of the executor's own robot, of as many of these statements as a proof may hold."""
     previous: str | None = None
+    most_bytes = COUNTS.signer_bytes + COUNTS.signer_bytes_per_s * (film.end_s - film.start_s) - 20_000
     found: list[Sample] = []
     size_bytes = 0
     while len(found) < _most_signed(film):
-        header = {
-            "chain_id": BINDING.chain_id,
-            "task_manager": BINDING.task_manager,
-            "organization": BINDING.organization,
-            "version": 1,
-            "device": BINDING.device,
-            "seq": len(found) + 1,
-            "previous": previous,
-            "time_s": film.start_s,
-            "heads": [],
-            "inputs": "sensor",
-        }
+        header = _header(film, BINDING.device) | {"seq": len(found) + 1, "previous": previous}
         signed = attest(header | said, ROBOT)
         size_bytes += len(signed.model_dump_json())
-        if size_bytes > COUNTS.json_bytes - COUNTS.event_bytes - (3 << 20):
+        if size_bytes > most_bytes:
             break
         previous = payload_digest(signed.payload)
         found.append(_note(film, signed.model_dump(), ATTESTATION_CHANNEL))
     return found
+
+
+def _said_for_motion_capture(film: Take) -> list[Sample]:
+    """As many bytes as a proof may hold beside the rest, under a signature that is not of them."""
+    one = _statement(MOCAP, film).message
+    header = _header(film, "mocap") | {"type": "mocap.motion", "tracks": {}, "start_us": 1, "end_us": 2}
+    said = header | {"resting": {f"{number}": 1 for number in range(2_000)}}
+    size_bytes = len(json.dumps(one | {"payload": said}))
+    count = (COUNTS.json_bytes - COUNTS.event_bytes - (6 << 20)) // size_bytes
+    return [
+        _note(film, one | {"payload": said | {"seq": seq}}, ATTESTATION_CHANNEL) for seq in range(1, count)
+    ]
+
+
+def _header(film: Take, device: str) -> dict[str, Any]:
+    return {
+        "chain_id": BINDING.chain_id,
+        "task_manager": BINDING.task_manager,
+        "organization": BINDING.organization,
+        "version": 1,
+        "device": device,
+        "previous": None,
+        "time_s": film.start_s,
+        "heads": [],
+        "inputs": "sensor",
+    }
+
+
+def _empty_lists(film: Take) -> Sample:
+    return _note(film, {"event": [[]] * (COUNTS.event_bytes // 4 - 1_000)}, EVENT_CHANNEL)
 
 
 def _joints(number: int, time_ns: int) -> Sample:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rodeo.checks import provenance
 from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, Checks, OthersFailed
-from rodeo.checks.counts import counts_of
+from rodeo.checks.counts import counts_of, within_counts
 from rodeo.checks.motion.sources import judged, parties
 from rodeo.checks.report import Check, Finding, Report, given_up, skipped, undecided
 from rodeo.checks.results import sources_read
@@ -125,9 +125,10 @@ def case_of(proof: Proof, site: Site, chain_record: ChainRecord | None) -> Case:
 
 
 def _claimed(case: Case) -> list[str]:
-    """The acts of a proof, as far as it tells them."""
+    """The acts of a proof, as far as it tells them. One that holds more than a proof may claims none: it is
+    not even read."""
     try:
-        return case.checks.acts(case)
+        return case.checks.acts(case) if within_counts(case).passed else []
     except Exception as error:
         if is_machines(error):
             raise

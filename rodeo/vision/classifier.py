@@ -122,6 +122,8 @@ def _session(weights: bytes, preprocessing: Preprocessing) -> onnxruntime.Infere
     # One thread computes, the caller's: the sums do not depend on the number of cores, nothing spins between
     # two pictures, and a process may fork.
     options.intra_op_num_threads = options.inter_op_num_threads = 1
+    # What one picture takes is given back: there is one now and then.
+    options.enable_cpu_mem_arena = options.enable_mem_pattern = False
     options.log_severity_level = _FATAL  # what it refuses is raised
     try:
         session = onnxruntime.InferenceSession(weights, options, providers=["CPUExecutionProvider"])

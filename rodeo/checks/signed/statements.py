@@ -124,35 +124,45 @@ def testimonies(statements: Iterable[Recorded]) -> dict[str, Testimony]:
 
 
 class _Link(NamedTuple):
-    statement: Statement
+    seq: int
+    previous: str | None
     digest: str
     log_s: float
     data: bytes
-    """Not the attestation: as objects a proof's statements would take a gigabyte."""
+    """Not the statement: as objects what anybody says in a device's name would take a gigabyte."""
 
 
 def _link(one: Recorded) -> _Link | None:
+    payload = one.attestation.payload
+    seq, previous = payload.get("seq"), payload.get("previous")
+    if type(seq) is not int or not isinstance(previous, str | None):
+        return None
     try:
-        statement = parse(one.attestation.payload)
-        return _Link(statement, payload_digest(one.attestation.payload), one.log_s, one.data)
-    except (BadStatement, BadAttestation, ValidationError):
+        return _Link(seq, previous, payload_digest(payload), one.log_s, one.data)
+    except BadAttestation:
+        return None
+
+
+def _said(link: _Link) -> Said | None:
+    try:
+        return Said(parse(_attestation(link).payload), link.digest, link.log_s)
+    except (BadStatement, ValidationError):
         return None
 
 
 def _testimony(address: str, links: list[_Link]) -> Testimony:
-    by_number: dict[int, list[_Link]] = defaultdict(list)
-    for link in _signed(links):
-        by_number[link.statement.seq].append(link)
+    by_number: dict[int, list[Said]] = defaultdict(list)
+    for one in map(_said, _signed(links)):
+        if one is not None:
+            by_number[one.statement.seq].append(one)
     said: list[Said] = []
     twice: int | None = None
-    after: _Link | None = None
     for number in sorted(by_number, reverse=True):
-        named = after.statement.previous if after and after.statement.seq == number + 1 else None
-        link = max(by_number[number], key=lambda one: one.digest == named)
-        if len(by_number[number]) > 1 or named not in (None, link.digest):
+        named = said[-1].statement.previous if said and said[-1].statement.seq == number + 1 else None
+        one = max(by_number[number], key=lambda found: found.digest == named)
+        if len(by_number[number]) > 1 or named not in (None, one.digest):
             twice = number
-        said.append(Said(link.statement, link.digest, link.log_s))
-        after = link
+        said.append(one)
     said.reverse()
     return Testimony(address, said, twice)
 
@@ -171,8 +181,8 @@ def _signed(links: list[_Link]) -> list[_Link]:
     """
     copies: dict[_Place, list[_Link]] = defaultdict(list)
     lengths: dict[_Place, int] = {}
-    for link in sorted(links, key=lambda one: one.statement.seq):
-        place = link.statement.seq, link.digest
+    for link in sorted(links, key=lambda one: one.seq):
+        place = link.seq, link.digest
         copies[place].append(link)
         lengths[place] = 1 + lengths.get(_before(link), 0)
     signed: dict[_Place, _Link] = {}
@@ -206,12 +216,16 @@ def _signed(links: list[_Link]) -> list[_Link]:
 
 
 def _before(link: _Link) -> _Place:
-    return link.statement.seq - 1, link.statement.previous or ""
+    return link.seq - 1, link.previous or ""
 
 
 def _genuine(link: _Link) -> bool:
     try:
-        verify_attestation(Attestation.model_validate(read_json(link.data)))
+        verify_attestation(_attestation(link))
     except BadAttestation:
         return False
     return True
+
+
+def _attestation(link: _Link) -> Attestation:
+    return Attestation.model_validate(read_json(link.data))

@@ -19,7 +19,7 @@ from rodeo.ros2.types import new
 from rodeo.site import topics
 from rodeo.site.config import Site
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, without_mocap
-from rodeo_testing.assignments import ROBOT, chain_record
+from rodeo_testing.assignments import MOCAP, ROBOT, chain_record
 from rodeo_testing.recordings import Sample, Take, shifted_by
 from tests.unit.conftest import Judge, failed
 
@@ -60,6 +60,31 @@ def test_one_signer_states_no_more_than_so_much_per_second(cleaning: Take, judge
     most = int(COUNTS.statements_per_s * (cleaning.end_s - cleaning.start_s + BURST_S))
     take = flooded(cleaning, most + 10, "rodeo/attestation", statement(ROBOT))
     refused(judge(take, cleaning_chain_record(cleaning)), "statements per second and signer")
+
+
+def test_one_signer_states_no_more_bytes_than_its_recorder_lets_in(cleaning: Take, judge: Judge) -> None:
+    """Motion capture may: it says where each body is."""
+    most = COUNTS.signer_bytes + COUNTS.signer_bytes_per_s * (cleaning.end_s - cleaning.start_s)
+    for account, is_refused in ((ROBOT, True), (MOCAP, False)):
+        said = attest({"type": "bin.drop", "text": "x" * 100_000}, account).model_dump()
+        take = flooded(cleaning, int(most / 100_000) + 1, "rodeo/attestation", said)
+        report = judge(take, cleaning_chain_record(cleaning))
+        if is_refused:
+            refused(report, "bytes of one signer's statements")
+        else:
+            assert report.accepted, report.reason
+
+
+def test_what_holds_too_much_is_not_read_for_what_it_claims(
+    cleaning: Take, judge: Judge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = flooded(cleaning, COUNTS.statements + 1, "rodeo/attestation", statement(Account.create()))
+
+    def reads(_case: object) -> None:
+        raise AssertionError("it was read")
+
+    monkeypatch.setattr("rodeo.checks.signed.testimony.recorded", reads)
+    refused(judge(take, cleaning_chain_record(cleaning)), "statements")
 
 
 def test_what_strangers_state_counts_for_nobody(cleaning: Take, judge: Judge) -> None:
