@@ -44,7 +44,7 @@ class Counts:
     """From the first log time to the last."""
     message_bytes: int = 2 * 1024
     """On average over each ROS topic, pictures apart: the largest honest message has 740."""
-    events: int = 10_000
+    events: int = 5_000
     """On `rodeo/event`."""
     event_bytes: int = 512 * 1024
     """Most bytes of all events: they are held as objects, which take many times as much."""
