@@ -834,7 +834,7 @@ def arm_through_the_furniture(shop: CleaningWorkshop) -> Submission:
     return shop.furnished(lies.x, lies.y, (0.1, 0.1, 0.5))
 
 
-@HARNESS.forgery("carried", role="executor")
+@HARNESS.forgery("cleaning_topics", "no message says numbers", role="executor")
 def joints_that_are_no_numbers(shop: CleaningWorkshop) -> Submission:
     """The positions are NaN, for which every comparison is false."""
     nowhere = np.full(12, np.nan)
