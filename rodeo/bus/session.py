@@ -56,6 +56,10 @@ MAX_PAYLOAD_BYTES = 1 << 20
 _MAX_ANSWER_BYTES = 16 << 20
 """The same of an answer that anybody may have given."""
 _OPEN_TIMEOUT_MS = 500
+_WAIT_KEY = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+_ROUTER_WAIT_US = 10_000_000
+"""Time for which a router may read nothing. It waits 5 s itself for a subscriber that reads nothing, and a
+session that waited no longer would be closed with that one."""
 _LINES_PER_S, _LINES_AT_ONCE = 0.1, 20.0
 """Lines in the log about messages on one subscription that were left out."""
 
@@ -80,6 +84,7 @@ def zenoh_config(
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "timestamping/enabled": {"router": True, "peer": True, "client": True},
+        _WAIT_KEY: _ROUTER_WAIT_US,
     }.items():
         config.insert_json5(key, json.dumps(value))
     if lease_s is not None:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import queue
+import signal
 import socket
 import subprocess
 import sys
@@ -357,6 +358,64 @@ def _until_heard(robot: Bus, site: Bus, heard: dict[str, queue.Queue[Any]]) -> N
             raise NotThere(f"the {to} hears nothing")
 
 
+_LISTENER = """
+import sys, threading, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", sys.argv[1])
+session = zenoh.open(config)
+subscriber = session.declare_subscriber("news", lambda sample: print("heard", flush=True))
+print("there", flush=True)
+threading.Event().wait()
+"""
+
+
+def _frozen(given: dict[str, Any], folder: Path) -> None:
+    """A subscriber on the site's socket is stopped, while others hear what it does not read."""
+    folder.chmod(0o700)
+    endpoint = f"unixsock-stream/{folder}/r.sock"
+    heard, there, wanted = threading.Event(), threading.Event(), given["messages"]
+    there.set()
+    with closing(_router(endpoint)), Bus.open(endpoint) as publisher, Bus.open(endpoint) as other:
+        command = [sys.executable, "-c", _LISTENER, json.dumps([endpoint])]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as frozen:
+            assert frozen.stdout is not None
+            frozen.stdout.readline()
+            numbers: list[int] = []
+
+            def hear(_key: str, payload: bytes) -> None:
+                if (number := int(payload[:8])) < wanted:
+                    numbers.append(number)
+                if len(numbers) == wanted:
+                    heard.set()
+
+            threading.Thread(target=_again, args=(publisher, there), daemon=True).start()
+            frozen.stdout.readline()
+            there.clear()
+            other.subscribe_bytes("news", hear, inline=True)
+            frozen.send_signal(signal.SIGSTOP)
+            try:
+                for number in range(wanted):
+                    publisher.put_bytes("news", b"%08d" % number + bytes(given["bytes"]))
+                if not heard.wait(_HANG_S) or numbers != [*range(wanted)]:
+                    raise NotThere(f"{len(numbers)} of {wanted} messages were heard by another")
+                frozen.send_signal(signal.SIGCONT)
+                threading.Thread(target=_again, args=(publisher, heard), daemon=True).start()
+                while b"heard" not in (said := frozen.stdout.readline()):
+                    if not said:
+                        raise NotThere("the subscriber ended")
+            finally:
+                heard.clear()
+                frozen.kill()
+
+
+def _again(publisher: Bus, goes_on: threading.Event) -> None:
+    number = 10**7
+    while goes_on.is_set():
+        publisher.put_bytes("news", b"%08d" % number)
+        threading.Event().wait(0.1)
+
+
 # -- disks and calendars -------------------------------------------------------------------------------
 
 
@@ -397,6 +456,7 @@ def _schedule(given: dict[str, Any], _folder: Path) -> None:
 
 DEEDS: dict[str, Callable[[dict[str, Any], Path], None]] = {
     "bus": _bus,
+    "frozen": _frozen,
     "disk": _disk,
     "schedule": _schedule,
     "client": _client,
