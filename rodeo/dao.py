@@ -30,7 +30,7 @@ from rodeo.commands import Command
 from rodeo.commands.judging import Conclude
 from rodeo.commands.relaying import Sign, Signable
 from rodeo.commands.services import Agree, RegisterService, SetPayout, UpdateService
-from rodeo.commands.tasks import AbandonTask, AcceptTask, RaiseReward, SubmitProof
+from rodeo.commands.tasks import AbandonTask, AcceptTask, CancelTask, RaiseReward, SubmitProof
 from rodeo.errors import (
     BusError,
     MalformedAnswer,
@@ -109,6 +109,11 @@ def abandonment(task: Task) -> AbandonTask:
     """The command by which its executor gives it back."""
     request_id = f"abandon-{task.id}-{task.attempt}-{task.nonce}"
     return AbandonTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
+
+
+def cancellation(task_id: int, request_id: str | None = None) -> CancelTask:
+    """The command by which its creator takes back a task that nobody has."""
+    return CancelTask(request_id=request_id, task_id=task_id)
 
 
 class Assignment(BaseModel):
@@ -311,18 +316,17 @@ class Participant:
     def submit_proof(
         self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None
     ) -> None:
-        """`nonce` is that of the assignment that was worked on: another one refuses the proof."""
-        self.command(
-            "submit_proof",
-            SubmitProof(
-                request_id=f"proof-{task_id}-{attempt}-{sha256}",
-                task_id=task_id,
-                attempt=attempt,
-                proof_sha256=sha256,
-                proof_uri=uri,
-                nonce=nonce,
-            ),
-        )
+        """`nonce` is that of the assignment that was worked on: another one refuses the proof. Raises
+        InvalidRequest, too."""
+        request = {
+            "request_id": f"proof-{task_id}-{attempt}-{sha256}",
+            "task_id": task_id,
+            "attempt": attempt,
+            "proof_sha256": sha256,
+            "proof_uri": uri,
+            "nonce": nonce,
+        }
+        self.command("submit_proof", validate(SubmitProof, request))
 
     def conclude_rulings(self, now_s: float) -> float | None:
         """Conclude each task that this participant has done and that is due at `now_s` (site time), unless it

@@ -10,6 +10,9 @@ from rodeo.interfaces.fields import Field as RosField
 from rodeo.interfaces.fields import fields_of
 from rodeo.interfaces.problem import Problem
 
+POSTED = RegisterTask
+"""The command that a goal of `create_task` is."""
+
 CREATE_TASK = "CreateTask"
 DO_TASK = "DoTask"
 
@@ -59,4 +62,4 @@ class Working(Message):
 
 def task_fields() -> tuple[RosField, ...]:
     """The fields of a goal that posts a task."""
-    return tuple(fields_of(RegisterTask, request=True, without=_THE_GOALS))
+    return tuple(fields_of(POSTED, request=True, without=_THE_GOALS))

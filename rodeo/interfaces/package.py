@@ -15,7 +15,6 @@ from rodeo.bus.messages import DaoEvent, Message, Mined, Task
 from rodeo.bus.messages import Kind as KindName
 from rodeo.bus.queries import Answer, Query
 from rodeo.commands import COMMANDS
-from rodeo.commands.tasks import RegisterTask
 from rodeo.interfaces import actions
 from rodeo.interfaces.fields import PACKAGE, Count, Field, How, fields_of, nested
 from rodeo.interfaces.naming import distinct, interface_name, service_name
@@ -227,7 +226,7 @@ def interfaces() -> tuple[Interface, ...]:
 @cache
 def create_task() -> Interface:
     """The action that posts a task and follows it to its end."""
-    models = (RegisterTask, actions.TaskEnded, actions.TaskChanged)
+    models = (actions.POSTED, actions.TaskEnded, actions.TaskChanged)
     about = (
         "Post a task, and follow it to its end. The goal's UUID is the ID of the request. Cancelling cancels "
         "the task while nobody has it."

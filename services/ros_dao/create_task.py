@@ -10,10 +10,9 @@ from typing import Any
 from rodeo.bus import queries
 from rodeo.bus.messages import LIVE_STATES, DaoEvent, Task
 from rodeo.bus.session import validate
-from rodeo.commands.tasks import CancelTask, RegisterTask
-from rodeo.dao import Participant
+from rodeo.dao import Participant, cancellation
 from rodeo.errors import DiskFull, RemoteError, RodeoError, TaskNotDone
-from rodeo.interfaces.actions import TaskChanged, TaskEnded, task_fields
+from rodeo.interfaces.actions import POSTED, TaskChanged, TaskEnded, task_fields
 from rodeo.interfaces.convert import message, request_of
 from rodeo.interfaces.problem import problem_of
 from rodeo.money.currency import Currency
@@ -162,8 +161,8 @@ class TaskGoals(GoalServer):
         if record.task_id is None:
             return True
         try:
-            command = CancelTask(request_id=f"cancel-{record.goal_id}", task_id=record.task_id)
-            self._participant.command("cancel_task", command)
+            command = cancellation(record.task_id, f"cancel-{record.goal_id}")
+            self._participant.command(command.declared.name, command)
         except RodeoError as error:
             log.info("%s: task %d is not cancelled: %s", self._name, record.task_id, error)
             if not passes(error):
@@ -181,7 +180,7 @@ class TaskGoals(GoalServer):
             try:
                 _require_chain(self._participant, record)
                 self._records.save(record)
-                mined = self._participant.command("register_task", validate(RegisterTask, record.request))
+                mined = self._participant.command(POSTED.declared.name, validate(POSTED, record.request))
                 record.task_id = mined.task_id
                 self._records.save(record)
             except RodeoError as error:
@@ -255,7 +254,7 @@ def _news(task: Task) -> tuple[Any, ...]:
 def _command(sent: Any, goal_id: bytes, currency: Currency) -> dict[str, Any]:
     """The command of a goal. Raises InvalidRequest."""
     fields = request_of(task_fields(), sent, currency)
-    command = validate(RegisterTask, {**fields, "request_id": f"goal-{goal_id.hex()}"})
+    command = validate(POSTED, {**fields, "request_id": f"goal-{goal_id.hex()}"})
     return command.model_dump(mode="json", exclude_defaults=True)
 
 

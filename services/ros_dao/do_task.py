@@ -14,8 +14,6 @@ from hashlib import sha256
 from typing import Any
 
 from rodeo.bus.messages import DaoEvent, Task
-from rodeo.bus.session import validate
-from rodeo.commands.tasks import SubmitProof
 from rodeo.dao import Participant
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.host.clock import WallClock
@@ -151,15 +149,12 @@ class Assignments:
     def _hand_in(self, task: Task, goal: ClientGoal) -> None:
         try:
             result = goal.result(0.0)
-            proof = {"proof_sha256": result.proof_sha256, "proof_uri": result.proof_uri}
-            named = {"task_id": task.id, "attempt": task.attempt, "nonce": task.nonce}
-            request_id = f"proof-{task.id}-{task.attempt}-{task.nonce}"
-            command = validate(SubmitProof, {**named, **proof, "request_id": request_id})
         except (GoalAborted, GoalCanceled) as error:
             log.info("task %d attempt %d is given back: %s", task.id, task.attempt, error)
             self._again(lambda: self._participant.abandon_task(task))
         else:
-            self._again(lambda: self._participant.command("submit_proof", command))
+            proof = result.proof_sha256, result.proof_uri, task.nonce
+            self._again(lambda: self._participant.submit_proof(task.id, task.attempt, *proof))
             self._say("", None)
 
     def _again(self, command: Callable[[], object]) -> None:

@@ -47,7 +47,8 @@ IN_SEVERAL = {
     "match_task": 2,
     "post_votes": 2,
     "register_service": 3,
-    "register_task": 9,
+    # Goals of ROS 2 are this command, with fields and answers of their own.
+    "register_task": 10,
     "rule": 2,
     "update_service": 7,
 }

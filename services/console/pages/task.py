@@ -14,6 +14,7 @@ from rodeo.access.accounts import User, workers
 from rodeo.access.roles import Role
 from rodeo.bus.messages import LIVE_STATES, Task
 from rodeo.bus.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
+from rodeo.dao import cancellation
 from rodeo.display.formatting import (
     explain,
     iec,
@@ -310,7 +311,8 @@ class TaskPage:
             ("Back to the organization", iec(task.reward_iec)),
         ]
         if await confirm("Cancel this task?", lines, "Cancel the task", danger=True):
-            await act(self._console, "cancel_task", {"task_id": task.id}, f"Task {task.id} is cancelled")
+            request = cancellation(task.id)
+            await act(self._console, request.declared.name, request, f"Task {task.id} is cancelled")
 
     @on_page
     async def _match(self, task: Task) -> None:
