@@ -44,6 +44,7 @@ EXTRA_OF = {
 OTHER_USES = {
     "rodeo.chain.deployment": {"rodeo"},
     "rodeo.lab.rooms": {"yaml"},
+    "rodeo.ros2.readings": {"numpy"},
 }
 """Module -> packages that it imports in functions which not every process calls that imports the module."""
 
