@@ -373,47 +373,53 @@ threading.Event().wait()
 def _frozen(given: dict[str, Any], folder: Path) -> None:
     """A subscriber on the site's socket is stopped, while others hear what it does not read."""
     folder.chmod(0o700)
-    endpoint = f"unixsock-stream/{folder}/r.sock"
-    heard, there, wanted = threading.Event(), threading.Event(), given["messages"]
-    there.set()
+    endpoint, wanted = f"unixsock-stream/{folder}/r.sock", given["messages"]
+    there, all_heard, numbers = threading.Event(), threading.Event(), list[int]()
+
+    def hear(_key: str, payload: bytes) -> None:
+        there.set()
+        if (number := int(payload[:8])) < wanted:
+            numbers.append(number)
+        if len(numbers) == wanted:
+            all_heard.set()
+
     with closing(_router(endpoint)), Bus.open(endpoint) as publisher, Bus.open(endpoint) as other:
+        other.subscribe_bytes("news", hear, inline=True)
         command = [sys.executable, "-c", _LISTENER, json.dumps([endpoint])]
         with subprocess.Popen(command, stdout=subprocess.PIPE) as frozen:
-            assert frozen.stdout is not None
-            frozen.stdout.readline()
-            numbers: list[int] = []
-
-            def hear(_key: str, payload: bytes) -> None:
-                if (number := int(payload[:8])) < wanted:
-                    numbers.append(number)
-                if len(numbers) == wanted:
-                    heard.set()
-
-            threading.Thread(target=_again, args=(publisher, there), daemon=True).start()
-            frozen.stdout.readline()
-            there.clear()
-            other.subscribe_bytes("news", hear, inline=True)
-            frozen.send_signal(signal.SIGSTOP)
             try:
+                _hears(publisher, frozen)
+                if not there.wait(_HANG_S):
+                    raise NotThere("another hears nothing")
+                frozen.send_signal(signal.SIGSTOP)
                 for number in range(wanted):
                     publisher.put_bytes("news", b"%08d" % number + bytes(given["bytes"]))
-                if not heard.wait(_HANG_S) or numbers != [*range(wanted)]:
+                if not all_heard.wait(_HANG_S) or numbers != [*range(wanted)]:
                     raise NotThere(f"{len(numbers)} of {wanted} messages were heard by another")
                 frozen.send_signal(signal.SIGCONT)
-                threading.Thread(target=_again, args=(publisher, heard), daemon=True).start()
-                while b"heard" not in (said := frozen.stdout.readline()):
-                    if not said:
-                        raise NotThere("the subscriber ended")
+                _hears(publisher, frozen)
             finally:
-                heard.clear()
                 frozen.kill()
 
 
-def _again(publisher: Bus, goes_on: threading.Event) -> None:
-    number = 10**7
-    while goes_on.is_set():
-        publisher.put_bytes("news", b"%08d" % number)
-        threading.Event().wait(0.1)
+def _hears(publisher: Bus, listener: subprocess.Popen[bytes]) -> None:
+    """Publish until the listener says that it hears something."""
+    ended = threading.Event()
+
+    def publish() -> None:
+        while not ended.wait(0.1):
+            publisher.put_bytes("news", b"%08d" % 10**7)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        assert listener.stdout is not None
+        while b"heard" not in (said := listener.stdout.readline()):
+            if not said:
+                raise NotThere("the subscriber ended")
+    finally:
+        ended.set()
+        thread.join()
 
 
 # -- disks and calendars -------------------------------------------------------------------------------
