@@ -5,6 +5,7 @@ RodeoError
     ├── NotAssigned         the robot has no such attempt to do
     ├── RecordingRuns       another attempt is being recorded
     ├── RecordingOver       the attempt has been recorded: it is stopped, and not started again
+    ├── StillWorking        what was asked for before is not done yet
     ├── NothingRecorded     no such attempt is, or was, recorded
     ├── OperatorsOrder      the robot is paused or stopped
     ├── UnknownBin          the site has no such bin
@@ -26,6 +27,10 @@ class RecordingRuns(RequestError):
 
 class RecordingOver(RequestError):
     """The attempt has been recorded."""
+
+
+class StillWorking(RequestError):
+    """What was asked for before is not done yet: ask again."""
 
 
 class NothingRecorded(RequestError):

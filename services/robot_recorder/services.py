@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -21,6 +22,7 @@ from rodeo.ros2 import types
 from rodeo.ros2.node import Node
 from rodeo.ros2.service import DeferredService, PendingRequest
 from rodeo.site import topics
+from services.robot_recorder.errors import StillWorking
 from services.robot_recorder.showing import Showing
 from services.robot_recorder.takes import Takes
 
@@ -29,21 +31,43 @@ log = logging.getLogger(__name__)
 Answer = Callable[[Any], dict[str, Any]]
 """The fields of a response, from the model of the request."""
 
+MOST_ASKING = 16
+"""Requests that hear what comes of one work: a client that lost patience asks again."""
+
 
 class HeldService:
-    """One service, which answers one request after the other in a thread of its own. From a request's arrival
-    to its answer the site's clock is held, but for the waits on it: the mind that asks cannot hold it."""
+    """One service, which works on one request at a time, in a thread of its own. From a request's arrival to
+    its answer the site's clock is held, but for the waits on it: the mind that asks cannot hold it.
+
+    What arrives meanwhile holds nothing, or the work could wait for a clock that waits for the work: the same
+    request hears what comes of it, another one is refused at once.
+    """
 
     def __init__(self, node: Node, name: str, interface: Interface, clock: Clock, answer: Answer) -> None:
         self._interface, self._clock, self._answer = interface, clock, answer
         self._response = f"{interface.typename}_Response"
         types.prepare(f"{interface.typename}_Request")
         types.prepare(self._response)
+        self._lock = threading.Lock()
+        self._asking: list[PendingRequest] = []
+        """Those that hear what comes of the work under way; the first began it."""
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=name)
         self._service = DeferredService(node, name, interface.typename, self._take)
         node.keep(self)
 
     def _take(self, pending: PendingRequest) -> None:
+        with self._lock:
+            begins = not self._asking
+            same = begins or pending.request == self._asking[0].request
+            if heard := same and len(self._asking) < MOST_ASKING:
+                self._asking.append(pending)
+        if begins:
+            self._begin(pending)
+        elif not heard:
+            busy = StillWorking(f"{self._interface.name} is at work on another request: ask again")
+            self._answer_to([pending], {"problem": [problem(busy)]})
+
+    def _begin(self, pending: PendingRequest) -> None:
         arrived = ExitStack()
         arrived.enter_context(self._clock.hold())
         try:
@@ -55,8 +79,16 @@ class HeldService:
     def _work(self, pending: PendingRequest, arrived: ExitStack) -> None:
         with self._clock.acting():
             arrived.close()
+            fields = self._fields(pending)
+            with self._lock:
+                asking, self._asking = self._asking, []
+            self._answer_to(asking, fields)
+
+    def _answer_to(self, asking: list[PendingRequest], fields: dict[str, Any]) -> None:
+        response = types.new(self._response, **fields)
+        for one in asking:
             try:
-                pending.respond(types.new(self._response, **self._fields(pending)))
+                one.respond(response)
             except zenoh.ZError as error:
                 log.info("did not answer, because this process is leaving the bus: %s", error)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from rodeo.attempts.room import Attempt, Room
 from rodeo.bus.messages import Task
 from rodeo.dao import Participant
 from rodeo.errors import DiskFull
+from rodeo.evidence.errors import EvidenceError
 from rodeo.evidence.store import Store
 from rodeo.kinds import Kind
 from rodeo.robot.behaviour import Behaviour, Done
@@ -28,6 +29,7 @@ from services.robot_recorder.errors import (
     OperatorsOrder,
     RecordingOver,
     RecordingRuns,
+    StillWorking,
 )
 
 _LAST_LOOK_S = 1.0
@@ -102,7 +104,7 @@ class Takes:
     def start(self, task_id: int, attempt: int) -> Take:
         """Record the attempt; returns once motion capture lists the recording and has shown robot and item.
         Done again, it waits for that again. Raises RequestError, NoAnswer, EvidenceError, DiskFull."""
-        with self._lock:
+        with self._alone():
             take = self.running
             if take is None:
                 take = self.running = self._begun(task_id, attempt)
@@ -111,6 +113,16 @@ class Takes:
                 raise RecordingRuns(said, task_id=take.attempt.task.id, attempt=take.attempt.task.attempt)
         take.recording.await_witness(self._works.item(take.attempt.task))
         return take
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Nobody waits here: who has it waits for the clock, which a thread that waits for a lock holds."""
+        if not self._lock.acquire(blocking=False):
+            raise StillWorking("a recording is being started or stopped: ask again")
+        try:
+            yield
+        finally:
+            self._lock.release()
 
     def _begun(self, task_id: int, number: int) -> Take:
         task = self._assigned(task_id, number)
@@ -150,7 +162,7 @@ class Takes:
     def stop(self, task_id: int, attempt: int, failure: str) -> Proof:
         """Finish and store the recording. Done again, it returns the same. Raises RequestError, BusError and
         EvidenceError."""
-        with self._lock:
+        with self._alone():
             take = self.running
             if take is not None and take.records(task_id, attempt):
                 ended = self._ended(take, failure)
@@ -163,10 +175,11 @@ class Takes:
 
     def _ended(self, take: Take, failure: str) -> Attempt:
         attempt, recording = take.attempt, take.recording
+        if self._orders.cancelled(attempt.task.nonce):
+            failure = failure or Cancelled("given up by an operator").message
+        # What fails here is asked for again: without it the proof would lack what the bin says.
+        attempt.journal.failure = failure or self._missing(take) or None
         try:
-            if self._orders.cancelled(attempt.task.nonce):
-                failure = failure or Cancelled("given up by an operator").message
-            attempt.journal.failure = failure or self._missing(take) or None
             if failure:
                 recording.note({"event": "execution_failed", **TaskFailed(failure).to_json()})
                 self._clock.wait_until(self._clock.now_s() + _LAST_LOOK_S, self._process.stop)
@@ -187,6 +200,10 @@ class Takes:
             self._works.behaviour(task).attend(done)
         except (EvidenceHole, NoAnswer, TakenOut) as error:
             return error.message
+        except EvidenceError:
+            # The file takes nothing more: what it holds is finished as it is.
+            self.close()
+            raise
         return ""
 
     def _wait(self, seconds: float) -> None:

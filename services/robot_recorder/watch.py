@@ -9,7 +9,7 @@ from typing import Any
 from rodeo.attempts.orders import Orders
 from rodeo.bus.messages import DaoEvent, Task
 from rodeo.dao import Participant
-from rodeo.errors import BusError, RemoteError
+from rodeo.errors import BusError, DiskFull, RemoteError
 from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
 from rodeo.runtime.process import Process
@@ -63,6 +63,8 @@ class Watch:
                 asked = self._look()
             except (BusError, RemoteError) as error:
                 self._process.not_ready(f"waiting for the organization: {error.message}")
+            except DiskFull as error:
+                self._process.not_ready(error.message)
             clock.wait_for(self._news.wake.is_set, stop, wall_s=_LOOK_WALL_S, resting=not asked)
 
     def _look(self) -> bool:
@@ -74,9 +76,9 @@ class Watch:
             self._body.emergency_stop(True)
         assigned = self._dao.tasks(state="assigned", executor=self._dao.name)
         charge = self._charges.look()
+        self._report(assigned)
         if standing.charge and charge is not None:
             self._orders.charge_bought()
-        self._report(assigned)
         if unfit := self._body.unfit():
             self._process.not_ready(unfit)
         else:

@@ -51,8 +51,13 @@ class Pending:
         self.answered.set()
 
 
+def code(pending: Pending) -> str:
+    assert pending.answered.wait(HANG_S)
+    return "".join(one.code for one in pending.response.problem)
+
+
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> Any:
+def served(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Any:
     register()
     handlers: list[Any] = []
     endpoint: Any = type("Endpoint", (), {"close": lambda self: None})()
@@ -61,13 +66,21 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Any:
     )
     node: Any = type("Keeper", (), {"keep": lambda self, one: one})()
 
-    def ask(clock: Any, answer: Any, **fields: Any) -> Pending:
+    def serve(clock: Any, answer: Any) -> Any:
         interface = recorder()[topics.STOP_RECORDING.key]
         service = services.HeldService(node, "stop_recording", interface, clock, answer)
+        request.addfinalizer(service.close)
+        return handlers[-1]
+
+    return serve
+
+
+@pytest.fixture
+def asked(served: Any) -> Any:
+    def ask(clock: Any, answer: Any, **fields: Any) -> Pending:
         pending = Pending(clock, **fields)
-        handlers[-1](pending)
+        served(clock, answer)(pending)
         assert pending.answered.wait(HANG_S)
-        service.close()
         return pending
 
     return ask
@@ -79,6 +92,30 @@ def test_the_clock_is_held_from_a_request_to_its_answer(asked: Any) -> None:
     assert pending.response.missing == "task 7"
     # Without a gap: the thread that answers holds it before what held it on arrival lets go.
     assert clock.told[:4] == ["hold begins", "acting begins", "hold ends", "answered"]
+
+
+def test_what_arrives_while_it_works_does_not_hold_the_clock(served: Any) -> None:
+    """The work may wait for the clock, which then waits for nobody else."""
+    clock, goes_on, worked = HeldClock(), threading.Event(), []
+
+    def work(said: Any) -> Any:
+        worked.append(said.task_id)
+        assert goes_on.wait(HANG_S)
+        return {"missing": "nothing"}
+
+    take = served(clock, work)
+    same = [Pending(clock, task_id=7, attempt=1) for _ in range(services.MOST_ASKING)]
+    others = [Pending(clock, task_id=8, attempt=1), Pending(clock, task_id=7, attempt=1)]
+    for one in [*same, *others]:
+        take(one)
+    assert [code(one) for one in others] == ["still_working"] * 2
+    assert clock.told.count("hold begins") == 1 and not any(one.answered.is_set() for one in same)
+    goes_on.set()
+    assert all(one.answered.wait(HANG_S) for one in same)
+    assert {one.response.missing for one in same} == {"nothing"} and worked == [7]
+    last = Pending(clock, task_id=8, attempt=1)
+    take(last)
+    assert last.answered.wait(HANG_S) and worked == [7, 8]
 
 
 @pytest.mark.parametrize(
