@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
-from rodeo.site.topics import TOPICS, Plane
+from rodeo.site.topics import NODE, TOPICS, Plane
 from rodeo.text.site_problems import Place, close
+
+_FIXED = {
+    one.key.partition("/")[0]
+    for one in TOPICS
+    if one.plane is Plane.ROBOT and ("{" in one.key or "/" not in one.key)
+}
+"""First parts of the lab's own names in ROS 2 below which bodies and nodes write. Its single service is not
+among them: `lab` is what an organization is called."""
 
 
 def ros_name(name: str) -> str:
@@ -22,6 +30,9 @@ class _Named(Protocol):
 class _Robot(_Named, Protocol):
     @property
     def namespace(self) -> str: ...
+
+    @property
+    def mind(self) -> str | None: ...
 
 
 class _Owner(Protocol):
@@ -39,23 +50,39 @@ def faults(
     participants: Sequence[_Named],
     furniture: Sequence[_Named],
 ) -> Iterator[tuple[Place, str]]:
-    """Where `[[ros]]` of a site file is wrong, and why: names that ROS 2 refuses, or that two would have
-    there, and participants whom no owner's process may command."""
-    if not owners:
-        return
-    if why := _unusable(org) or _taken(org, robots, furniture):
+    """Where a site file gives names that ROS 2 refuses, or that two would have there, and where `[[ros]]`
+    lists participants whom no owner's process may command."""
+    for number, robot in enumerate(robots):
+        if robot.namespace.partition("/")[0] in _FIXED:
+            where = ("robots", number, "name" if robot.namespace == robot.name else "namespace")
+            yield where, f"the lab itself uses the name {robot.namespace} in ROS 2: write another namespace"
+    spoken = _spoken(owners, robots)
+    if spoken and (why := _unusable(org) or _taken(org, robots, furniture)):
         yield ("org",), why
-    known = [one.name for one in (*robots, *participants)]
-    first: dict[str, str] = {}
     for number, one in enumerate(owners):
         if one.owner in [other.owner for other in owners[:number]]:
             yield ("ros", number, "owner"), f'two processes speak ROS 2 for "{one.owner}": write one table'
-        for entry, name in enumerate(one.participants):
-            place = ("ros", number, "participants", entry)
-            same = first.get(ros_name(name))
-            first.setdefault(ros_name(name), name)
-            if why := _refused(org, name, known, same):
-                yield place, why
+    known = [one.name for one in (*robots, *participants)]
+    first: dict[str, str] = {}
+    for place, name in spoken:
+        same = first.get(ros_name(name))
+        first.setdefault(ros_name(name), name)
+        if why := _refused(org, name, known, same):
+            yield place, why
+
+
+def _spoken(owners: Sequence[_Owner], robots: Sequence[_Robot]) -> list[tuple[Place, str]]:
+    """Participants that have nodes, and where the file says so: those that owners list, and minds."""
+    found: list[tuple[Place, str]] = [
+        (("ros", number, "participants", entry), name)
+        for number, one in enumerate(owners)
+        for entry, name in enumerate(one.participants)
+    ]
+    for number, robot in enumerate(robots):
+        mind = (robot.mind or "").removeprefix(f"{NODE}.")
+        if mind and mind not in [name for _, name in found]:
+            found.append((("robots", number, "mind"), mind))
+    return found
 
 
 def _refused(org: str, name: str, known: list[str], same: str | None) -> str:
@@ -86,7 +113,6 @@ def _taken(org: str, robots: Sequence[_Robot], furniture: Sequence[_Named]) -> s
     own = ros_name(org)
     if own in [robot.namespace.partition("/")[0] for robot in robots]:
         return f"the organization {org} is {own} in ROS 2, like the namespace of a robot: rename one"
-    fixed = {one.key.partition("/")[0] for one in TOPICS if one.plane is Plane.ROBOT and "{" in one.key}
-    if own in {*(one.name for one in furniture), *fixed}:
+    if own in {*(one.name for one in furniture), *_FIXED}:
         return f"the organization {org} is {own} in ROS 2, a name that the lab itself uses there: rename one"
     return ""

@@ -457,6 +457,9 @@ PEOPLE = "".join(f'[[participants]]\nname = "{name}"\n' for name in NAMES)
         ("", '["set-entity-state"]', "the lab itself has a service of this name in ROS 2"),
         ('org = "panther1"\n', '["alice"]', "panther1 in ROS 2, like the namespace of a robot: rename one"),
         ('org = "mocap"\n', '["alice"]', "a name that the lab itself uses there: rename one"),
+        ('org = "tf"\n', '["alice"]', "a name that the lab itself uses there: rename one"),
+        ('org = "rosout"\n', '["alice"]', "a name that the lab itself uses there: rename one"),
+        ('org = "clock"\n', '["alice"]', "a name that the lab itself uses there: rename one"),
         ('org = "itrash"\n', '["alice"]', "a name that the lab itself uses there: rename one"),
         ('org = "x--y"\n', '["alice"]', "ROS 2 takes no name with two underscores in a row"),
     ],
@@ -474,6 +477,26 @@ def test_two_names_that_are_the_same_in_ros_are_an_error(said: Said) -> None:
     found = said(PEOPLE + robots + "".join(tables))
     assert len(found) == 1 and "a_b and a-b are both a_b in ROS 2" in found[0]
     assert said(PEOPLE + robots) == []
+
+
+def test_a_mind_has_the_same_name_in_ros_as_nobody_else(said: Said) -> None:
+    """It would have the parameters of the other one's nodes."""
+    head = "clock.speed = 1\nclock.idle_speed = 1\n"
+    robots = [
+        f'[[robots]]\nname = "{name}"\npose = {{ x_m = {x_m}, y_m = 1.3 }}\nmind = "node.{mind}"\n'
+        for name, x_m, mind in (("a_b", 1.4, "a_b"), ("other", 3.4, "a-b"))
+    ]
+    found = said(head + PEOPLE + "".join(robots))
+    assert [one for one in found if "a-b and a_b are both a_b in ROS 2" in one]
+    found = said(f'{head}org = "x--y"\n{PEOPLE}{robots[0]}')
+    assert [one for one in found if "ROS 2 takes no name with two underscores in a row" in one]
+
+
+@pytest.mark.parametrize("namespace", ["tf", "rosout", "clock", "mocap/other", "parameter_events"])
+def test_no_robot_speaks_below_a_name_of_the_lab_itself(said: Said, namespace: str) -> None:
+    found = said(robot(f'name = "other"\nnamespace = "{namespace}"'))
+    assert len(found) == 1 and f"the lab itself uses the name {namespace} in ROS 2" in found[0]
+    assert said(robot(f'name = "other"\nnamespace = "fleet/{namespace}"')) == []
 
 
 def test_one_owner_has_one_process(said: Said) -> None:
