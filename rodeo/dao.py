@@ -99,15 +99,20 @@ def dock_offers(offers: list[Offer], site: Site) -> dict[str, Offer]:
     return {dock.name: one for dock, one in zip(site.docks, live, strict=False)}
 
 
-def acceptance(task: Task) -> AcceptTask:
+def numbered(request_id: str, number: int) -> str:
+    """The ID of a request sent for the `number`th time: one whose transaction failed keeps that answer."""
+    return request_id if number == 1 else f"{request_id}-{number}"
+
+
+def acceptance(task: Task, number: int = 1) -> AcceptTask:
     """The command by which its executor agrees to do an assigned task."""
-    request_id = f"accept-{task.id}-{task.attempt}-{task.nonce}"
+    request_id = numbered(f"accept-{task.id}-{task.attempt}-{task.nonce}", number)
     return AcceptTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
 
 
-def abandonment(task: Task) -> AbandonTask:
+def abandonment(task: Task, number: int = 1) -> AbandonTask:
     """The command by which its executor gives it back."""
-    request_id = f"abandon-{task.id}-{task.attempt}-{task.nonce}"
+    request_id = numbered(f"abandon-{task.id}-{task.attempt}-{task.nonce}", number)
     return AbandonTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
 
 
@@ -292,14 +297,14 @@ class Participant:
             )
         return service
 
-    def accept_task(self, task: Task) -> None:
+    def accept_task(self, task: Task, number: int = 1) -> None:
         """Agree to do an assigned task; nothing where this participant has agreed before."""
         if not task.accepted:
-            self.command("accept_task", acceptance(task))
+            self.command("accept_task", acceptance(task, number))
 
-    def abandon_task(self, task: Task) -> None:
+    def abandon_task(self, task: Task, number: int = 1) -> None:
         """Give an assigned task back."""
-        self.command("abandon_task", abandonment(task))
+        self.command("abandon_task", abandonment(task, number))
 
     def raise_reward(self, task_id: int, reward_iec: Decimal) -> int:
         """Post an open task of one's own again for more; returns its new ID. Done again it gives the same."""
@@ -314,12 +319,12 @@ class Participant:
         self.command("set_payout", validate(SetPayout, {"payout": payout, "provider": provider}))
 
     def submit_proof(
-        self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None
+        self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None, number: int = 1
     ) -> None:
         """`nonce` is that of the assignment that was worked on: another one refuses the proof. Raises
         InvalidRequest, too."""
         request = {
-            "request_id": f"proof-{task_id}-{attempt}-{sha256}",
+            "request_id": numbered(f"proof-{task_id}-{attempt}-{sha256}", number),
             "task_id": task_id,
             "attempt": attempt,
             "proof_sha256": sha256,

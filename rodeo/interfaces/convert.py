@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from functools import cache
@@ -18,9 +17,11 @@ from rodeo.interfaces.package import kind_message, kind_models, params_fields
 from rodeo.interfaces.problem import problem_of
 from rodeo.money.currency import IEC, Currency
 from rodeo.ros2 import types
-from rodeo.text.strict_json import encode
+from rodeo.text.strict_json import encode, read_json
 
 _NUMBERS = {"int64": np.int64, "float64": np.float64, "bool": np.bool_}
+_MOST_TEXT, _MOST_DIGITS = 80, 60
+"""Characters of an amount, and its digits before or after the point: 1e9999999999 would fill the memory."""
 _PARAMS = f"{PACKAGE}/msg/TaskParams"
 
 
@@ -125,12 +126,9 @@ def _read(field: Field, value: Any) -> Any:
 def _json(name: str, text: str) -> dict[str, Any]:
     """Raises InvalidRequest."""
     try:
-        read = json.loads(text or "{}")
+        return read_json((text or "{}").encode())
     except ValueError as error:
-        raise InvalidRequest(f"{name} is not JSON", fields={name: str(error)}) from error
-    if not isinstance(read, dict):
-        raise InvalidRequest(f"{name} is not a JSON object", fields={name: "not an object"})
-    return read
+        raise InvalidRequest(f"{name} is no JSON object", fields={name: str(error)}) from error
 
 
 def _amount(field: Field, sent: Any, currency: Currency) -> Any:
@@ -145,9 +143,9 @@ def _amount(field: Field, sent: Any, currency: Currency) -> Any:
         said = set()
         try:
             if in_iec:
-                said.add(Decimal(in_iec[number]))
+                said.add(_decimal(in_iec[number]))
             if in_wei:
-                said.add(currency.from_units(int(in_wei[number])))
+                said.add(currency.from_units(int(_decimal(in_wei[number], whole=True))))
         except (InvalidOperation, ValueError) as error:
             raise InvalidRequest(
                 "not an amount: decimal text", fields={field.name: "decimal text, or whole wei"}
@@ -158,6 +156,16 @@ def _amount(field: Field, sent: Any, currency: Currency) -> Any:
     if field.count is Count.MANY:
         return amounts
     return amounts[0] if amounts else None
+
+
+def _decimal(text: str, whole: bool = False) -> Decimal:
+    """Raises ValueError and InvalidOperation."""
+    amount = Decimal(text) if len(text) <= _MOST_TEXT else None
+    if amount is None or not amount.is_finite() or abs(amount.adjusted()) > _MOST_DIGITS:
+        raise ValueError("no amount of money")
+    if whole and not text.isdecimal():
+        raise ValueError("not a whole number")
+    return amount
 
 
 def _disagree(field: Field) -> InvalidRequest:

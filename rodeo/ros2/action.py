@@ -237,8 +237,10 @@ class ActionClient:
         except ServiceTimeout:
             return True
 
-    def follow(self, goal_id: bytes) -> ClientGoal:
-        """A goal that the server has already."""
+    def follow(self, goal_id: bytes, feedback: Callable[[Any], None] | None = None) -> ClientGoal:
+        """A goal that the server has already. `feedback` runs in Zenoh's receiving thread."""
+        if feedback is not None:
+            self._feedback_callbacks[goal_id] = feedback
         return ClientGoal(self, goal_id, self._clock)
 
     def send_goal(
@@ -281,14 +283,15 @@ class ActionClient:
             response = self._wait_for_result(request, arrived)
         finally:
             self._feedback_callbacks.pop(goal_id, None)
-        status = GoalStatus(response.status)
+        status = response.status
         if status == GoalStatus.SUCCEEDED:
             return response.result
         if status == GoalStatus.ABORTED:
             raise GoalAborted(f"{self.name} aborted", response.result, action=self.name)
         if status == GoalStatus.CANCELED:
             raise GoalCanceled(f"{self.name} was cancelled", response.result, action=self.name)
-        raise ActionServerLost(f"{self.name} no longer knows the goal", action=self.name, status=status.name)
+        said = "UNKNOWN" if status == GoalStatus.UNKNOWN else str(status)
+        raise ActionServerLost(f"{self.name} no longer knows the goal", action=self.name, status=said)
 
     def _wait_for_result(self, request: Any, arrived: Callable[[], object]) -> Any:
         """The open query ends without an answer when server or router go away; then ask again."""

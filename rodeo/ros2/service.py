@@ -74,8 +74,10 @@ class PendingRequest:
 
     @property
     def request_id(self) -> str:
-        """The client's own number of this request, which no other request has."""
-        return f"ros-{self._attachment.gid.hex()}-{self._attachment.sequence}"
+        """The client's own number of this request and when it was sent: other clients may have the same
+        identity, and a client that starts again counts from 1 again."""
+        sequence, sent_ns, gid = self._attachment
+        return f"ros-{gid.hex()}-{sequence}-{sent_ns}"
 
     def respond(self, response: Any) -> None:
         attachment = wire.Attachment(self._attachment.sequence, time.time_ns(), self._attachment.gid)

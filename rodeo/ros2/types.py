@@ -250,9 +250,12 @@ def deserialize(cdr: bytes, typename: str) -> Any:
 _Time, _Duration = msg("builtin_interfaces/msg/Time"), msg("builtin_interfaces/msg/Duration")
 
 
+_FIRST_NS, _LAST_NS = -(2**31) * 10**9, 2**31 * 10**9 - 1
+
+
 def time_message(time_ns: int) -> Any:
-    """builtin_interfaces/msg/Time."""
-    return _Time(*sec_nanosec(time_ns))
+    """builtin_interfaces/msg/Time, which ends in 2038: later times are its last."""
+    return _Time(*sec_nanosec(max(_FIRST_NS, min(time_ns, _LAST_NS))))
 
 
 def duration_message(duration_ns: int) -> Any:

@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import zenoh
-
 from rodeo.bus import queries
 from rodeo.bus.messages import LIVE_STATES, DaoEvent
 from rodeo.bus.queries import MAX_PAGE, Query
@@ -54,6 +52,8 @@ class Board:
         self._org = site.org
         self._currency = site.economy.currency
         self._on_event = on_event
+        self.problem = ""
+        """Why what is listed is not as it is now; empty if it is."""
         self._changed = threading.Event()
         self._stop = threading.Event()
         self._events: DaoEvents | None = None
@@ -86,11 +86,11 @@ class Board:
         self._thread.start()
 
     def _take(self, event: DaoEvent) -> None:
+        self._changed.set()
+        self._on_event(event)
         cdr = types.serialize(message(event, self._currency))
         for publisher in self._event_publishers:
             publisher.publish_cdr(cdr)
-        self._changed.set()
-        self._on_event(event)
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -99,13 +99,17 @@ class Board:
             try:
                 for listing in self._lists:
                     self._publish(listing)
+                self.problem = ""
             except (BusError, RemoteError) as error:
                 log.info("cannot list what there is: %s", error)
                 self._changed.set()
                 self._stop.wait(_RETRY_S)
-            except zenoh.ZError:
+            except Exception as error:
                 if not self._stop.is_set():
-                    raise
+                    log.exception("cannot publish what there is")
+                    self.problem = f"cannot publish what there is: {error}"
+                    self._changed.set()
+                    self._stop.wait(_RETRY_S)
             self._stop.wait(REFRESH_S)
 
     def _publish(self, listing: _Listing) -> None:

@@ -3,47 +3,35 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rodeo.bus import queries
 from rodeo.bus.messages import LIVE_STATES, DaoEvent, Task
 from rodeo.bus.session import validate
-from rodeo.dao import Participant, cancellation
+from rodeo.dao import Participant
 from rodeo.errors import DiskFull, RemoteError, RodeoError, TaskNotDone
 from rodeo.interfaces.actions import POSTED, TaskChanged, TaskEnded, task_fields
 from rodeo.interfaces.convert import message, request_of
 from rodeo.interfaces.problem import problem_of
 from rodeo.money.currency import Currency
-from rodeo.ros2.goals import GoalServer, GoalStatus, ServerGoal
+from rodeo.ros2.goals import GoalServer, GoalStatus
 from rodeo.ros2.node import Node
 from rodeo.ros2.service import PendingRequest
 from rodeo.site import topics
+from services.ros_dao.posted import Lost, PostedTasks
+from services.ros_dao.posting import Posting, TaskGoal
 from services.ros_dao.records import Record, Records
-from services.ros_dao.workers import RETRY_S, Busy, Follower, Workers, passes
+from services.ros_dao.workers import Busy, Follower, Workers, mined_in_vain, passes
 
 log = logging.getLogger(__name__)
 
-THREADS = 32
-"""Tasks that are being posted or cancelled at once."""
+CANCEL_THREADS, ANSWER_THREADS = 8, 2
+"""Tasks that are being cancelled at once, and goals that are being answered: who waits for the chain keeps
+nobody from an answer."""
+MOST_UNPOSTED = 256
+"""Goals that wait for their task to be posted; further ones are refused."""
 
 _TYPE = topics.ROS_CREATE_TASK.type
-
-
-class Lost(RodeoError):
-    """The task of a goal is not on this chain any more, so that nobody can tell how it ends."""
-
-
-class TaskGoal(ServerGoal):
-    """A goal with its file."""
-
-    def __init__(self, server: GoalServer, record: Record) -> None:
-        super().__init__(server, bytes.fromhex(record.goal_id), None, record.stamp_ns)
-        self.record = record
-        self.status = record.status
-        self.told: tuple[Any, ...] = ()
-        """What the last feedback said."""
 
 
 class TaskGoals(GoalServer):
@@ -66,13 +54,14 @@ class TaskGoals(GoalServer):
         follower: Follower,
     ) -> None:
         super().__init__(node, name, _TYPE)
-        self._participant = participant
         self._currency = currency
-        self._records = Records(folder)
+        self._tasks = PostedTasks(participant, Records(folder))
         self._follower = follower
-        self._workers = Workers(f"goals of {participant.name}", THREADS)
-        for record in self._records.load():
-            goal = TaskGoal(self, record)
+        self._posting = Posting(participant, self._tasks, follower, self._follow, self._end)
+        self._answers = Workers(f"answers of {participant.name}", ANSWER_THREADS)
+        self._cancels = Workers(f"cancels of {participant.name}", CANCEL_THREADS)
+        for record in self._tasks.records.load():
+            goal = TaskGoal(self, record, earlier=True)
             self._goals[goal.goal_id] = goal
             if record.ended is not None:
                 self._results[goal.goal_id] = self._message(record.ended, "Result")
@@ -81,10 +70,10 @@ class TaskGoals(GoalServer):
     def begin(self) -> None:
         """Carry on with the goals of an earlier run."""
         for goal in self._live():
-            if goal.record.task_id is None:
-                self._workers.submit(lambda goal=goal: self._post(goal))  # type: ignore[misc]
-            else:
+            if goal.record.task_id is not None:
                 self._follow(goal)
+            elif goal.earlier:
+                self._posting.later(goal)
 
     def on_event(self, event: DaoEvent) -> None:
         """To be called with each contract event."""
@@ -99,13 +88,14 @@ class TaskGoals(GoalServer):
         return [goal for goal in goals if isinstance(goal, TaskGoal) and not goal.status.ended]
 
     def close(self) -> None:
-        self._workers.close()
+        for one in (self._answers, self._cancels, self._posting):
+            one.close()
 
     # -- requests --------------------------------------------------------------------------------------
 
     def on_send_goal(self, pending: PendingRequest) -> None:
         try:
-            self._workers.submit(lambda: self._begin(pending))
+            self._answers.submit(lambda: self._begin(pending))
         except Busy as error:
             log.warning("%s: refused a goal: %s", self._name, error)
             self.respond_to_goal(pending, False, self._node.clock.now_ns())
@@ -113,104 +103,91 @@ class TaskGoals(GoalServer):
     def _begin(self, pending: PendingRequest) -> None:
         goal_id = pending.request.goal_id.uuid.tobytes()
         stamp_ns = self._node.clock.now_ns()
-        goal = TaskGoal(self, Record(goal_id=goal_id.hex(), stamp_ns=stamp_ns))
-        with self._lock:
-            # A client that asks again has its goal already.
-            new = self._goals.setdefault(goal_id, goal) is goal
+        record = Record(goal_id=goal_id.hex(), stamp_ns=stamp_ns)
         problem: RodeoError | None = None
-        if new:
-            try:
-                goal.record.request = _command(pending.request.goal, goal_id, self._currency)
-            except RodeoError as error:
-                problem = error
-            try:
-                self._records.save(goal.record)
-            except DiskFull as error:
-                log.error("%s: refused a goal: %s", self._name, error)
-                with self._lock:
-                    del self._goals[goal_id]
-                new = False
-        self.respond_to_goal(pending, new, stamp_ns)
-        if problem is not None and new:
-            self._end(goal, GoalStatus.ABORTED, problem)
-        elif new:
-            self.set_status(goal, GoalStatus.EXECUTING)
-            self._post(goal)
+        try:
+            record.request = _command(pending.request.goal, goal_id, self._currency)
+        except RodeoError as error:
+            problem = error
+        except Exception as error:
+            log.exception("%s: a goal cannot be read", self._name)
+            problem = RemoteError("internal", repr(error))
+        goal = TaskGoal(self, record)
+        accepted = self._take(goal)
+        self.respond_to_goal(pending, accepted, stamp_ns)
+        if not accepted:
+            return
+        if problem is not None:
+            self._follower.soon(goal_id, lambda: self._end(goal, GoalStatus.ABORTED, problem))
+            return
+        self.set_status(goal, GoalStatus.EXECUTING)
+        self._posting.now(goal)
+
+    def _take(self, goal: TaskGoal) -> bool:
+        """Write a new goal to disk; False where it cannot be taken. Who asks again has its goal already."""
+        with self._lock:
+            unposted = sum(one.record.task_id is None for one in self._live())
+            if unposted >= MOST_UNPOSTED or self._goals.setdefault(goal.goal_id, goal) is not goal:
+                return False
+        try:
+            self._tasks.records.save(goal.record)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the client gets an answer
+            log.error("%s: refused a goal: %s", self._name, error)
+            with self._lock:
+                del self._goals[goal.goal_id]
+            return False
+        return True
 
     def on_cancel(self, pending: PendingRequest) -> None:
         try:
-            self._workers.submit(lambda: self._cancel(pending))
+            self._cancels.submit(lambda: self._cancel(pending))
         except Busy as error:
             pending.fail(error)
 
     def _cancel(self, pending: PendingRequest) -> None:
         chosen = self.chosen(pending)
         live = [goal for goal in chosen if isinstance(goal, TaskGoal) and not goal.status.ended]
-        canceling = [goal for goal in live if self._cancel_task(goal)]
+        canceling = [goal for goal in live if self._take_back(goal)]
         with self._lock:
             for goal in canceling:
                 if not goal.status.ended:
                     self.set_status(goal, GoalStatus.CANCELING)
         self.respond_to_cancel(pending, chosen, canceling)
 
-    def _cancel_task(self, goal: TaskGoal) -> bool:
-        """Cancel the task of a goal, now or as soon as it is posted; whether that is possible."""
+    def _take_back(self, goal: TaskGoal) -> bool:
+        """Cancel the task of a goal, now or as soon as that can be done; whether it is possible."""
         record = goal.record
         record.canceling = True
-        self._records.save(record)
-        if record.task_id is None:
-            return True
         try:
-            command = cancellation(record.task_id, f"cancel-{record.goal_id}")
-            self._participant.command(command.declared.name, command)
+            self._tasks.records.save(record)
+            if record.task_id is not None:
+                self._tasks.cancel(record)
         except RodeoError as error:
-            log.info("%s: task %d is not cancelled: %s", self._name, record.task_id, error)
-            if not passes(error):
-                record.canceling = False
-                self._records.save(record)
+            log.info("%s: a task is not cancelled: %s", self._name, error)
+            if passes(error) and not isinstance(error, DiskFull):
+                self._follow(goal)
+                return True
+            record.canceling = False
+            self._follower.soon(b"cancel" + goal.goal_id, lambda: self._tasks.records.save(record))
             return False
         return True
 
     # -- the life of a goal ----------------------------------------------------------------------------
-
-    def _post(self, goal: TaskGoal) -> None:
-        """Post the task. Its request has the goal's ID: however often it is sent, there is one task."""
-        record = goal.record
-        while not self._workers.stop.is_set():
-            try:
-                _require_chain(self._participant, record)
-                self._records.save(record)
-                mined = self._participant.command(POSTED.declared.name, validate(POSTED, record.request))
-                record.task_id = mined.task_id
-                self._records.save(record)
-            except RodeoError as error:
-                if not passes(error):
-                    self._end(goal, GoalStatus.ABORTED, error)
-                    return
-                log.info("%s: cannot post a task yet: %s", self._name, error)
-                self._workers.stop.wait(RETRY_S)
-            else:
-                if record.canceling:
-                    self._cancel_task(goal)
-                self._follow(goal)
-                return
 
     def _follow(self, goal: TaskGoal) -> None:
         self._follower.soon(goal.goal_id, lambda: self._look(goal))
 
     def _look(self, goal: TaskGoal) -> None:
         """Tell what is new of the task, and how it ended. Raises what passes."""
-        task_id = goal.record.task_id
-        if goal.status.ended or task_id is None:
+        record = goal.record
+        if goal.status.ended or record.task_id is None:
             return
         try:
-            _require_chain(self._participant, goal.record)
-            task = self._participant.task(task_id)
-            transactions = list(dict.fromkeys(_transactions(self._participant, task_id)))
+            task, transactions = self._tasks.look(record)
         except (Lost, RemoteError) as error:
-            if passes(error):
+            if passes(error) and not mined_in_vain(error):
                 raise
-            lost = Lost("nobody can tell what became of the task", task_id=task_id, because=str(error))
+            lost = Lost("nobody can tell what became of the task", task_id=record.task_id, because=str(error))
             self._end(goal, GoalStatus.ABORTED, lost)
             return
         if (now := _news(task)) != goal.told:
@@ -219,6 +196,8 @@ class TaskGoals(GoalServer):
             self.publish_feedback(goal, self._message(changed, "Feedback"))
         if task.state not in LIVE_STATES:
             self._over(goal, task, transactions)
+        elif task.state == "open" and record.canceling:
+            self._tasks.cancel(record)
 
     def _over(self, goal: TaskGoal, task: Task, transactions: list[str]) -> None:
         problem, status = None, GoalStatus.SUCCEEDED
@@ -237,10 +216,10 @@ class TaskGoals(GoalServer):
     def _ended(self, goal: TaskGoal, status: GoalStatus, ended: TaskEnded) -> None:
         """Write the end to disk first, so that the result is the same after a restart."""
         goal.record.status, goal.record.ended = status, ended
-        self._records.save(goal.record)
+        self._tasks.records.save(goal.record)
         self.end(goal, status, self._message(ended, "Result"))
         with self._lock:
-            self._records.keep(self._goals)
+            self._tasks.records.keep(self._goals)
 
     def _message(self, model: Any, part: str) -> Any:
         return message(model, self._currency, f"{_TYPE}_{part}")
@@ -256,20 +235,3 @@ def _command(sent: Any, goal_id: bytes, currency: Currency) -> dict[str, Any]:
     fields = request_of(task_fields(), sent, currency)
     command = validate(POSTED, {**fields, "request_id": f"goal-{goal_id.hex()}"})
     return command.model_dump(mode="json", exclude_defaults=True)
-
-
-def _require_chain(participant: Participant, record: Record) -> None:
-    """Note the chain and the contracts to which the command goes. Raises Lost where those are others now."""
-    chain = participant.ask(queries.CHAIN)
-    now = f"{chain.genesis_hash} {chain.contracts.task_manager}"
-    record.chain = record.chain or now
-    if record.chain != now:
-        raise Lost("the task was posted on another chain", task_id=record.task_id, chain=record.chain)
-
-
-def _transactions(participant: Participant, task_id: int) -> Iterator[str]:
-    """Hash of the transaction of each event of the task."""
-    after = 0
-    while events := participant.ask(queries.EVENTS, task_id=task_id, after=after).events:
-        yield from (event.tx_hash for event in events)
-        after = events[-1].seq

@@ -107,5 +107,8 @@ class RosDao:
                     for goals in self._goals:
                         goals.begin()
                 begun = True
-                process.ready()
+                if self._board.problem:
+                    process.not_ready(self._board.problem)
+                else:
+                    process.ready()
             process.stop.wait(_LOOK_S)

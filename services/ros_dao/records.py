@@ -37,6 +37,8 @@ class Record(BaseModel):
     task_id: int | None = None
     canceling: bool = False
     """A client wants it cancelled."""
+    cancels: int = 1
+    """Number of the transaction that cancels it: those before have failed."""
     status: GoalStatus = GoalStatus.EXECUTING
     ended: TaskEnded | None = None
 

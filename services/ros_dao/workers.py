@@ -25,8 +25,13 @@ class Busy(RodeoError):
 
 
 def passes(error: RodeoError) -> bool:
-    """Whether only the bridge, the chain or the disk cannot now."""
-    return isinstance(error, BusError | DiskFull) or (isinstance(error, RemoteError) and error.passes)
+    """Whether only the bridge, the chain, the disk or this process cannot now."""
+    return isinstance(error, BusError | DiskFull | Busy) or (isinstance(error, RemoteError) and error.passes)
+
+
+def mined_in_vain(error: RodeoError) -> bool:
+    """Whether a transaction failed: the same request has this answer from now on."""
+    return error.code == "transaction_failed"
 
 
 class Workers:
@@ -79,10 +84,15 @@ class Follower:
             self._waiting[key] = work
             self._changed.notify()
 
+    def later(self, key: bytes, work: Callable[[], None]) -> None:
+        """The same, after about `RETRY_S`."""
+        with self._changed:
+            self._waiting[key] = work
+
     def _run(self) -> None:
         while not self._stop.is_set():
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._stop.is_set())
+                self._changed.wait_for(lambda: self._waiting or self._stop.is_set(), RETRY_S)
                 now, self._waiting = self._waiting, {}
             for key, work in now.items():
                 if not self._stop.is_set() and not self._done(work):

@@ -104,7 +104,18 @@ def test_an_amount_is_said_in_either_unit(said: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "said", [{"reward_iec": "100", "reward_wei": "1"}, {"reward_iec": "much"}, {"reward_wei": "1.5"}]
+    "said",
+    [
+        {"reward_iec": "100", "reward_wei": "1"},
+        {"reward_iec": "much"},
+        {"reward_wei": "1.5"},
+        {"reward_iec": "1e99999999"},
+        {"reward_iec": "1e-99999999"},
+        {"reward_iec": "1" + "0" * 99},
+        {"reward_iec": "inf"},
+        {"reward_iec": "sNaN"},
+        {"reward_wei": "9" * 99},
+    ],
 )
 def test_amounts_that_do_not_agree_or_are_none_are_refused(said: dict[str, str]) -> None:
     with pytest.raises(InvalidRequest) as caught:
@@ -128,6 +139,9 @@ def test_typed_parameters_are_those_of_the_kind() -> None:
         ("battery_charging", typed_params(waste_disposal=[place])),
         ("waste_disposal", typed_params(waste_disposal=[place], json="{}")),
         ("waste_disposal", typed_params(json="{")),
+        ("waste_disposal", typed_params(json="[" * 3000)),
+        ("waste_disposal", typed_params(json='{"a":' * 300 + "1" + "}" * 300)),
+        ("waste_disposal", typed_params(json=r'{"a": "\ud800"}')),
         ("waste_disposal", typed_params(json="[]")),
     ):
         with pytest.raises(InvalidRequest):

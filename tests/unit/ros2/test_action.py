@@ -25,7 +25,8 @@ from rodeo.ros2.errors import (
     Ros2Error,
 )
 from rodeo.ros2.node import Node
-from rodeo.ros2.wire import LATCHED
+from rodeo.ros2.service import PendingRequest, Service
+from rodeo.ros2.wire import LATCHED, Attachment
 from rodeo_testing.waiting import HANG_S
 from tests.support.site import free_port
 
@@ -287,3 +288,20 @@ def test_a_running_goal_survives_a_router_restart() -> None:
     assert handle.result(HANG_S).position == 0.021
     for session in (body, mind, router):
         session.close()
+
+
+def test_a_status_that_actions_do_not_have_loses_the_goal(make_node: MakeNode) -> None:
+    response = types.new(f"{GRIPPER}_GetResult_Response", status=9)
+    Service(make_node("body"), "gripper/_action/get_result", f"{GRIPPER}_GetResult", lambda _: response)
+    client = ActionClient(make_node("mind"), "gripper", GRIPPER)
+    with pytest.raises(ActionServerLost):
+        client.fetch_result(bytes(16))
+
+
+def test_requests_of_clients_with_one_identity_and_number_are_told_apart_by_their_time() -> None:
+    def request_id(sent_ns: int) -> str:
+        attachment = Attachment(1, sent_ns, bytes(16))
+        query: Any = None
+        return PendingRequest(query, "key", None, attachment, query).request_id
+
+    assert request_id(5) == request_id(5) != request_id(6)

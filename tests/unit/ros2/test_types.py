@@ -100,3 +100,9 @@ def test_a_type_is_made_ready_before_its_first_message() -> None:
     assert typename in types.STORE.cache
     with pytest.raises(UnknownType):
         types.prepare("sensor_msgs/msg/Nothing")
+
+
+@pytest.mark.parametrize(("time_ns", "sec"), [(2**31 * 10**9, 2**31 - 1), (-(2**40) * 10**9, -(2**31))])
+def test_a_time_that_the_message_cannot_hold_is_its_last_or_first(time_ns: int, sec: int) -> None:
+    message = types.time_message(time_ns)
+    assert types.deserialize(types.serialize(message), message.__msgtype__).sec == sec
