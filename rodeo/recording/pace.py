@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -29,6 +30,8 @@ _MOST = 1000
 """Messages of a publisher that are remembered, and over how long the last ones must have come."""
 _LASTED_S = 1.5
 _HEARD_S = 10.0
+_AGAIN_WALL_S = 600.0
+"""Wall time after which a topic that was good enough is heard again: its driver may have been restarted."""
 _SLACK = 1.1
 """Times the highest rate: a scheduler is not a metronome."""
 _AGAIN_SHARE = 0.15
@@ -58,8 +61,8 @@ class _Publisher:
 
 
 class Pace:
-    """Listens to each topic of the robot until it is known to be good enough. Of publishers that say the same
-    the one that was heard first counts, as it does for the recorder.
+    """Listens to each topic of the robot until it is known to be good enough, and again now and then. Of
+    publishers that say the same the one that was heard first counts, as it does for the recorder.
 
     Args:
         joints: those of the arm. Whoever says others only may say them as often as it likes.
@@ -69,21 +72,26 @@ class Pace:
     def __init__(
         self, node: Node, site: Site, robot: RobotConfig, clock: Clock, joints: tuple[str, ...], most: Limits
     ) -> None:
-        self._rates, self._clock, self._most = robot.rates, clock, most
+        self._node, self._rates, self._clock, self._most = node, robot.rates, clock, most
         self._joints = {name: name.encode() + b"\0" for name in joints}
         self._slack_s = stamp_slack_s(max(site.clock.speed, site.clock.idle_speed))
         self._publishers: dict[Topic, dict[bytes, _Publisher]] = {}
-        self._flows: dict[tuple[str, bytes], tuple[float, float]] = {}
+        self._flows: dict[tuple[Topic, bytes], tuple[float, float]] = {}
         """Topic and publisher -> messages and bytes in a second."""
         self._inputs: dict[Topic, Subscription] = {}
+        self._known_s: dict[Topic, float] = {}
+        """When it was known that a topic is good enough, on the wall's clock."""
         self._names: dict[Topic, str] = {}
         for topic in topics.ROBOT_STATE:
             if topic is not topics.POSE or not site.lab.mocap:
                 self._publishers[topic] = {}
                 self._names[topic] = topic.name(ns=robot.namespace)
-                self._inputs[topic] = node.raw_subscription(
-                    self._names[topic], topic.type, partial(self._on_message, topic), inline=True
-                )
+                self._listen(topic)
+
+    def _listen(self, topic: Topic) -> None:
+        self._inputs[topic] = self._node.raw_subscription(
+            self._names[topic], topic.type, partial(self._on_message, topic), inline=True
+        )
 
     def _on_message(self, topic: Topic, info: MessageInfo) -> None:
         with suppress(MalformedMessage):
@@ -109,16 +117,29 @@ class Pace:
     def misfit(self, now_s: float, work_s: float) -> str:
         """Why work of `work_s` cannot be proved with drivers that speak so; "" where it can, or is not known
         yet."""
-        for topic in [*self._inputs]:
-            known = False
-            for gid, publisher in self._publishers[topic].items():
-                found = self._of(topic, gid, publisher, publisher.since(now_s - _HEARD_S))
-                if found:
-                    return f"{self._names[topic]}: {found}"
-                known = known or found is not None
-            if known:
-                self._inputs.pop(topic).close()
+        for topic, name in self._names.items():
+            if topic in self._inputs:
+                if found := self._judged(topic, now_s):
+                    return f"{name}: {found}"
+            elif time.monotonic() - self._known_s[topic] >= _AGAIN_WALL_S:
+                self._listen(topic)
         return self._too_much(work_s)
+
+    def _judged(self, topic: Topic, now_s: float) -> str:
+        wanted = {*self._joints} if topic is topics.JOINT_STATES else {topic.key}
+        live: dict[bytes, _Publisher] = {}
+        for gid, publisher in self._publishers[topic].items():
+            if heard := publisher.since(now_s - _HEARD_S):
+                live[gid] = publisher
+            if found := self._of(topic, gid, publisher, heard):
+                return found
+            if found is not None:
+                wanted -= publisher.says
+        if not wanted:
+            self._inputs.pop(topic).close()
+            self._known_s[topic] = time.monotonic()
+            self._publishers[topic] = live  # who has gone counts no longer
+        return ""
 
     def _of(self, topic: Topic, gid: bytes, publisher: _Publisher, heard: list[_Heard]) -> str | None:
         """None where too little was heard."""
@@ -135,7 +156,7 @@ class Pace:
         if len(forward) < 2 or heard[-1].at_s - heard[0].at_s < _LASTED_S:
             return None
         hz = 1 / median(forward)
-        self._flows[self._names[topic], gid] = hz, hz * publisher.size_bytes
+        self._flows[topic, gid] = hz, hz * publisher.size_bytes
         if not publisher.says:
             return ""
         if len(forward) < (1 - _AGAIN_SHARE) * len(steps):
@@ -154,9 +175,12 @@ class Pace:
         return ""
 
     def _too_much(self, work_s: float) -> str:
+        for topic, gid in [*self._flows]:
+            if gid not in self._publishers[topic]:
+                del self._flows[topic, gid]
         if not self._flows:
             return ""
-        (name, _), (hz, _) = max(self._flows.items(), key=lambda one: one[1][1])
+        (topic, _), (hz, _) = max(self._flows.items(), key=lambda one: one[1][1])
         messages, size = (work_s * sum(one) for one in zip(*self._flows.values(), strict=True))
         if messages > self._most.messages:
             said = f"{messages:,.0f} messages, and a proof holds {self._most.messages:,}"
@@ -165,5 +189,6 @@ class Pace:
         else:
             return ""
         return (
-            f"{work_s:.0f} s of work are {said}; have the drivers publish less, first /{name} ({hz:.0f} Hz)"
+            f"{work_s:.0f} s of work are {said}; have the drivers publish less, first "
+            f"/{self._names[topic]} ({hz:.0f} Hz)"
         )

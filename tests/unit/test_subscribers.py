@@ -88,7 +88,7 @@ ROWS: dict[Call, str] = {
         "Receipts.__init__",
         "node.subscription(battery.name(ns=robot.namespace))",
     ): ONE,
-    ("rodeo/recording/pace.py", "Pace.__init__", "node.raw_subscription(self._names[topic])"): (
+    ("rodeo/recording/pace.py", "Pace._listen", "self._node.raw_subscription(self._names[topic])"): (
         ONE + "; of its publishers that say the same one is followed"
     ),
     ("rodeo/robot/recording.py", "Recording.__init__", "node.raw_subscription(name)"): (
