@@ -169,7 +169,10 @@ def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> N
     with (
         socket.create_server(("127.0.0.1", port)),
         subprocess.Popen(
-            [*RODEO, "up", "router"], env=environment(site_path), stdout=subprocess.PIPE, text=True
+            [*RODEO, "up", "--anyway", "router"],
+            env=environment(site_path),
+            stdout=subprocess.PIPE,
+            text=True,
         ) as command,
     ):
         line = line_with(command.stdout, "router down")
