@@ -317,7 +317,7 @@ def _play(demo: Demo) -> dict[str, Any]:
                 "waiting for offers of work and charging", lambda: _offered(bus, site.org) >= offers
             )
             before, supply_before = _wallets(bus, site.org)
-            stack.enter_context(DaoEvents(bus, site.org, lambda event: _on_event(demo, bus, event)))
+            stack.enter_context(DaoEvents(bus, site.org, lambda event: on_event(demo, bus, event)))
             with clock.hold():
                 soc = _soc(demo)
                 _post(demo, bus)
@@ -401,11 +401,19 @@ def _wallets(bus: Bus, org: str) -> tuple[dict[str, Decimal], Decimal]:
     return {one.name: one.balance_iec for one in told.wallets}, told.supply_iec
 
 
-def _on_event(demo: Demo, bus: Bus, event: DaoEvent) -> None:
+def on_event(demo: Demo, bus: Bus, event: DaoEvent) -> None:
+    """Read the task of an event again, and say what happened to it."""
     if event.task_id is None:
         return
     demo.events += 1
-    task = queries.ask(bus, demo.site.org, queries.TASK, id=event.task_id)
+    # An event is told once: where the bridge is started again meanwhile, its task is asked for again.
+    while True:
+        try:
+            task = queries.ask(bus, demo.site.org, queries.TASK, id=event.task_id)
+            break
+        except (BusError, RemoteError) as error:
+            if (isinstance(error, RemoteError) and not error.passes) or demo.stopped.wait(_LOOK_S):
+                raise
     demo.tasks[event.task_id] = task
     if sentence := _sentence(event, task):
         demo.say(f"task {event.task_id} [bold]{escape(sentence)}[/]")
