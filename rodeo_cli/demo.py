@@ -406,7 +406,7 @@ def on_event(demo: Demo, bus: Bus, event: DaoEvent) -> None:
     if event.task_id is None:
         return
     demo.events += 1
-    # An event is told once: where the bridge is started again meanwhile, its task is asked for again.
+    # An event comes once: where the bridge is started again meanwhile, its task is asked for again.
     while True:
         try:
             task = queries.ask(bus, demo.site.org, queries.TASK, id=event.task_id)

@@ -114,7 +114,7 @@ def test_nobody_waits_for_a_stop_that_waits_for_the_clock() -> None:
 
 
 def test_a_stop_that_could_not_hear_the_bin_is_asked_for_again() -> None:
-    """The recording goes on meanwhile: sealed without the bin's word, it would prove nothing."""
+    """The recording continues meanwhile: sealed without the bin's word, it would prove nothing."""
     room, away = Room(), [NoResponder("the bin is away")]
 
     def attend() -> None:
