@@ -157,6 +157,8 @@ def test_a_kind_that_people_judge_has_no_rules() -> None:
 
 
 BEHIND = {
+    "rodeo.site.minds": "who thinks for a robot",
+    "rodeo.site.ros_names": "names of nodes",
     "rodeo.host.budget": "how often somebody may ask",
     "rodeo.bus.session": "carries messages",
     "rodeo.chain.contracts.abi": "names of what is on chain",

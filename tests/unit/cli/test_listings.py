@@ -43,6 +43,7 @@ from tests.support.command import tree
 from tests.support.site import LAB, write_site
 
 ACTS = {
+    "rodeo ros2 session",
     "rodeo up", "rodeo down", "rodeo demo", "rodeo experiment paper",
     "rodeo experiment ablation",
     "rodeo site prepare", "rodeo kind new", "rodeo bin correct",

@@ -139,7 +139,16 @@ def test_the_shared_package_sends_commands_where_it_is_known_to() -> None:
     assert shared().keys() == {
         *(".offer_service", ".accept_task", ".abandon_task", ".raise_reward", ".submit_proof"),
         ".set_payout",
-        *(".conclude_rulings", "acceptance", "abandonment", "Executor", "judge", "DailyRoots", "Rulings"),
+        *(
+            ".conclude_rulings",
+            "acceptance",
+            "abandonment",
+            "cancellation",
+            "Executor",
+            "judge",
+            "DailyRoots",
+            "Rulings",
+        ),
     }
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rodeo.interfaces.package import register
 from rodeo.ros2 import definitions, plain, types
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.generate import generated
@@ -37,6 +38,7 @@ def test_it_writes_the_same_bytes() -> None:
 
 @pytest.mark.parametrize("typename", sorted({one.type for one in TOPICS if "/msg/" in one.type}))
 def test_an_empty_message_of_each_type_is_the_same_and_reads_back(typename: str) -> None:
+    register()
     cdr = types.serialize(types.new(typename))
     assert plain.serialize(plain.new(typename)) == cdr
     assert plain.deserialize(cdr, typename) == plain.new(typename)
