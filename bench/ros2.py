@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zenoh
 
 from bench.cpu import cpu_s
 from rodeo.bus import queries
@@ -30,6 +31,7 @@ from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import Bus
 from rodeo.commands.treasury import Transfer
 from rodeo.dao import Participant
+from rodeo.errors import RodeoError
 from rodeo.host.clock import WallClock
 from rodeo.interfaces.package import register
 from rodeo.ros2 import types, wire
@@ -200,7 +202,7 @@ class _Log:
             after = self.seen[-1] if self.seen else 0
             try:
                 answer = client.call(types.new(request, after=after), 5.0).answer
-            except Exception:
+            except (RodeoError, zenoh.ZError):
                 if not bus.session.is_closed():
                     raise
                 return

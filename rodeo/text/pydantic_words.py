@@ -159,8 +159,9 @@ _WORDS: dict[str, Callable[[Error, str], str]] = {
     "string_too_short": _text_length("at least", "min_length"),
     "list_type": _said("a list in [ ]"),
     "tuple_type": _said("a list in [ ]"),
-    "dict_type": _said("a table in { }"),
-    "model_type": _said("a table in { }"),
+    # What stands in place of a table may be a secret, such as an option of the store.
+    "dict_type": lambda _error, _unit: "write a table in { }",
+    "model_type": lambda _error, _unit: "write a table in { }",
     "too_short": _length("at least", "min_length"),
     "too_long": _length("at most", "max_length"),
     "enum": _choice,

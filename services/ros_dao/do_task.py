@@ -91,6 +91,7 @@ class Assignments:
                     log.info("cannot see what is assigned: %s", error)
                     self._stop.wait(RETRY_S)
                 except Exception:
+                    # The thread must outlive one answer: else nothing is offered any more.
                     log.exception("cannot offer what is assigned")
                     self._stop.wait(RETRY_S)
 
