@@ -90,7 +90,9 @@ class Organization:
     def _wait(self, found: Callable[[], Any], what: str) -> Any:
         with self._changed:
             assert self._changed.wait_for(found, self._wait_s), (
-                f"waited for {what}; the agent said:\n{self.running.log('robot_agent')}"
+                f"waited for {what}; events: {[(one.name, one.task_id) for one in self.events]}\n"
+                f"the oracle said:\n{self.running.log('oracle', 2_000)}\n"
+                f"the agent said:\n{self.running.log('robot_agent')}"
             )
             return found()
 
