@@ -22,10 +22,11 @@ from pydantic import BaseModel, ValidationError
 
 from rodeo.bus.messages import Task
 from rodeo.charging.orders import costliest_iec
-from rodeo.errors import InvalidRequest, RodeoError, wrong_fields
+from rodeo.errors import InvalidRequest, RodeoError
 from rodeo.lab.config import Pose2
 from rodeo.site.config import KindConfig, RateConfig, Site
 from rodeo.site.topics import ROBOT_STATE, Topic
+from rodeo.text.pydantic_words import wrong_fields
 
 GROUP = "rodeo.kinds"
 """Entry point group: kind -> its `Kind`."""
@@ -212,7 +213,7 @@ class Kind:
         try:
             self.params.model_validate(params)
         except ValidationError as error:
-            return wrong_fields(error)
+            return wrong_fields(error.errors(), self.params.model_fields)
         return {}
 
     def wrong_params(self, site: Site, params: Mapping[str, Any]) -> dict[str, str]:

@@ -13,6 +13,7 @@ from typer.models import ArgumentInfo, OptionInfo
 from rodeo.display.formatting import FIELD_ADVICE, number, phrase, span
 from rodeo.errors import RodeoError
 from rodeo.site.config import Site
+from rodeo.text.pydantic_words import MISSING
 
 _SENTENCES = {
     "not_creator": "only the task's creator may do this",
@@ -159,7 +160,7 @@ def _wrong(field: str, text: str, options: dict[str, str]) -> str:
         if "params" not in options:
             return f"{field}: {_lowered(text)}"
         option = f"--{root.replace('_', '-')}"  # a parameter of the task's kind
-    if text == "Field required":
+    if text == MISSING:
         value = option.lstrip("-").replace("-", "_").upper()
         return f"pass {option} {value}" if option.startswith("-") else f"give {option}"
     return f"{option}: {FIELD_ADVICE.get(root, _lowered(text))}"

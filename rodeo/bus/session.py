@@ -35,7 +35,6 @@ from rodeo.errors import (
     QueryTimeout,
     RemoteError,
     RodeoError,
-    wrong_fields,
 )
 from rodeo.host.budget import Bucket
 from rodeo.host.clock import Clock
@@ -43,6 +42,7 @@ from rodeo.host.metrics import REQUESTS
 from rodeo.site import topics
 from rodeo.site.endpoint import check_socket_folder
 from rodeo.site.tls import Identity
+from rodeo.text.pydantic_words import wrong_fields
 from rodeo.text.redaction import redacted_json
 from rodeo.text.strict_json import encode, read_json
 
@@ -109,7 +109,7 @@ def validate(model: type[Model], data: Any) -> Model:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        fields = wrong_fields(error)
+        fields = wrong_fields(error.errors(), model.model_fields)
         raise InvalidRequest(f"the request does not fit {model.__name__}", fields=fields) from error
 
 

@@ -22,6 +22,8 @@ _UNITS = {
 }
 """End of a setting's name -> its unit, and other units in which people may have meant a number."""
 
+MISSING = "is missing: write it"
+
 Error = Mapping[str, Any]
 
 
@@ -45,6 +47,18 @@ def plain(error: Error, field: str) -> str:
     if word is None:
         return str(error["msg"]).removeprefix("Value error, ")
     return word(error, _unit(field))
+
+
+def wrong_fields(errors: Iterable[Error], known: Iterable[str] = ()) -> dict[str, str]:
+    """Field -> what is wrong with it, of a request whose own fields are `known`."""
+    return {".".join(map(str, one["loc"])) or "(whole)": _of_request(one, known) for one in errors}
+
+
+def _of_request(error: Error, known: Iterable[str]) -> str:
+    named = next((step for step in reversed(error["loc"]) if isinstance(step, str)), "")
+    if error["type"] != "extra_forbidden":
+        return plain(error, named)
+    return f"no such field{close(named, known) if len(error['loc']) == 1 else ''}"
 
 
 def _unit(field: str) -> str:
@@ -137,7 +151,7 @@ def _said(what: str) -> Callable[[Error, str], str]:
 
 
 _WORDS: dict[str, Callable[[Error, str], str]] = {
-    "missing": lambda _error, _unit: "is missing: write it",
+    "missing": lambda _error, _unit: MISSING,
     "greater_than_equal": _limit("at least", "ge"),
     "greater_than": _limit("more than", "gt"),
     "less_than_equal": _limit("at most", "le"),

@@ -3,20 +3,21 @@
 # No postponed annotations: FastAPI reads those of functions that are made inside functions.
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import Body, Depends, FastAPI, Query, Request, Security
+from fastapi import Body, Depends, FastAPI, Header, Query, Request, Security
 from fastapi import Path as PathParameter
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from fastapi.sse import EventSourceResponse
 from pydantic import BaseModel, Field
 
 from rodeo.access.accounts import User
 from rodeo.access.errors import NotLoggedIn
-from rodeo.bus.messages import Kind, Task, TaskState
+from rodeo.bus.messages import DaoEvent, Kind, Task, TaskState
 from rodeo.errors import (
     BusUnavailable,
     ConfigError,
@@ -28,11 +29,13 @@ from rodeo.errors import (
 )
 from rodeo.evidence.errors import EvidenceError
 from rodeo.host.http import answer_with_problems, problem, problems
+from rodeo.text.pydantic_words import wrong_fields
 from rodeo.text.strict_json import Json
 from services.console.actions import ACTIONS, ORGANIZATION, Action
 from services.console.attempts import Attempt
 from services.console.attempts import attempts as attempts_of
 from services.console.errors import Forbidden
+from services.console.events import Place, Streams
 from services.console.pages.frame import Console
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
@@ -55,8 +58,11 @@ _STATUS_BY_CODE = {
     "robot_unavailable": 409,
     "insufficient_funds": 409,
     "request_id_reused": 409,
+    "unknown_event_id": 409,
+    "invalid_event_id": 422,
     "invalid_request": 422,
     "weak_passphrase": 422,
+    "too_many_streams": 429,
 }
 
 _PROBLEMS = problems(
@@ -68,6 +74,7 @@ _PROBLEMS = problems(
         409: "The organization refuses this in its present state",
         413: "The request is too large",
         422: "A field is wrong",
+        429: "The address sends too many requests, or the account reads too many streams",
         503: "The bridge does not answer; try again later",
         504: "No answer in time; check whether it happened before you try again",
     }
@@ -97,11 +104,11 @@ def make_api(console: Console) -> FastAPI:
 
     @api.exception_handler(RequestValidationError)
     async def refuse_fields(_request: Request, error: RequestValidationError) -> Response:
-        fields = {".".join(map(str, one["loc"])): one["msg"] for one in error.errors()}
-        return problem(422, "invalid_request", "a field is wrong", {"fields": fields})
+        return problem(422, "invalid_request", "a field is wrong", {"fields": wrong_fields(error.errors())})
 
     _questions_about_tasks(api, console, Caller)
     _questions_about_the_site(api, console, Caller)
+    _stream_of_events(api, console, bearer, Caller)
     for action in ACTIONS.values():
         _offer(api, console, action, Caller)
     return api
@@ -148,6 +155,58 @@ def _questions_about_tasks(api: FastAPI, console: Console, caller: Any) -> None:
     def proof(copy: Annotated[Path, Depends(_copy_of_proof(console, caller))]) -> FileResponse:
         """Its proof, a sealed recording."""
         return FileResponse(copy, filename=copy.name, media_type="application/octet-stream")
+
+
+def _stream_of_events(api: FastAPI, console: Console, bearer: HTTPBearer, caller: Any) -> None:
+    streams = Streams(console)
+
+    def place(
+        user: caller,
+        last_event_id: Annotated[
+            str | None,
+            Header(description="The id of the last event that you have read: the stream continues after it"),
+        ] = None,
+        after: Annotated[
+            int | None,
+            Query(
+                ge=0,
+                lt=2**63,
+                description="Begin after the event with this `seq`; 0 for the first one. By default only "
+                "new events are sent",
+            ),
+        ] = None,
+    ) -> Iterator[Place]:
+        with streams.admitted(user.name):
+            yield streams.start(last_event_id, after)
+
+    @api.get("/events", response_class=EventSourceResponse)
+    async def events(
+        start: Annotated[Place, Depends(place)],
+        credentials: Annotated[HTTPAuthorizationCredentials, Security(bearer)],
+        name: Annotated[
+            str | None,
+            Query(
+                pattern=r"^[A-Za-z]+(,[A-Za-z]+)*$",
+                max_length=500,
+                description="Names of events, separated by commas; by default all",
+            ),
+        ] = None,
+        task_id: Annotated[int | None, Query(ge=0, lt=2**63, description="Of this task only")] = None,
+    ) -> AsyncIterator[DaoEvent]:
+        """The contracts' events as they happen, as server-sent events.
+
+        The stream ends after some minutes. Read it again with the id of the last event in `Last-Event-ID`:
+        then you miss no event and get none twice. `EventUndone` says that a reorganization took one back."""
+        names = set(name.split(",")) if name else None
+
+        def is_wanted(event: DaoEvent) -> bool:
+            return (names is None or event.name in names) and task_id in (None, event.task_id)
+
+        def allowed() -> User:
+            return console.accounts.token_user(credentials.credentials)
+
+        async for one in streams.follow(start, is_wanted, allowed):
+            yield one  # type: ignore[misc]  # what FastAPI sends of a DaoEvent
 
 
 def _questions_about_the_site(api: FastAPI, console: Console, caller: Any) -> None:
