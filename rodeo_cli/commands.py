@@ -30,6 +30,10 @@ COMMANDS = {
         "verify:verify",
         "Run the oracle's checks on a proof here and now. Exit status 1 when one fails.",
     ),
+    "proof": (
+        "proofs:proofs",
+        "Export a proof for other people's tools, and draw it. The proof itself is only read.",
+    ),
     "classify": (
         "classify:classify",
         "Say what waste each photo shows, and which compartment of a bin of the site takes it.",

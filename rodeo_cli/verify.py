@@ -62,7 +62,7 @@ def verify(
     from services.oracle.chain_view import View
 
     loaded = Site.load(site)
-    known = View(None, []) if offline else _chain_view(site, file)
+    known = View(None, []) if offline else chain_view(site, file)
     report = verify_file(file, loaded, known.chain_record)
     task = known.chain_record and known.chain_record.task
     if task and task.rules_sha256 != report.rules_sha256:
@@ -70,8 +70,7 @@ def verify(
         known.warnings.append(
             f"the task is judged by the rules {named}; installed here are {report.rules_sha256}"
         )
-    for warning in known.warnings:
-        errors.print(f"[bold yellow]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
+    warn(known.warnings)
     if as_json:
         print_json(report.model_dump(mode="json") | {"warnings": known.warnings})
     else:
@@ -137,7 +136,12 @@ def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
     return f"{told}\n" + (escape(judged) or f"an auditor judges it: `rodeo task review {report.task_id}`")
 
 
-def _chain_view(site_path: Path, file: Path) -> View:
+def warn(warnings: list[str]) -> None:
+    for warning in warnings:
+        errors.print(f"[bold yellow]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
+
+
+def chain_view(site_path: Path, file: Path) -> View:
     """The running site's view of a proof; if no bridge answers, a warning about that."""
     from rodeo.dao import ORGANIZATION, Participant
     from services.oracle.chain_view import View, view

@@ -115,7 +115,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iter
 
 def before(reader: Reader, command: str) -> str:
     """What must have happened until here, and the command with what it leaves to the reader."""
-    if command.startswith("rodeo verify"):
+    if command.startswith(("rodeo verify", "rodeo proof")):
         proof = reader.wait_for(1, "settled", "failed", "ruled")["proof_uri"]
         return command.replace("var/lab/store/<sha256>.mcap", proof.removeprefix("file://"))
     if command.startswith("rodeo service offer"):
