@@ -68,7 +68,7 @@ class Propose(Command):
             return [desk.client.governance_calls.schedule(calls, self.description, salt, delay_s)]
         text = protected_text(self.description, desk.key_address)
         made = desk.client.governance_calls.proposal_id(calls, text)
-        if (number := desk.index.proposal_number(proposal_key(made))) is not None:
+        if (number := desk.index.votes.proposal_number(proposal_key(made))) is not None:
             # The governor identifies a proposal by its calls and its text, even after it has ended.
             raise AlreadyProposed(
                 "this account proposed the same before with the same words: change the words",
@@ -176,7 +176,7 @@ class HandOver(Command):
     def calls(self, desk: Desk) -> list[Call]:
         _require_timelock(desk)
         _require_no_votes(desk, "the members decide, and no key proposes in their place")
-        holders = desk.index.roles()
+        holders = desk.index.rules.roles()
         former = sorted({one for role in TimelockRole for one in holders.get(role, ())})
         to = desk.names.key_address(self.account)
         return desk.client.governance_calls.hand_over(former, to)
@@ -338,7 +338,7 @@ def _require_votes(desk: Desk) -> None:
 
 def _proposal(desk: Desk, number: int) -> Row:
     _require_timelock(desk)
-    found = desk.index.proposal(number)
+    found = desk.index.votes.proposal(number)
     if found is None:
         raise UnknownProposal("no such proposal", proposal=number)
     return found
@@ -347,7 +347,7 @@ def _proposal(desk: Desk, number: int) -> Row:
 def _budget_vote(desk: Desk, number: int, state: str) -> Row:
     """A budget vote in which members vote still (`open`), or no more (`ended`)."""
     _require_votes(desk)
-    row = desk.index.budget_vote(number)
+    row = desk.index.votes.budget_vote(number)
     if row is None:
         raise UnknownBudgetVote(
             "no such budget vote; `rodeo organization budget-votes` lists them", budget_vote=number

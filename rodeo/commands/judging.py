@@ -240,9 +240,9 @@ class RemoveJudge(Command):
     kind: Kind = Field(description="The kind of task.", examples=["window_cleaning"])
 
     def calls(self, desk: Desk) -> list[Call]:
-        present, numbers = desk.index.number_of(self.kind), desk.index.numbers()
+        present, numbers = desk.index.rules.number_of(self.kind), desk.index.rules.numbers()
         if not present:
-            raise UnknownKind("this kind never had a judge", kind=self.kind, known=desk.index.kinds())
+            raise UnknownKind("this kind never had a judge", kind=self.kind, known=desk.index.rules.kinds())
         # The kind may have had another judge between two numbers of this one, under which tasks still run.
         judge = numbers[present]["judge"]
         others = [
@@ -317,7 +317,7 @@ class UnseatJudge(Command):
 
     def calls(self, desk: Desk) -> list[Call]:
         bit = _judges_bit(desk, self.judge)
-        quorums = {row["kind"]: desk.client.quorum(row["kind"]) for row in desk.index.all_kinds()}
+        quorums = {row["kind"]: desk.client.quorum(row["kind"]) for row in desk.index.rules.all_kinds()}
         calls = [
             _quorum_call(desk, kind, now.votes, now.seats & ~bit, now)
             for kind, now in quorums.items()
@@ -582,7 +582,7 @@ class SignVote(Message):
 
 def _judge_of(desk: Desk, task: Row) -> tuple[str, bool]:
     """The contract that judged the kind when the task was posted, and whether it was removed."""
-    number = desk.index.numbers()[task["number"]]
+    number = desk.index.rules.numbers()[task["number"]]
     return number["judge"], number["removed"]
 
 
@@ -638,7 +638,7 @@ def _quorum_call(
 
 def _judges_key(desk: Desk, who: str) -> str:
     """Address with which a judge votes, who is named, or `who` itself. Raises UnknownParticipant."""
-    keys = {row["name"]: row["key"] for row in desk.index.judges()}
+    keys = {row["name"]: row["key"] for row in desk.index.rules.judges()}
     known = keys.get(who)
     if known is None and not is_address(who):
         raise UnknownParticipant("no such judge", who=who, known=sorted(filter(None, keys)))
@@ -662,7 +662,7 @@ def _staked(desk: Desk, who: str) -> tuple[ChecksumAddress, int]:
     """Committee and seat of a judge: of an oracle, or of a participant who decides about challenges.
     Raises UnknownParticipant."""
     key = desk.names.keys.get(who, who)
-    if who not in {row["name"] for row in desk.index.judges()} and is_address(key):
+    if who not in {row["name"] for row in desk.index.rules.judges()} and is_address(key):
         for committee in desk.client.deployment.committees[1:]:
             if (judge := desk.client.seat(key, committee)) is not None:
                 return desk.client.deployment.address(committee), judge.number

@@ -154,7 +154,7 @@ class AllowKind(Command):
             return [*found, calls.disallow_kind(self.kind)]
         # Last, so that nobody posts such a task before its rules hold.
         judge = _judge_for(desk, self.kind, self.judge)
-        kept = desk.index.rules(self.kind, judge)
+        kept = desk.index.rules.of(self.kind, judge)
         rules = self.rules_sha256 or next(reversed(kept), NO_RULES)
         if self.judge == "oracle" and rules == NO_RULES:
             raise KindWithoutRules(
@@ -166,7 +166,7 @@ class AllowKind(Command):
     def _windows(self, desk: Desk) -> list[Call]:
         """What sets the kind's windows and reference price, where the command names any, or the kind has none
         and is allowed. What the command leaves out stays as it is."""
-        row, kind = desk.index.kind(self.kind), desk.kinds.get(self.kind)
+        row, kind = desk.index.rules.kind(self.kind), desk.kinds.get(self.kind)
         has_windows = row is not None and row["max_window_s"] > 0
         named = (
             *(self.min_window_s, self.max_window_s, self.grace_s),
@@ -398,14 +398,17 @@ class RevokeRole(Command):
 def _judge_for(desk: Desk, kind: str, judge: str) -> str:
     """The address of the contract that judges `kind` from now on. Where oracles judge it already, theirs
     stays, however many they are by now. Raises KindWithoutQuorum."""
-    deployment, present = desk.client.deployment, desk.index.numbers().get(desk.index.number_of(kind))
+    deployment, present = (
+        desk.client.deployment,
+        desk.index.rules.numbers().get(desk.index.rules.number_of(kind)),
+    )
     if present is not None and desk.names.judge(present["judge"]) == judge:
         return str(present["judge"])
     if judge == "auditor":
         return deployment.address("AuditorJudge")
     if judge != "oracle":
         return to_checksum_address(judge)
-    if not desk.index.judges():
+    if not desk.index.rules.judges():
         return deployment.address("OracleJudge")
     if not desk.client.quorum(kind).votes:
         raise KindWithoutQuorum(

@@ -79,7 +79,7 @@ class Relay(Command):
         task_id = getattr(said, "task_id", None)
         if not isinstance(said, signed_requests.SubmitProof):
             return Subject(task_id)
-        task = desk.index.task(said.task_id)
+        task = desk.index.tasks.get(said.task_id)
         return Subject(task_id, said.attempt, None if task is None else task["nonce"])
 
 

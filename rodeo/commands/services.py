@@ -59,7 +59,7 @@ class RegisterService(Command):
 
     def _bond(self, desk: Desk) -> int:
         """What a new service has to lock, wei."""
-        return desk.currency.to_units(Decimal((desk.index.setting("terms") or {}).get("bond_iec", 0)))
+        return desk.currency.to_units(Decimal((desk.index.rules.setting("terms") or {}).get("bond_iec", 0)))
 
     def _max_bond(self, desk: Desk) -> int:
         """The highest bond that the new service agrees to lock, wei."""
@@ -78,7 +78,10 @@ class RegisterService(Command):
             raise AlreadyOffered(
                 f"{desk.participant} is offering {kind} already; its transaction is not mined yet", kind=kind
             )
-        offers, most = desk.index.offers(desk.address, kind), desk.names.most_offers(desk.participant, kind)
+        offers, most = (
+            desk.index.services.offers(desk.address, kind),
+            desk.names.most_offers(desk.participant, kind),
+        )
         if len(offers) >= most:
             service = offers[-1]
             raise AlreadyOffered(
@@ -116,7 +119,7 @@ class UpdateService(Command):
     )
 
     def calls(self, desk: Desk) -> list[Call]:
-        service = desk.index.service(self.service_id)
+        service = desk.index.services.get(self.service_id)
         if service is None:
             raise UnknownService("no such service", service_id=self.service_id)
         if self.state == "active":
@@ -130,7 +133,7 @@ class UpdateService(Command):
         if self.state is None:
             # As it is now is not as it is when this is executed, days later.
             raise InvalidRequest("a proposal names the state that the service has afterwards, too")
-        service = desk.index.service(self.service_id)
+        service = desk.index.services.get(self.service_id)
         if service is not None and service["provider"] != desk.client.organization:
             raise InvalidRequest(
                 "the organization does not offer this service, so it cannot change it",
@@ -323,4 +326,4 @@ class Vouch(Command):
 
 def _wake_up(desk: Desk) -> list[Call]:
     """What comes before an offer of a provider that let too many attempts pass without a proof."""
-    return [desk.client.calls.wake_up()] if desk.index.is_asleep(desk.address) else []
+    return [desk.client.calls.wake_up()] if desk.index.services.is_asleep(desk.address) else []

@@ -137,7 +137,7 @@ class RegisterTask(Command):
     def _service_of(self, desk: Desk) -> int:
         if self.service_id is None:
             return 0
-        service = desk.index.service(self.service_id)
+        service = desk.index.services.get(self.service_id)
         if service is not None and service["state"] == "retired":
             raise InvalidRequest(
                 "the task would wait indefinitely: this service was withdrawn for good",
@@ -153,7 +153,7 @@ class RegisterTask(Command):
         provider = desk.names.address(self.provider)
         if provider == desk.names.addresses[ORGANIZATION]:
             raise InvalidRequest("name one of the organization's services instead of the organization")
-        if not desk.index.offers(provider, self.kind):
+        if not desk.index.services.offers(provider, self.kind):
             raise ProviderWithoutService(
                 f"{self.provider} offers no {self.kind}", provider=provider, kind=self.kind
             )
@@ -162,7 +162,7 @@ class RegisterTask(Command):
     def _rules_of(self, desk: Desk) -> str:
         """Hash of the rules of a new task: named, so that none judge it that become current before it is
         mined."""
-        current, wanted = desk.index.rules(self.kind), self.rules_sha256
+        current, wanted = desk.index.rules.of(self.kind), self.rules_sha256
         if wanted is None:
             return next(reversed(current), NO_RULES)
         if wanted not in current:  # as far as the index knows, which may be a block behind
@@ -178,15 +178,17 @@ class RegisterTask(Command):
 
     def _require_affordable_service(self, desk: Desk, reward: int) -> None:
         if self.provider is not None:
-            offers = desk.index.offers(desk.names.address(self.provider), self.kind)
+            offers = desk.index.services.offers(desk.names.address(self.provider), self.kind)
             prices = [offer["price"] for offer in offers if offer["state"] == "active"]
             which = f"every service of {self.provider}"
         elif self.service_id is None:
             # Who names nobody is compared in levels, who names somebody exactly.
-            prices = [desk.currency.reward_for(price) for price in desk.index.active_prices(self.kind)]
+            prices = [
+                desk.currency.reward_for(price) for price in desk.index.services.active_prices(self.kind)
+            ]
             which = "every service of this kind"
         else:
-            service = desk.index.service(self.service_id)
+            service = desk.index.services.get(self.service_id)
             if service is None:
                 raise UnknownService("no such service", service_id=self.service_id)
             prices, which = [service["price"]], f"service {self.service_id}"
@@ -317,7 +319,7 @@ class RaiseReward(Command):
         return [desk.calls.cancel_task(self.task_id), *approval, post]
 
     def spends(self, desk: Desk) -> int:
-        task = desk.index.task(self.task_id)
+        task = desk.index.tasks.get(self.task_id)
         # An open task's reward comes back first. A cancelled one's came back before.
         back = task["reward"] if task is not None and task["state"] == "open" else 0
         return desk.currency.to_units(self.reward_iec) - int(back)
@@ -346,7 +348,7 @@ class SubmitProof(Command):
     def _proof_uri(self, desk: Desk) -> str:
         """Where the proof is, if it is for the assignment that the task has. Raises AssignmentChanged."""
         uri = desk.store.check(self.proof_uri)
-        task = desk.index.task(self.task_id)
+        task = desk.index.tasks.get(self.task_id)
         if self.nonce is not None and task is not None and task["nonce"] != self.nonce:
             raise AssignmentChanged(
                 "the proof belongs to an earlier assignment of this task",
@@ -357,7 +359,7 @@ class SubmitProof(Command):
         return uri
 
     def subject(self, desk: Desk) -> Subject:
-        task = desk.index.task(self.task_id)
+        task = desk.index.tasks.get(self.task_id)
         return Subject(self.task_id, self.attempt, self.nonce or (None if task is None else task["nonce"]))
 
     def to_sign(self, desk: Desk, nonce: int, deadline: int) -> Said:

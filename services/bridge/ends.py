@@ -99,21 +99,21 @@ class Ends:
         now_s = int(self._clock.now_s())
         wall_s = time.monotonic()
         index = attachment.chain.index
-        self._process.concern("verdicts", late_verdicts(index.late_verdicts(now_s)))
+        self._process.concern("verdicts", late_verdicts(index.tasks.late_verdicts(now_s)))
         here = {str(one.address): name for name, one in self._accounts().items() if name != ORGANIZATION}
         names = {str(one.address): name for name, one in self._accounts().items()}
-        self._process.concern("voids", many_voids(index.recent_voids(LAST_RULINGS), names.get))
-        own, next_s = own_rulings(index.unconcluded(), here, now_s)
+        self._process.concern("voids", many_voids(index.tasks.recent_voids(LAST_RULINGS), names.get))
+        own, next_s = own_rulings(index.tasks.unconcluded(), here, now_s)
         updates, update_s = due_updates(index, here, attachment.handback.can_do, now_s)
         matches, match_s = due_matches(index, here, attachment.handback.can_do, now_s)
         due: list[End | Update | Match] = [*own, *updates, *matches]
         ends_s = [next_s, update_s, match_s]
         if ORGANIZATION in self._threads:
             # Anyone may end a window; for the site the organization does.
-            due += [End(ORGANIZATION, "conclude", task_id) for task_id in index.concludable(now_s)]
-            due += [End(ORGANIZATION, "settle_stakes", *case) for case in index.settleable(now_s)]
-            due += [End(ORGANIZATION, "expire_task", task_id) for task_id in index.overdue(now_s)]
-            ends_s.append(index.next_end_s(now_s))
+            due += [End(ORGANIZATION, "conclude", task_id) for task_id in index.tasks.concludable(now_s)]
+            due += [End(ORGANIZATION, "settle_stakes", *case) for case in index.tasks.settleable(now_s)]
+            due += [End(ORGANIZATION, "expire_task", task_id) for task_id in index.tasks.overdue(now_s)]
+            ends_s.append(index.tasks.next_end_s(now_s))
         self._expiring = {end: retry_s for end, retry_s in self._expiring.items() if end in due}
         # Until it is mined, the index does not know of it.
         self._sent = {end: mined for end, mined in self._sent.items() if not mined.done()}
@@ -228,7 +228,7 @@ def late_verdicts(task_ids: Sequence[int]) -> str:
 def many_voids(
     recent: Mapping[str | None, tuple[int, Mapping[str, int]]], name: Callable[[str], str | None]
 ) -> str:
-    """Against whom too many of the last rulings tell, as `Index.recent_voids` counts; empty if nobody. `name`
+    """Against whom too many of the last rulings tell, as `Tasks.recent_voids` counts; empty if nobody. `name`
     is that of an address."""
     said = []
     for creator, (count, voids) in recent.items():

@@ -37,7 +37,7 @@ class HandBack:
     def due(self) -> list[tuple[str, str, Row]]:
         """(participant, why it cannot do it, task) of what is assigned to somebody who cannot do it."""
         found: list[tuple[str, str, Row]] = []
-        for task in self._index.in_state("assigned"):
+        for task in self._index.tasks.in_state("assigned"):
             name = self._names.name(task["executor"])
             if name is not None and name in self._participants:
                 reason = self._names.cannot_do(name, task["kind"])
@@ -54,7 +54,7 @@ class HandBack:
 
     def _perform(self, wallet: Wallet, reason: str, task: Row) -> None:
         log.error("returning the task: %s", reason, extra={"task": task["id"]})
-        service = self._index.service(task["service_id"])
+        service = self._index.services.get(task["service_id"])
         if service is not None and service["state"] == "active":
             _done(wallet, "update_service", {"service_id": service["id"], "state": "paused"})
         attempt = {"task_id": task["id"], "attempt": task["attempt"]}

@@ -47,7 +47,7 @@ def due_updates(
 ) -> tuple[list[Update], float | None]:
     """What `here` (address -> name) send now, and when the next is due. `can_do(name, kind)`: whether a
     participant can do such work."""
-    providers, engaged = index.providers(), index.engaged()
+    providers, engaged = index.services.providers(), index.services.engaged()
     due: list[Update] = []
     ends_s: list[float] = []
 
@@ -58,7 +58,7 @@ def due_updates(
         ends_s.append(until_s)
         return False
 
-    for service in index.idle():
+    for service in index.services.idle():
         if service["place"]:
             continue
         name, provider = here.get(service["provider"]), providers[service["provider"]]
@@ -69,7 +69,7 @@ def due_updates(
         elif service["provider"] not in engaged and is_over(provider["rests_until"]):
             engaged.add(service["provider"])
             due.append(Update(name, service["id"], "active"))
-    for service in index.locked_bonds():
+    for service in index.services.locked_bonds():
         name = here.get(service["provider"])
         if name is not None and is_over(providers[service["provider"]]["bond_locked_until"]):
             due.append(Update(name, service["id"], "retired"))
@@ -98,16 +98,16 @@ def due_matches(
     """What `here` (address -> name) send now for their services that wait, and when the next is due. Where
     the contracts match by themselves they have done so after GRACE_S; then the services in line have their
     turns, GRACE_S each, so that of several bridges one sends."""
-    line = sorted((one for one in index.idle() if one["place"]), key=lambda one: int(one["place"]))
+    line = sorted((one for one in index.services.idle() if one["place"]), key=lambda one: int(one["place"]))
     waiting = [one for one in line if one["provider"] in here and can_do(here[one["provider"]], one["kind"])]
     if not waiting:
         return [], None
     anybody = (
         one
-        for one in index.in_state("open")
+        for one in index.tasks.in_state("open")
         if one["requested_service_id"] is None and one["requested_provider"] is None
     )
-    providers = index.providers()
+    providers = index.services.providers()
     due: list[Match] = []
     starts_s: list[float] = []
     for task in sorted(anybody, key=lambda one: int(one["id"])):

@@ -17,9 +17,10 @@ from rodeo.chain.deployment import Deployment
 from rodeo.site.config import BRIDGE, Site
 from services.bridge import schema
 from services.bridge.errors import IndexUnusable
-from services.bridge.index import NOWHERE, Index, Page, Row, sqlite_url
+from services.bridge.index import NOWHERE, Index, sqlite_url
 from services.bridge.names import Names
 from services.bridge.queries import task_json, transaction_json
+from services.bridge.reading import Page, Row
 
 _PAGE_ROWS = 500
 
@@ -76,11 +77,11 @@ def read(site: Site) -> tuple[list[Task], list[Transaction]]:
         return (
             [
                 Task.model_validate(task_json(row, names, deployment.currency))
-                for row in _all(lambda page: index.tasks({}, page, newest_first=False)[0])
+                for row in _all(lambda page: index.tasks.find({}, page, newest_first=False)[0])
             ],
             [
                 Transaction.model_validate(transaction_json(row, names))
-                for row in _all(lambda page: index.transactions(None, page)[0])
+                for row in _all(lambda page: index.money.transactions(None, page)[0])
             ],
         )
 

@@ -19,8 +19,8 @@ from rodeo.chain.proposals import BUDGET_CREDITS, SUPPORT, WHY, shares
 from rodeo.judging.verdicts import LAST_RULINGS, counted_voids
 from rodeo.text.strict_json import Json
 from services.bridge.chain import Chain
-from services.bridge.index import Page
 from services.bridge.names import ORGANIZATION, Names
+from services.bridge.reading import Page
 
 _OF_KIND = (
     "kind",
@@ -64,7 +64,10 @@ class OrganizationQueries:
         }
 
     def _committee_json(self, committee: str) -> Json:
-        judges, kinds = self._index.challenge_judges(committee), self._index.challenge_kinds(committee)
+        judges, kinds = (
+            self._index.rules.challenge_judges(committee),
+            self._index.rules.challenge_kinds(committee),
+        )
         return {
             "name": committee,
             "judges": [self._judge_json(row, self._names.name(row["key"])) for row in judges],
@@ -79,14 +82,14 @@ class OrganizationQueries:
 
     def _organization(self, _request: Request) -> Json:
         address = self._names.addresses[ORGANIZATION]
-        numbers, voids = self._index.numbers(), Counter[str]()
-        recent = self._index.recent_voids(LAST_RULINGS)
-        for by_fault in self._index.voids().values():
+        numbers, voids = self._index.rules.numbers(), Counter[str]()
+        recent = self._index.tasks.recent_voids(LAST_RULINGS)
+        for by_fault in self._index.tasks.voids().values():
             voids.update(by_fault)
         return {
             "address": address,
             "treasury_iec": self._iec(self._balances([address])[address]),
-            "policy": self._names.policy(self._index.setting("policy") or self._client.policy()),
+            "policy": self._names.policy(self._index.rules.setting("policy") or self._client.policy()),
             "kinds": [
                 {
                     **{key: row[key] for key in _OF_KIND},
@@ -94,23 +97,24 @@ class OrganizationQueries:
                     "judge_stake_iec": self._iec(row["judge_stake"]),
                     "reference_price_iec": self._iec(row["reference_price"]),
                 }
-                for row in self._index.all_kinds()
+                for row in self._index.rules.all_kinds()
             ],
-            "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
-            "auditors": self._names.judge(self._index.setting("auditors") or ZERO_ADDRESS),
-            "members_only": bool(self._index.setting("members_only")),
+            "terms": self._index.rules.setting("terms")
+            or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
+            "auditors": self._names.judge(self._index.rules.setting("auditors") or ZERO_ADDRESS),
+            "members_only": bool(self._index.rules.setting("members_only")),
             "suspended_providers": [
                 {"address": address, "name": self._names.name(address)}
-                for address, row in sorted(self._index.providers().items())
+                for address, row in sorted(self._index.services.providers().items())
                 if row["suspended"]
             ],
             "budgets": {
                 role: budget
                 for role in (Role.OPERATOR, Role.TREASURER)
-                if (budget := self._index.setting(f"budget {role}")) is not None and budget["period_s"]
+                if (budget := self._index.rules.setting(f"budget {role}")) is not None and budget["period_s"]
             },
-            "paused_until_s": self._index.setting("paused_until_s") or 0,
-            "judges": [self._judge_json(row, row["name"]) for row in self._index.judges()],
+            "paused_until_s": self._index.rules.setting("paused_until_s") or 0,
+            "judges": [self._judge_json(row, row["name"]) for row in self._index.rules.judges()],
             "committees": [self._committee_json(one) for one in self._deployment.committees[1:]],
             "voids": dict(voids),
             "many_voids": bool(counted_voids(*recent.get(None, (0, {})), of_a_creator=False)),
@@ -118,7 +122,7 @@ class OrganizationQueries:
             "delay_s": self._client.decision_delay_s() if self._deployment.has_timelock else 0,
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
-                for role, holders in self._index.roles().items()
+                for role, holders in self._index.rules.roles().items()
             },
             "contracts": self._deployment.contracts,
         }
@@ -134,7 +138,7 @@ class OrganizationQueries:
 
     def _proposals(self, request: Request) -> Json:
         wanted = validate(ProposalFilters, request.parameters)
-        rows, total = self._index.proposals(Page(wanted.limit, wanted.offset))
+        rows, total = self._index.votes.proposals(Page(wanted.limit, wanted.offset))
         return {"proposals": [self._proposal_json(row) for row in rows], "total": total}
 
     def _proposal_json(self, row: Mapping[str, Any]) -> Json:
@@ -171,7 +175,7 @@ class OrganizationQueries:
 
     def _budget_votes(self, request: Request) -> Json:
         wanted = validate(BudgetVoteFilters, request.parameters)
-        rows, total = self._index.budget_votes(Page(wanted.limit, wanted.offset), wanted.number)
+        rows, total = self._index.votes.budget_votes(Page(wanted.limit, wanted.offset), wanted.number)
         now_s = self._client.voting_time_s() if rows else 0
         return {"budget_votes": [self._budget_vote_json(row, now_s) for row in rows], "total": total}
 

@@ -138,7 +138,7 @@ class Outcomes:
         until_s, entry = job.held_until_s, job.entry
         if until_s is None or entry is None or entry.task_id is None or entry.attempt is None:
             return
-        task, late = self._index.task(entry.task_id), time.monotonic() > until_s
+        task, late = self._index.tasks.get(entry.task_id), time.monotonic() > until_s
         nonce = None if task is None else task["nonce"]
         # An index that is being read anew may tell of an earlier attempt.
         other = task is not None and nonce is not None and task["attempt"] >= entry.attempt
@@ -389,9 +389,9 @@ class Outcomes:
                 elif isinstance(event, events.ServiceRegistered):
                     reply["service_id"] = event.service_id
                 elif isinstance(event, events.ProposalCreated):
-                    reply["proposal"] = self._index.proposal_number(proposal_key(event.proposal_id))
+                    reply["proposal"] = self._index.votes.proposal_number(proposal_key(event.proposal_id))
                 elif isinstance(event, events.CallScheduled):
-                    reply["proposal"] = self._index.proposal_number(hex_of(event.id))
+                    reply["proposal"] = self._index.votes.proposal_number(hex_of(event.id))
         return reply
 
     def _event(self, one: dict[str, Any]) -> Event | None:

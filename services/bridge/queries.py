@@ -27,9 +27,9 @@ from rodeo.text.redaction import shown
 from rodeo.text.strict_json import Json
 from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery
-from services.bridge.index import Page
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.organization import OrganizationQueries
+from services.bridge.reading import Page
 
 MAX_BUCKETS = 2_000
 
@@ -82,22 +82,22 @@ class Queries:
         filters = validate(TaskFilters, request.parameters)
         wanted = filters.model_dump(include={"kind", "creator", "executor", "service_id"}, exclude_none=True)
         states = [] if filters.state is None else filters.state.split(",")
-        rows, total = self._index.tasks(
+        rows, total = self._index.tasks.find(
             self._with_addresses(wanted, "creator", "executor"),
             Page(filters.limit, filters.offset),
             states=validate(_States, {"states": states}).states,
             text=filters.text,
             newest_first=filters.order == "newest",
         )
-        numbers = self._index.numbers()
+        numbers = self._index.rules.numbers()
         return {"tasks": [self._task_json(row, numbers) for row in rows], "total": total}
 
     def _task(self, text: str) -> Json:
         # 18 digits fit into an Id.
-        row = self._index.task(int(text)) if text.isdecimal() and len(text) <= 18 else None
+        row = self._index.tasks.get(int(text)) if text.isdecimal() and len(text) <= 18 else None
         if row is None:
             raise UnknownTask("no such task", task_id=text)
-        return self._task_json(row, self._index.numbers())
+        return self._task_json(row, self._index.rules.numbers())
 
     def _task_json(self, row: Mapping[str, Any], numbers: Mapping[int, Mapping[str, Any]]) -> Json:
         who = self._names.judge_of(numbers.get(row["number"]))
@@ -107,11 +107,11 @@ class Queries:
     def _services(self, request: Request) -> Json:
         filters = validate(ServiceFilters, request.parameters)
         wanted = filters.model_dump(exclude={"limit", "offset"}, exclude_none=True)
-        rows, total = self._index.services(
+        rows, total = self._index.services.find(
             self._with_addresses(wanted, "provider"), Page(filters.limit, filters.offset)
         )
-        providers, now_s = self._index.providers(), self._index.position.block_time_s
-        numbers = {row["kind"]: row["number"] for row in self._index.all_kinds()}
+        providers, now_s = self._index.services.providers(), self._index.position.block_time_s
+        numbers = {row["kind"]: row["number"] for row in self._index.rules.all_kinds()}
         amounts = ("price", "bond", "penalty", "set_aside")
         return {
             "services": [
@@ -134,11 +134,11 @@ class Queries:
     # -- people and money ----------------------------------------------------------------------------------
 
     def _participants(self, _request: Request) -> Json:
-        roles = self._index.roles()
-        providers = self._index.providers()
-        created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
-        members, voids = roles.get(Role.MEMBER, []), self._index.voids()
-        recent = self._index.recent_voids(LAST_RULINGS)
+        roles = self._index.rules.roles()
+        providers = self._index.services.providers()
+        created, executed = self._index.tasks.counts("creator"), self._index.tasks.counts("executor")
+        members, voids = roles.get(Role.MEMBER, []), self._index.tasks.voids()
+        recent = self._index.tasks.recent_voids(LAST_RULINGS)
         named = self._names.addresses
         strangers = sorted((created.keys() | executed.keys()) - set(named.values()))
         people: list[tuple[str | None, str]] = [*named.items(), *((None, one) for one in strangers)]
@@ -178,7 +178,7 @@ class Queries:
     def _wallets(self, _request: Request) -> Json:
         addresses = self._names.addresses
         balances = self._balances([*addresses.values()])
-        owed, payouts = self._index.owed(), self._index.payouts()
+        owed, payouts = self._index.money.owed(), self._index.services.payouts()
         return {
             "wallets": [
                 {
@@ -199,22 +199,22 @@ class Queries:
             "name": self._names.name(address),
             "address": address,
             "balance_iec": self._iec(self._balances([address])[address]),
-            "in_escrow_iec": self._iec(self._index.in_escrow(address)),
-            **self._payout_json(self._index.payouts().get(address)),
+            "in_escrow_iec": self._iec(self._index.tasks.in_escrow(address)),
+            **self._payout_json(self._index.services.payouts().get(address)),
         }
 
     def _balances(self, addresses: Sequence[str]) -> dict[str, int]:
         """What these accounts own, wei. Of a token that was there before the organization the events say only
         how balances have changed since, so that the node is asked. Raises ChainUnavailable."""
         if not self._deployment.is_token_foreign:
-            known = self._index.balances()
+            known = self._index.money.balances()
             return {address: known.get(address, 0) for address in addresses}
         return {address: self._client.balance(address) for address in addresses}
 
     def _supply(self) -> int:
         if self._deployment.is_token_foreign:
             return self._client.total_supply()
-        return sum(self._index.balances().values())
+        return sum(self._index.money.balances().values())
 
     def _payout_json(self, payout: str | None) -> Json:
         return {"payout": payout, "payout_name": self._names.name(payout)}
@@ -222,7 +222,7 @@ class Queries:
     def _transfers(self, request: Request) -> Json:
         wanted = validate(TransferFilters, request.parameters)
         account = None if wanted.account is None else self._names.address(wanted.account)
-        rows, total = self._index.transfers(
+        rows, total = self._index.money.transfers(
             account, wanted.task_id, wanted.first_s, wanted.last_s, Page(wanted.limit, wanted.offset)
         )
         return {"transfers": [self._transfer_json(row, account) for row in rows], "total": total}
@@ -251,10 +251,10 @@ class Queries:
     def _transactions(self, request: Request) -> Json:
         wanted = validate(TransactionFilters, request.parameters)
         page = Page(wanted.limit, wanted.offset)
-        rows, total = self._index.transactions(wanted.task_id, page)
+        rows, total = self._index.money.transactions(wanted.task_id, page)
         if missing := [row["tx_hash"] for row in rows if row["receipt"] is None]:
-            self._index.keep_receipts(self._receipts(missing))
-            rows, total = self._index.transactions(wanted.task_id, page)
+            self._index.money.keep_receipts(self._receipts(missing))
+            rows, total = self._index.money.transactions(wanted.task_id, page)
         return {"transactions": [transaction_json(row, self._names) for row in rows], "total": total}
 
     def _receipts(self, hashes: Iterable[str]) -> list[Json]:
@@ -290,7 +290,7 @@ class Queries:
                 },
             )
 
-        for task in self._index.task_times(wanted.first_s, last_s):
+        for task in self._index.tasks.times(wanted.first_s, last_s):
             if wanted.first_s <= task["registered"] <= last_s:
                 bucket(task["registered"])["registered"] += 1
             if task["ended"] is not None and wanted.first_s <= task["ended"] <= last_s:
@@ -323,14 +323,14 @@ class Queries:
     def _devices(self, _request: Request) -> Json:
         return {
             "devices": [
-                {**row, "owner_name": self._names.name(row["owner"])} for row in self._index.devices()
+                {**row, "owner_name": self._names.name(row["owner"])} for row in self._index.rules.devices()
             ]
         }
 
     def _roots(self, request: Request) -> Json:
         wanted = validate(RootFilters, request.parameters)
         device = None if wanted.device is None else self._names.address(wanted.device)
-        rows, total = self._index.roots(device, Page(wanted.limit, wanted.offset))
+        rows, total = self._index.rules.roots(device, Page(wanted.limit, wanted.offset))
         return {"roots": rows, "total": total}
 
     def _chain(self, _request: Request) -> Json:
@@ -343,7 +343,7 @@ class Queries:
             "time_s": position.block_time_s,
             "contracts": self._deployment.contracts,
             "organization": self._deployment.address("Organization"),
-            "kinds": self._index.kinds(),
+            "kinds": self._index.rules.kinds(),
             "last_seq": self._index.last_seq(),
             "stores": self._stores,
         }

@@ -13,7 +13,8 @@ from rodeo.chain.contracts.abi import Cause, Fault, Ruling
 from rodeo.chain.contracts.logs import Log
 from rodeo.chain.contracts.types import Event
 from services.bridge.database import open_database
-from services.bridge.index import NOWHERE, UNDONE, Index, Page, Position, TimedLog, sqlite_url
+from services.bridge.index import NOWHERE, UNDONE, Index, Position, TimedLog, sqlite_url
+from services.bridge.reading import Page
 from tests.integration.test_bridge import assert_index_equals_contracts
 from tests.support.dao import Dao
 from tests.support.postgresql import postgresql
@@ -84,24 +85,24 @@ def fill(index: Index, blocks: list[list[Event]], fork: str = "a") -> None:
 def everything(index: Index) -> dict[str, Any]:
     return {
         "events": [event.model_dump() for event in index.events_after(0, 1000)],
-        "tasks": index.tasks(
+        "tasks": index.tasks.find(
             {"creator": CREATOR}, Page(10), states=("open", "assigned", "submitted", "ruled"), text="100 %"
         ),
-        "services": index.services({"kind": "waste"}, Page(10)),
-        "transfers": index.transfers(CREATOR, None, 0, 2**48, Page(10)),
-        "transactions": index.transactions(1, Page(2, 1)),
-        "counts": index.task_counts("creator"),
-        "times": index.task_times(0, 2**48),
-        "roles": index.roles(),
-        "devices": index.devices(),
-        "kinds": index.all_kinds(),
-        "balances": index.balances(),
+        "services": index.services.find({"kind": "waste"}, Page(10)),
+        "transfers": index.money.transfers(CREATOR, None, 0, 2**48, Page(10)),
+        "transactions": index.money.transactions(1, Page(2, 1)),
+        "counts": index.tasks.counts("creator"),
+        "times": index.tasks.times(0, 2**48),
+        "roles": index.rules.roles(),
+        "devices": index.rules.devices(),
+        "kinds": index.rules.all_kinds(),
+        "balances": index.money.balances(),
         "position": index.position,
-        "overdue": index.overdue(10**9),
-        "concludable": index.concludable(10**9),
-        "settleable": index.settleable(10**9),
-        "next_end": index.next_end_s(1_000),
-        "voids": index.voids(),
+        "overdue": index.tasks.overdue(10**9),
+        "concludable": index.tasks.concludable(10**9),
+        "settleable": index.tasks.settleable(10**9),
+        "next_end": index.tasks.next_end_s(1_000),
+        "voids": index.tasks.voids(),
     }
 
 
@@ -133,7 +134,7 @@ def test_it_answers_as_sqlite_does_through_a_reorganization_and_a_restart(url: s
     assert everything(again) == everything(both[0])
     for index in both:
         index.roll_back(NOWHERE)
-        assert index.tasks({}, Page(10)) == ([], 0) and index.balances() == {}
+        assert index.tasks.find({}, Page(10)) == ([], 0) and index.money.balances() == {}
         fill(index, history(), fork="c")
     assert everything(both[0]) == everything(both[1])
     for index in (*both, again):

@@ -41,7 +41,8 @@ from rodeo.chain.reputation import Work
 from rodeo.judging import votes
 from rodeo.money.currency import IEC
 from rodeo.signing import possession
-from services.bridge.index import Index, Page, Position, TimedLog, sqlite_url
+from services.bridge.index import Index, Position, TimedLog, sqlite_url
+from services.bridge.reading import Page
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, founded
 from tests.support.views import view
 
@@ -368,7 +369,7 @@ class Indexed:
         return found
 
     def task(self, task_id: int) -> Task:
-        row = self._row(self.index.task(task_id))
+        row = self._row(self.index.tasks.get(task_id))
         state, asked = TaskState[row["state"].upper()], row["requested_service_id"]
         ends = {TaskState.ASSIGNED: row["execution_deadline"], TaskState.CANCELLED: 0, TaskState.OPEN: 0}
         proven = state in LIVE[1:]
@@ -394,7 +395,7 @@ class Indexed:
 
     def standing(self, task_id: int) -> Standing | None:
         """The ruling on a task that waits for the end of its case."""
-        row = self._row(self.index.task(task_id))
+        row = self._row(self.index.tasks.get(task_id))
         if (found := row["standing"]) is None:
             return None
         return Standing(
@@ -407,8 +408,8 @@ class Indexed:
         )
 
     def service(self, service_id: int) -> Service:
-        row = self._row(self.index.service(service_id))
-        provider = self.index.providers()[row["provider"]]
+        row = self._row(self.index.services.get(service_id))
+        provider = self.index.services.providers()[row["provider"]]
         work = Work(provider["done"], provider["failed"], provider["day"])
         return Service(
             **{name: row[name] for name in ("provider", "price", "kind", "place", "completed", "rejected")},
@@ -423,24 +424,24 @@ class Indexed:
         )
 
     def device(self, address: str) -> Device:
-        (row,) = [one for one in self.index.devices() if one["address"] == address]
+        (row,) = [one for one in self.index.rules.devices() if one["address"] == address]
         because = Revocation[row["revoked_because"].upper()] if row["revoked_because"] else Revocation.NONE
         names = ("role", "name", "owner", "registrar")
         times = {"registered_at": row["registered"], "revoked_at": row["revoked"] or 0}
         return Device(**{name: row[name] for name in names}, **times, revocation=because)
 
     def kind(self, kind: str) -> KindRules:
-        row = self._row(self.index.kind(kind))
+        row = self._row(self.index.rules.kind(kind))
         return KindRules(**{name: row.get(f"{name}_s", row.get(name)) for name in vars(KindRules(*[0] * 10))})
 
     def quorum(self, kind: str) -> Quorum:
-        row = self._row(self.index.kind(kind))
+        row = self._row(self.index.rules.kind(kind))
         seats = row["seats"]
         mask = sum(1 << seat for seat in seats)
         return Quorum(row["votes"], row["panel"], row["rotation_s"], len(seats), mask)
 
     def terms(self) -> Terms:
-        found = self.index.setting("terms")
+        found = self.index.rules.setting("terms")
         bond, penalty = (IEC.to_units(Decimal(found[name])) for name in ("bond_iec", "penalty_iec"))
         return Terms(bond, penalty, found["max_failures"])
 
@@ -479,7 +480,7 @@ def test_tasks_and_rulings_are_what_the_contracts_answer(lived: Lived) -> None:
     }
     assert list(rules) == list(range(1, client.task_count() + 1))
     for task_id in rules:
-        kept, row, found = client.task(task_id), index.task(task_id), indexed.task(task_id)
+        kept, row, found = client.task(task_id), index.tasks.get(task_id), indexed.task(task_id)
         assert row is not None
         if row["accepted"] is None:  # nobody has the task
             found = replace(found, accepted=kept.accepted)
@@ -515,23 +516,23 @@ def test_services_providers_and_bonds_are_what_the_contracts_answer(lived: Lived
     tasks = [client.task(i) for i in range(1, client.task_count() + 1)]
     ruled = [(i, task) for i, task in enumerate(tasks, 1) if task.state is TaskState.RULED]
     for i in services:
-        row = index.service(i)
+        row = index.services.get(i)
         assert row is not None
         waits = sum(client.standing(one).penalty for one, task in ruled if task.service_id == i)
         assert row["set_aside"] == waits, i
 
     robot, operator = life.organization.robot.address, life.organization.operator.address
-    provider, proven = index.providers()[robot], client.is_proven(robot)
+    provider, proven = index.services.providers()[robot], client.is_proven(robot)
     assert (provider["earned"] or provider["vouched"]) == proven
     rests_until = provider["rests_until"] or 0
     until = (provider["asleep_until"] or 0) if proven else rests_until * (rests_until > indexed.now_s)
     assert client.asleep_until(robot) == until
     assert client.bonds_locked_until(robot) == (provider["bond_locked_until"] or 0)
-    assert index.payouts() == {operator: robot}
+    assert index.services.payouts() == {operator: robot}
     assert {one: view(client, "Providers", "payoutOf", one) for one in (robot, operator)} == (
         {robot: robot, operator: robot}
     )
-    suspended = {one for one, row in index.providers().items() if row["suspended"]}
+    suspended = {one for one, row in index.services.providers().items() if row["suspended"]}
     assert suspended == {JUDGES[0]}
     for one in (DEVICE, JUDGES[0], robot):
         assert view(client, "Organization", "isSuspended", one) == (one in suspended)
@@ -539,35 +540,38 @@ def test_services_providers_and_bonds_are_what_the_contracts_answer(lived: Lived
     rewards = sum(task.reward for task in tasks if task.state in (TaskState.OPEN, *LIVE))
     bonds = sum(service.bond for service in services.values())
     bonds += sum(client.standing(one).penalty for one, _ in ruled)
-    assert index.balances()[client.task_manager] == rewards + bonds + sum(index.owed().values())
+    assert index.money.balances()[client.task_manager] == rewards + bonds + sum(index.money.owed().values())
 
 
 @pytest.mark.long
 def test_the_organization_is_what_the_contracts_answer(lived: Lived) -> None:
     life, _, indexed = lived
     client, index = life.organization.client, indexed.index
-    seated = {row["key"]: (row["owner"], row["seat"]) for row in index.judges()}
+    seated = {row["key"]: (row["owner"], row["seat"]) for row in index.rules.judges()}
     seats = {key: client.seat(key) for key in JUDGES}
     assert seated == {key: (seat.owner, seat.number) for key, seat in seats.items() if seat}
     assert seated.keys() == {JUDGES[0], JUDGES[2]} and client.quorum(KIND) == indexed.quorum(KIND)
     assert client.device(DEVICE) == indexed.device(DEVICE)
-    (root,), _ = index.roots(None, Page(10))
+    (root,), _ = index.rules.roots(None, Page(10))
     assert (root["device"], root["day"], root["root"]) == (DEVICE, 0, "0x" + client.root(DEVICE, 0).hex())
-    for row in index.all_kinds():
+    for row in index.rules.all_kinds():
         kind = row["kind"]
         assert client.kind(kind) == indexed.kind(kind)
-        assert client.judge_numbered(row["number"]) == index.numbers()[row["number"]]["judge"]
-        assert ["0x" + one.hex() for one in client.current_rules(kind)] == index.rules(kind)
+        assert client.judge_numbered(row["number"]) == index.rules.numbers()[row["number"]]["judge"]
+        assert ["0x" + one.hex() for one in client.current_rules(kind)] == index.rules.of(kind)
     assert client.terms() == indexed.terms()
-    assert client.members_only() == index.setting("members_only")
-    assert (client.policy(), client.auditors()) == (index.setting("policy"), index.setting("auditors"))
+    assert client.members_only() == index.rules.setting("members_only")
+    assert (client.policy(), client.auditors()) == (
+        index.rules.setting("policy"),
+        index.rules.setting("auditors"),
+    )
     for role in (Role.OPERATOR, Role.TREASURER):
-        kept, budget = client.budget(role), index.setting(f"budget {role}")
+        kept, budget = client.budget(role), index.rules.setting(f"budget {role}")
         assert (IEC.text(kept.amount), kept.period) == (budget["amount_iec"], budget["period_s"])
-    assert index.setting("paused_until_s") == 0 and GENESIS_S <= client.paused_until() <= indexed.now_s
-    roles = {(role, account) for role, accounts in index.roles().items() for account in accounts}
-    accounts = {account for _, account in roles} | set(index.balances())
+    assert index.rules.setting("paused_until_s") == 0 and GENESIS_S <= client.paused_until() <= indexed.now_s
+    roles = {(role, account) for role, accounts in index.rules.roles().items() for account in accounts}
+    accounts = {account for _, account in roles} | set(index.money.balances())
     held = {(role.value, account) for role in Role for account in accounts if client.has_role(role, account)}
     assert held == {(role, account) for role, account in roles if role in list(Role)}
     for account in accounts:
-        assert client.balance(account) == index.balance(account), account
+        assert client.balance(account) == index.money.balance(account), account

@@ -26,8 +26,9 @@ from rodeo.chain.contracts.logs import Log
 from rodeo.chain.contracts.types import ZERO_ADDRESS, Event
 from services.bridge import schema
 from services.bridge.errors import IndexUnusable
-from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
+from services.bridge.index import NOWHERE, Index, Position, TimedLog, sqlite_url
 from services.bridge.projection.tasks import parse_task_text
+from services.bridge.reading import Page
 
 GENESIS = "0x" + "01" * 32
 CONTRACTS = {"TaskManager": "0x" + "aa" * 20}
@@ -97,7 +98,7 @@ def settled(paid_iec: int) -> Event:
 
 
 def task(chain: Chain) -> dict[str, Any]:
-    row = chain.index.task(1)
+    row = chain.index.tasks.get(1)
     assert row is not None
     return row
 
@@ -119,7 +120,7 @@ def test_the_index_of_another_chain_or_deployment_is_emptied(
     chain.block(registered())
     emptied = open_index(tmp_path, **other)
     assert emptied.position.block == -1
-    assert emptied.task(1) is None and emptied.last_seq() == 0
+    assert emptied.tasks.get(1) is None and emptied.last_seq() == 0
 
 
 @pytest.mark.parametrize(
@@ -158,7 +159,7 @@ def test_an_index_of_an_older_version_is_dropped_and_what_is_not_the_indexs_stay
         connection.execute("insert into kinds values ('waste_disposal', 1)")
         connection.execute("create table notes (text text)")
     chain = Chain(open_index(tmp_path))
-    assert (chain.index.position, chain.index.kinds()) == (NOWHERE, [])
+    assert (chain.index.position, chain.index.rules.kinds()) == (NOWHERE, [])
     assert "has schema version 6," in caplog.text
     with sqlite3.connect(tmp_path / "index.sqlite") as connection:
         tables = {name for (name,) in connection.execute("select name from sqlite_master")}
@@ -169,7 +170,7 @@ def test_an_index_of_this_version_is_kept_and_a_new_file_is_no_news(
     chain: Chain, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     chain.block(registered())
-    assert open_index(tmp_path).task(1) is not None
+    assert open_index(tmp_path).tasks.get(1) is not None
     assert "version" not in caplog.text
 
 
@@ -229,7 +230,7 @@ def test_a_database_that_cannot_be_opened_is_refused(tmp_path: Path) -> None:
 def test_a_block_is_taken_in_whole_or_not_at_all(chain: Chain) -> None:
     with pytest.raises(Exception, match="there is a row"):
         chain.block(registered(2), registered(1), registered(1))
-    assert chain.index.last_seq() == 0 and chain.index.tasks({}, Page(10)) == ([], 0)
+    assert chain.index.last_seq() == 0 and chain.index.tasks.find({}, Page(10)) == ([], 0)
     assert chain.index.position.block == -1
 
 
@@ -242,10 +243,10 @@ def test_amounts_in_events_are_iec_and_names_are_text(chain: Chain) -> None:
 
 def test_what_is_in_escrow_is_the_sum_of_all_tasks_however_many(chain: Chain) -> None:
     chain.block(*(registered(task_id) for task_id in range(1, 602)), offered())
-    assert chain.index.in_escrow(CREATOR) == 601 * 120 * IEC
+    assert chain.index.tasks.in_escrow(CREATOR) == 601 * 120 * IEC
     chain.block(events.TaskCancelled(2, 120 * IEC))
-    assert chain.index.in_escrow(CREATOR) == 600 * 120 * IEC
-    assert chain.index.in_escrow(ROBOT) == 0
+    assert chain.index.tasks.in_escrow(CREATOR) == 600 * 120 * IEC
+    assert chain.index.tasks.in_escrow(ROBOT) == 0
 
 
 def test_a_task_through_its_life(chain: Chain) -> None:
@@ -258,7 +259,7 @@ def test_a_task_through_its_life(chain: Chain) -> None:
         1_001,
         100 * IEC,
     )
-    assert chain.index.services({}, Page(10))[0][0]["task_id"] == 1
+    assert chain.index.services.find({}, Page(10))[0][0]["task_id"] == 1
     chain.block(proved(), time_s=1_100)
     assert (task(chain)["state"], task(chain)["verdict_deadline"]) == ("submitted", 1_700)
     chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC), time_s=1_200)
@@ -269,8 +270,8 @@ def test_a_task_through_its_life(chain: Chain) -> None:
     )
     assert task(chain)["report_sha256"] == "0x" + "0b" * 32
     assert (
-        chain.index.services({}, Page(10))[0][0]["task_id"],
-        chain.index.services({}, Page(10))[0][0]["completed"],
+        chain.index.services.find({}, Page(10))[0][0]["task_id"],
+        chain.index.services.find({}, Page(10))[0][0]["completed"],
     ) == (None, 1)
 
 
@@ -283,13 +284,13 @@ def test_a_requeued_task_says_why_until_it_is_tried_again(chain: Chain) -> None:
         "why",
     )
     assert (task(chain)["executor"], task(chain)["nonce"], task(chain)["execution_deadline"]) == (None,) * 3
-    assert chain.index.services({}, Page(10))[0][0]["rejected"] == 1
+    assert chain.index.services.find({}, Page(10))[0][0]["rejected"] == 1
     chain.block(assigned(2))
     assert (task(chain)["verdict"], task(chain)["proof_sha256"], task(chain)["attempt"]) == (None, None, 2)
 
 
 def known_for(chain: Chain) -> tuple[int, int]:
-    provider = chain.index.providers()[ROBOT]
+    provider = chain.index.services.providers()[ROBOT]
     return provider["done"] // 10**9, provider["failed"] // 10**9
 
 
@@ -321,12 +322,12 @@ def test_a_service_that_fell_asleep_is_paused_and_waits_nowhere(chain: Chain) ->
         events.ProviderFellAsleep(ROBOT, 5_000),
         events.ServiceFellAsleep(1),
     )
-    assert chain.index.is_asleep(ROBOT) and not chain.index.is_asleep(CREATOR)
-    service = chain.index.services({}, Page(10))[0][0]
+    assert chain.index.services.is_asleep(ROBOT) and not chain.index.services.is_asleep(CREATOR)
+    service = chain.index.services.find({}, Page(10))[0][0]
     assert (service["state"], service["place"], service["task_id"]) == ("paused", 0, None)
-    assert chain.index.providers()[ROBOT]["failures"] == 1
+    assert chain.index.services.providers()[ROBOT]["failures"] == 1
     chain.block(events.ProviderWokeUp(ROBOT))
-    assert not chain.index.is_asleep(ROBOT)
+    assert not chain.index.services.is_asleep(ROBOT)
 
 
 @pytest.mark.parametrize(
@@ -345,7 +346,7 @@ def test_an_expired_attempt_counts_against_the_service_only_if_it_is_its_fault(
         "expired",
         reason,
     )
-    assert chain.index.services({}, Page(10))[0][0]["expired"] == counted
+    assert chain.index.services.find({}, Page(10))[0][0]["expired"] == counted
 
 
 @pytest.mark.parametrize("cause", [Cause.NOT_ACCEPTED, Cause.ABANDONED, Cause.ABANDONED_LATE])
@@ -380,19 +381,19 @@ def test_an_impossible_task_pays_its_executor_and_is_no_completion(chain: Chain)
 
 def test_a_task_is_late_for_its_verdict_after_half_of_the_window(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(), proved(), time_s=1_100)  # 600 s, until 1,700
-    assert chain.index.late_verdicts(1_400) == [] and chain.index.late_verdicts(1_401) == [1]
+    assert chain.index.tasks.late_verdicts(1_400) == [] and chain.index.tasks.late_verdicts(1_401) == [1]
     chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC))
-    assert chain.index.late_verdicts(1_401) == []
+    assert chain.index.tasks.late_verdicts(1_401) == []
 
 
 def record(chain: Chain) -> tuple[Any, ...]:
-    (service,), _ = chain.index.services({}, Page(10))
-    failures = chain.index.providers()[ROBOT]["failures"]
+    (service,), _ = chain.index.services.find({}, Page(10))
+    failures = chain.index.services.providers()[ROBOT]["failures"]
     return (*(service[name] for name in ("task_id", "completed", "rejected", "expired")), failures)
 
 
 def bonds(chain: Chain) -> tuple[int, int]:
-    (service,), _ = chain.index.services({}, Page(10))
+    (service,), _ = chain.index.services.find({}, Page(10))
     return service["bond"], service["set_aside"]
 
 
@@ -428,9 +429,11 @@ def test_a_case_that_the_oracle_passed_on_waits_for_the_auditors_and_frees_the_s
     assert row["standing"] == {"ruling": "void", "fault": "nobody", "amount_iec": "0", "until": CASE_END}
     assert (row["case_end"], row["executor"], row["proof_sha256"]) == (CASE_END, ROBOT, "0x" + "0a" * 32)
     assert record(chain) == (None, 0, 0, 0, 0) and places(chain) == [2] and bonds(chain) == (15, 5)
-    assert chain.index.in_escrow(CREATOR) == 120 * IEC
-    assert chain.index.next_end_s(CASE_END) == CASE_END
-    assert chain.index.concludable(CASE_END) == [] and chain.index.concludable(CASE_END + 1) == [1]
+    assert chain.index.tasks.in_escrow(CREATOR) == 120 * IEC
+    assert chain.index.tasks.next_end_s(CASE_END) == CASE_END
+    assert chain.index.tasks.concludable(CASE_END) == [] and chain.index.tasks.concludable(CASE_END + 1) == [
+        1
+    ]
 
 
 def test_auditors_pay_for_a_part_and_the_record_counts_it_then(chain: Chain) -> None:
@@ -440,7 +443,7 @@ def test_auditors_pay_for_a_part_and_the_record_counts_it_then(chain: Chain) -> 
     assert (row["state"], row["verdict"], row["standing"]) == ("settled", "accepted", None)
     assert (row["paid"], row["refunded"], row["settled"]) == (30 * IEC, 90 * IEC, 2_000)
     assert record(chain) == (None, 1, 0, 0, 0) and bonds(chain) == (20, 0) and places(chain) == [2]
-    assert chain.index.concludable(10**9) == []
+    assert chain.index.tasks.concludable(10**9) == []
 
 
 def test_what_is_rejected_at_the_end_takes_what_was_set_aside(chain: Chain) -> None:
@@ -487,10 +490,10 @@ def test_a_service_whose_bond_ran_short_waits_again_when_a_case_ends(chain: Chai
     chain.block(
         ruled(Ruling.ACCEPTED, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1)
     )
-    (service,), _ = chain.index.services({}, Page(10))
+    (service,), _ = chain.index.services.find({}, Page(10))
     assert (service["state"], service["place"]) == ("short", 0)
     chain.block(*judged(True), events.PenaltyReturned(1, 1, 17), settled(30))
-    (service,), _ = chain.index.services({}, Page(10))
+    (service,), _ = chain.index.services.find({}, Page(10))
     assert (service["state"], service["place"]) == ("active", 2)
 
 
@@ -500,25 +503,25 @@ def test_a_service_waits_again_before_the_task_that_it_gave_up_is_offered(chain:
         ruled(Ruling.GIVEN_UP, until=CASE_END), events.PenaltySetAside(1, 1, 5), events.BondRanShort(1)
     )
     chain.block(events.PenaltyReturned(1, 1, 17), events.TaskRequeued(1, 1, Cause.GIVEN_UP), assigned(2))
-    assert places(chain) == [0] and chain.index.setting("places") == 2
+    assert places(chain) == [0] and chain.index.rules.setting("places") == 2
 
 
 def test_where_nobody_ruled_the_attempt_is_void_and_has_no_report(chain: Chain) -> None:
     submitted(chain)
-    assert chain.index.concludable(1_700) == [] and chain.index.concludable(1_701) == [1]
+    assert chain.index.tasks.concludable(1_700) == [] and chain.index.tasks.concludable(1_701) == [1]
     chain.block(
         events.Ruled(1, 1, b"\x0a" * 32, Ruling.VOID, Fault.ORACLE, 0, CASE_END, bytes(32)), time_s=1_701
     )
     row = task(chain)
     assert (row["standing"]["fault"], row["reason"], row["report_sha256"]) == ("oracle", None, None)
-    assert chain.index.concludable(CASE_END) == []
+    assert chain.index.tasks.concludable(CASE_END) == []
     chain.block(events.TaskFailed(1, 120 * IEC, 1, Cause.VOID))
     row = task(chain)
     assert (row["state"], row["verdict"], row["fault"]) == ("failed", "void", "oracle")
     assert record(chain) == (None, 0, 0, 0, 0)
-    assert chain.index.voids() == {CREATOR: {"oracle": 1}}
-    assert chain.index.recent_voids(100) == {CREATOR: (1, {"oracle": 1}), None: (1, {"oracle": 1})}
-    assert chain.index.recent_voids(0) == {}
+    assert chain.index.tasks.voids() == {CREATOR: {"oracle": 1}}
+    assert chain.index.tasks.recent_voids(100) == {CREATOR: (1, {"oracle": 1}), None: (1, {"oracle": 1})}
+    assert chain.index.tasks.recent_voids(0) == {}
 
 
 def test_a_report_of_another_transaction_is_not_that_of_a_ruling(chain: Chain) -> None:
@@ -532,11 +535,13 @@ def test_a_report_of_another_transaction_is_not_that_of_a_ruling(chain: Chain) -
 def test_what_a_judge_said_that_was_removed_can_be_concluded_at_once(chain: Chain) -> None:
     submitted(chain)
     chain.block(ruled(Ruling.ACCEPTED, until=CASE_END))
-    assert chain.index.concludable(1_000) == []
+    assert chain.index.tasks.concludable(1_000) == []
     chain.block(events.JudgeRemoved(1, ORACLE_JUDGE), events.KindDisallowed("waste_disposal"))
-    assert chain.index.concludable(1_000) == [1]
+    assert chain.index.tasks.concludable(1_000) == [1]
     chain.block(events.Ruled(1, 1, b"\x0a" * 32, Ruling.VOID, Fault.ORACLE, 0, CASE_END, bytes(32)))
-    assert chain.index.concludable(CASE_END) == [] and chain.index.concludable(CASE_END + 1) == [1]
+    assert chain.index.tasks.concludable(CASE_END) == [] and chain.index.tasks.concludable(CASE_END + 1) == [
+        1
+    ]
 
 
 def test_a_service_keeps_the_judge_that_its_provider_agreed_to(chain: Chain) -> None:
@@ -547,12 +552,12 @@ def test_a_service_keeps_the_judge_that_its_provider_agreed_to(chain: Chain) -> 
         events.KindAllowed(kind, 2, CREATOR, b"\2" * 32, 60, 3600),
         registered(),
     )
-    (service,), _ = chain.index.services({}, Page(10))
+    (service,), _ = chain.index.services.find({}, Page(10))
     assert (service["number"], service["place"], task(chain)["number"]) == (1, 1, 2)
-    assert (chain.index.number_of(kind), chain.index.rules(kind)) == (2, ["0x" + "02" * 32])
-    assert chain.index.rules(kind, ORACLE_JUDGE) == []
+    assert (chain.index.rules.number_of(kind), chain.index.rules.of(kind)) == (2, ["0x" + "02" * 32])
+    assert chain.index.rules.of(kind, ORACLE_JUDGE) == []
     chain.block(events.ServiceAgreed(1, 2))
-    (service,), _ = chain.index.services({}, Page(10))
+    (service,), _ = chain.index.services.find({}, Page(10))
     assert (service["number"], service["place"]) == (2, 2)
 
 
@@ -568,7 +573,7 @@ def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(
         ruled(Ruling.ACCEPTED, until=1_300),
     )
     assert task(chain)["dispute"] == {"instance": 0, "until": 1_300}
-    assert chain.index.settleable(1_300) == [] and chain.index.settleable(1_301) == [(1, 1)]
+    assert chain.index.tasks.settleable(1_300) == [] and chain.index.tasks.settleable(1_301) == [(1, 1)]
     chain.block(
         ruled(Ruling.ACCEPTED, until=1_500),
         events.Challenged(1, 0, CREATOR, 1 * IEC, 1_500, "it lies there still"),
@@ -576,7 +581,7 @@ def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(
     row = task(chain)
     assert (row["reason"], row["standing"]["until"], row["dispute"]["until"]) == ("why", 1_500, 1_500)
     assert (row["dispute"]["challenger"], row["dispute"]["because"]) == (CREATOR, "it lies there still")
-    assert chain.index.settleable(1_301) == []
+    assert chain.index.tasks.settleable(1_301) == []
     chain.block(
         events.InstanceRuled(1, 1, 1, Ruling.REJECTED, bytes(32), 0b1, 0),
         events.Reported(1, "file:///r.json", "it does"),
@@ -587,28 +592,28 @@ def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(
     row = task(chain)
     assert (row["verdict"], row["reason"]) == ("rejected", "it does")
     assert row["dispute"] == {"instance": 1, "until": 1_400}
-    assert chain.index.settleable(1_400) == [(1, 1)]
+    assert chain.index.tasks.settleable(1_400) == [(1, 1)]
     chain.block(events.CaseSettled(1, 1, False))
-    assert chain.index.settleable(10**9) == [] and task(chain)["dispute"]["settled"] is True
+    assert chain.index.tasks.settleable(10**9) == [] and task(chain)["dispute"]["settled"] is True
 
 
 def test_the_roots_of_days_are_kept_by_device(chain: Chain) -> None:
     for device, day in ((ROBOT, 3), (ROBOT, 4), (CREATOR, 4)):
         chain.block(events.WitnessRoot(device, day, bytes([day]) * 32, f"file:///{day}"), time_s=day)
-    rows, total = chain.index.roots(ROBOT, Page(1))
+    rows, total = chain.index.rules.roots(ROBOT, Page(1))
     assert total == 2
     assert [(row["day"], row["root"], row["uri"]) for row in rows] == [(4, "0x" + "04" * 32, "file:///4")]
-    assert chain.index.roots(None, Page(10))[1] == 3
+    assert chain.index.rules.roots(None, Page(10))[1] == 3
 
 
 def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(deadline=4_600))
-    assert chain.index.overdue(4_600) == [] and chain.index.next_end_s(4_600) == 4_600
-    assert chain.index.overdue(4_601) == [1] and chain.index.next_end_s(4_601) is None
+    assert chain.index.tasks.overdue(4_600) == [] and chain.index.tasks.next_end_s(4_600) == 4_600
+    assert chain.index.tasks.overdue(4_601) == [1] and chain.index.tasks.next_end_s(4_601) is None
     chain.block(proved(), time_s=1_100)
-    assert chain.index.overdue(10**9) == [] and chain.index.next_end_s(1_700) == 1_700
+    assert chain.index.tasks.overdue(10**9) == [] and chain.index.tasks.next_end_s(1_700) == 1_700
     chain.block(*judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0))
-    assert chain.index.overdue(10**9) == []
+    assert chain.index.tasks.overdue(10**9) == []
 
 
 def test_an_attempt_that_nobody_accepted_is_overdue_after_the_kinds_grace_period(chain: Chain) -> None:
@@ -616,10 +621,10 @@ def test_an_attempt_that_nobody_accepted_is_overdue_after_the_kinds_grace_period
     chain.block(registered(), offered(auto_accept=False), assigned(deadline=4_600))
     chain.block(events.WindowsChanged("waste_disposal", replace(WINDOWS, grace=300), IEC))  # for later tasks
     assert task(chain)["grace_s"] == 180
-    assert chain.index.overdue(1_180) == [] and chain.index.next_end_s(1_180) == 1_180
-    assert chain.index.overdue(1_181) == [1] and chain.index.next_end_s(1_181) is None
+    assert chain.index.tasks.overdue(1_180) == [] and chain.index.tasks.next_end_s(1_180) == 1_180
+    assert chain.index.tasks.overdue(1_181) == [1] and chain.index.tasks.next_end_s(1_181) is None
     chain.block(events.TaskAccepted(1, 1, ROBOT))
-    assert chain.index.overdue(4_600) == [] and chain.index.overdue(4_601) == [1]
+    assert chain.index.tasks.overdue(4_600) == [] and chain.index.tasks.overdue(4_601) == [1]
 
 
 SECOND = events.ServiceRegistered(2, ROBOT, "waste_disposal", 90 * IEC, True, "")
@@ -627,12 +632,12 @@ SECOND = events.ServiceRegistered(2, ROBOT, "waste_disposal", 90 * IEC, True, ""
 
 
 def stands_back(chain: Chain) -> list[int]:
-    return [row["id"] for row in chain.index.idle() if not row["place"]]
+    return [row["id"] for row in chain.index.services.idle() if not row["place"]]
 
 
 def test_a_newcomer_waits_with_one_service_and_rests_after_it_gave_a_task_back(chain: Chain) -> None:
     chain.block(offered(), SECOND, events.ServiceStoodBack(2))
-    assert places(chain) == [1, 0] and stands_back(chain) == [2] and chain.index.engaged() == {ROBOT}
+    assert places(chain) == [1, 0] and stands_back(chain) == [2] and chain.index.services.engaged() == {ROBOT}
     chain.block(registered(), assigned(), time_s=1_000)
     chain.block(
         events.TaskPassed(1, 1, False),
@@ -641,8 +646,8 @@ def test_a_newcomer_waits_with_one_service_and_rests_after_it_gave_a_task_back(c
         time_s=1_100,
     )
     assert task(chain)["passed"] == [{"provider": ROBOT, "gave_up": False}]
-    assert places(chain) == [0, 0] and stands_back(chain) == [1, 2] and not chain.index.engaged()
-    provider = chain.index.providers()[ROBOT]
+    assert places(chain) == [0, 0] and stands_back(chain) == [1, 2] and not chain.index.services.engaged()
+    provider = chain.index.services.providers()[ROBOT]
     assert (provider["rests_until"], provider["bond_locked_until"]) == (1_700, 1_100 + 86_400)
     chain.block(events.ProviderWokeUp(ROBOT), events.ServiceStoodBack(2), time_s=1_700)
     assert places(chain) == [2, 0] and stands_back(chain) == [2]
@@ -650,8 +655,8 @@ def test_a_newcomer_waits_with_one_service_and_rests_after_it_gave_a_task_back(c
 
 def test_a_task_waits_since_it_was_posted_or_its_last_attempt_ended(chain: Chain) -> None:
     def waiting() -> tuple[list[tuple[int, float]], list[int]]:
-        tasks = [(row["id"], row["opened"]) for row in chain.index.in_state("open")]
-        return tasks, [row["id"] for row in chain.index.idle()]
+        tasks = [(row["id"], row["opened"]) for row in chain.index.tasks.in_state("open")]
+        return tasks, [row["id"] for row in chain.index.services.idle()]
 
     chain.block(registered(), offered(), time_s=1_000)
     assert waiting() == ([(1, 1_000)], [1])
@@ -666,17 +671,17 @@ def test_an_accepted_proof_ends_a_rest_and_frees_the_bonds(chain: Chain) -> None
     chain.block(events.ProviderRests(ROBOT, 1_700))
     *report, ruling = judged(True)
     chain.block(*report, ruling, events.ProviderWokeUp(ROBOT), events.ProviderProven(ROBOT), settled(100))
-    provider = chain.index.providers()[ROBOT]
+    provider = chain.index.services.providers()[ROBOT]
     assert (provider["rests_until"], provider["bond_locked_until"], provider["earned"]) == (None, None, True)
     assert places(chain) == [2, 0], "its other service is not offered by that"
-    (first, second), _ = chain.index.services({}, Page(10))
+    (first, second), _ = chain.index.services.find({}, Page(10))
     assert (first["waits_as_proven"], second["waits_as_proven"]) == (True, False)
 
 
 def test_the_services_of_whom_the_organization_vouches_for_are_offered_anew(chain: Chain) -> None:
     chain.block(offered(), SECOND, events.ServiceStoodBack(2))
     chain.block(events.ProviderVouched(ROBOT, True))
-    assert places(chain) == [2, 3] and chain.index.providers()[ROBOT]["vouched"]
+    assert places(chain) == [2, 3] and chain.index.services.providers()[ROBOT]["vouched"]
     chain.block(events.ProviderVouched(ROBOT, True))
     assert places(chain) == [2, 3], "nothing changed"
     chain.block(events.ProviderVouched(ROBOT, False), events.ServiceStoodBack(2))
@@ -686,17 +691,19 @@ def test_the_services_of_whom_the_organization_vouches_for_are_offered_anew(chai
 def test_whose_tasks_may_name_a_service_is_in_the_index(chain: Chain) -> None:
     chain.block(offered())
     chain.block(events.NamersChanged(1, Namers.ANYBODY, 20))
-    row = chain.index.service(1)
+    row = chain.index.services.get(1)
     assert row is not None and (row["namers"], row["max_void_percent"]) == ("anybody", 20)
 
 
 def test_a_withdrawn_service_counts_until_its_locked_bond_is_returned(chain: Chain) -> None:
     chain.block(offered(), events.TermsAgreed(1, 20, 5, 0), SECOND, events.ServiceStoodBack(2))
     chain.block(events.ServiceUpdated(1, 100 * IEC, ServiceState.RETIRED))
-    assert [row["id"] for row in chain.index.locked_bonds()] == [1]
-    assert chain.index.providers()[ROBOT]["services"] == [1, 2]
+    assert [row["id"] for row in chain.index.services.locked_bonds()] == [1]
+    assert chain.index.services.providers()[ROBOT]["services"] == [1, 2]
     chain.block(events.BondReturned(1, ROBOT, 20))
-    assert not chain.index.locked_bonds() and chain.index.providers()[ROBOT]["services"] == [2]
+    assert not chain.index.services.locked_bonds() and chain.index.services.providers()[ROBOT][
+        "services"
+    ] == [2]
 
 
 def test_balances_add_up_and_hold_256_bits(chain: Chain) -> None:
@@ -707,19 +714,19 @@ def test_balances_add_up_and_hold_256_bits(chain: Chain) -> None:
         events.Transfer(ROBOT, ROBOT, 2),
         events.Transfer(ROBOT, ZERO_ADDRESS, 1),
     )
-    assert chain.index.balances() == {CREATOR: everything - 3, ROBOT: 2}
+    assert chain.index.money.balances() == {CREATOR: everything - 3, ROBOT: 2}
 
 
 def test_only_active_services_are_on_offer(chain: Chain) -> None:
     chain.block(offered(), events.ServiceRegistered(2, CREATOR, "waste_disposal", 90 * IEC, True, ""))
-    assert sorted(chain.index.active_prices("waste_disposal")) == [90 * IEC, 100 * IEC]
+    assert sorted(chain.index.services.active_prices("waste_disposal")) == [90 * IEC, 100 * IEC]
     chain.block(events.ServiceUpdated(2, 80 * IEC, ServiceState.PAUSED))
-    assert chain.index.active_prices("waste_disposal") == [100 * IEC]
-    assert chain.index.active_prices("battery_charging") == []
+    assert chain.index.services.active_prices("waste_disposal") == [100 * IEC]
+    assert chain.index.services.active_prices("battery_charging") == []
 
 
 def places(chain: Chain) -> list[int]:
-    return [row["place"] for row in chain.index.services({}, Page(10))[0]]
+    return [row["place"] for row in chain.index.services.find({}, Page(10))[0]]
 
 
 def test_a_service_has_its_place_in_the_line_while_it_waits(chain: Chain) -> None:
@@ -754,7 +761,7 @@ def test_a_final_rejection_has_the_task_tried_by_others_before_its_service_waits
     chain.block(offered())
     chain.block(registered(), assigned(), proved())
     chain.block(*judged(False), events.TaskRequeued(1, 1, Cause.REJECTED), assigned(2))
-    assert places(chain) == [0] and chain.index.setting("places") == 1
+    assert places(chain) == [0] and chain.index.rules.setting("places") == 1
 
 
 def test_the_terms_suspend_a_service_before_it_could_wait(chain: Chain) -> None:
@@ -765,15 +772,15 @@ def test_the_terms_suspend_a_service_before_it_could_wait(chain: Chain) -> None:
 
 def test_what_the_token_refused_is_owed_until_it_is_collected(chain: Chain) -> None:
     chain.block(events.PaymentDeferred(ROBOT, 7), events.PaymentDeferred(ROBOT, 2))
-    assert (chain.index.owed(), chain.index.balance(ROBOT)) == ({ROBOT: 9}, 0)
+    assert (chain.index.money.owed(), chain.index.money.balance(ROBOT)) == ({ROBOT: 9}, 0)
     chain.block(events.PaymentCollected(ROBOT, 9), events.Transfer(CREATOR, ROBOT, 9))
-    assert (chain.index.owed(), chain.index.balance(ROBOT)) == ({}, 9)
+    assert (chain.index.money.owed(), chain.index.money.balance(ROBOT)) == ({}, 9)
 
 
 def test_what_a_provider_is_owed_goes_to_whom_it_named(chain: Chain) -> None:
     safe, escrow = "0x" + "33" * 20, CONTRACTS["TaskManager"]
     chain.block(offered(), events.PayoutChanged(ROBOT, safe))
-    assert chain.index.payouts() == {ROBOT: safe}
+    assert chain.index.services.payouts() == {ROBOT: safe}
     chain.block(registered(), assigned(), proved())
     chain.block(
         *judged(True),
@@ -783,7 +790,7 @@ def test_what_a_provider_is_owed_goes_to_whom_it_named(chain: Chain) -> None:
         events.PaymentCollected(ROBOT, 9),
         *(events.Transfer(escrow, safe, amount) for amount in (80 * IEC, 7, 9)),
     )
-    moved = chain.index.transfers(safe, None, 0, 2_000, Page(10))[0]
+    moved = chain.index.money.transfers(safe, None, 0, 2_000, Page(10))[0]
     assert {row["amount"]: row["reason"] for row in moved} == {
         80 * IEC: "payment",
         7: "bond_returned",
@@ -791,14 +798,14 @@ def test_what_a_provider_is_owed_goes_to_whom_it_named(chain: Chain) -> None:
     }
     assert task(chain)["executor"] == ROBOT
     chain.block(events.PayoutChanged(ROBOT, ROBOT))
-    assert chain.index.payouts() == {}
+    assert chain.index.services.payouts() == {}
 
 
 def test_a_payment_that_brings_a_bond_back_is_one(chain: Chain) -> None:
     chain.block(offered(), registered(), assigned(), proved())
     moved = events.Transfer(CONTRACTS["TaskManager"], ROBOT, 80 * IEC + 7)
     chain.block(*judged(True), events.BondReturned(1, ROBOT, 7), settled(80), moved)
-    (transfer,), _ = chain.index.transfers(ROBOT, None, 0, 2_000, Page(10))
+    (transfer,), _ = chain.index.money.transfers(ROBOT, None, 0, 2_000, Page(10))
     assert (transfer["reason"], transfer["task_id"]) == ("payment", 1)
 
 
@@ -809,11 +816,11 @@ def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
         events.KindDisallowed("a"),
         events.WindowsChanged("a", replace(WINDOWS, audit_window=60), IEC),
     )
-    assert chain.index.kinds() == ["b"]
+    assert chain.index.rules.kinds() == ["b"]
     columns = ("number", "audit_window_s", "judges_window_s", "max_case_s")
-    judges = {row["kind"]: tuple(row[one] for one in columns) for row in chain.index.all_kinds()}
+    judges = {row["kind"]: tuple(row[one] for one in columns) for row in chain.index.rules.all_kinds()}
     assert judges == {"a": (1, 60, 60, 3600), "b": (2, 0, 120, 7200)}
-    assert {number: row["judge"] for number, row in chain.index.numbers().items()} == {
+    assert {number: row["judge"] for number, row in chain.index.rules.numbers().items()} == {
         1: ORACLE_JUDGE,
         2: CREATOR,
     }
@@ -822,7 +829,7 @@ def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
 def test_a_device_is_kept_after_it_is_revoked(chain: Chain) -> None:
     chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, "panther1", CREATOR), time_s=5)
     chain.block(events.DeviceRevoked(ROBOT, Revocation.SUPERSEDED), time_s=9)
-    (device,) = chain.index.devices()
+    (device,) = chain.index.rules.devices()
     assert (device["role"], device["name"]) == ("robot", "panther1")
     assert (device["registered"], device["revoked"], device["revoked_because"]) == (5, 9, "superseded")
 
@@ -830,7 +837,7 @@ def test_a_device_is_kept_after_it_is_revoked(chain: Chain) -> None:
 def test_a_device_has_the_owner_that_it_was_registered_for_last(chain: Chain) -> None:
     chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, "panther1", CREATOR), time_s=5)
     chain.block(events.DeviceOwnerChanged(ROBOT, ROBOT, CREATOR), time_s=9)
-    (device,) = chain.index.devices()
+    (device,) = chain.index.rules.devices()
     assert (device["owner"], device["registered"], device["revoked"]) == (ROBOT, 5, None)
 
 
@@ -860,7 +867,7 @@ def test_a_judge_has_the_stake_that_the_contract_says_it_has(tmp_path: Path) -> 
     chain = Chain(open_index(tmp_path, contracts=named))
 
     def stake() -> tuple[int, int, int]:
-        (judge,) = chain.index.judges()
+        (judge,) = chain.index.rules.judges()
         return judge["stake"] // IEC, judge["leaving"] // IEC, judge["leaving_until_s"]
 
     chain.block(events.JudgeSeated(0, CREATOR, ROBOT))
@@ -879,7 +886,7 @@ def test_a_judge_has_the_stake_that_the_contract_says_it_has(tmp_path: Path) -> 
     assert stake() == (0, 0, 0)
     first, last = Instance(committee, 60, 0, 1, 2 * IEC), Instance(other, 0, 60, 0, 0)
     chain.block(events.InstancesChanged("waste_disposal", [first, last]))
-    assert [row["judge_stake"] for row in chain.index.all_kinds()] == [2 * IEC]
+    assert [row["judge_stake"] for row in chain.index.rules.all_kinds()] == [2 * IEC]
 
 
 def test_judges_of_each_committee_have_seats_and_stakes_of_their_own(tmp_path: Path) -> None:
@@ -905,13 +912,13 @@ def test_judges_of_each_committee_have_seats_and_stakes_of_their_own(tmp_path: P
         return [(one["seat"], one["key"], one["stake"] // IEC) for one in judges]
 
     index = chain.index
-    assert found(index.judges()) == [(0, CREATOR, 0)]
-    assert found(index.challenge_judges("DisputeCommittee")) == [(0, ROBOT, 5)]
-    assert found(index.challenge_judges("AppealCommittee")) == [(0, CREATOR, 4)]
-    (row,) = index.all_kinds()
+    assert found(index.rules.judges()) == [(0, CREATOR, 0)]
+    assert found(index.rules.challenge_judges("DisputeCommittee")) == [(0, ROBOT, 5)]
+    assert found(index.rules.challenge_judges("AppealCommittee")) == [(0, CREATOR, 4)]
+    (row,) = index.rules.all_kinds()
     assert (row["votes"], row["seats"], row["judge_stake"]) == (1, [0], 1 * IEC)
     for committee, stake in (("DisputeCommittee", 2), ("AppealCommittee", 3)):
-        (of_kind,) = index.challenge_kinds(committee)
+        (of_kind,) = index.rules.challenge_kinds(committee)
         assert (of_kind["votes"], of_kind["seats"], of_kind["judge_stake"]) == (1, [0], stake * IEC)
     # Whoever hears of it hears of which committee it is.
     told = [event.args["committee"] for event in index.events_after(0, 10, ("JudgeSeated", "QuorumChanged"))]
@@ -919,5 +926,5 @@ def test_judges_of_each_committee_have_seats_and_stakes_of_their_own(tmp_path: P
     # Where nobody can challenge any more, none of them needs a stake for it.
     chain.block(events.InstancesChanged("waste_disposal", instances[:1]))
     assert [
-        index.challenge_kinds(one)[0]["judge_stake"] for one in ("DisputeCommittee", "AppealCommittee")
+        index.rules.challenge_kinds(one)[0]["judge_stake"] for one in ("DisputeCommittee", "AppealCommittee")
     ] == [0, 0]

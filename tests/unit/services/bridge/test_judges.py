@@ -69,15 +69,15 @@ def called(
         quorum=lambda _kind, _committee="": SimpleNamespace(votes=votes),
         instances=lambda _kind: [SimpleNamespace(stake=1)] * instances,
     )
-    index: Any = SimpleNamespace(
-        task=lambda _id: row,
+    rules: Any = SimpleNamespace(
         numbers=lambda: numbers,
         number_of=lambda kind: max(numbers) if kind == KIND else 0,
         judges=lambda: [{}] * seats,
-        rules=lambda _kind, now: list(kept) if now == number["judge"] else [],
+        of=lambda _kind, now: list(kept) if now == number["judge"] else [],
         kinds=lambda: [KIND],
         kind=lambda _kind: {f"{one.name}_s": 180 for one in fields(Windows)} | {"reference_price": 1},
     )
+    index: Any = SimpleNamespace(rules=rules, tasks=SimpleNamespace(get=lambda _id: row))
     unused: Any = SimpleNamespace()
     kinds: Any = SimpleNamespace(by_people=lambda _kind: False, get=lambda _kind: None)
     names = Names.__new__(Names)

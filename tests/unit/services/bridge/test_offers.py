@@ -4,6 +4,7 @@ participants' services what the contracts overlooked."""
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from services.bridge.offers import Match, Update, due_matches, due_updates
 HERE = {"0x01": "alice"}
 
 
-class FakeIndex:
+class FakeServices:
     """What the index says of alice's two services, and of one of somebody else."""
 
     def __init__(self, *, engaged: bool = False, locked: bool = False, **provider: Any) -> None:
@@ -40,7 +41,7 @@ class FakeIndex:
 
 
 def due(now_s: float, able: bool = True, **said: Any) -> tuple[list[Update], float | None]:
-    index: Any = FakeIndex(**said)
+    index: Any = SimpleNamespace(services=FakeServices(**said))
     return due_updates(index, HERE, lambda _name, _kind: able, now_s)
 
 
@@ -102,7 +103,8 @@ class Market:
 
 
 def matches(now_s: float, able: bool = True, **said: Any) -> tuple[list[Match], float | None]:
-    index: Any = Market(**said)
+    market: Any = Market(**said)
+    index: Any = SimpleNamespace(tasks=market, services=market)
     return due_matches(index, HERE | {"0x10": "bob"}, lambda _name, _kind: able, now_s)
 
 

@@ -128,13 +128,13 @@ def test_the_administrator_hands_over_and_changes_the_delay_by_proposals_only(of
     assert functions == [("OrganizationTimelock", did) for did in ("grantRole",) * 2 + ("revokeRole",) * 2]
     # It is shown who may propose, and who the organization's own administrator is.
     keys, timelock = office.names.keys, office.client.deployment.address("OrganizationTimelock")
-    roles = office.index.roles()
+    roles = office.index.rules.roles()
     assert roles["PROPOSER_ROLE"] == roles["CANCELLER_ROLE"] == [keys["organization"]]
     assert roles[Role.ADMINISTRATOR] == [timelock]
     office.now_s += DELAY_S + 1
     for number in (faster, given):
         office.command("alice", "execute_proposal", proposal=number)
-    roles = office.index.roles()
+    roles = office.index.rules.roles()
     assert roles["PROPOSER_ROLE"] == roles["CANCELLER_ROLE"] == [keys["alice"]]
     with pytest.raises(ContractReverted):
         office.propose("set_members_only", {"enabled": True})
@@ -147,7 +147,7 @@ def test_the_administrator_hands_over_and_changes_the_delay_by_proposals_only(of
     office.now_s += 61
     for number in (back, slower):
         office.command("alice", "execute_proposal", proposal=number)
-    assert office.index.roles()["PROPOSER_ROLE"] == [keys["organization"]]
+    assert office.index.rules.roles()["PROPOSER_ROLE"] == [keys["organization"]]
     assert office.client.decision_delay_s() == DELAY_S
 
 
@@ -174,7 +174,7 @@ def test_what_the_contracts_would_refuse_after_the_delay_is_refused_at_once(
         office.propose("set_terms", TERMS | {"penalty_iec": "4"})
     assert "the penalty is higher than the bond" in str(refused.value.details)
     provider = office.account("panther1").address
-    monkeypatch.setattr(office.index, "service", lambda _number: {"provider": provider})
+    monkeypatch.setattr(office.index.services, "get", lambda _number: {"provider": provider})
     with pytest.raises(InvalidRequest, match="does not offer this service"):
         office.propose("update_service", {"service_id": 1, "price_iec": "8", "state": "active"})
 
@@ -219,7 +219,7 @@ def test_what_is_scheduled_past_the_bridge_is_listed_too_with_the_calls_beside_i
         office.command("alice", "execute_proposal", proposal=number)
     assert [one["state"] for one in office.proposals()[:3]] == ["executed"] * 3
     assert client.has_role(Role.TREASURER, alice)
-    assert office.index.roles()["PROPOSER_ROLE"] == [office.names.keys["organization"]]
+    assert office.index.rules.roles()["PROPOSER_ROLE"] == [office.names.keys["organization"]]
 
 
 def test_what_a_founder_leaves_to_be_done_later_is_listed(
@@ -268,7 +268,9 @@ def test_where_nothing_is_proposed_or_members_decide_the_bridge_says_so(tmp_path
         desk = replace(office.wallet("panther1").desk, client=client)
         with pytest.raises(MembersDecide):
             HandOver(account="panther1").calls(desk)
-        known: Any = SimpleNamespace(proposal=lambda _number: {"number": 1, "id": "0x01"})
+        known: Any = SimpleNamespace(
+            votes=SimpleNamespace(proposal=lambda _number: {"number": 1, "id": "0x01"})
+        )
         with pytest.raises(MembersDecide):
             CancelProposal(proposal=1).calls(replace(desk, index=known))
         office.index.close()

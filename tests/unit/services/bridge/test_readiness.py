@@ -79,14 +79,14 @@ def test_a_bridge_without_the_organizations_key_ends_no_window_but_those_rulings
         return reply
 
     rows = [ruled(7, executor="0x01").model_dump(), ruled(8, executor="0x02").model_dump()]
-    index = SimpleNamespace(
+    tasks = SimpleNamespace(
         unconcluded=lambda: rows,
         late_verdicts=lambda _now_s: [7],
         recent_voids=lambda _last: {None: (9, {"oracle": 1})},
+        in_state=lambda _state: [],
     )
-    index.providers, index.engaged = dict, set
-    index.idle = index.locked_bonds = list
-    index.in_state = lambda _state: []
+    services = SimpleNamespace(providers=dict, engaged=set, idle=list, locked_bonds=list)
+    index = SimpleNamespace(tasks=tasks, services=services)
     wallets = {"panther1": SimpleNamespace(execute=execute)}
     handback = SimpleNamespace(can_do=lambda _name, _kind: True)
     attachment: Any = SimpleNamespace(chain=SimpleNamespace(index=index), wallets=wallets, handback=handback)

@@ -39,7 +39,7 @@ def wallet() -> Wallet:
         deployment=DEPLOYMENT,
         calls=SimpleNamespace(submit_proof_for=called, cancel_task_for=called),
     )
-    index: Any = SimpleNamespace(task=lambda _task_id: {"nonce": NONCE})
+    index: Any = SimpleNamespace(tasks=SimpleNamespace(get=lambda _task_id: {"nonce": NONCE}))
     return Wallet(Desk("bob", client, index, unused, unused, unused, unused), unused)
 
 

@@ -83,7 +83,15 @@ class Node:
     def unaccounted(self) -> int:
         return 8 * 10**18
 
-    def task(self, task_id: int) -> Any:
+    @property
+    def tasks(self) -> Any:
+        return SimpleNamespace(get=self._task)
+
+    @property
+    def rules(self) -> Any:
+        return SimpleNamespace(setting=lambda _name: {"bond_iec": "30"})
+
+    def _task(self, task_id: int) -> Any:
         return {
             "id": task_id,
             "kind": "sweeping",
@@ -94,9 +102,6 @@ class Node:
 
     def instances(self, _kind: str) -> Any:
         return [SimpleNamespace(stake=20 * 10**18)] * 2
-
-    def setting(self, _name: str) -> Any:
-        return {"bond_iec": "30"}
 
 
 def wallet(**limits: Any) -> Wallet:

@@ -28,9 +28,10 @@ from services.bridge.errors import (
     TransactionDropped,
 )
 from services.bridge.fees import Limits
-from services.bridge.index import NOWHERE, Page
+from services.bridge.index import NOWHERE
 from services.bridge.journal import decoded
 from services.bridge.orders import Order
+from services.bridge.reading import Page
 from tests.support.bridge_wallet import Robot
 from tests.support.chain import Answer
 from tests.support.site import free_port
@@ -343,9 +344,9 @@ def test_an_index_of_another_version_is_rebuilt_beside_a_journal_that_is_migrate
 def answers(robot: Robot) -> list[Any]:
     return [
         robot.index.events_after(0, 1_000),
-        robot.index.balances(),
-        robot.index.devices(),
-        robot.index.transfers(robot.account.address, None, 0, 2**48, Page(1_000)),
+        robot.index.money.balances(),
+        robot.index.rules.devices(),
+        robot.index.money.transfers(robot.account.address, None, 0, 2**48, Page(1_000)),
     ]
 
 
@@ -558,7 +559,7 @@ def test_a_proof_that_was_undone_is_sent_again_where_its_task_is_assigned_as_it_
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assigned: dict[str, Any] = {"nonce": OURS, "attempt": 1}
-    monkeypatch.setattr(robot.index, "task", lambda _id: assigned)
+    monkeypatch.setattr(robot.index.tasks, "get", lambda _id: assigned)
     reply = robot.outcome(robot.transactions.orders.submit(proof(robot)))
     undo(robot, reply)
     sent = robot.chain.node.calls.count(SEND)
@@ -576,7 +577,7 @@ def test_a_proof_that_was_undone_is_taken_back_where_its_task_is_assigned_anew(
     limit = int(robot.transactions.signer.cost(robot.order())["max_fee_per_gas_wei"])
     robot.limits = Limits(WalletLimits(max_fee_per_gas_gwei=Decimal(limit) / 10**9), IEC)
     robot.restart()
-    monkeypatch.setattr(robot.index, "task", lambda _id: {"nonce": OTHER, "attempt": 1})
+    monkeypatch.setattr(robot.index.tasks, "get", lambda _id: {"nonce": OTHER, "attempt": 1})
     reply = robot.outcome(robot.transactions.orders.submit(proof(robot)))
     undo(robot, reply)
     nonce = robot.journal.find("panther1", "proof").nonce  # type: ignore[union-attr]
@@ -630,7 +631,7 @@ def test_nothing_is_signed_for_a_chain_that_takes_the_place_of_ours(robot: Robot
 def test_what_a_reorganization_undid_is_not_sent_on_the_chain_that_takes_the_place_of_ours(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(robot.index, "task", lambda _id: {"nonce": OURS, "attempt": 1})
+    monkeypatch.setattr(robot.index.tasks, "get", lambda _id: {"nonce": OURS, "attempt": 1})
     undo(robot, robot.outcome(robot.transactions.orders.submit(proof(robot))))
     robot.chain.node.fault = begun_anew
     sent = robot.chain.node.calls.count(SEND)

@@ -36,7 +36,7 @@ def windows(
     """What `setWindows` is called with, if at all, where the chain has `there`."""
     calls: Any = SimpleNamespace(set_windows=lambda *given: given)
     desk: Any = SimpleNamespace(
-        index=SimpleNamespace(kind=lambda _kind: there),
+        index=SimpleNamespace(rules=SimpleNamespace(kind=lambda _kind: there)),
         kinds=SimpleNamespace(get=lambda _kind: declared),
         client=SimpleNamespace(organization_calls=calls),
         currency=IEC,
