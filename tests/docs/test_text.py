@@ -34,7 +34,19 @@ from tests.support.site import LAB
 MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
 MADE_BY_THE_READER |= {"out/demo/site.toml"}
 """Files of which the text says that the reader brings them or writes them."""
-KINDS = {"{toctree}", "shell", "toml", "python", "json", "mermaid", "question", "diagram", "diff", "text"}
+KINDS = {
+    "{toctree}",
+    "{literalinclude}",
+    "shell",
+    "toml",
+    "python",
+    "json",
+    "mermaid",
+    "question",
+    "diagram",
+    "diff",
+    "text",
+}
 DIAGRAMS = {"docs/reference/evidence.md"}
 """Pages with blocks that are only to be looked at."""
 INTERFACES = {"docs/reference/ros2.md"}

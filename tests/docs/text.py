@@ -40,7 +40,8 @@ class Block:
     """Relative to the repository."""
     line: int
     kind: str
-    """shell, toml, python, json, mermaid, or diagram for what is only to be looked at."""
+    """shell, toml, python, json, mermaid, or diagram for what is only to be looked at; {literalinclude}
+    with the file's text."""
     text: str
 
     def __str__(self) -> str:
@@ -87,7 +88,11 @@ def _blocks(page: Path) -> Iterator[Block]:
     for token in MarkdownIt("commonmark").parse(page.read_text()):
         if token.type in ("fence", "code_block") and token.map is not None:
             first = token.map[0] + (2 if token.type == "fence" else 1)
-            yield Block(str(page.relative_to(ROOT)), first, token.info or _kind(token.content), token.content)
+            directive, _, argument = token.info.partition(" ")
+            kind, text = directive or _kind(token.content), token.content
+            if kind == "{literalinclude}":
+                text = (page.parent / argument).read_text()
+            yield Block(str(page.relative_to(ROOT)), first, kind, text)
 
 
 def _kind(text: str) -> str:
@@ -164,7 +169,7 @@ def broken_links_of(page: Path) -> list[str]:
 def broken_links() -> list[str]:
     """Those of every page, and pages that docs/index.md does not list."""
     every = {*pages(), *DOCS.rglob("*.md"), *ROOT.glob("*.md"), *(ROOT / ".github").rglob("*.md")}
-    every |= set((ROOT / "training").rglob("*.md"))
+    every |= {*(ROOT / "training").rglob("*.md"), *(ROOT / "examples").rglob("*.md")}
     found = [broken for page in sorted(every) for broken in broken_links_of(page)]
     listed = {*pages(), *(DOCS / "decisions").glob("*.md")}
     return found + [

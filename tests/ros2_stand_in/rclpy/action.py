@@ -1,0 +1,242 @@
+"""Actions, of services and topics (design.ros2.org/articles/actions.html), as rclpy's run them."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import time
+import traceback
+import uuid
+from collections.abc import Callable
+from enum import Enum
+from types import SimpleNamespace
+from typing import Any
+
+import zenoh
+from ros_interfaces import deserialized, message_class, serialized
+from zenoh_ros2_sdk.attachment import Attachment
+from zenoh_ros2_sdk.entity import EntityKind
+
+from rclpy.node import Client, Node, Publisher, Subscription
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_services_default
+from rclpy.task import Future
+
+UNKNOWN, ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(7)
+"""action_msgs/msg/GoalStatus."""
+ERROR_NONE, ERROR_REJECTED, ERROR_UNKNOWN_GOAL_ID, ERROR_GOAL_TERMINATED = range(4)
+"""action_msgs/srv/CancelGoal."""
+_STATUS_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_FEEDBACK_QOS = QoSProfile(depth=10)
+
+
+def _service(typename: str) -> Any:
+    parts = {part: message_class(f"{typename}_{part}") for part in ("Request", "Response")}
+    return SimpleNamespace(typename=typename, **parts)
+
+
+def _new(typename: str, **fields: Any) -> Any:
+    return message_class(typename)(**fields)
+
+
+def _uuid(goal_id: bytes) -> Any:
+    return _new("unique_identifier_msgs/msg/UUID", uuid=list(goal_id))
+
+
+class GoalResponse(Enum):
+    REJECT = 1
+    ACCEPT = 2
+
+
+class CancelResponse(Enum):
+    REJECT = 1
+    ACCEPT = 2
+
+
+class ClientGoalHandle:
+    def __init__(self, client: ActionClient, goal_id: bytes, response: Any) -> None:
+        self._client, self._id, self._response = client, goal_id, response
+
+    @property
+    def accepted(self) -> bool:
+        return bool(self._response.accepted)
+
+    def get_result_async(self) -> Future:
+        return self._client._results.call_async(self._client._results._request(goal_id=_uuid(self._id)))
+
+    def cancel_goal_async(self) -> Future:
+        info = _new("action_msgs/msg/GoalInfo", goal_id=_uuid(self._id))
+        return self._client._cancels.call_async(self._client._cancels._request(goal_info=info))
+
+
+class ActionClient:
+    def __init__(self, node: Node, action_type: Any, action_name: str) -> None:
+        self._node, self._type = node, action_type.typename
+        self._feedback: dict[bytes, Callable[[Any], Any]] = {}
+        name = f"{action_name}/_action"
+        feedback = message_class(f"{self._type}_FeedbackMessage")
+        self._heard = Subscription(node, feedback, f"{name}/feedback", self._on_feedback, _FEEDBACK_QOS)
+        self._goals = Client(node, _service(f"{self._type}_SendGoal"), f"{name}/send_goal")
+        self._results = Client(node, _service(f"{self._type}_GetResult"), f"{name}/get_result")
+        self._cancels = Client(node, _service("action_msgs/srv/CancelGoal"), f"{name}/cancel_goal")
+
+    def wait_for_server(self, timeout_sec: float | None = None) -> bool:
+        return self._goals.wait_for_service(timeout_sec)
+
+    def send_goal_async(self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None) -> Future:
+        goal_id, handle = uuid.uuid4().bytes, Future()
+        if feedback_callback is not None:
+            self._feedback[goal_id] = feedback_callback
+        sent = self._goals.call_async(self._goals._request(goal_id=_uuid(goal_id), goal=goal))
+        sent.add_done_callback(
+            lambda answer: handle.set_result(ClientGoalHandle(self, goal_id, answer.result()))
+        )
+        return handle
+
+    def _on_feedback(self, message: Any) -> None:
+        if callback := self._feedback.get(bytes(message.goal_id.uuid)):
+            self._node._call(callback, message)
+
+
+class ServerGoalHandle:
+    def __init__(self, server: ActionServer, goal_id: bytes, request: Any, stamp: Any) -> None:
+        self._server, self._id, self._request, self._stamp = server, goal_id, request, stamp
+        self._status, self._result = ACCEPTED, Future()
+
+    @property
+    def request(self) -> Any:
+        return self._request
+
+    @property
+    def status(self) -> int:
+        return self._status
+
+    @property
+    def is_active(self) -> bool:
+        return self._status < SUCCEEDED
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        return self._status == CANCELING
+
+    def publish_feedback(self, feedback: Any) -> None:
+        message = _new(f"{self._server._type}_FeedbackMessage", goal_id=_uuid(self._id), feedback=feedback)
+        self._server._feedback.publish(message)
+
+    def succeed(self) -> None:
+        self._become(SUCCEEDED)
+
+    def abort(self) -> None:
+        self._become(ABORTED)
+
+    def canceled(self) -> None:
+        self._become(CANCELED)
+
+    def _become(self, status: int) -> None:
+        if not self.is_active or (status == CANCELED and self._status != CANCELING):
+            raise RuntimeError(f"goal_handle attempted invalid transition from state {self._status}")
+        self._status = status
+        self._server._publish_status()
+
+    def _info(self) -> Any:
+        return _new("action_msgs/msg/GoalInfo", goal_id=_uuid(self._id), stamp=self._stamp)
+
+
+class ActionServer:
+    def __init__(
+        self,
+        node: Node,
+        action_type: Any,
+        action_name: str,
+        execute_callback: Callable[[Any], Any],
+        *,
+        goal_callback: Callable[[Any], Any] = lambda _goal: GoalResponse.ACCEPT,
+        cancel_callback: Callable[[Any], Any] = lambda _goal: CancelResponse.REJECT,
+    ) -> None:
+        self._node, self._type = node, action_type.typename
+        self._execute_callback, self._goal_callback = execute_callback, goal_callback
+        self._cancel_callback = cancel_callback
+        self._goals: dict[bytes, ServerGoalHandle] = {}
+        self._numbers = itertools.count(1)
+        name = f"{action_name}/_action"
+        feedback = message_class(f"{self._type}_FeedbackMessage")
+        statuses = message_class("action_msgs/msg/GoalStatusArray")
+        self._feedback = Publisher(node, feedback, f"{name}/feedback", _FEEDBACK_QOS)
+        self._statuses = Publisher(node, statuses, f"{name}/status", _STATUS_QOS)
+        self._served = [
+            self._serve(f"{name}/{service}", typename, handler)
+            for service, typename, handler in (
+                ("get_result", f"{self._type}_GetResult", self._on_result),
+                ("cancel_goal", "action_msgs/srv/CancelGoal", self._on_cancel),
+                ("send_goal", f"{self._type}_SendGoal", self._on_goal),
+            )
+        ]
+
+    def _serve(self, service: str, typename: str, handler: Callable[..., Any]) -> Any:
+        name = self._node._full(service)
+        key = self._node._key(name, typename)
+
+        def on_query(query: zenoh.Query) -> None:
+            attachment = Attachment.from_bytes(query.attachment.to_bytes())
+            request = deserialized(query.payload.to_bytes(), f"{typename}_Request")
+
+            def answer(**fields: Any) -> None:
+                stamped = Attachment(attachment.sequence_id, time.time_ns(), attachment.gid).to_bytes()
+                with query:
+                    query.reply(key, serialized(_new(f"{typename}_Response", **fields)), attachment=stamped)
+
+            self._node._later(lambda: handler(request, answer))
+
+        served = self._node._session.declare_queryable(key, on_query, complete=True)
+        token, _ = self._node._declare(EntityKind.SERVICE, name, typename, qos_profile_services_default)
+        return served, token
+
+    def _on_goal(self, request: Any, answer: Callable[..., None]) -> None:
+        goal_id = bytes(request.goal_id.uuid)
+        accepted = goal_id not in self._goals and self._goal_callback(request.goal) is GoalResponse.ACCEPT
+        seconds, nanoseconds = divmod(time.time_ns(), 10**9)
+        stamp = _new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        if accepted:
+            goal = self._goals[goal_id] = ServerGoalHandle(self, goal_id, request.goal, stamp)
+        answer(accepted=accepted, stamp=stamp)
+        if accepted:
+            goal._become(EXECUTING)
+            self._node._call(self._execute, goal)
+
+    async def _execute(self, goal: ServerGoalHandle) -> None:
+        try:
+            result = self._execute_callback(goal)
+            result = await result if inspect.iscoroutine(result) else result
+        except Exception as error:  # noqa: BLE001 - as in rclpy, whatever it is
+            result = _new(f"{self._type}_Result")
+            self._node.get_logger().error(f"Error raised in execute callback: {error}")
+            traceback.print_exc()
+        if goal.is_active:
+            self._node.get_logger().warning("Goal state not set, assuming aborted.")
+            goal.abort()
+        goal._result.set_result(result)
+
+    def _on_result(self, request: Any, answer: Callable[..., None]) -> None:
+        goal = self._goals.get(bytes(request.goal_id.uuid))
+        if goal is None:
+            answer(status=UNKNOWN)
+        else:
+            goal._result.add_done_callback(lambda done: answer(status=goal.status, result=done.result()))
+
+    def _on_cancel(self, request: Any, answer: Callable[..., None]) -> None:
+        wanted = bytes(request.goal_info.goal_id.uuid)
+        meant = [goal for goal in self._goals.values() if goal._id == wanted or not any(wanted)]
+        live = [goal for goal in meant if goal.is_active]
+        taken = [goal for goal in live if self._cancel_callback(goal) is CancelResponse.ACCEPT]
+        for goal in taken:
+            goal._become(CANCELING)
+        code = ERROR_UNKNOWN_GOAL_ID if not meant else ERROR_REJECTED if live else ERROR_GOAL_TERMINATED
+        if taken or not any(wanted):
+            code = ERROR_NONE
+        answer(return_code=code, goals_canceling=[goal._info() for goal in taken])
+
+    def _publish_status(self) -> None:
+        statuses = [
+            _new("action_msgs/msg/GoalStatus", goal_info=goal._info(), status=goal.status)
+            for goal in self._goals.values()
+        ]
+        self._statuses.publish(_new("action_msgs/msg/GoalStatusArray", status_list=statuses))
