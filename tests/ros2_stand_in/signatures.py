@@ -36,7 +36,7 @@ SIGNATURES: dict[str, tuple[str, dict[str, str]]] = {
         {"info": "message", "warning": "message", "error": "message"},
     ),
     "rclpy.node.Publisher": (SOURCE + "publisher.py", {"publish": "msg"}),
-    "rclpy.node.Subscription": (SOURCE + "subscription.py", {}),
+    "rclpy.node.Subscription": (SOURCE + "subscription.py", {"destroy": ""}),
     "rclpy.node.Client": (
         SOURCE + "client.py",
         {"call_async": "request", "wait_for_service": "timeout_sec"},

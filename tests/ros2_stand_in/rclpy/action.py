@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import itertools
 import time
 import traceback
 import uuid
@@ -14,6 +13,7 @@ from typing import Any
 
 import zenoh
 from ros_interfaces import deserialized, message_class, serialized
+from ros_wire import wires
 from zenoh_ros2_sdk.attachment import Attachment
 from zenoh_ros2_sdk.entity import EntityKind
 
@@ -53,24 +53,25 @@ class CancelResponse(Enum):
 
 
 class ClientGoalHandle:
-    def __init__(self, client: ActionClient, goal_id: bytes, response: Any) -> None:
-        self._client, self._id, self._response = client, goal_id, response
+    def __init__(self, action: str, goal_id: bytes, response: Any, results: Client, cancels: Client) -> None:
+        self._action, self._id, self._response = action, goal_id, response
+        self._results, self._cancels = results, cancels
 
     @property
     def accepted(self) -> bool:
         return bool(self._response.accepted)
 
     def get_result_async(self) -> Future:
-        return self._client._results.call_async(self._client._results._request(goal_id=_uuid(self._id)))
+        return self._results.call_async(_new(f"{self._action}_GetResult_Request", goal_id=_uuid(self._id)))
 
     def cancel_goal_async(self) -> Future:
         info = _new("action_msgs/msg/GoalInfo", goal_id=_uuid(self._id))
-        return self._client._cancels.call_async(self._client._cancels._request(goal_info=info))
+        return self._cancels.call_async(_new("action_msgs/srv/CancelGoal_Request", goal_info=info))
 
 
 class ActionClient:
     def __init__(self, node: Node, action_type: Any, action_name: str) -> None:
-        self._node, self._type = node, action_type.typename
+        self._wire, self._type = wires[node], action_type.typename
         self._feedback: dict[bytes, Callable[[Any], Any]] = {}
         name = f"{action_name}/_action"
         feedback = message_class(f"{self._type}_FeedbackMessage")
@@ -83,62 +84,83 @@ class ActionClient:
         return self._goals.wait_for_service(timeout_sec)
 
     def send_goal_async(self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None) -> Future:
-        goal_id, handle = uuid.uuid4().bytes, Future()
+        goal_id, handled = uuid.uuid4().bytes, Future()
         if feedback_callback is not None:
             self._feedback[goal_id] = feedback_callback
-        sent = self._goals.call_async(self._goals._request(goal_id=_uuid(goal_id), goal=goal))
-        sent.add_done_callback(
-            lambda answer: handle.set_result(ClientGoalHandle(self, goal_id, answer.result()))
-        )
-        return handle
+
+        def on_response(answered: Future) -> None:
+            handle = ClientGoalHandle(self._type, goal_id, answered.result(), self._results, self._cancels)
+            handled.set_result(handle)
+
+        request = _new(f"{self._type}_SendGoal_Request", goal_id=_uuid(goal_id), goal=goal)
+        self._goals.call_async(request).add_done_callback(on_response)
+        return handled
 
     def _on_feedback(self, message: Any) -> None:
         if callback := self._feedback.get(bytes(message.goal_id.uuid)):
-            self._node._call(callback, message)
+            self._wire.call(callback, message)
 
 
-class ServerGoalHandle:
-    def __init__(self, server: ActionServer, goal_id: bytes, request: Any, stamp: Any) -> None:
-        self._server, self._id, self._request, self._stamp = server, goal_id, request, stamp
-        self._status, self._result = ACCEPTED, Future()
+class _Goal:
+    """A goal as its server keeps it; the handle is what a user sees of it."""
 
-    @property
-    def request(self) -> Any:
-        return self._request
-
-    @property
-    def status(self) -> int:
-        return self._status
+    def __init__(
+        self,
+        goal_id: bytes,
+        request: Any,
+        stamp: Any,
+        say: Callable[[bytes, Any], None],
+        news: Callable[[], None],
+    ) -> None:
+        self.id, self.request, self.stamp = goal_id, request, stamp
+        self.status, self.result = ACCEPTED, Future()
+        self.say, self._news = say, news
 
     @property
     def is_active(self) -> bool:
-        return self._status < SUCCEEDED
+        return self.status < SUCCEEDED
+
+    def become(self, status: int) -> None:
+        if not self.is_active or (status == CANCELED and self.status != CANCELING):
+            raise RuntimeError(f"goal_handle attempted invalid transition from state {self.status}")
+        self.status = status
+        self._news()
+
+    def info(self) -> Any:
+        return _new("action_msgs/msg/GoalInfo", goal_id=_uuid(self.id), stamp=self.stamp)
+
+
+class ServerGoalHandle:
+    def __init__(self, goal: _Goal) -> None:
+        self._goal = goal
+
+    @property
+    def request(self) -> Any:
+        return self._goal.request
+
+    @property
+    def status(self) -> int:
+        return self._goal.status
+
+    @property
+    def is_active(self) -> bool:
+        return self._goal.is_active
 
     @property
     def is_cancel_requested(self) -> bool:
-        return self._status == CANCELING
+        return self._goal.status == CANCELING
 
     def publish_feedback(self, feedback: Any) -> None:
-        message = _new(f"{self._server._type}_FeedbackMessage", goal_id=_uuid(self._id), feedback=feedback)
-        self._server._feedback.publish(message)
+        self._goal.say(self._goal.id, feedback)
 
     def succeed(self) -> None:
-        self._become(SUCCEEDED)
+        self._goal.become(SUCCEEDED)
 
     def abort(self) -> None:
-        self._become(ABORTED)
+        self._goal.become(ABORTED)
 
     def canceled(self) -> None:
-        self._become(CANCELED)
-
-    def _become(self, status: int) -> None:
-        if not self.is_active or (status == CANCELED and self._status != CANCELING):
-            raise RuntimeError(f"goal_handle attempted invalid transition from state {self._status}")
-        self._status = status
-        self._server._publish_status()
-
-    def _info(self) -> Any:
-        return _new("action_msgs/msg/GoalInfo", goal_id=_uuid(self._id), stamp=self._stamp)
+        self._goal.become(CANCELED)
 
 
 class ActionServer:
@@ -152,11 +174,10 @@ class ActionServer:
         goal_callback: Callable[[Any], Any] = lambda _goal: GoalResponse.ACCEPT,
         cancel_callback: Callable[[Any], Any] = lambda _goal: CancelResponse.REJECT,
     ) -> None:
-        self._node, self._type = node, action_type.typename
+        self._wire, self._log, self._type = wires[node], node.get_logger(), action_type.typename
         self._execute_callback, self._goal_callback = execute_callback, goal_callback
         self._cancel_callback = cancel_callback
-        self._goals: dict[bytes, ServerGoalHandle] = {}
-        self._numbers = itertools.count(1)
+        self._goals: dict[bytes, _Goal] = {}
         name = f"{action_name}/_action"
         feedback = message_class(f"{self._type}_FeedbackMessage")
         statuses = message_class("action_msgs/msg/GoalStatusArray")
@@ -172,8 +193,8 @@ class ActionServer:
         ]
 
     def _serve(self, service: str, typename: str, handler: Callable[..., Any]) -> Any:
-        name = self._node._full(service)
-        key = self._node._key(name, typename)
+        name = self._wire.full(service)
+        key = self._wire.key(name, typename)
 
         def on_query(query: zenoh.Query) -> None:
             attachment = Attachment.from_bytes(query.attachment.to_bytes())
@@ -184,10 +205,10 @@ class ActionServer:
                 with query:
                     query.reply(key, serialized(_new(f"{typename}_Response", **fields)), attachment=stamped)
 
-            self._node._later(lambda: handler(request, answer))
+            self._wire.later(lambda: handler(request, answer))
 
-        served = self._node._session.declare_queryable(key, on_query, complete=True)
-        token, _ = self._node._declare(EntityKind.SERVICE, name, typename, qos_profile_services_default)
+        served = self._wire.session.declare_queryable(key, on_query, complete=True)
+        token, _ = self._wire.declare(EntityKind.SERVICE, name, typename, qos_profile_services_default)
         return served, token
 
     def _on_goal(self, request: Any, answer: Callable[..., None]) -> None:
@@ -195,48 +216,52 @@ class ActionServer:
         accepted = goal_id not in self._goals and self._goal_callback(request.goal) is GoalResponse.ACCEPT
         seconds, nanoseconds = divmod(time.time_ns(), 10**9)
         stamp = _new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-        if accepted:
-            goal = self._goals[goal_id] = ServerGoalHandle(self, goal_id, request.goal, stamp)
         answer(accepted=accepted, stamp=stamp)
         if accepted:
-            goal._become(EXECUTING)
-            self._node._call(self._execute, goal)
+            goal = _Goal(goal_id, request.goal, stamp, self._say, self._publish_status)
+            self._goals[goal_id] = goal
+            goal.become(EXECUTING)
+            self._wire.call(self._execute, goal)
 
-    async def _execute(self, goal: ServerGoalHandle) -> None:
+    async def _execute(self, goal: _Goal) -> None:
         try:
-            result = self._execute_callback(goal)
+            result = self._execute_callback(ServerGoalHandle(goal))
             result = await result if inspect.iscoroutine(result) else result
         except Exception as error:  # noqa: BLE001 - as in rclpy, whatever it is
             result = _new(f"{self._type}_Result")
-            self._node.get_logger().error(f"Error raised in execute callback: {error}")
+            self._log.error(f"Error raised in execute callback: {error}")
             traceback.print_exc()
         if goal.is_active:
-            self._node.get_logger().warning("Goal state not set, assuming aborted.")
-            goal.abort()
-        goal._result.set_result(result)
+            self._log.warning("Goal state not set, assuming aborted.")
+            goal.become(ABORTED)
+        goal.result.set_result(result)
 
     def _on_result(self, request: Any, answer: Callable[..., None]) -> None:
         goal = self._goals.get(bytes(request.goal_id.uuid))
         if goal is None:
             answer(status=UNKNOWN)
         else:
-            goal._result.add_done_callback(lambda done: answer(status=goal.status, result=done.result()))
+            goal.result.add_done_callback(lambda done: answer(status=goal.status, result=done.result()))
 
     def _on_cancel(self, request: Any, answer: Callable[..., None]) -> None:
         wanted = bytes(request.goal_info.goal_id.uuid)
-        meant = [goal for goal in self._goals.values() if goal._id == wanted or not any(wanted)]
+        meant = [goal for goal in self._goals.values() if goal.id == wanted or not any(wanted)]
         live = [goal for goal in meant if goal.is_active]
-        taken = [goal for goal in live if self._cancel_callback(goal) is CancelResponse.ACCEPT]
+        taken = [one for one in live if self._cancel_callback(ServerGoalHandle(one)) is CancelResponse.ACCEPT]
         for goal in taken:
-            goal._become(CANCELING)
+            goal.become(CANCELING)
         code = ERROR_UNKNOWN_GOAL_ID if not meant else ERROR_REJECTED if live else ERROR_GOAL_TERMINATED
         if taken or not any(wanted):
             code = ERROR_NONE
-        answer(return_code=code, goals_canceling=[goal._info() for goal in taken])
+        answer(return_code=code, goals_canceling=[goal.info() for goal in taken])
+
+    def _say(self, goal_id: bytes, feedback: Any) -> None:
+        message = _new(f"{self._type}_FeedbackMessage", goal_id=_uuid(goal_id), feedback=feedback)
+        self._feedback.publish(message)
 
     def _publish_status(self) -> None:
         statuses = [
-            _new("action_msgs/msg/GoalStatus", goal_info=goal._info(), status=goal.status)
+            _new("action_msgs/msg/GoalStatus", goal_info=goal.info(), status=goal.status)
             for goal in self._goals.values()
         ]
         self._statuses.publish(_new("action_msgs/msg/GoalStatusArray", status_list=statuses))
