@@ -45,7 +45,7 @@ class Place:
     """Beginning of its genesis hash."""
     seq: int
     mark: str
-    """Of the event itself: after a reorganization an index that was built anew may count others."""
+    """The event's own: after a reorganization an index that was built anew may count others."""
 
     @classmethod
     def after(cls, event: DaoEvent) -> Place:
