@@ -85,7 +85,7 @@ class Holder:
         self.waiters: list[Waiter] = []
         # Belongs to this session: the state of a killed process is not taken for its successor's.
         key = topics.CLOCK_HOLD.name(org=org, process=process, session=str(session.info.zid()))
-        self._token = session.liveliness().declare_token(key)
+        token = session.liveliness().declare_token(key)
         self._publisher = session.declare_publisher(
             key,
             # Lost, it would hold the clock indefinitely; sent late, for long.
@@ -93,10 +93,11 @@ class Holder:
             express=True,
         )
         # In the receiving thread: an answer must not overtake what came before the mark.
-        self._marks = [
+        marks = [
             session.declare_subscriber(topics.CLOCK_MARK.name(org=org, to=to), direct(self._on_mark))
             for to in (EVERYBODY, process)
         ]
+        self._declared: tuple[zenoh.Subscriber[Any] | zenoh.LivelinessToken, ...] = (*marks, token)
 
     @contextmanager
     def acting(self) -> Iterator[None]:
@@ -184,10 +185,9 @@ class Holder:
             self.tell()
 
     def close(self) -> None:
-        for mark in self._marks:
-            mark.undeclare()
         with self._changed:
             # Other threads may still work: one that reports so in this moment must not find it borrowed.
             self._closed = True
             self._publisher.undeclare()
-        self._token.undeclare()
+        for one in self._declared:
+            one.undeclare()

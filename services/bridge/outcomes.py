@@ -5,27 +5,16 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
-from rodeo.chain.contracts import events
-from rodeo.chain.contracts.logs import UnlikeOurs, decode_event, event_topics
-from rodeo.chain.contracts.types import Event
 from rodeo.chain.node.answers import Kind
-from rodeo.chain.node.errors import (
-    ChainError,
-    ChainUnavailable,
-    ContractReverted,
-    InvalidAnswer,
-    TransactionFailed,
-)
-from rodeo.chain.proposals import proposal_key
+from rodeo.chain.node.errors import ChainError, ChainUnavailable
 from rodeo.errors import RodeoError
 from services.bridge.chain import Chain
 from services.bridge.errors import JournalUnwritable, TransactionDropped
 from services.bridge.journal import Entry
 from services.bridge.node import Call
-from services.bridge.orders import PATIENCE_S, Job, Orders, Reply
-from services.bridge.projection import hex_of
+from services.bridge.orders import Job, Orders, Reply
+from services.bridge.receipts import Receipt, Receipts, fee
 from services.bridge.signer import Signer
 
 log = logging.getLogger(__name__)
@@ -65,7 +54,7 @@ class Outcomes:
     ) -> None:
         self._chain = chain
         self._node = chain.node
-        self._contracts = {address.lower() for address in chain.deployment.event_sources}
+        self._receipts = Receipts(chain)
         self._index = chain.index
         self._journal = chain.journal
         self._orders = orders
@@ -266,7 +255,7 @@ class Outcomes:
             for job in jobs:
                 job.trouble = error
             raise
-        mined: dict[int, dict[str, Any]] = {}
+        mined: dict[int, Receipt] = {}
         for job in jobs:
             job.trouble = job.mined_block = None
         for (job, _), receipt in zip(asked, receipts, strict=True):
@@ -294,7 +283,7 @@ class Outcomes:
                     # Twice as long as it has waited until now.
                     job.due_s = now_s + min(max(now_s - job.last_sent_s, FIRST_LOOK_S), REBROADCAST_S)
 
-    def _conclude(self, mined: Sequence[tuple[Job, dict[str, Any]]]) -> None:
+    def _conclude(self, mined: Sequence[tuple[Job, Receipt]]) -> None:
         receipts = {job.signed.id: receipt for job, receipt in mined}
         results: list[tuple[Job, Reply | RodeoError]] = []
 
@@ -308,7 +297,7 @@ class Outcomes:
                 "state": "failed" if isinstance(result, RodeoError) else "mined",
                 "outcome": result.to_json() if isinstance(result, RodeoError) else result,
                 "block": int(receipts[job.signed.id]["blockNumber"], 16),
-                "fee": _fee(job.signed, receipts[job.signed.id]),
+                "fee": fee(job.signed, receipts[job.signed.id]),
             }
             for job, result in results
         )
@@ -316,15 +305,15 @@ class Outcomes:
             self._orders.release(job)
             self._orders.end(job, result)
 
-    def _result(self, job: Job, receipt: dict[str, Any]) -> Reply | RodeoError:
+    def _result(self, job: Job, receipt: Receipt) -> Reply | RodeoError:
         """The answer to its caller. Raises ChainError where that cannot be read now."""
         entry = job.signed
         if int(receipt["status"], 16) == 1:
-            reply = self._reply(receipt)
+            reply = self._receipts.reply(receipt)
             place = entry.wallet, entry.command, reply["block"]
             log.info("%s: %s in block %d", *place, extra=job.log_fields(reply))
             return reply
-        reason = self._reason(job, receipt)
+        reason = self._receipts.failure(job, self._orders.wallets[entry.wallet].address, receipt)
         log.warning("%s: %s failed: %s", entry.wallet, entry.command, reason, extra=job.log_fields())
         return reason
 
@@ -376,62 +365,6 @@ class Outcomes:
         else:
             lost = TransactionDropped("another transaction used its nonce", tx_hash=entry.tx_hash)
             self._orders.forget(job, lost)
-
-    def _reply(self, receipt: dict[str, Any]) -> Reply:
-        reply: Reply = {"tx_hash": receipt["transactionHash"], "block": int(receipt["blockNumber"], 16)}
-        topics = set(event_topics())
-        for one in receipt["logs"]:
-            # Of anybody's contract, and anonymous ones have no topics.
-            if one["topics"] and one["topics"][0] in topics and one["address"].lower() in self._contracts:
-                event = self._event(one)
-                if isinstance(event, events.TaskRegistered):
-                    reply["task_id"] = event.task_id
-                elif isinstance(event, events.ServiceRegistered):
-                    reply["service_id"] = event.service_id
-                elif isinstance(event, events.ProposalCreated):
-                    reply["proposal"] = self._index.votes.proposal_number(proposal_key(event.proposal_id))
-                elif isinstance(event, events.CallScheduled):
-                    reply["proposal"] = self._index.votes.proposal_number(hex_of(event.id))
-        return reply
-
-    def _event(self, one: dict[str, Any]) -> Event | None:
-        """None for an event of a token that lays it out otherwise. Raises InvalidAnswer."""
-        try:
-            return decode_event(one)
-        except UnlikeOurs:
-            return None
-        except ValueError as error:
-            raise InvalidAnswer(
-                "an event cannot be read", problem=str(error), contract=one["address"]
-            ) from error
-
-    def _reason(self, job: Job, receipt: dict[str, Any]) -> RodeoError:
-        """Why the mined transaction failed: ContractReverted if it still does, else TransactionFailed. Raises
-        ChainUnavailable for a while where the node does not tell."""
-        entry = job.signed
-        message = {
-            "from": self._orders.wallets[entry.wallet].address,
-            "to": entry.to,
-            "data": "0x" + entry.data.hex(),
-        }
-        try:
-            self._node.call("eth_call", message, receipt["blockNumber"])
-        except ContractReverted as reverted:
-            return reverted
-        except ChainUnavailable:
-            if time.monotonic() - (job.mined_s or 0.0) < PATIENCE_S:
-                raise
-        except ChainError as error:
-            log.info("%s: the node does not tell why it failed: %s", entry.wallet, error)
-        return TransactionFailed(
-            "mined without success", tx_hash=entry.tx_hash, gas_used=int(receipt["gasUsed"], 16)
-        )
-
-
-def _fee(entry: Entry, receipt: dict[str, Any]) -> int:
-    """What it cost; at most, where the node does not tell the price of its gas."""
-    price = receipt.get("effectiveGasPrice")
-    return int(receipt["gasUsed"], 16) * (entry.max_fee or 0 if price is None else int(price, 16))
 
 
 def _sending(raw: bytes) -> Call:

@@ -168,7 +168,7 @@ class Senses:
         charge = self._dao.own_live_task(self._energy)
         off = self._idle.off_since
         soc = body.battery().soc if off is None else off.soc
-        assignment = self._dao.next_assignment(self._skills.behaviours)
+        assignment = next(iter(self._dao.given(self._skills.behaviours)), None)
         able: frozenset[str] = frozenset()
         if off is not None:
             battery_suffices, able = off.battery_suffices, off.able

@@ -153,7 +153,7 @@ class Charging:
             current = self._dao.task(task.id)
             if current.state not in ("open", "assigned"):
                 break
-            if battery.soc >= soc_target and self._dao.next_assignment(self._work):
+            if battery.soc >= soc_target and self._dao.given(self._work):
                 break
             if not battery.charging and self._manipulator.docked() != dock:
                 log.warning("lost the dock's contacts; docking again")

@@ -129,7 +129,7 @@ class Offers:
             else:
                 self.rests_until_s = max(self.rests_until_s, (offer and offer.rests_until) or 0.0)
         kinds = self._skills.behaviours
-        if len(wanted) < len(kinds) and self._dao.next_assignment(kinds) is None:
+        if len(wanted) < len(kinds) and not self._dao.given(kinds):
             self.close([name for name in kinds if name not in wanted])
 
     def close(self, kinds: Collection[str]) -> None:

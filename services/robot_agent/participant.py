@@ -26,10 +26,6 @@ class RobotParticipant(Participant):
         given = [task for kind in kinds for task in self.assignments(kind)]
         return sorted(given, key=lambda task: (task.assigned or 0.0, task.id))
 
-    def next_assignment(self, kinds: Iterable[str]) -> Task | None:
-        """The oldest of them."""
-        return next(iter(self.given(kinds)), None)
-
     def own_live_task(self, kind: str) -> Task | None:
         """The newest task of this kind that this participant posted and that is not over."""
         live = [task for task in self.tasks(kind=kind, creator=self.name) if task.state in _AHEAD]

@@ -183,8 +183,8 @@ class Night:
     def own_live_task(self, _kind: str) -> Task | None:
         return self.charge
 
-    def next_assignment(self, _kinds: Any) -> Task | None:
-        return next(iter(self.assigned), None)
+    def given(self, _kinds: Any) -> list[Task]:
+        return list(self.assigned)
 
     def name_payout(self, payout: str) -> str:
         self.did.append(f"name {payout}")
