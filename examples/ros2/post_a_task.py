@@ -36,8 +36,8 @@ class Poster(Node):
 
     def on_feedback(self, message):
         task = message.feedback.task
-        who = f" to {task.executor_name[0]}" if task.executor_name else ""
-        self.get_logger().info(f"task {task.id} is {task.state}{who}")
+        who = task.executor_name[0] if task.executor_name else "nobody"
+        self.get_logger().info(f"task {task.id} is {task.state}; {who} has it")
 
     def wait(self, handle):
         """How the goal ended."""

@@ -45,8 +45,8 @@ def watch(
     take: Any = None,
     stopped: list[bool] | None = None,
 ) -> Watch:
-    """A watch whose robot has the tasks `assigned`, the charge `charge` and the recording `take`. `stopped` gets
-    what it tells the body."""
+    """A watch whose robot has the tasks `assigned`, the charge `charge` and the recording `take`; into
+    `stopped` goes what it tells the body."""
     told = [] if stopped is None else stopped
     body: Any = SimpleNamespace(emergency_stop=told.append, unfit=lambda: "", unknown="", vitals=dict)
     mind: Any = SimpleNamespace(tell=lambda *_a: None, nodes=["/panther1/mind"])
