@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 from pydantic import TypeAdapter, ValidationError
@@ -28,6 +29,10 @@ from rodeo_cli.common import (
     write_file,
 )
 from rodeo_cli.formatting import iec
+from rodeo_cli.task_words import steps, story_of
+
+if TYPE_CHECKING:
+    from rodeo.display.story import Step
 
 disputes = typer.Typer(
     help="Challenge a ruling while it stands, and decide about a challenge.", no_args_is_help=True
@@ -48,8 +53,13 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
     """Show the ruling that stands, who challenged it, and what the judges look at."""
     with connected(site) as (loaded, bus):
         task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
+        story = story_of(loaded, bus, task)
+    if task.dispute is None and story:  # of an attempt before
+        print_facts(story, as_json, steps(story, loaded))
+        return
     dispute = _dispute(task)
-    print_facts(dispute, as_json, () if as_json else facts(loaded, task, dispute))
+    told = {**dispute.model_dump(mode="json"), "story": story}
+    print_facts(told, as_json, () if as_json else facts(loaded, task, dispute, story))
 
 
 @disputes.command("vote")
@@ -179,7 +189,7 @@ def _post(
     return None
 
 
-def facts(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
+def facts(site: Site, task: Task, dispute: Dispute, story: Iterable[Step] = ()) -> list[tuple[str, str]]:
     until = formatting.moment(dispute.until, site)
     stands = "" if task.standing is None else standing_words(task, iec(task.standing.amount_iec), until)
     told = [
@@ -197,7 +207,9 @@ def facts(site: Site, task: Task, dispute: Dispute) -> list[tuple[str, str]]:
             ("challenged", f"by {_called(task, dispute.challenger)}{stake}"),
             ("because", dispute.because or ""),
         ]
-    return [*told, ("stakes", "settled" if dispute.settled else "")]
+    elif task.standing is not None and dispute.challenge_iec is not None:
+        told.append(("a challenge takes", f"{iec(dispute.challenge_iec)}, lost if the ruling is right"))
+    return [*told, ("stakes", "settled" if dispute.settled else ""), *steps(story, site)]
 
 
 def _called(task: Task, challenger: str) -> str:

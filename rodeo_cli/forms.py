@@ -79,10 +79,19 @@ def form(
 ) -> Callable[..., None]:
     """The function whose parameters Typer makes options and arguments of."""
 
-    def run(site: Path, participant: str, sign: Path | None = None, valid_s: int = 0, **given: Any) -> None:
+    def run(
+        site: Path,
+        participant: str,
+        sign: Path | None = None,
+        valid_s: int = 0,
+        yes: bool = False,
+        **given: Any,
+    ) -> None:
         request = {key: _counted(one) if key in counted else one for key, one in given.items()}
         if complete is not None:
             request = complete(site, request)
+        if line.asks is not None and not yes:
+            _require_agreement(line.asks, site, request | {"participant": participant})
         _carry_out(model, line, site, participant, request, None if sign is None else (sign, valid_s))
 
     from rodeo.commands.declare import Command, arguments
@@ -100,6 +109,8 @@ def form(
     if model.declared.signable:
         hints |= {"sign": SignOption, "valid_s": ValidOption}
         defaults |= {"sign": None, "valid_s": line.valid_s}
+    if line.asks is not None:
+        hints["yes"], defaults["yes"] = Annotated[bool, typer.Option("--yes", help="Do not ask.")], False
     kind = inspect.Parameter.KEYWORD_ONLY
     run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [inspect.Parameter(name, kind, default=defaults[name], annotation=hints[name]) for name in hints]
@@ -107,6 +118,20 @@ def form(
     run.__annotations__ = hints
     run.__doc__ = model.__doc__
     return reports_errors(run)
+
+
+def _require_agreement(asks: Callable[[Request], str], site: Path, words: Request) -> None:
+    """Ask whoever types. Raises InvalidRequest where nobody agrees."""
+    with connected(site) as (loaded, bus):
+        task = queries.ask(bus, loaded.org, queries.TASK, id=words["task_id"])
+    if not (question := asks(words | {"task": task})):
+        return
+    try:
+        agrees = typer.confirm(question)
+    except typer.Abort as error:
+        raise InvalidRequest("nobody answered, and nothing was sent: agree with --yes") from error
+    if not agrees:
+        raise InvalidRequest("nothing was sent")
 
 
 def _carry_out(

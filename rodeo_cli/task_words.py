@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
 from rodeo.bus import queries
 from rodeo.bus.messages import Task
 from rodeo.bus.session import Bus
@@ -25,6 +28,9 @@ from rodeo_cli import formatting
 from rodeo_cli.common import time_left
 from rodeo_cli.formatting import iec, plain
 from rodeo_cli.layout import Row
+
+if TYPE_CHECKING:
+    from rodeo.display.story import Step
 
 STATE_COLOURS = {
     "open": "yellow",
@@ -70,10 +76,13 @@ def _why(task: Task, site: Site) -> str:
     return f"{WORDS.get(task.verdict, task.verdict)}: {task.reason or NO_REPORT}"
 
 
-def facts(task: Task, site: Site, left: str | None = None, judged: str = "") -> list[tuple[str, str]]:
+def facts(
+    task: Task, site: Site, left: str | None = None, judged: str = "", story: Iterable[Step] = ()
+) -> list[tuple[str, str]]:
     """All that is known of a task, in words and in the order in which it happens.
 
-    `left` is how much time there is for what comes next, `judged` the verdict as a sentence.
+    `left` is how much time there is for what comes next, `judged` the verdict as a sentence, `story` that of
+    its dispute.
     """
     from rodeo.kinds import kinds_of  # takes its time to import
 
@@ -100,6 +109,7 @@ def facts(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("attempt", tries_in_words(task) if task.attempt else ""),
         ("attempts", "" if task.attempt else f"none yet, {task.max_attempts} at most"),
         ("verdict", judged),
+        *steps(story, site),
         ("reward", f"{iec(task.reward_iec)} by {party(task.creator_name, task.creator)}"),
         ("executor", party(task.executor_name, task.executor)),
         ("not offered again to", passed_in_words(task)),
@@ -128,6 +138,21 @@ def facts(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
     return told
 
 
+def steps(story: Iterable[Step], site: Site) -> list[tuple[str, str]]:
+    return [("dispute", f"{formatting.moment(one.time_s, site)}: {one.text}") for one in story]
+
+
+def story_of(site: Site, bus: Bus, task: Task) -> list[Step]:
+    """The story of its dispute; nothing where its ruling could not be challenged."""
+    if site.disputes is None:
+        return []
+    from rodeo.display.story import story  # takes its time to import
+
+    events = queries.ask(bus, site.org, queries.EVENTS, task_id=task.id).events
+    organization = queries.ask(bus, site.org, queries.ORGANIZATION)
+    return story(events, organization, queries.ask(bus, site.org, queries.WALLETS).wallets)
+
+
 def standing(task: Task, site: Site) -> str:
     """A ruling that is not done yet: nobody may learn of it too late to challenge or replace it."""
     if task.standing is None:
@@ -143,6 +168,14 @@ def judged_by(site: Site, bus: Bus, task: Task) -> str:
     transactions = queries.ask(bus, site.org, queries.TRANSACTIONS, task_id=task.id).transactions
     judge = judge_of(transactions)
     return verdict_words(task.verdict, task.reason, judge, is_peoples_verdict(task, judge), task.fault)
+
+
+def facts_on(site: Site, bus: Bus, task: Task) -> list[tuple[str, str]]:
+    """`facts`, with all that has to be asked for. An unchallenged ruling has no story."""
+    story = story_of(site, bus, task)
+    challenged = any(one.what == "challenged" for one in story)
+    left, judged = left_of(site, bus, task), judged_by(site, bus, task)
+    return facts(task, site, left, judged, story if challenged else ())
 
 
 def left_of(site: Site, bus: Bus, task: Task) -> str | None:

@@ -35,7 +35,7 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import iec
 from rodeo_cli.signing import SignedArgument, SignOption, ValidOption, sign_into, signed_in
 from rodeo_cli.task_params import task_params
-from rodeo_cli.task_words import facts, judged_by, left_of, row
+from rodeo_cli.task_words import facts_on, row
 
 tasks = typer.Typer(help="Post, list, show and cancel tasks.", no_args_is_help=True)
 
@@ -175,8 +175,8 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
     """Show one task with its times, proof and verdict."""
     with connected(site) as (loaded, bus):
         task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
-        left, judged = (None, "") if as_json else (left_of(loaded, bus, task), judged_by(loaded, bus, task))
-    print_facts(task, as_json, () if as_json else facts(task, loaded, left, judged))
+        told = () if as_json else facts_on(loaded, bus, task)
+    print_facts(task, as_json, told)
 
 
 @tasks.command("relay")

@@ -207,6 +207,13 @@ class Dispute(Message):
     """The challenger's reason."""
     settled: bool = False
     """Its stakes are free, or paid."""
+    stakes_iec: list[Amount] = []
+    """What a challenge costs whoever is wrong: of the oracles' ruling, then of the decision about that."""
+
+    @property
+    def challenge_iec(self) -> Decimal | None:
+        """What a challenge of this ruling costs whoever is wrong; None where nobody decides about one."""
+        return self.stakes_iec[self.instance] if self.instance < len(self.stakes_iec) else None
 
 
 Payment = Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]

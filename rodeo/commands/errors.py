@@ -29,6 +29,7 @@ RequestError
 ├── NothingToPay          the recipient got no votes, or was paid its share
 ├── KindWithoutQuorum     nobody said how many oracles have to agree about this kind
 ├── NoDispute             no ruling stands that can be challenged
+├── CanOnlyLose           no decision about this challenge would be better for the challenger
 ├── CannotSign            the participant signs nothing for others to send
 ├── NoPermit              the payment token takes no signed permits
 ├── NotSigned             the request to be sent for somebody lacks a signature
@@ -173,6 +174,11 @@ class NothingToPay(RequestError):
 
 class NoDispute(RequestError):
     """No ruling stands that can be challenged."""
+
+
+class CanOnlyLose(RequestError):
+    """No decision about the challenge would be better for the challenger than the ruling, so that its stake
+    would be lost."""
 
 
 class CannotSign(RequestError):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from eth_utils import is_address, to_checksum_address
 from pydantic import Field, StringConstraints, model_validator
@@ -26,15 +27,18 @@ from rodeo.bus.messages import (
     Ruling,
     Signature,
     SignedVote,
+    Standing,
+    Task,
     Vote,
 )
 from rodeo.chain import signed_requests
 from rodeo.chain.artifacts import ORACLES
 from rodeo.chain.contracts.abi import Instance, Quorum
-from rodeo.chain.contracts.types import halves, hex_bytes
+from rodeo.chain.contracts.types import Role, halves, hex_bytes
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.errors import (
     CannotSign,
+    CanOnlyLose,
     InvalidQuorum,
     KindWithoutQuorum,
     NoDispute,
@@ -47,6 +51,7 @@ from rodeo.commands.examples import ADDRESS, BEFORE, DIGEST, REPORT_URI, SIGNATU
 from rodeo.commands.people import BY_ADMINISTRATOR, BY_ANYBODY, BY_PROVIDER, FOR_GOOD, PEOPLE
 from rodeo.errors import InvalidRequest
 from rodeo.judging import votes
+from rodeo.judging.rulings import can_only_lose
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount
@@ -138,12 +143,24 @@ class PostVotes(Command):
         raise NotAJudge("nobody votes on this task: another contract judges it", judge=judge)
 
 
+def _what_a_challenge_costs(words: Mapping[str, Any]) -> str:
+    """Nothing where the ruling cannot be challenged: the bridge says why."""
+    task: Task = words["task"]
+    if task.dispute is None or task.dispute.challenge_iec is None:
+        return ""
+    return (
+        f"A challenge of the ruling on task {task.id} takes {task.dispute.challenge_iec} IEC of "
+        f"{words['participant']}, which are lost if the ruling is right. Challenge it?"
+    )
+
+
 @command(
     "ros_dao",
     line=Line(
         "task dispute challenge {task_id}",
         "{participant} challenged the ruling on task {task_id}.",
         valid_s=600,
+        asks=_what_a_challenge_costs,
     ),
     console=BY_PROVIDER,
     signable=True,
@@ -161,6 +178,7 @@ class Challenge(Command):
     def calls(self, desk: Desk) -> list[Call]:
         task = disputed(desk, self.task_id)
         stake, against = stake_of(desk, task), (task["attempt"], task["dispute"]["instance"])
+        _require_can_win(desk, task, desk.key_address)
         desk.require_funds(desk.key_address, stake)
         return [
             *desk.approval(_disputes(desk), stake),
@@ -172,6 +190,7 @@ class Challenge(Command):
 
     def to_sign(self, desk: Desk, nonce: int, deadline: int) -> Said:
         task = disputed(desk, self.task_id)
+        _require_can_win(desk, task, desk.address)
         desk.require_funds(desk.address, stake_of(desk, task))
         return signed_requests.Challenge(
             challenger=desk.address,
@@ -609,12 +628,28 @@ def _require_stake(desk: Desk, seat: int, committee: str, kind: str, instance: i
         )
 
 
+def _require_can_win(desk: Desk, task: Row, challenger: str) -> None:
+    """Raises CanOnlyLose."""
+    owners = {row["address"]: row["owner"] for row in desk.index.rules.devices()}
+    accounts = {challenger, owners.get(challenger, challenger)}
+    if challenger in desk.index.rules.roles().get(Role.OPERATOR, []):
+        accounts.add(desk.client.deployment.address("Organization"))
+    # As `DisputeJudge`: a device speaks for its owner, and an owner for its devices.
+    creator, executor = (
+        not accounts.isdisjoint({task[party], owners.get(task[party], task[party])})
+        for party in ("creator", "executor")
+    )
+    standing = Standing.model_validate(task["standing"])
+    if why := can_only_lose(standing, desk.currency.from_units(task["price"]), creator, executor):
+        raise CanOnlyLose(why, task_id=task["id"], stake_iec=desk.currency.text(stake_of(desk, task)))
+
+
 def stake_of(desk: Desk, task: Row) -> int:
     """What a challenge of the ruling costs whoever is wrong, wei. Raises NoDispute."""
-    instances, instance = desk.client.instances(task["kind"]), task["dispute"]["instance"]
-    if instance + 1 >= len(instances):
+    stakes, instance = task["dispute"]["stakes_iec"], task["dispute"]["instance"]
+    if instance >= len(stakes):
         raise NoDispute("nobody decides about a challenge of this ruling", task_id=task["id"])
-    return instances[instance].stake
+    return desk.currency.to_units(Decimal(stakes[instance]))
 
 
 def _quorum_call(

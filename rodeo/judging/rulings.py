@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from decimal import Decimal
 from typing import Protocol
 
 from rodeo.bus.messages import DaoEvent, Standing
@@ -43,6 +44,18 @@ def due_s(standing: Standing | None, deadline_s: float | None = None) -> float |
     if standing is not None:
         return None if standing.ruling == "rejected" else standing.until + GRACE_S
     return None if deadline_s is None else deadline_s + GRACE_S
+
+
+def can_only_lose(standing: Standing, price_iec: Decimal, creator: bool, executor: bool) -> str:
+    """Why a challenge by a party (the creator's side, the executor's) loses its stake whatever is decided, as
+    `DisputeJudge` compares rulings; empty where it may win. A judge wins by any other ruling."""
+    if creator == executor:
+        return ""
+    if creator and standing.ruling == "rejected":
+        return "it can only lose its stake: the ruling costs the creator nothing, and none is better for it"
+    if executor and standing.ruling == "accepted" and standing.amount_iec >= price_iec:
+        return "it can only lose its stake: the ruling pays the executor the full price, and none is better"
+    return ""
 
 
 class _Participant(Protocol):

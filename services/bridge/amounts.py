@@ -7,7 +7,7 @@ from typing import Any
 from rodeo.chain.contracts.types import Event
 from rodeo.money.currency import Currency
 
-_AMOUNTS = frozenset({"reward", "price", "paid", "refund", "value", "amount", "bond", "penalty"})
+_AMOUNTS = frozenset({"reward", "price", "paid", "refund", "value", "amount", "bond", "penalty", "stake"})
 """Arguments of contract events that are wei of the payment token."""
 
 

@@ -23,7 +23,7 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-_CONTENT = 8
+_CONTENT = 9
 """Raise this when the same events write other rows than before. Changes of the tables need no raise."""
 
 metadata = MetaData()
@@ -267,6 +267,7 @@ kinds = Table(
     Column("rotation_s", BigInteger, nullable=False, doc="after which one more judge may vote; 0 for never"),
     Column("seats", JSON, nullable=False, doc="of its judges"),
     Column("judge_stake", Wei, nullable=False, doc="which the vote of each of them needs"),
+    Column("challenge_stakes", JSON, nullable=False, doc="IEC that challenges of its instances cost"),
 )
 
 numbers = Table(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rodeo.bus.messages import DaoEvent, Fault
+from rodeo.display.story import happened
 
 _ENDS = ("TaskSettled", "TaskFailed", "TaskCancelled")
 _EXPIRED = {
@@ -48,17 +49,6 @@ class Attempt:
     """Toward the task's `max_attempts`."""
     paid_iec: str | None = None
     """What the executor was paid for it."""
-
-
-def happened(events: Iterable[DaoEvent]) -> list[DaoEvent]:
-    """Without those that a reorganization took back."""
-    kept: dict[int, DaoEvent] = {}
-    for event in events:
-        if event.name == "EventUndone":
-            kept.pop(event.args["undone_seq"], None)
-        else:
-            kept[event.seq] = event
-    return list(kept.values())
 
 
 def _submitted(event: DaoEvent, _last: Attempt) -> dict[str, Any]:

@@ -34,7 +34,7 @@ _WITH_PHOTOS = "/api/actions/submit-work"
 
 _SAFE_METHODS = {"GET", "HEAD", "OPTIONS"}
 _HEALTH = ("/livez", "/readyz")
-_PUBLIC = ("/login", "/api/", "/static/", "/favicon.ico", *_HEALTH)
+_PUBLIC = ("/login", "/docs", "/api/", "/static/", "/favicon.ico", *_HEALTH)
 _PORTS = {"http": ":80", "https": ":443"}
 _USER_EVENT = '42["event"'
 """Start of socket.io's messages for people's actions on the page; everything else is housekeeping."""

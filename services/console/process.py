@@ -26,7 +26,7 @@ from rodeo.kinds import kinds_of
 from rodeo.runtime.process import Process
 from rodeo.runtime.serving import served_by
 from rodeo.site.config import Site
-from services.console import files, login, rest, scene
+from services.console import api_page, files, login, rest, scene
 from services.console.actions import Actions
 from services.console.guard import MAX_BODY_BYTES, Guard, origins_of
 from services.console.live import Live
@@ -61,7 +61,9 @@ def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any
     api.include_router(login.router(console.accounts, guard, console.site.org))
     api.include_router(files.router(console))
     api.router.routes.extend(health(lambda: ""))  # it serves pages from the moment when it is ready
-    api.mount("/api", rest.make_api(console))
+    programs = rest.make_api(console)
+    api.mount("/api", programs)
+    api.router.routes.append(api_page.route(programs))
     api.mount("/static", StaticFiles(directory=STATIC))
     for module in (
         overview,

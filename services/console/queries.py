@@ -16,6 +16,7 @@ from rodeo.bus.messages import DaoEvent, Task
 from rodeo.bus.queries import A, Query
 from rodeo.bus.session import Bus
 from rodeo.display.earnings import Line, earnings
+from rodeo.display.story import Step, story
 from rodeo.errors import MalformedJson
 from rodeo.evidence.proof import open_proof
 from rodeo.evidence.store import Store
@@ -102,6 +103,11 @@ class Queries:
     def history(self, task_id: int) -> list[DaoEvent]:
         """The task's contract events in order."""
         return self.ask(queries.EVENTS, task_id=task_id).events
+
+    def story(self, events: list[DaoEvent]) -> list[Step]:
+        """The story of the dispute in a task's events."""
+        wallets = self.ask(queries.WALLETS).wallets
+        return story(events, self.ask(queries.ORGANIZATION), wallets)
 
     def robot(self, robot: str) -> Json:
         """The robot agent's own report. Raises NoResponder."""

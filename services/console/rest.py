@@ -13,11 +13,14 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from fastapi.sse import EventSourceResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.access.accounts import User
 from rodeo.access.errors import NotLoggedIn
 from rodeo.bus.messages import DaoEvent, Kind, Task, TaskState
+from rodeo.bus.queries import QUERIES
+from rodeo.checks.report import Report
+from rodeo.display.story import Step
 from rodeo.errors import (
     BusUnavailable,
     ConfigError,
@@ -31,11 +34,12 @@ from rodeo.evidence.errors import EvidenceError
 from rodeo.host.http import answer_with_problems, problem, problems
 from rodeo.text.pydantic_words import wrong_fields
 from rodeo.text.strict_json import Json
+from services.console import events as event_streams
 from services.console.actions import ACTIONS, ORGANIZATION, Action
 from services.console.attempts import Attempt
 from services.console.attempts import attempts as attempts_of
 from services.console.errors import Forbidden
-from services.console.events import Place, Streams
+from services.console.heartbeats import ProcessState
 from services.console.pages.frame import Console
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
@@ -45,6 +49,29 @@ AttemptNumber = Annotated[int | None, Query(ge=1, lt=2**8, description="By defau
 class TaskPage(BaseModel):
     tasks: list[Task]
     total: int
+
+
+class Lab(BaseModel):
+    """Where everything is."""
+
+    lab: Json
+    """What stands there."""
+    now: Json
+    """Where robots and items were last seen, m and rad in the frame map."""
+
+
+class Done(BaseModel):
+    """What an action did. Of a command on chain: its transaction, and the number of what it made; with
+    `dry_run` its calls and their cost."""
+
+    model_config = ConfigDict(extra="allow")
+
+    tx_hash: str | None = None
+    block: int | None = None
+    task_id: int | None = None
+    """Number of a new task."""
+    warning: str | None = None
+    """Why a new task can probably not be done."""
 
 
 _STATUS_BY_CODE = {
@@ -142,7 +169,12 @@ def _questions_about_tasks(api: FastAPI, console: Console, caller: Any) -> None:
         """Each attempt: its executor, its proof, and what was said of it."""
         return attempts_of(queries.history(queries.task(task_id).id))
 
-    @api.get("/tasks/{task_id}/report")
+    @api.get("/tasks/{task_id}/dispute")
+    def dispute(task_id: TaskId, _user: caller) -> list[Step]:
+        """The story of its dispute: rulings, votes, challenges, and who got what of the stakes."""
+        return queries.story(queries.history(queries.task(task_id).id))
+
+    @api.get("/tasks/{task_id}/report", responses={200: {"model": Report | Json}})
     def report(task_id: TaskId, _user: caller, attempt: AttemptNumber = None) -> Json:
         """The oracle's report on its proof, check by check."""
         return queries.report(queries.evidence(task_id, attempt))
@@ -158,7 +190,7 @@ def _questions_about_tasks(api: FastAPI, console: Console, caller: Any) -> None:
 
 
 def _stream_of_events(api: FastAPI, console: Console, bearer: HTTPBearer, caller: Any) -> None:
-    streams = Streams(console)
+    streams = event_streams.Streams(console)
 
     def place(
         user: caller,
@@ -175,13 +207,13 @@ def _stream_of_events(api: FastAPI, console: Console, bearer: HTTPBearer, caller
                 "new events are sent",
             ),
         ] = None,
-    ) -> Iterator[Place]:
+    ) -> Iterator[event_streams.Place]:
         with streams.admitted(user.name):
             yield streams.start(last_event_id, after)
 
     @api.get("/events", response_class=EventSourceResponse)
     async def events(
-        start: Annotated[Place, Depends(place)],
+        start: Annotated[event_streams.Place, Depends(place)],
         credentials: Annotated[HTTPAuthorizationCredentials, Security(bearer)],
         name: Annotated[
             str | None,
@@ -213,16 +245,16 @@ def _questions_about_the_site(api: FastAPI, console: Console, caller: Any) -> No
     queries = console.queries
 
     @api.get("/processes")
-    def processes(_user: caller) -> list[Json]:
+    def processes(_user: caller) -> list[ProcessState]:
         """Every process of the site: its state and what it does."""
-        return [vars(one) for one in console.live.heartbeats.processes]
+        return console.live.heartbeats.processes
 
-    @api.get("/lab")
+    @api.get("/lab", responses={200: {"model": Lab}})
     def lab(_user: caller) -> Json:
         """What stands in the lab (`lab`) and where robots and items were last seen (`now`; m, rad)."""
         return {"lab": console.lab, "now": console.live.map}
 
-    @api.get("/transfers")
+    @api.get("/transfers", responses={200: {"model": QUERIES["transfers"].answer}})
     def transfers(
         _user: caller,
         account: Annotated[
@@ -243,7 +275,8 @@ def _questions_about_the_site(api: FastAPI, console: Console, caller: Any) -> No
         "roots": "Daily roots on chain: the hash of what a device signed on a day.",
         "chain": "The chain, its contracts and the kinds of work that are accepted.",
     }.items():
-        api.get(f"/{name}", name=name, description=summary)(_state(console, name, caller))
+        answer: dict[int | str, Any] = {200: {"model": QUERIES[name].answer}}
+        api.get(f"/{name}", name=name, description=summary, responses=answer)(_state(console, name, caller))
 
 
 def _state(console: Console, what: str, caller: Any) -> Callable[..., Json]:
@@ -274,6 +307,7 @@ def _offer(api: FastAPI, console: Console, action: Action, caller: Any) -> None:
         summary=action.summary,
         description=f"Needs the role: {roles}.",
         tags=["actions"],
+        responses={200: {"model": Done}},
     )(perform)
 
 

@@ -107,12 +107,22 @@ def rule(dao: Dao, task_id: int, ruling: str = "accepted") -> dict[str, Any]:
     return dao.task(task_id)
 
 
-def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
+def rodeo(dao: Dao, *arguments: str, status: int = 0, typed: str | None = None) -> str:
+    """What `rodeo task dispute` prints. Somebody agrees to challenges, or what is `typed` answers."""
+    agreed = ["--yes"] if arguments[0] == "challenge" and typed is None else []
     done = CliRunner().invoke(
-        app, ["task", "dispute", *arguments], env={"RODEO_SITE": str(dao.running.path), "COLUMNS": "300"}
+        app,
+        ["task", "dispute", *arguments, *agreed],
+        env={"RODEO_SITE": str(dao.running.path), "COLUMNS": "300"},
+        input=typed,
     )
     assert done.exit_code == status, done.output
     return done.output
+
+
+def task_shown(dao: Dao, task_id: int) -> str:
+    environment = {"RODEO_SITE": str(dao.running.path), "COLUMNS": "300"}
+    return CliRunner().invoke(app, ["task", "show", str(task_id)], env=environment).output
 
 
 def fund(dao: Dao, name: str) -> None:
@@ -210,6 +220,12 @@ def test_a_ruling_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path) 
     signed = tmp_path / "challenge.json"
     assert "rodeo task relay" in rodeo(dao, *challenges, "--sign", str(signed))
     assert "challenger" not in dao.task(task_id)["dispute"]
+    assert dao.task(task_id)["dispute"]["stakes_iec"] == [f"{STAKE:g}", f"{2 * STAKE:g}"]
+    for typed in ("n\n", ""):
+        said = rodeo(dao, *challenges, status=1, typed=typed)
+        assert "takes 20 IEC of panther1" in said and "nothing was sent" in said
+    assert "challenger" not in dao.task(task_id)["dispute"]
+    assert "20 IEC, lost if the ruling is right" in rodeo(dao, "show", str(task_id))
     # Whoever sends it pays the gas, and the robot the stake.
     dao.command("anna", "relay", signed=json.loads(signed.read_text()))
     assert dao.task(task_id)["dispute"]["challenger"] == keystores.address(dao.site, "panther1")
@@ -236,6 +252,17 @@ def test_a_ruling_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path) 
     assert dao.balances()["panther1"] == before + 100
     transfers = {one["reason"] for one in dao.state("transfers", task_id=task_id)["transfers"]}
     assert {"stake", "stake_paid"} <= transfers
+    shown = rodeo(dao, "show", str(task_id))
+    for said in (
+        "the oracles ruled rejected: olga, otto voted for it",
+        "panther1 challenged that with 20 IEC at stake: it is in the bin",
+        "the judges of challenges ruled accepted, 100 IEC: anna, carl, dora voted for it",
+        "olga lost 10 IEC for a ruling that was overturned",
+        "panther1 got 20 IEC of the stakes",
+        "the treasury got 20 IEC of the stakes",
+        "the case was closed",
+    ):
+        assert said in shown and said in task_shown(dao, task_id)
     # Who voted for what was overturned pays the treasury, and does not vote until somebody adds to its stake.
     assert stakes(dao) == {"olga": 0.0, "otto": 0.0, "omar": JUDGE_STAKE}
     paid = [
@@ -384,6 +411,12 @@ def test_a_party_and_a_judge_challenge_in_the_console(
         rodeo(dao, "vote", str(task_id), "accepted", "--as", name, "--votes", file)
     decided(dao, task_id)
     expect(page.locator(".page-head .badge")).to_have_text("settled")
+    story = page.get_by_role("list", name="Story of the dispute")
+    expect(story.get_by_text(f"{participant} challenged that with 20 IEC at stake")).to_be_visible()
+    expect(story.get_by_text("panther1 got 20 IEC of the stakes")).to_be_visible()
+    with desk.client("reader") as client:
+        told = client.get(f"/tasks/{task_id}/dispute").json()
+    assert [one["who"] for one in told if one["what"] == "challenged"] == [[participant]]
     # Whoever was wrong pays the other.
     assert dao.balances()["panther1"] == before + 100 + (0 if first == "rejected" else STAKE)
 
@@ -465,8 +498,14 @@ def test_what_cannot_be_challenged_is_refused(dao: Dao) -> None:
     signed = dao.command("anna", "sign_vote", task_id=task_id, ruling="rejected")
     early = {"vote": signed["vote"], "report_uri": "", "signatures": [signed["signature"]]}
     assert refused("anna", "post_votes", **early) == "not_challenged"
-    dao.command("panther1", "challenge", task_id=task_id, reason="more")
-    assert refused("panther1", "challenge", task_id=task_id, reason="no") == "challenged_before"
+    with pytest.raises(RemoteError) as caught:
+        dao.command("panther1", "challenge", task_id=task_id, reason="more")
+    assert caught.value.code == "can_only_lose" and "full price" in caught.value.message
+    assert caught.value.details["stake_iec"] == f"{STAKE:g}"
+    for judge in ("anna", "bert"):
+        fund(dao, judge)
+    dao.command("anna", "challenge", task_id=task_id, reason="more")
+    assert refused("bert", "challenge", task_id=task_id, reason="no") == "challenged_before"
     assert refused("anna", "post_votes", **early) == "too_few_votes"
     assert refused("mallory", "sign_vote", task_id=task_id, ruling="rejected") == "not_a_judge"
     false = {**early, "signatures": [signed["signature"], forged(dao, signed), signed["signature"]]}

@@ -84,7 +84,9 @@ class Judges:
     def _instances_changed(self, event: events.InstancesChanged, at: At) -> None:
         # If one is named twice, the first counts.
         needed = {self._staked_in(one.committee): one.judge_stake for one in reversed(event.instances)}
-        self._kinds.change(event.kind, judge_stake=needed.get(ORACLES, 0))
+        # Nobody decides about a challenge of the last one.
+        stakes = [self._currency.text(one.stake) for one in event.instances[:-1]]
+        self._kinds.change(event.kind, judge_stake=needed.get(ORACLES, 0), challenge_stakes=stakes)
         for committee in self._later_committees:
             self._change_challenges(committee, event.kind, judge_stake=needed.get(committee, 0))
 
@@ -117,7 +119,10 @@ class Judges:
         if event.ruling is Ruling.NONE:
             return
         task = self._rows.get(schema.tasks, event.task_id)
+        # A case keeps the stakes that it began with.
+        began = task["dispute"] or {"stakes_iec": self._kinds.get(task["kind"])["challenge_stakes"]}
         dispute = {"instance": event.instance, "until": event.until or at.time_s}
+        dispute["stakes_iec"] = began["stakes_iec"]
         self._rows.change(schema.tasks, event.task_id, dispute=dispute)
         before = self._rows.find(schema.cases, event.task_id, event.attempt)
         committee = artifacts.COMMITTEES[event.instance]

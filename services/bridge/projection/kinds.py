@@ -19,14 +19,13 @@ class Kinds:
         self._rows = rows
 
     def get(self, kind: str) -> Mapping[str, Any]:
-        lists = ("rules_sha256", "seats")
+        lists = ("rules_sha256", "seats", "challenge_stakes")
         numbers = [column.name for column in schema.kinds.columns if column.name not in ("kind", *lists)]
         unknown = {
             **dict.fromkeys(numbers, 0),
+            **{name: [] for name in lists},
             "kind": kind,
             "allowed": False,
-            "rules_sha256": [],
-            "seats": [],
         }
         return self._rows.find(schema.kinds, kind) or unknown
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo.access.accounts import User, workers
+from rodeo.access.accounts import workers
 from rodeo.access.roles import Role
 from rodeo.bus.messages import LIVE_STATES, Task
 from rodeo.bus.queries import DEVICES, SERVICES, TRANSACTIONS, OwnedDevice, Transaction
@@ -29,6 +29,7 @@ from rodeo.display.formatting import (
     span,
     tries_in_words,
 )
+from rodeo.display.story import Step
 from rodeo.errors import RodeoError
 from rodeo.evidence.proof import open_proof
 from rodeo.judging.verdicts import (
@@ -45,9 +46,9 @@ from rodeo.kinds import Kinds
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.text.strict_json import Json
-from services.console.actions import speaks_for
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabMap
+from services.console.pages import dispute
 from services.console.pages.frame import (
     Console,
     act,
@@ -174,7 +175,9 @@ class TaskPage:
         self._verdicts = {
             one.number: _verdict(task.judge == "auditor", one, transactions, people) for one in self._attempts
         }
-        self._tries.show(self._attempts, names, None if shown is None else shown.number, self._verdicts)
+        story = await dispute.story_of(self._console, events)
+        number = None if shown is None else shown.number
+        self._tries.show(self._attempts, names, number, self._verdicts, story)
         self._agreement.show(task)
         self._show_map()
         place = task.params.get("x_m"), task.params.get("y_m")
@@ -208,7 +211,12 @@ class TaskPage:
         self._proof.show(shown, _seal_facts(seal, devices, names))
 
     def _draw_attempts(
-        self, made: list[Attempt], names: dict[str, str], shown: int | None, verdicts: dict[int, str]
+        self,
+        made: list[Attempt],
+        names: dict[str, str],
+        shown: int | None,
+        verdicts: dict[int, str],
+        story: list[Step] | str,
     ) -> None:
         if not made:
             empty("Nobody has accepted it yet.")
@@ -235,6 +243,7 @@ class TaskPage:
                 for one in made
             ],
         )
+        dispute.draw_story(story)
 
     def _draw_report(self, report: Json | None, problem: str) -> None:
         by_people = report is not None and "auditor" in report
@@ -297,8 +306,7 @@ class TaskPage:
                     cancel = ui.button("Cancel", on_click=lambda: self._cancel(task))
                     cancel.props("outline color=negative")
                 ui.button("Post again").props(f'outline href="/tasks/new?like={task.id}"')
-            if (challenger := self._may_challenge(task, user())) is not None:
-                ui.button("Challenge", on_click=lambda: self._challenge(task, challenger)).props("outline")
+            dispute.draw_button(self._console, task)
             if self._can_be_concluded(task) and user().has(Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR):
                 ui.button("Conclude", on_click=lambda: self._conclude(task)).props("outline")
         if task.description:
@@ -331,40 +339,6 @@ class TaskPage:
             f"Match task {task.id}",
             {"service_id": Field("Service", choices={"": "as the policy chooses"} | fitting(task, offers))},
             "Match",
-            perform,
-        )
-
-    def _may_challenge(self, task: Task, user: User) -> str | None:
-        """The party to the task, or the judge of challenges, that this person speaks for, if the ruling can
-        be challenged now. A party may take over what a judge has challenged."""
-        if task.standing is None or task.dispute is None:
-            return None
-        challenger, parties = task.dispute.challenger, (task.creator_name, task.executor_name)
-        names = {one.address: one.name for one in self._console.live.summary.wallets}
-        # The organization's own key challenges in its name.
-        if challenger in (task.creator, task.executor) or (challenger and names.get(challenger) in parties):
-            return None
-        disputes = self._console.site.disputes
-        instances = [] if disputes is None else disputes.instances
-        judges = [name for one in instances for name in one.judges] if challenger is None else []
-        able = (one for one in (*parties, *judges) if one is not None)
-        return next((one for one in able if speaks_for(user, one)), None)
-
-    @on_page
-    async def _challenge(self, task: Task, participant: str) -> None:
-        async def perform(answer: dict[str, str]) -> bool:
-            request = {"participant": participant, "task_id": task.id, **answer}
-            done = f"The ruling on task {task.id} is challenged"
-            return await act(self._console, "challenge", request, done) is not None
-
-        disputes = self._console.site.disputes
-        assert task.dispute is not None
-        instances = [] if disputes is None else disputes.instances[task.dispute.instance :]
-        stake = iec(instances[0].stake_iec) if instances else "its stake"
-        await ask_form(
-            f"Challenge the ruling on task {task.id}? {participant} loses {stake} if it is right",
-            {"reason": Field("Why it is wrong")},
-            "Challenge",
             perform,
         )
 

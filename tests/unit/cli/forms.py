@@ -81,7 +81,7 @@ task conclude 7
 task match 7
 task match 7 --service 2
 task allow-payments --as alice
-task dispute challenge 7 --reason no
+task dispute challenge 7 --reason no --yes
 task dispute settle 7 --attempt 1
 task dispute settle 7
 """

@@ -564,7 +564,7 @@ def test_a_service_keeps_the_judge_that_its_provider_agreed_to(chain: Chain) -> 
 def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(tmp_path: Path) -> None:
     committee = "0x" + "cc" * 20
     chain = Chain(open_index(tmp_path, contracts={**CONTRACTS, "OracleCommittee": committee}))
-    first, last = Instance(committee, 60, 0, 1, 2 * IEC), Instance(CREATOR, 0, 60, 0, 0)
+    first, last = Instance(committee, 60, 0, 1 * IEC, 2 * IEC), Instance(CREATOR, 0, 60, 0, 0)
     chain.block(events.InstancesChanged("waste_disposal", [first, last]))
     submitted(chain)
     chain.block(
@@ -572,7 +572,7 @@ def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(
         events.Reported(1, "file:///r.json", "why"),
         ruled(Ruling.ACCEPTED, until=1_300),
     )
-    assert task(chain)["dispute"] == {"instance": 0, "until": 1_300}
+    assert task(chain)["dispute"] == {"instance": 0, "until": 1_300, "stakes_iec": ["1"]}
     assert chain.index.tasks.settleable(1_300) == [] and chain.index.tasks.settleable(1_301) == [(1, 1)]
     chain.block(
         ruled(Ruling.ACCEPTED, until=1_500),
@@ -591,7 +591,7 @@ def test_a_ruling_of_several_instances_is_challenged_and_its_stakes_are_settled(
     )
     row = task(chain)
     assert (row["verdict"], row["reason"]) == ("rejected", "it does")
-    assert row["dispute"] == {"instance": 1, "until": 1_400}
+    assert row["dispute"] == {"instance": 1, "until": 1_400, "stakes_iec": ["1"]}
     assert chain.index.tasks.settleable(1_400) == [(1, 1)]
     chain.block(events.CaseSettled(1, 1, False))
     assert chain.index.tasks.settleable(10**9) == [] and task(chain)["dispute"]["settled"] is True

@@ -189,7 +189,8 @@ def test_a_judge_is_removed_from_all_numbers_of_the_kind_that_it_has() -> None:
 
 
 @pytest.mark.parametrize(
-    "task", [{}, {"dispute": {"instance": 0}}, {"dispute": {"instance": 1}, "state": "ruled"}]
+    "task",
+    [{}, {"dispute": {"instance": 0}}, {"dispute": {"instance": 1, "stakes_iec": ["1"]}, "state": "ruled"}],
 )
 def test_a_ruling_that_nobody_can_replace_is_not_challenged(task: dict[str, Any]) -> None:
     """A ruling of no instance, a concluded one, or one of the last instance."""

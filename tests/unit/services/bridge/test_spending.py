@@ -97,11 +97,8 @@ class Node:
             "kind": "sweeping",
             "reward": 40 * 10**18,
             "state": {1: "open", 2: "cancelled", 3: "ruled"}[task_id],
-            "dispute": {"instance": 0},
+            "dispute": {"instance": 0, "stakes_iec": ["20"]},
         }
-
-    def instances(self, _kind: str) -> Any:
-        return [SimpleNamespace(stake=20 * 10**18)] * 2
 
 
 def wallet(**limits: Any) -> Wallet:
