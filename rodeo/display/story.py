@@ -52,7 +52,7 @@ def story(
 
 def _steps(events: list[DaoEvent], names: _Names) -> Iterator[Step]:
     attempt = 0
-    # A ruling is told by its instance first, in the same transaction.
+    # The event of its instance comes before that of the ruling itself, in the same transaction.
     amounts = {one.tx_hash: one.args["amount_iec"] for one in events if one.name == "Ruled"}
     for event in events:
         args = event.args
