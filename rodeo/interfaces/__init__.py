@@ -7,5 +7,6 @@ actions     what the goals, results and feedback of actions hold
 recorder    what a mind asks of its robot's recorder
 package     every message, service and action, their texts, and their types in `rodeo.ros2`
 convert     values of models to messages, and back
-generate    writes the folder `rodeo_msgs` and its page of reference
+ros1        the same in the grammar of ROS 1, and the table of its relay
+generate    writes their files and the page of reference
 """

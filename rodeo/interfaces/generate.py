@@ -1,4 +1,6 @@
-"""Writes the package `rodeo_msgs` and docs/reference/ros2.md; `--check` only compares them.
+"""Writes the package `rodeo_msgs` for both ROS, the relay's table, and docs/reference/ros2.md.
+
+`--check` only compares them.
 
 python -m rodeo.interfaces.generate [--check]
 """
@@ -10,6 +12,7 @@ import textwrap
 from importlib.metadata import version
 from pathlib import Path
 
+from rodeo.interfaces import ros1
 from rodeo.interfaces.fields import PACKAGE, Count, Field, How
 from rodeo.interfaces.naming import service_name
 from rodeo.interfaces.package import (
@@ -72,6 +75,7 @@ def files() -> dict[str, str]:
     listed = "".join(f'  "{one.path}"\n' for one in interfaces())
     return {
         **found,
+        **ros1.files(text),
         f"{PACKAGE}/CMakeLists.txt": _CMAKE.format(name=PACKAGE, files=listed),
         f"{PACKAGE}/package.xml": _MANIFEST.format(name=PACKAGE, version=version("rodeo-dao")),
         PAGE: _page(),
@@ -159,7 +163,8 @@ def _page() -> str:
 def stale() -> list[str]:
     """Files that are not what they would be now, or that nothing makes any more."""
     wanted = files()
-    there = {str(path.relative_to(ROOT)) for path in (ROOT / PACKAGE).rglob("*") if path.is_file()}
+    folders = (ROOT / PACKAGE, ROOT / ros1.FOLDER / PACKAGE)
+    there = {str(path.relative_to(ROOT)) for one in folders for path in one.rglob("*") if path.is_file()}
     differ = [
         path
         for path, content in wanted.items()

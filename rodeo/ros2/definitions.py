@@ -30,8 +30,17 @@ class Definition(NamedTuple):
 
 @cache
 def _definitions() -> dict[str, list[Any]]:
+    return _written()
+
+
+def _written() -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = json.loads(Path(__file__).with_name("definitions.json").read_text())
     return found
+
+
+def standard_types() -> list[str]:
+    """What the file has, whatever was added since."""
+    return list(_written())
 
 
 def add(entries: dict[str, list[Any]]) -> None:

@@ -115,6 +115,11 @@ class Network:
     def new(self, typename: str, **fields: Any) -> Any:
         return self._session.store.types[typename](**fields)
 
+    @staticmethod
+    def seconds(stamp: Any) -> float:
+        """A time or a duration."""
+        return float(stamp.sec + stamp.nanosec * 1e-9)
+
     def publisher(self, topic: str, typename: str, **more: Any) -> ROS2Publisher:
         return ROS2Publisher(f"/{topic}", typename, **self._message(typename), **more)
 

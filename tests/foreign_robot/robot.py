@@ -241,7 +241,7 @@ class Robot:
             if isinstance(message, tuple):
                 self._begin(*message)
             else:
-                now_s = message.clock.sec + message.clock.nanosec * 1e-9
+                now_s = self._network.seconds(message.clock)
         return now_s
 
     def _begin(self, kind: str, goal: Goal) -> None:
@@ -255,7 +255,7 @@ class Robot:
             trajectory = goal.request.trajectory
             order = [list(trajectory.joint_names).index(name) for name in ARM]
             points = trajectory.points
-            times = np.array([p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in points])
+            times = np.array([self._network.seconds(p.time_from_start) for p in points])
             positions = np.array([np.asarray(p.positions)[order] for p in points])
             speeds = np.array([np.asarray(p.velocities)[order] for p in points])
             if self._trajectory is not None:
