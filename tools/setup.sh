@@ -122,6 +122,7 @@ has_node() {
 }
 has_postgresql() { command -v initdb >/dev/null || ls "$root"/usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1; }
 has_chromium() { command -v chromium-headless-shell || command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null
+has_ros1() { [ -x "$root/usr/bin/rosmaster" ] && [ -e .venv-noetic/whole ]; }
 has_rosidl() { "$root/usr/bin/python3" -c 'import em, rosidl_adapter' >/dev/null 2>&1; }
 
 check_optional() { # $1 site or dev
@@ -131,6 +132,7 @@ check_optional() { # $1 site or dev
     has_postgresql || note "PostgreSQL: without it the tests of the bridge's index in it are skipped"
     has_chromium || note "Chromium: without it the tests of the console's pages are skipped"
     has_rosidl || note "rosidl-tools: without it the grammar of the ROS 2 interfaces is not tested"
+    has_ros1 || note "ROS 1: without it the tests of the relay for Noetic are skipped"
     [ -z "$optional" ] || note "\`make system\` installs these with apt-get"
 }
 
@@ -153,6 +155,18 @@ It would also use:$optional}"
 Not here, and not needed:$optional}"
 }
 
+ros1="python3-venv python3-rospy python3-rosmaster python3-actionlib python3-actionlib-msgs python3-diagnostic-msgs
+    python3-geometry-msgs python3-nav-msgs python3-sensor-msgs python3-std-srvs python3-tf2-msgs python3-trajectory-msgs
+    ros-actionlib-msgs ros-nav-msgs ros-sensor-msgs ros-trajectory-msgs"
+
+# What a Noetic robot has: the system's rospy, and an old Zenoh client.
+noetic() {
+    say "  .venv-noetic: $(tr '\n' ' ' <tests/noetic_robot/requirements.txt)"
+    "$root/usr/bin/python3" -m venv --system-site-packages .venv-noetic \
+        && .venv-noetic/bin/python -m pip install --quiet --requirement tests/noetic_robot/requirements.txt \
+        && : >.venv-noetic/whole
+}
+
 # Debian's names. Without recommended packages: those of npm bring a compiler.
 system() {
     has_egl || want libegl1
@@ -161,6 +175,7 @@ system() {
     has_postgresql || want postgresql
     has_chromium || want chromium-headless-shell
     has_rosidl || { want rosidl-tools; want python3-empy; }
+    has_ros1 || for package in $ros1; do want "$package"; done
     if [ -n "$packages" ]; then
         if ! command -v apt-get >/dev/null; then
             say "There is no apt-get here. Install with this system's own package manager (Debian's names):$packages"
@@ -179,11 +194,13 @@ system() {
                 && say "  $package: installed" || say "  $package: apt-get cannot install it"
         done
     fi
+    [ ! -x "$root/usr/bin/rosmaster" ] || has_ros1 || noetic || say "  .venv-noetic: could not be made"
     has_egl || need "libEGL"
     has_node || need "Node $node_major or newer with npm"
     has_postgresql || need "PostgreSQL"
     has_chromium || need "Chromium (on Ubuntu: Google Chrome's own package)"
     has_rosidl || say "rosidl-tools is missing: the grammar of the ROS 2 interfaces is not tested."
+    has_ros1 || say "ROS 1 is missing: the relay for Noetic is not tested."
     if [ -n "$missing" ]; then
         say "Still missing; their tests are skipped:$missing"
         exit 1

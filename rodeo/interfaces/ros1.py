@@ -59,7 +59,7 @@ _TIGHT: dict[str, Any] = {"separators": (",", ":")}
 
 
 def table() -> str:
-    """What is in interfaces.json, a type a line. Of what is called, and not sent, only the hash."""
+    """Content of interfaces.json, a type a line. What is called, and not sent, has a hash only."""
     register()
     lines = []
     for name in sorted({*standard_types(), *_own_types()}):
@@ -83,7 +83,7 @@ def _own_types() -> list[str]:
 
 
 def _organization() -> dict[str, dict[str, str]]:
-    """What `ros_dao` has below `/<organization>/<participant>/`, by its list in a configuration.
+    """Names that `ros_dao` has below `/<organization>/<participant>/`, by its list in a configuration.
 
     Not `do_task`: where nobody serves it, each task would be given back.
     """

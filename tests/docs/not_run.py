@@ -7,6 +7,7 @@ _INSTALLS = "installs packages"
 _MINUTES = "takes more than a minute"
 _ROS = "needs a robot that runs ROS 2"
 _NODES = "needs ROS 2: tests/integration/test_ros_minds.py runs the node on a stand-in"
+_ROS1 = "needs a robot that runs ROS 1"
 _SHELL = "sets the reader's shell up"
 _FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the others beside it"
 _JUDGES = "needs a site with several oracles: tests/integration/test_quorum.py runs such commands"
@@ -97,7 +98,14 @@ ON_THEIR_OWN = (
 """The commands of docs/tutorials/kind.md, in order."""
 NOT_RUN |= dict.fromkeys(ON_THEIR_OWN, _NEW_KIND)
 
-BEGINNINGS = {"export ": _SHELL, "ros2 ": _ROS, "python -m pytest ": _SUITE, "python examples/ros2/": _NODES}
+BEGINNINGS = {
+    "export ": _SHELL,
+    "ros2 ": _ROS,
+    **dict.fromkeys(("roslaunch ", "rosservice ", "rostopic ", "cp -r rodeo", "cd ~/catkin_ws"), _ROS1),
+    **dict.fromkeys(("sudo apt-get install ros-", "pip3 install eclipse-zenoh"), _ROS1),
+    "python -m pytest ": _SUITE,
+    "python examples/ros2/": _NODES,
+}
 """The same for all commands that begin so."""
 
 

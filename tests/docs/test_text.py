@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 import zenoh
+from rodeo_ros1.config import load
+from rodeo_ros1.layouts import Layouts
 
 from rodeo.kinds import kinds_of
 from rodeo.lab.world import robot_model
@@ -41,6 +44,7 @@ KINDS = {
     "toml",
     "python",
     "json",
+    "yaml",
     "mermaid",
     "question",
     "diagram",
@@ -84,12 +88,23 @@ def test_programs_compile_and_examples_are_json(thing: Block) -> None:
         assert isinstance(json.loads(thing.text), dict)
 
 
+@identified(of_kind("yaml"))
+def test_what_a_relay_carries_is_read_by_it(thing: Block, tmp_path: Path) -> None:
+    said = {"router": "tcp/127.0.0.1:7447", **yaml.safe_load(thing.text)}
+    for name in said.get("tls", {}).values():
+        (tmp_path / name).touch()
+    (tmp_path / "relay.yaml").write_text(yaml.safe_dump(said))
+    carried = load(str(tmp_path / "relay.yaml"), Layouts.load()).entries
+    assert any(carried.values())
+
+
 @identified(of_kind("toml"))
 def test_a_snippet_appended_to_a_site_file_makes_a_valid_site(thing: Block, tmp_path: Path) -> None:
     text = thing.text
     for written, meant in PLACEHOLDERS.items():
         text = text.replace(written, meant)
-    (tmp_path / "arthur.urdf").write_text(to_urdf(robot_model(), "arthur"))
+    for name in ("arthur", "panther"):
+        (tmp_path / f"{name}.urdf").write_text(to_urdf(robot_model(), name))
     own = tomllib.loads(text)
     if "extends" in own:  # a whole site file
         text = text.replace('"deploy/sites/lab.toml"', json.dumps(str(LAB)))

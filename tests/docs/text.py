@@ -28,6 +28,9 @@ PROGRAMS = (
     "ros2",
     "source",
     "export",
+    "roslaunch",
+    "rosservice",
+    "cp",
     "cast",
     "curl",
 )

@@ -344,7 +344,7 @@ def test_a_router_and_a_master_that_were_gone_are_reported_and_used_again(relay:
 
     relay.kill("master")
     relay.wait_for("relay", "the ROS 1 master is gone")
-    # What was connected goes on without it.
+    # What was connected continues without it.
     side.hear()
     relay.kill("small")
     relay.start_master()

@@ -1,4 +1,4 @@
-"""What `foreign_robot.robot` asks of its network, by rospy: names and messages of a Noetic robot."""
+"""The network of `foreign_robot.robot` by rospy: names and messages of a Noetic robot."""
 
 from __future__ import annotations
 

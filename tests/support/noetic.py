@@ -21,7 +21,7 @@ PACKAGE = ROOT / "rodeo_ros1" / "rodeo_ros1"
 ROBOT = ROOT / "tests" / "noetic_robot"
 
 needs_ros1 = pytest.mark.skipif(
-    not PYTHON.exists() or not Path("/usr/bin/rosmaster").exists(),
+    not (PYTHON.parents[1] / "whole").exists() or not Path("/usr/bin/rosmaster").exists(),
     reason="ROS 1 and the Zenoh client of a Noetic robot are missing: make system",
 )
 

@@ -28,7 +28,7 @@ LAYOUTS = Layouts.load()
 INSTANTS = {"builtin_interfaces/msg/Time": "time", "builtin_interfaces/msg/Duration": "duration"}
 NOTHING = "structure_needs_at_least_one_member"
 UNKNOWN = ("seq", NOTHING)
-"""What the relay does not fill in: the publisher's own number, and what rosbags has in empty messages."""
+"""Fields that the relay does not fill in: the publisher's number, and the one that empty messages have."""
 FORMS = {"msg": [""], "srv": ["_Request", "_Response"], "action": ["_Goal", "_Result", "_Feedback"]}
 
 
@@ -36,7 +36,7 @@ MORE = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
 }
-"""What Debian has, and rosbags has not."""
+"""Definitions that Debian has, and rosbags has not."""
 
 
 def _noetic() -> Any:
@@ -258,7 +258,7 @@ def test_a_duration_that_ros_1_counts_backwards_is_the_same() -> None:
 
 @pytest.mark.parametrize("typename", ["sensor_msgs/msg/JointState", "rodeo_msgs/srv/GetWallet_Request"])
 def test_bytes_that_are_cut_changed_or_made_up_are_refused_or_read(typename: str) -> None:
-    """Whatever somebody sends, nothing else is raised, and nothing is allocated that is not there."""
+    """Nothing else is raised, and nothing is allocated that is not there."""
     register()
     chance = random.Random(1)
     codec = codec_of(typename)

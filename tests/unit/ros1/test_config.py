@@ -1,4 +1,4 @@
-"""What is relayed is declared in a file; what is wrong in it is named, with its place."""
+"""A file declares what is relayed; errors in it are named, with their place."""
 
 from __future__ import annotations
 

@@ -43,4 +43,8 @@ def test_the_numbers_of_many_senders_do_not_fill_the_memory() -> None:
     line = Health().line("odom")
     for sender in range(10_000):
         line.heard(sender, 1)
-    assert len(line._last) <= 64
+    # The oldest are forgotten, the newest are not.
+    line.heard(0, 50)
+    assert line.status()[2]["lost"] == "0"
+    line.heard(9_999, 50)
+    assert line.status()[2]["lost"] == "48"

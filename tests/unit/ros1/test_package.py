@@ -25,7 +25,7 @@ SOURCES = [
     FOLDER / "setup.py",
 ]
 NOETIC = {"actionlib", "actionlib_msgs", "diagnostic_msgs", "genpy", "rosgraph", "rospy"}
-"""What a robot with Noetic has, and package.xml asks for."""
+"""Packages that a robot with Noetic has, and that package.xml asks for."""
 
 
 def imports_of(path: Path) -> Iterator[str]:

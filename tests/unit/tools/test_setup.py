@@ -165,14 +165,44 @@ def test_system_installs_with_apt_get_only_what_is_missing(machine: Machine) -> 
     assert "postgresql" not in done.read_text() and "nodejs" not in done.read_text()
     assert status == 1 and "Still missing" in said and "Chromium" in said
     assert "rosidl-tools" in done.read_text() and "rosidl-tools" in said
+    assert "python3-rospy" in done.read_text() and "ROS 1 is missing" in said
     machine.has("chromium")
     system_python = machine.folder / "usr" / "bin" / "python3"
     system_python.parent.mkdir(parents=True)
     system_python.write_text("#!/bin/sh\n")
     system_python.chmod(0o755)
+    system_python.with_name("rosmaster").symlink_to(system_python)
+    (machine.folder / "checkout" / ".venv-noetic").mkdir()
+    (machine.folder / "checkout" / ".venv-noetic" / "whole").touch()
     done.unlink()
     status, _, said = machine.setup("system")
     assert status == 0 and not done.exists()
+
+
+def test_system_gives_the_ros_1_that_is_there_an_old_zenoh_client(machine: Machine) -> None:
+    made = machine.folder / "checkout" / ".venv-noetic"
+    system = machine.folder / "usr" / "bin"
+    system.mkdir(parents=True)
+    # A stand-in that makes an environment of stand-ins, of which the first cannot install.
+    for fails, whole in (("exit 1", False), ("", True)):
+        (system / "python3").write_text(f"""#!{machine.bin}/sh
+            case "$2" in venv)
+                {shutil.which("mkdir")} -p .venv-noetic/bin
+                echo '#!{machine.bin}/sh\n{fails}' >.venv-noetic/bin/python
+                {shutil.which("chmod")} +x .venv-noetic/bin/python
+            esac""")
+        (system / "python3").chmod(0o755)
+        if not (system / "rosmaster").exists():
+            (system / "rosmaster").symlink_to(system / "python3")
+        (machine.folder / "checkout" / "tests" / "noetic_robot").mkdir(parents=True, exist_ok=True)
+        wanted = Path("tests") / "noetic_robot" / "requirements.txt"
+        shutil.copy(ROOT / wanted, machine.folder / "checkout" / wanted)
+        machine.has("apt-get")
+        machine.has("env", 'shift; exec "$@"')
+        machine.has("tr", f'exec {shutil.which("tr")} "$@"')
+        said = machine.setup("system")[2]
+        assert "eclipse-zenoh==1.7.2" in said
+        assert (made / "whole").exists() is whole and ("could not be made" in said) is not whole
 
 
 def test_system_tells_people_who_may_not_install_what_root_types(machine: Machine) -> None:

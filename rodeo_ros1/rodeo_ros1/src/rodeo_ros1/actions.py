@@ -29,7 +29,7 @@ _CANCEL, _STATUS = "action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArra
 UNKNOWN, ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(7)
 """action_msgs/msg/GoalStatus of ROS 2."""
 _ENDS = {GoalStatus.SUCCEEDED: SUCCEEDED, GoalStatus.PREEMPTED: CANCELED, GoalStatus.RECALLED: CANCELED}
-"""How a goal ended in ROS 1 -> in ROS 2; whatever else it says is ABORTED."""
+"""End of a goal in ROS 1 -> in ROS 2; any other is ABORTED."""
 _ID_BYTES = 16
 _KEPT = 64
 """Goals that have ended and whose results can still be asked for."""
@@ -47,7 +47,7 @@ def goal_id(cdr: bytes) -> bytes:
 
 
 class _Codecs:
-    """What an action's types are in both ROS."""
+    """The types of an action in both ROS."""
 
     def __init__(self, entry: Entry, codecs: Codecs, layouts: Layouts) -> None:
         package, name = layouts.ros1_name(entry.type)

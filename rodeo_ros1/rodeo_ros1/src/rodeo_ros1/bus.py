@@ -28,7 +28,7 @@ _MARGIN_S = 0.05
 
 
 class Info(NamedTuple):
-    """What travels beside a message."""
+    """The attachment of a message."""
 
     sequence: int
     time_ns: int
@@ -191,7 +191,7 @@ class Bus:
         depth: int = 10,
         latched: bool = False,
     ) -> None:
-        """`refused` is told what was no message."""
+        """`refused` gets the error of what was no message."""
 
         def on_sample(sample: Any) -> None:
             try:

@@ -74,7 +74,7 @@ class Reader:
 
 
 class Part:
-    """How one value is written and read."""
+    """One value: how it is written and read."""
 
     def write(self, writer: Writer, value: Any) -> None:
         raise NotImplementedError

@@ -34,12 +34,12 @@ class Entry:
     type: str
     """Its full name in ROS 2, such as nav_msgs/msg/Odometry."""
     latched: bool = False
-    """Of a topic: who comes late gets the last `depth` messages."""
+    """A late subscriber gets the last `depth` messages of the topic."""
     depth: int = 1
     on_demand: bool = False
-    """Of a topic to ROS 2: converted only while somebody subscribes there."""
+    """A topic to ROS 2 is converted only while somebody subscribes there."""
     timeout_s: float = 40.0
-    """Of a service: how long the other side may take."""
+    """Time that the other side of a service may take."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What can be wrong: each says where."""
+"""Errors: each says where something is wrong."""
 
 
 class RelayError(Exception):

@@ -1,4 +1,4 @@
-"""What was carried, what was lost, and what is wrong: in the log at once, and on /diagnostics each second."""
+"""Counts of what was carried and lost, and states: in the log at once, on /diagnostics each second."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Line:
             self._trouble(f"{gap} messages were lost before they came here")
 
     def bad(self, error: object) -> None:
-        """What could not be carried."""
+        """Count and log what could not be carried."""
         with self._lock:
             self.refused += 1
         self._trouble(str(error))

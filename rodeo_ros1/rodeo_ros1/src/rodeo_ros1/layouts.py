@@ -13,14 +13,14 @@ BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
 
 
 class Layouts:
-    """What the table says."""
+    """The table, read."""
 
     def __init__(self, table: dict[str, Any]) -> None:
         self._types = table["types"]
         self._ros1_names = table["ros1_names"]
         self._renamed = table["renamed"]
         self.organization = {form: dict(names) for form, names in table["organization"].items()}
-        """What `ros_dao` has below `/<organization>/<participant>/`: form -> name -> type."""
+        """Names below `/<organization>/<participant>/`: list of a configuration -> name -> type."""
 
     @classmethod
     def load(cls) -> Layouts:

@@ -53,7 +53,7 @@ class ServiceToRos1(_Service):
         try:
             request.respond(self._response.encode(self._proxy(asked)))
             self._line.passed()
-        # Whatever the robot's server does, the relay goes on.
+        # Whatever the robot's server does, the relay continues.
         except Exception as error:  # noqa: BLE001
             self._line.bad(error)
             request.refuse("ros1_service_failed", str(error))
