@@ -87,7 +87,8 @@ def _organization() -> dict[str, dict[str, str]]:
 
     Not `do_task`: where nobody serves it, each task would be given back.
     """
-    served = {name: one.interface.typename for name, one in {**commands(), **asked()}.items()}
+    served = {name: one.interface.typename for name, one in commands().items()}
+    served |= {name: one.interface.typename for name, one in asked().items()}
     heard = {
         one.key.rsplit("/", 1)[1]: one.type
         for one in topics.TOPICS
