@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,8 +17,8 @@ from rodeo.charging.metering import RECORD_WH, STEP_WH, Reading
 from rodeo.charging.orders import ChargingParams
 from rodeo.errors import RodeoError
 from rodeo.evidence.attestation import Attestation
-from rodeo.evidence.recorder import OnSeal, Recorder, SealedProof
-from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, Binding
+from rodeo.evidence.recorder import OnSeal, SealedProof
+from rodeo.evidence.seal import Binding
 from rodeo.host.clock import Clock
 from rodeo.recording.door import MessageDoor, Refusals
 from rodeo.recording.statements import Heard
@@ -27,10 +26,12 @@ from rodeo.ros2.base import MessageInfo
 from rodeo.ros2.readings import power
 from rodeo.signing.keys import Signer
 from rodeo.site import topics
-from rodeo.site.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness.chain import WitnessChain
 from rodeo.witness.statement import MeterRecord, Receipt, digest, parse, payload_digest
-from services.charger.job import Job, Recorded, recover
+from services.charger.book import Book
+from services.charger.film import Film
+from services.charger.forecast import Forecast
+from services.charger.job import Job, Recorded
 from services.charger.session import End, Phase, Session, SessionLimits
 
 log = logging.getLogger(__name__)
@@ -78,8 +79,6 @@ class Delivery:
         """Start the recording, or continue with it. Raises RecordingSealed when it is finished."""
         self.job = order.job
         self.session = Session(order.job.session, order.limits)
-        self.power_w = self._power_rises_w_s = 0.0
-        self.refusals = Refusals()
         self._order = order
         self._chain = chain
         self._publish = publish
@@ -87,44 +86,23 @@ class Delivery:
         self._save = save
         self._lock = threading.RLock()
         self._failure: RodeoError | None = None
-        self._last_time_s = 0.0
-        self._look_s = math.inf
-        """Site time of the first reading at which there may be something to do."""
+        self._forecast = Forecast()
         output, battery = topics.DOCK_OUTPUT, topics.BATTERY_STATE
-        self._output_topic = output.name(dock=chain.device)
-        self._doors = {
-            self._output_topic: MessageDoor(output, order.slack_s),
+        output_topic = output.name(dock=chain.device)
+        doors = {
+            output_topic: MessageDoor(output, order.slack_s),
             order.battery_topic: MessageDoor(battery, order.slack_s),
         }
-        resume = order.path.exists()
-        recorded = recover(order.path, "/" + self._output_topic) if resume else Recorded()
-        begin = Recorder.resume if resume else Recorder
-        self._resumed = resume
-        self._seals = recorded.seals
-        """Digests of those of the recording."""
-        self._tell_seal = on_seal
-        self._recorder = begin(order.path, order.binding, account, clock, self._on_seal, QUIET_SEAL_PERIOD_NS)
-        self._events_seq = recorded.events_seq
-        self._records: dict[str, MeterRecord] = {}
-        """Digest -> each record of this session."""
-        self._receipts: dict[int, str] = {}
-        """Number -> digest of each receipt that is on record."""
-        self._listed = False
-        """The robot listed this recording: its receipts count."""
-        self._receipted_wh: float | None = None
-        """The highest register that the robot signed."""
-        self._closed = False
-        """The robot signed the end of the session."""
-        self._last: Attestation | None = None
-        """The last record."""
+        self._film = Film(order.path, order.binding, account, clock, doors, output_topic, on_seal)
+        self._book = Book(chain.address, self._film)
         self._said_s = -math.inf
-        """When that was published."""
+        """When the last record was published."""
         self.heard: dict[str, int] = {}
         """Address -> number of its last statement that is on record."""
-        self._meter = self._restore(recorded)
+        self._meter = self._restore(self._film.before)
         self.job.session.sold = self.receipted_wh > 0
-        if not resume:
-            self._note({"event": "assignment", "task": self.job.task.model_dump(mode="json")})
+        if not self._film.resumed:
+            self._film.note({"event": "assignment", "task": self.job.task.model_dump(mode="json")})
 
     def _restore(self, recorded: Recorded) -> Meter:
         """The meter as it stood. What was signed and not recorded, because the process ended, is recorded."""
@@ -134,16 +112,15 @@ class Delivery:
         for one in journal:
             register_wh = max(register_wh, float(one.payload.get("register_wh", 0.0)))
             if one.payload.get("recording") == self.recording and int(one.payload["seq"]) > newest:
-                self._recorder.write_json(ATTESTATION_CHANNEL, one.model_dump())
+                self._film.attest(one.model_dump())
                 session.append(one)
         begin_wh, page = None, 0
         for one in [*recorded.records, *session]:
-            record = parse(one.payload)
-            assert isinstance(record, MeterRecord)  # checked by `type`
-            self._records[digest(one)] = record
-            begin_wh, page, self._last = record.begin_wh, record.page, one
+            record = self._book.add(one)
+            begin_wh, page = record.begin_wh, record.page
             register_wh = max(register_wh, record.register_wh)
-        until_s = 0.0 if self._last is None else float(self._last.payload["until_s"])
+        last = self._book.last
+        until_s = 0.0 if last is None else float(last.payload["until_s"])
         meter = Meter(register_wh, begin_wh, page, until_s)
         for reading in recorded.unsaid:
             if begin_wh is not None:
@@ -152,14 +129,13 @@ class Delivery:
             receipt = parse(one.payload)
             assert isinstance(receipt, Receipt)  # nothing else is let in
             self.heard[one.signer] = receipt.seq
-            self._receipts[receipt.seq] = digest(one)
-            self._count(receipt)
+            self._count(receipt, digest(one))
         return meter
 
     @property
     def recording(self) -> str:
         """0x digest of the recording's opening seal."""
-        return self._recorder.recording
+        return self._film.recording
 
     @property
     def energy_wh(self) -> float:
@@ -169,45 +145,43 @@ class Delivery:
     @property
     def receipted_wh(self) -> float:
         """The part of it that the robot signed."""
-        if self._receipted_wh is None or self._meter.begin_wh is None:
+        if self._book.signed_wh is None or self._meter.begin_wh is None:
             return 0.0
-        return self._receipted_wh - self._meter.begin_wh
+        return self._book.signed_wh - self._meter.begin_wh
 
     @property
     def unanswered(self) -> Attestation | None:
         """The last record, while the robot did not sign for as much."""
-        last = self._last
-        if last is None or self._closed:
-            return None
-        shown_wh = float(last.payload["register_wh"])
-        signed = self._receipted_wh is not None and self._receipted_wh >= shown_wh
-        return None if signed and last.payload["reason"] != "close" else last
+        return self._book.unanswered
 
     @property
-    def _answered(self) -> bool:
-        return self._last is not None and self.unanswered is None
+    def power_w(self) -> float:
+        """What flows now."""
+        return self._forecast.power_w
+
+    @property
+    def refusals(self) -> Refusals:
+        """What the recording left out."""
+        return self._film.refusals
 
     # -- from the bus's threads ------------------------------------------------------------------------
 
     def on_output(self, message: Any, info: MessageInfo) -> None:
         """A reading of the dock's terminals."""
         with self._step():
-            if not self._let_in(self._output_topic, topics.DOCK_OUTPUT.type, info):
+            if not self._film.let_in(self._film.meter_topic, topics.DOCK_OUTPUT.type, info):
                 return
             # Noise around 0 V is no negative voltage, which a record cannot hold.
             said = power(message)
             reading = Reading(said.time_s, max(said.voltage_v, 0.0), said.current_a)
-            since_s, risen_w = reading.time_s - self._last_time_s, reading.power_w - self.power_w
-            self._power_rises_w_s = risen_w / since_s if since_s > 0 and self.power_w > 0 else 0.0
-            self._last_time_s = reading.time_s
             if self.job.session.phase is not Phase.WAITING:
                 self._meter.reading(reading)
-            self.power_w = reading.power_w
+            self._forecast.read(reading)
             self.session.reading(*reading, bool(message.present), self.energy_wh, self._covered)
             phase = self.job.session.phase
             if phase is Phase.CHARGING and self._meter.due:
                 self._sign("step")
-            elif phase is Phase.AWAITING_RECEIPT and self._answered and not self._covered:
+            elif phase is Phase.AWAITING_RECEIPT and self._book.answered and not self._covered:
                 # Readings from before the contactor opened arrived after it was reported open.
                 self._sign_again(reading.time_s)
 
@@ -216,7 +190,7 @@ class Delivery:
         gained here."""
         with self._step():
             if self.job.session.phase is not Phase.WAITING:
-                self._let_in(self._order.battery_topic, topics.BATTERY_STATE.type, info)
+                self._film.let_in(self._order.battery_topic, topics.BATTERY_STATE.type, info)
 
     def on_receipt(self, heard: Heard) -> None:
         """A statement of the robot, perhaps a receipt for a record of this session."""
@@ -224,20 +198,19 @@ class Delivery:
         if not isinstance(receipt, Receipt) or receipt.recording != self.recording:
             return
         with self._step():
-            problem = self._wrong_with(receipt, payload_digest(heard.attestation["payload"]))
+            own = payload_digest(heard.attestation["payload"])
+            problem = self._book.wrong_with(receipt, own)
             if problem is not None:
                 log.warning("ignored a receipt of the robot: %s", problem)
                 return
-            self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation)
-            self._count(receipt)
+            self._film.attest(heard.attestation)
+            self._count(receipt, own)
             self.job.session.sold = self.receipted_wh > 0
 
     def on_event(self, event: DaoEvent) -> None:
         """A contract event of this task."""
         with self._step():
-            if event.seq > self._events_seq:
-                self._events_seq = event.seq
-                self._note(event.model_dump(mode="json"))
+            self._film.event(event)
 
     # -- from the main thread --------------------------------------------------------------------------
 
@@ -248,11 +221,11 @@ class Delivery:
 
         Raises what kept the recording from being written.
         """
-        look_s = self._look_s
+        look_s = self._forecast.look_s
         self._clock.wait_for(
             lambda: (
                 bool(self._failure or self.session.commands_contactor or self.session.ended)
-                or self._look_s != look_s
+                or self._forecast.look_s != look_s
                 or woken()
             ),
             # Without that reading there is nothing to wait for.
@@ -266,7 +239,7 @@ class Delivery:
     def contactor(self, closed: bool) -> None:
         """The dock confirmed how the contactor stands."""
         with self._step():
-            self.session.contactor(closed, self._last_time_s)
+            self.session.contactor(closed, self._forecast.last_s)
 
     def stop(self, end: End) -> None:
         """End the session for a reason from outside."""
@@ -276,7 +249,8 @@ class Delivery:
     def close_session(self) -> None:
         """Record where the meter stands at the end, if the session ever opened."""
         with self._step():
-            said = self._last is not None and self._last.payload["reason"] == "close"
+            last = self._book.last
+            said = last is not None and last.payload["reason"] == "close"
             if self._meter.begin_wh is not None and not said:
                 self._sign("close")
         if self._failure is not None:
@@ -290,23 +264,23 @@ class Delivery:
         """Finish the recording."""
         with self._lock:
             state = self.job.session
-            self._note({
+            self._film.note({
                 "event": "session_ended",
                 "reason": None if state.end is None else state.end.value,
                 "energy_wh": self.energy_wh,
                 "receipted_wh": self.receipted_wh,
-                "closed_by_robot": self._closed,
+                "closed_by_robot": self._book.closed,
                 "started_s": state.started_s,
                 "ended_s": state.ended_s,
                 "soc": state.soc,
                 "left_out": self.refusals.summary(),
             })  # fmt: skip
-            return self._recorder.close()
+            return self._film.close()
 
     def suspend(self) -> None:
         """Let go of the recording so that the next process can continue with it."""
         with self._lock:
-            self._recorder.suspend()
+            self._film.suspend()
 
     # -- inside ----------------------------------------------------------------------------------------
 
@@ -327,21 +301,16 @@ class Delivery:
         self._clock.notify()
 
     def _look_ahead(self) -> None:
-        """Announce which reading the dock acts on next, if the power keeps changing as it does now. In a step
-        it comes to more than that by less than what is left of _STEADY."""
-        due_s, last_s = self.session.due_s, self._last_time_s
-        if self.job.session.phase is Phase.CHARGING and self.power_w > 0:
-            left_s = _STEADY * _lasts_s(self._left_wh * 3600, self.power_w, self._power_rises_w_s)
-            due_s = min(due_s, last_s + left_s, last_s + self._meter.readings_left * _READING_S)
-        readings = max(1, math.ceil(min(max(due_s - last_s, 0.0), _FAR_S) / _READING_S))
-        look_s = last_s + readings * _READING_S - _EARLY_S
-        if last_s >= self._look_s or abs(look_s - self._look_s) > _READING_S / 2:
-            self._look_s = look_s
+        """Announce which reading the dock acts on next, if the power keeps changing as it does now."""
+        charging = self.job.session.phase is Phase.CHARGING
+        self._forecast.look_ahead(
+            self.session.due_s, self._left_wh if charging else math.inf, self._meter.readings_left
+        )
 
     @property
     def _left_wh(self) -> float:
         """Energy until a record is due, the order is delivered or the robot has to have signed."""
-        signed_wh = self._meter.register_wh if self._receipted_wh is None else self._receipted_wh
+        signed_wh = self._meter.register_wh if self._book.signed_wh is None else self._book.signed_wh
         return min(
             RECORD_WH - self._meter.unrecorded_wh,
             self._order.limits.max_energy_wh - self.energy_wh,
@@ -353,7 +322,7 @@ class Delivery:
         phase = self.job.session.phase
         if phase is not Phase.AWAITING_RECEIPT or before is phase:
             return
-        if self._last is None:
+        if self._book.last is None:
             store_register(self._order.register, self._meter.register_wh)
             self._sign("opening")
         elif not self._covered:
@@ -367,56 +336,22 @@ class Delivery:
     def _covered(self) -> bool:
         """Whether the robot signed for all but one step of what was delivered; until it lists this recording,
         only for its beginning."""
-        signed_wh = self._receipted_wh if self._listed else self._meter.begin_wh
-        if self._receipted_wh is None or signed_wh is None:
+        signed_wh = self._book.signed_wh if self._book.listed else self._meter.begin_wh
+        if self._book.signed_wh is None or signed_wh is None:
             return False
         return self._meter.register_wh - signed_wh < STEP_WH
 
     def _sign_again(self, now_s: float) -> None:
-        if self._listed or now_s - self._said_s > _AGAIN_S:
+        if self._book.listed or now_s - self._said_s > _AGAIN_S:
             self._sign("pause")
 
-    def _wrong_with(self, receipt: Receipt, own: str) -> str | None:
-        """Why a receipt must not be recorded: the buyer must not be able to spoil the seller's proof with it.
-        `own` is its digest."""
-        record = self._records.get(receipt.record)
-        if record is None or not receipt.repeats(record, self._chain.address):
-            return f"the meter has no such record: {receipt.record}"
-        lacking = [one for one in self._listed_seals(receipt) if one not in self._seals]
-        if lacking and not self._resumed:
-            return f"it lists a seal that is not in the recording: {lacking[0]}"
-        if self._receipts.setdefault(receipt.seq, own) != own:
-            return f"the robot signed another receipt with number {receipt.seq}"
-        return None
-
-    def _listed_seals(self, receipt: Receipt) -> list[str]:
-        return [head.digest for head in receipt.heads if head.chain == self.recording]
-
-    def _on_seal(self, data: bytes) -> None:
-        """From the recording's thread."""
-        self._seals.add("0x" + sha256(data).hexdigest())
-        if self._tell_seal is not None:
-            self._tell_seal(data)
-
-    def _count(self, receipt: Receipt) -> None:
+    def _count(self, receipt: Receipt, own: str) -> None:
         params = self._order.params
-        if self._receipted_wh is None and params is not None and not params.begins_at(receipt.soc):
+        if self._book.signed_wh is None and params is not None and not params.begins_at(receipt.soc):
             log.warning("the robot's charge of %.0f %% does not match its task", receipt.soc * 100)
             self.session.stop(End.OTHER_CHARGE)
-        self._listed = self._listed or not self._seals.isdisjoint(self._listed_seals(receipt))
-        self._receipted_wh = max(self._receipted_wh or 0.0, receipt.register_wh)
-        self._closed = self._closed or receipt.reason == "close"
+        self._book.count(receipt, own)
         self.session.signed(receipt.soc)
-
-    def _let_in(self, topic: str, typename: str, info: MessageInfo) -> bool:
-        """Record a message, unless it is nonsense."""
-        now_ns = self._clock.now_ns()
-        refusal = self._doors[topic].refusal(info, now_ns)
-        if refusal is not None:
-            self.refusals.count("message", refusal)
-            return False
-        self._recorder.write_ros(topic, typename, info.cdr, now_ns, info.source_time_ns, info.sequence)
-        return True
 
     def _sign(self, reason: Reason) -> None:
         """Sign where the meter stands, record and publish it."""
@@ -438,31 +373,14 @@ class Delivery:
             soc=state.soc,
             **self._meter.record(),
         )
-        self._recorder.write_json(ATTESTATION_CHANNEL, signed.model_dump())
-        record = parse(signed.payload)
-        assert isinstance(record, MeterRecord)  # it was just made
-        self._records[digest(signed)] = record
-        self._last, self._said_s = signed, self._last_time_s
+        self._film.attest(signed.model_dump())
+        self._book.add(signed)
+        self._said_s = self._forecast.last_s
         if reason != "step":
             store_register(self._order.register, self._meter.register_wh)
         return signed
 
-    def _note(self, payload: dict[str, Any]) -> None:
-        self._recorder.write_json(EVENT_CHANNEL, payload)
 
-
-def _lasts_s(energy_ws: float, power_w: float, rises_w_s: float) -> float:
-    """Seconds until so much has flowed, at a power that rises or falls steadily; a power that falls too fast
-    for that is taken to end there."""
-    return 2 * energy_ws / (power_w + math.sqrt(max(0.0, power_w**2 + 2 * rises_w_s * energy_ws)))
-
-
-_READING_S = 1.0
-"""Between two readings of the dock's terminals."""
-_EARLY_S = 0.001
-"""Seconds in a float are less exact than a clock: actions due at a reading must not be due after it."""
-_STEADY = 0.995
-_FAR_S = 1e9
 _AGAIN_S = 10.0
 """Between two records for a robot that does not list this recording."""
 _REMEMBERED = 1000
