@@ -39,14 +39,9 @@ class Mind(Robot):
         self.stop = self.create_client(StopRecording, f"{self.robot}/stop_recording")
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(RobotOrders, f"{self.robot}/orders", self.on_orders, latched)
-        self.server = ActionServer(
-            self, DoTask, "do_task", self.clean, goal_callback=self.takes, cancel_callback=self.lets_go
-        )
-
-    def offer(self, price_iec):
-        """The same `request_id` is the same request, also after a restart."""
-        offer = {"kind": "waste_disposal", "price_iec": price_iec, "auto_accept": [False]}
-        return self.register.call_async(RegisterService.Request(**offer, request_id=["the-minds-offer"]))
+        # Results are kept for a process that is started again meanwhile.
+        how = {"goal_callback": self.takes, "cancel_callback": self.lets_go, "result_timeout": 7200}
+        self.server = ActionServer(self, DoTask, "do_task", self.clean, **how)
 
     def on_orders(self, orders):
         self.orders = orders
@@ -67,24 +62,29 @@ class Mind(Robot):
         self.get_logger().info(activity)
         self.goal.publish_feedback(DoTask.Feedback(activity=activity, progress=[progress]))
 
-    # -- a task ----------------------------------------------------------------------------------------
-
     async def clean(self, goal):
         self.goal, failure = goal, ""
         attempt = {"task_id": goal.request.task.id, "attempt": goal.request.task.attempt}
         try:
-            answered(await self.start.call_async(StartRecording.Request(**attempt)))
-            try:
-                await self.dispose(goal.request.task.params.waste_disposal[0])
-            except (Failed, ValueError) as error:
-                failure = str(error)
-                self.get_logger().error(f"gave up: {failure}")
+            begun = await self.start.call_async(StartRecording.Request(**attempt))
+            if "recording_over" not in [one.code for one in begun.problem]:
+                answered(begun)
+                failure = await self.work(goal.request.task.params.waste_disposal[0])
             proof = await self.stop.call_async(StopRecording.Request(failure=failure, **attempt))
             answered(proof)
         finally:
             self.goal = None
         goal.succeed()
         return DoTask.Result(proof_sha256=proof.proof_sha256, proof_uri=proof.proof_uri)
+
+    async def work(self, item):
+        """Why it failed; nothing where it did not."""
+        try:
+            await self.dispose(item)
+        except (Failed, ValueError) as error:
+            self.get_logger().error(f"gave up: {error}")
+            return str(error)
+        return ""
 
     async def dispose(self, item):
         self.say(f"driving to {item.item_id}", 0.1)
@@ -94,7 +94,6 @@ class Mind(Robot):
         heading = math.atan2(item.y_m - y, item.x_m - x)
         x, y = item.x_m - viperx.REACH * math.cos(heading), item.y_m - viperx.REACH * math.sin(heading)
         await self.go(x, y, heading)
-
         self.say(f"grasping {item.item_id}", 0.3)
         spot, top, closing = await self.find(item.x_m, item.y_m)
         await self.announce(spot, top)
@@ -112,7 +111,6 @@ class Mind(Robot):
         told = await self.show(await self.seen(x, y, z + hang - top / 2), grasped)
         if told.full:
             raise Failed(f"the compartment {told.compartment} is full")
-
         self.say(f"dropping {item.item_id} into {told.compartment}", 0.7)
         x, y, z = self.bin.opening(told.compartment)
         pads = await self.seen(x, y, z + hang + 0.02)
@@ -139,7 +137,9 @@ def main():
     mind = Mind()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         mind.wait_for_servers(mind.register, mind.start, mind.present, mind.stop)
-        offered = mind.offer(price_iec="90")
+        offer = RegisterService.Request(kind="waste_disposal", price_iec="90", auto_accept=[False])
+        offer.request_id = ["the-minds-offer"]  # the same one after a restart
+        offered = mind.register.call_async(offer)
         rclpy.spin_until_future_complete(mind, offered)
         answered(offered.result())
         rclpy.spin(mind)

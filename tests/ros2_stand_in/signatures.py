@@ -55,7 +55,10 @@ SIGNATURES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "rclpy.action.ActionServer": (
         SOURCE + "action/server.py",
-        {"__init__": "node, action_type, action_name, execute_callback, *, goal_callback, cancel_callback"},
+        {
+            "__init__": "node, action_type, action_name, execute_callback, *, goal_callback, "
+            "cancel_callback, result_timeout"
+        },
     ),
     "rclpy.action.ServerGoalHandle": (
         SOURCE + "action/server.py",

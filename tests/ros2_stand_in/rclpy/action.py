@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import time
 import traceback
 import uuid
@@ -113,7 +114,7 @@ class _Goal:
         news: Callable[[], None],
     ) -> None:
         self.id, self.request, self.stamp = goal_id, request, stamp
-        self.status, self.result = ACCEPTED, Future()
+        self.status, self.result, self.over_s = ACCEPTED, Future(), math.inf
         self.say, self._news = say, news
 
     @property
@@ -173,10 +174,11 @@ class ActionServer:
         *,
         goal_callback: Callable[[Any], Any] = lambda _goal: GoalResponse.ACCEPT,
         cancel_callback: Callable[[Any], Any] = lambda _goal: CancelResponse.REJECT,
+        result_timeout: float = 10,
     ) -> None:
         self._wire, self._log, self._type = wires[node], node.get_logger(), action_type.typename
         self._execute_callback, self._goal_callback = execute_callback, goal_callback
-        self._cancel_callback = cancel_callback
+        self._cancel_callback, self._kept_s = cancel_callback, result_timeout
         self._goals: dict[bytes, _Goal] = {}
         name = f"{action_name}/_action"
         feedback = message_class(f"{self._type}_FeedbackMessage")
@@ -213,7 +215,8 @@ class ActionServer:
 
     def _on_goal(self, request: Any, answer: Callable[..., None]) -> None:
         goal_id = bytes(request.goal_id.uuid)
-        accepted = goal_id not in self._goals and self._goal_callback(request.goal) is GoalResponse.ACCEPT
+        new = self._known(goal_id) is None
+        accepted = new and self._goal_callback(request.goal) is GoalResponse.ACCEPT
         seconds, nanoseconds = divmod(time.time_ns(), 10**9)
         stamp = _new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
         answer(accepted=accepted, stamp=stamp)
@@ -235,9 +238,18 @@ class ActionServer:
             self._log.warning("Goal state not set, assuming aborted.")
             goal.become(ABORTED)
         goal.result.set_result(result)
+        goal.over_s = time.monotonic()
+
+    def _known(self, goal_id: bytes) -> _Goal | None:
+        """A goal is forgotten some time after its end."""
+        goal = self._goals.get(goal_id)
+        if goal is not None and time.monotonic() - goal.over_s >= self._kept_s:
+            del self._goals[goal_id]
+            return None
+        return goal
 
     def _on_result(self, request: Any, answer: Callable[..., None]) -> None:
-        goal = self._goals.get(bytes(request.goal_id.uuid))
+        goal = self._known(bytes(request.goal_id.uuid))
         if goal is None:
             answer(status=UNKNOWN)
         else:

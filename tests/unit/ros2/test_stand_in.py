@@ -345,3 +345,15 @@ def test_a_server_of_an_action_reads_and_sends_these_bytes(wire: Wire) -> None:
     finally:
         process.kill()
         process.wait()
+
+
+def test_a_server_forgets_a_goal_when_its_result_was_kept_for_long_enough(wire: Wire) -> None:
+    process = wire.start(SERVER.replace("cancel_callback=cancel", "cancel_callback=cancel, result_timeout=0"))
+    try:
+        assert wire.ask("send_goal", SEND_GOAL[0]) == SEND_GOAL[1]
+        assert wire.ask("cancel_goal", CANCEL_GOAL[0]) == CANCEL_GOAL[1]
+        unknown = HEADER + "00" * 26
+        wait_until(lambda: wire.ask("get_result", GET_RESULT[0]) == unknown)
+    finally:
+        process.kill()
+        process.wait()
