@@ -213,10 +213,12 @@ class PortUnavailable(RodeoError):
     """An address that the site file gives this process is taken, or is not this machine's."""
 
     @classmethod
-    def of(cls, purpose: str, host: str, port: int, error: OSError) -> PortUnavailable:
-        """What listening for `purpose` raised."""
+    def of(cls, purpose: str, host: str, port: int, error: OSError, holder: str = "") -> PortUnavailable:
+        """What listening for `purpose` raised; `holder` is the process that has the port, if it is known."""
         if error.errno == errno.EADDRINUSE:
-            why = "another program uses that port: stop it, or set another port in the site file"
+            why = (
+                f"{holder or 'another program'} uses that port: stop it, or set another port in the site file"
+            )
         elif error.errno == errno.EADDRNOTAVAIL:
             why = "this machine does not have that address: correct it in the site file"
         else:

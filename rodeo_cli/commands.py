@@ -11,6 +11,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 COMMANDS = {
+    "init": (
+        "init:init",
+        "Write a commented site file for a site of your own, with free ports, and print what to do next.",
+    ),
     "up": (
         "site:up",
         "Start the site's processes and keep them running until Ctrl-C, or in the background with --detach.",
@@ -48,7 +52,10 @@ COMMANDS = {
     "ros2": ("ros2:ros2", "Connect a participant's ROS 2 nodes to the site."),
     "bin": ("bins:bins", "Tell a bin what items really were."),
     "console": ("accounts:accounts", "Manage the accounts of people who may use the console."),
-    "site": ("sites:sites", "Check a site file and prepare a site for its processes."),
+    "site": (
+        "sites:sites",
+        "Check a site file, prepare a site for its processes, and remove its data.",
+    ),
     "kind": ("kinds:kinds", "List, show, check and create kinds of work."),
     "experiment": ("experiment:experiments", "Run and measure whole days of a site."),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Self, TypeVar
+from urllib.parse import urlsplit
 
 import typer
 from rich.console import Group
@@ -191,8 +193,21 @@ def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None
     print_listing(document, as_json, COLUMNS, map(table_row, rows), folds=FOLDS)
     if not as_json:
         _print_warnings(loaded, rows, wrong)
+        if line := _from_elsewhere(loaded, rows):
+            say(line)
     if wrong or not all(row.state == "ready" for row in rows):
         raise typer.Exit(1)
+
+
+def _from_elsewhere(site: Site, rows: list[Row]) -> str:
+    """The command by which a laptop shows this console; empty where it is behind a proxy, or off."""
+    status = next((row.status for row in rows if row.name == "console" and row.here and row.status), None)
+    url = urlsplit(str(status.details.get("http", "")) if status is not None else "")
+    if site.console.origin is not None or url.port is None:
+        return ""
+    here = f"{os.environ.get('USER', 'USER')}@{socket.gethostname()}"
+    tunnel = f"ssh -N -L {url.port}:{url.hostname}:{url.port} {here}"
+    return f"console: {url.geturl()}; to see it on another computer, run there: {tunnel}"
 
 
 def _print_warnings(site: Site, rows: list[Row], more: Sequence[str] = ()) -> None:

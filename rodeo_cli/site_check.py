@@ -47,6 +47,7 @@ from rodeo_cli.toml_lines import lines_of
 _TOUCH_M = 0.01
 """Things that stand against each other may overlap by the rounding of their places."""
 _LONGEST_ROOM_M = 100.0
+_TALLEST_BIN_M, _MOST_DOCK, _FASTEST_M_S, _DEAREST_EUR_KWH = 5.0, 1000.0, 10.0, 5.0
 _SIDES = 16
 """Directions from which the robot may come to an item."""
 
@@ -104,6 +105,7 @@ def check(path: Path) -> list[Finding]:
             *_demo(site),
             *_one_host(site),
             *_minds(site),
+            *_unaffordable(site),
             *_hurried(site),
             *_standby(site),
             *_unpriced(site),
@@ -145,10 +147,33 @@ def _other_units(site: Site) -> Iterator[tuple[Place, str]]:
         yield ("lab", "size_m"), text
     if (share := site.lab.mass_tolerance or 0) > 1:
         yield ("lab", "mass_tolerance"), f"{share:g} is a share, 1 is all of an item's mass: 50 % are 0.5"
+    for place, value, most, (unit, smaller, factor) in _measures(site):
+        if value > most:
+            yield place, f"{value:g} {unit} are unlikely; {value:g} {smaller} are {value * factor:g} {unit}"
     for place, _, pose in placed(site):
         if abs(pose.yaw_rad) > math.tau:
             turn = f"{pose.yaw_rad:g} rad are more than a turn: {pose.yaw_rad:g} degrees"
             yield (*place, "pose"), f"{turn} are {math.radians(pose.yaw_rad):.4f} rad"
+
+
+_CM, _MV, _MA = ("m", "cm", 0.01), ("V", "mV", 0.001), ("A", "mA", 0.001)
+_CM_S, _CT = ("m/s", "cm/s", 0.01), ("EUR/kWh", "ct/kWh", 0.01)
+
+
+def _measures(site: Site) -> Iterator[tuple[Place, float, float, tuple[str, str, float]]]:
+    """Numbers, the most that each is likely to be, and its unit with a smaller one that may be meant."""
+    for number, one in enumerate(site.bins):
+        for setting in ("rim_height_m", "camera_height_m", "show_distance_m"):
+            yield ("bins", number, setting), getattr(one, setting), _TALLEST_BIN_M, _CM
+    for number, dock in enumerate(site.docks):
+        yield ("docks", number, "voltage_v"), dock.voltage_v, _MOST_DOCK, _MV
+        yield ("docks", number, "current_a"), dock.current_a, _MOST_DOCK, _MA
+    for number, robot in enumerate(site.robots):
+        for setting in ("linear_m_s", "cruise_m_s"):
+            yield ("robots", number, "limits", setting), getattr(robot.limits, setting), _FASTEST_M_S, _CM_S
+    for number, tariff in enumerate(site.economy.electricity):
+        place = "economy", "electricity", number, "eur_kwh"
+        yield place, float(tariff.eur_kwh), _DEAREST_EUR_KWH, _CT
 
 
 def _demo(site: Site) -> Iterator[tuple[Place, str]]:
@@ -250,7 +275,7 @@ def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
             text = f"{NOT_INSTALLED} (installed: {', '.join(known)}){close(one.name, known)}"
             yield ("kinds", number, "name"), text
         elif missing := load(one.name).lacks(site):
-            yield ("kinds", number), f"{one.name} needs what the site lacks: write [[{missing}]]"
+            yield ("kinds", number, "name"), f"{one.name} needs what the site lacks: write [[{missing}]]"
     machines = [name for name in ("robots", "docks") if getattr(site, name)]
     by_machines = [one.name for one in site.kinds if one.judge is None]
     if machines and all(name in known and load(name).provides != "energy" for name in by_machines):
@@ -302,6 +327,17 @@ def _providers(known: Iterable[str]) -> str:
             if load(name).provides == "energy":
                 found.append(name)
     return " or ".join(found) or "one that does"
+
+
+def _unaffordable(site: Site) -> Iterator[tuple[Place, str]]:
+    cap_iec = site.agent.daily_spending_cap_iec
+    for care in site.agent.maintenance:
+        if care.reward_iec > cap_iec:
+            yield (
+                ("agent", "daily_spending_cap_iec"),
+                f"{care.kind} is rewarded with {care.reward_iec} IEC, and a robot may spend {cap_iec} IEC a "
+                "day: it is never posted",
+            )
 
 
 def _standby(site: Site) -> Iterator[tuple[Place, str]]:

@@ -35,6 +35,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rodeo.errors import PortUnavailable, RodeoError, snake_case
 from rodeo.host.budget import Bucket
+from rodeo.host.listeners import listener_on
 from rodeo.text.redaction import redacted, redacted_json
 from rodeo.text.strict_json import finite
 
@@ -257,7 +258,7 @@ def listen(host: str, port: int, purpose: str) -> socket.socket:
     try:
         listener = _listener(host, port)
     except OSError as error:
-        raise PortUnavailable.of(purpose, host, port, error) from error
+        raise PortUnavailable.of(purpose, host, port, error, listener_on(port)) from error
     # Inherited by what it accepts. asyncio leaves it off for a socket without an explicit protocol, and then
     # each answer waits 40 ms for the client's delayed acknowledgement.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

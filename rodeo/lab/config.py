@@ -25,6 +25,7 @@ from rodeo.lab.schedule import Schedule, parse_hours, require_apart, zone
 from rodeo.money.pricing import PricingConfig
 from rodeo.text import redaction
 from rodeo.text.addresses import typed_address
+from rodeo.text.pydantic_words import close
 
 Positive = Annotated[float, Field(gt=0)]
 Point2 = tuple[float, float]
@@ -115,7 +116,8 @@ class CameraConfig(Section):
         redaction.learn(self.address)
         if (self.source == "bus") != (not self.address):
             raise ValueError(
-                "the camera sources video and folder need an address, and the other sources take none"
+                "the camera sources video and folder need an address, such as "
+                '"/dev/video0" or a folder, and the other sources take none'
             )
         return self
 
@@ -153,6 +155,21 @@ class BinConfig(Section):
     """What an item of the class costs in a compartment of others: 1 where nothing is named; in its own, 0.
     Where all mistakes cost the same, the class that is said decides; else the least expected cost does."""
 
+    @field_validator("costs")
+    @classmethod
+    def _costs_name_compartments(
+        cls, costs: dict[ItemClass, dict[str, float]], info: ValidationInfo
+    ) -> dict[ItemClass, dict[str, float]]:
+        known = list(info.data.get("compartments", ()))
+        for item_class, named in costs.items():
+            for name in named:
+                if known and name not in known:
+                    raise ValueError(
+                        f"costs of {item_class} name {name}; compartments are {', '.join(known)}"
+                        f"{close(name, known)}"
+                    )
+        return costs
+
     def compartment_of(self, item_class: ItemClass) -> str:
         """The compartment that takes this class."""
         return next(name for name, classes in self.compartments.items() if item_class in classes)
@@ -186,10 +203,6 @@ class BinConfig(Section):
         if sorted(taken) != sorted(ItemClass):
             raise ValueError(f"each class needs exactly one compartment, got {sorted(taken)}")
         for item_class, costs in self.costs.items():
-            if unknown := costs.keys() - self.compartments.keys():
-                raise ValueError(
-                    f"costs of {item_class} name {sorted(unknown)}; compartments are {[*self.compartments]}"
-                )
             if (own := self.compartment_of(item_class)) in costs:
                 raise ValueError(f"{item_class} belongs in {own}: it has no cost there")
         return self

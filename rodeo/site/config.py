@@ -296,7 +296,9 @@ class TermsConfig(_Table):
     @model_validator(mode="after")
     def _penalty_within_bond(self) -> Self:
         if self.penalty_iec > self.bond_iec:
-            raise ValueError("the penalty is higher than the bond")
+            raise ValueError(
+                f"the penalty, {self.penalty_iec} IEC, is higher than the bond, {self.bond_iec} IEC"
+            )
         return self
 
 
@@ -736,15 +738,6 @@ class Site(BaseSettings):
     """The kinds of work that the organization knows. The code of those that are installed is imported beside
     the keys, so only what is named here is."""
 
-    @field_validator("robots")
-    @classmethod
-    def _robots_differ(cls, robots: list[RobotConfig]) -> list[RobotConfig]:
-        for field in ("name", "namespace"):
-            values = [getattr(robot, field) for robot in robots]
-            if len(set(values)) != len(values):
-                raise ValueError(f"two robots have the same {field}: {sorted(values)}")
-        return robots
-
     @classmethod
     def settings_customise_sources(
         cls,
@@ -795,22 +788,6 @@ class Site(BaseSettings):
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"listed twice: {', '.join(twice)}")
         return kinds
-
-    @model_validator(mode="after")
-    def _care_is_listed(self) -> Self:
-        for care in self.agent.maintenance:
-            if care.kind not in [kind.name for kind in self.kinds]:
-                raise ValueError(
-                    f"agent.maintenance asks for {care.kind}, which no [[kinds]] lists. Write: [[kinds]] "
-                    f'name = "{care.kind}", judge = "auditor"'
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _one_time(self) -> Self:
-        if self.chain.backend == "external" and not self.clock.keeps_wall_time:
-            raise ValueError("an external chain runs on wall time: set clock.speed and clock.idle_speed to 1")
-        return self
 
     @property
     def store_url(self) -> str:
@@ -1072,6 +1049,8 @@ def faults(site: Site) -> dict[Place, str]:
         _windows,
         _hours,
         _ports,
+        lambda one: _charging_and_care(one.agent, [kind.name for kind in one.kinds]),
+        lambda one: _time(one.chain, one.clock),
     )
     for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
@@ -1122,6 +1101,11 @@ def placed(site: Site) -> Iterator[tuple[Place, str, Pose2]]:
 
 
 def _names(site: Site) -> Iterator[tuple[Place, str]]:
+    for field in ("name", "namespace"):
+        robots = [(("robots", number, field), getattr(one, field)) for number, one in enumerate(site.robots)]
+        if twice := list(_twice(robots, f"two robots have the same {field}, {{}}")):
+            yield from twice
+            break  # a namespace follows from the name
     in_lab = [((*place, "id" if place[0] == "items" else "name"), name) for place, name, _ in placed(site)]
     yield from _twice(in_lab, "two things in the lab are called {}")
     signing: list[tuple[Place, str]] = [((), name) for name in _OWN_WALLETS]
@@ -1315,6 +1299,30 @@ def _hours(site: Site) -> Iterator[tuple[Place, str]]:
             if one.from_hour in hours:
                 yield (*place, number, "from_hour"), f"two {what} begin at hour {one.from_hour}"
             hours.add(one.from_hour)
+
+
+def _charging_and_care(agent: AgentConfig, listed: list[str]) -> Iterator[tuple[Place, str]]:
+    if agent.charge_target <= agent.charge_below:
+        yield (
+            ("agent", "charge_target"),
+            f"a robot that charges below {agent.charge_below:g} (charge_below) charges up to more",
+        )
+    for number, care in enumerate(agent.maintenance):
+        place = "agent", "maintenance", number
+        if care.kind not in listed:
+            write = f'. Write: [[kinds]] name = "{care.kind}", judge = "auditor"'
+            yield (*place, "kind"), f"no [[kinds]] lists {care.kind}{close(care.kind, listed) or write}"
+        if care.rise is not None and care.rise.up_to_iec < care.reward_iec:
+            text = f"the reward, {care.reward_iec} IEC, cannot rise to {care.rise.up_to_iec} IEC: write more"
+            yield (*place, "rise"), text
+
+
+def _time(chain: ChainConfig, clock: ClockConfig) -> Iterator[tuple[Place, str]]:
+    if chain.backend == "external" and not clock.keeps_wall_time:
+        yield (
+            ("clock", "idle_speed" if clock.speed == 1 else "speed"),
+            "an external chain runs on wall time: set clock.speed and clock.idle_speed to 1",
+        )
 
 
 def _ports(site: Site) -> Iterator[tuple[Place, str]]:

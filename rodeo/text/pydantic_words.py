@@ -11,7 +11,7 @@ _UNITS = {
     "kg": ("kg", {"g": 1e-3}),
     "m": ("m", {"cm": 1e-2, "mm": 1e-3}),
     "rad": ("rad", {"degrees": math.pi / 180}),
-    "s": ("s", {"ms": 1e-3}),
+    "s": ("s", {"ms": 1e-3, "min": 60, "h": 3600, "days": 86_400}),
     "w": ("W", {"mW": 1e-3}),
     "wh": ("Wh", {"mWh": 1e-3}),
     "v": ("V", {"mV": 1e-3}),
@@ -93,7 +93,7 @@ def _read(given: Any, unit: str) -> str:
     name, others = _UNITS.get(unit, ("", {}))
     if behind in ("", name):
         return f": {value:g}"
-    return f": {value * others[behind]:g}" if behind in others else ""
+    return f": {value * others[behind]:.12g}" if behind in others else ""
 
 
 def _limit(word: str, key: str) -> Callable[[Error, str], str]:
@@ -101,6 +101,8 @@ def _limit(word: str, key: str) -> Callable[[Error, str], str]:
         limit, given = error["ctx"][key], error["input"]
         name, others = _UNITS.get(unit, ("", {}))
         behind = f" {name}" if name else ""
+        if not unit and float(limit) == 1:
+            others = {"%": 1e-2}
         meant = [
             f"; {given:g} {other} are {given * factor:g}"
             for other, factor in others.items()

@@ -11,6 +11,7 @@ from rodeo.site.config import (
     GovernanceConfig,
     Site,
     bridge_wallets,
+    faults,
     oracle_names,
     oracle_process,
     votes_needed,
@@ -74,8 +75,8 @@ def test_two_robots_cannot_be_called_the_same(field: str) -> None:
     site = Site.load(LAB)
     first = site.robots[0].model_dump()
     second = {**first, "name": "other", "namespace": "other", field: first[field]}
-    with pytest.raises(ValidationError, match=field):
-        Site.model_validate({**site.model_dump(by_alias=True), "robots": [first, second]})
+    both = Site.model_validate({**site.model_dump(by_alias=True), "robots": [first, second]})
+    assert f"two robots have the same {field}" in faults(both)["robots", 1, field]
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -533,3 +536,31 @@ def test_a_mind_without_a_process_that_gives_its_commands_is_doubtful(said: Said
     found = said(head + MINDED.format("node.panther1"))
     assert len(found) == 1 and "no [[ros]] lists panther1" in found[0]
     assert said(head + MINDED.format("node.panther1") + SPOKEN) == []
+
+
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text())
+
+
+def test_there_are_ten_mistakes_of_each_sort_in_a_file_that_is_right_without(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(MISTAKES["site"])
+    assert [one for one in check(path) if one.severity == "error"] == []
+    sorts = Counter(one["sort"] for one in MISTAKES["mistake"])
+    assert sorts == dict.fromkeys(("unit", "name", "contradiction", "missing"), 10)
+
+
+@pytest.mark.parametrize("one", MISTAKES["mistake"], ids=lambda one: one["what"])
+def test_a_planted_mistake_is_found_with_its_line_and_what_to_write(
+    one: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "site.toml"
+    assert MISTAKES["site"].count(one["old"]) == 1
+    text = MISTAKES["site"].replace(one["old"], one["new"])
+    path.write_text(text)
+    lines = text.splitlines()
+    found = [
+        finding
+        for finding in check(path)
+        if not one["at"] or (finding.line and lines[finding.line - 1].startswith(one["at"]))
+    ]
+    assert any(all(word in str(finding) for word in one["says"]) for finding in found), found
