@@ -34,8 +34,8 @@ from tests.docs.text import (
 from tests.support import command
 from tests.support.site import LAB
 
-MADE_BY_THE_READER = {"my-site.toml", "my-site/site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
-MADE_BY_THE_READER |= {"out/demo/site.toml"}
+MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
+MADE_BY_THE_READER |= {"my-site/site.toml", "out/demo/site.toml"}
 """Files of which the text says that the reader brings them or writes them."""
 KINDS = {
     "{toctree}",
