@@ -36,6 +36,7 @@ from rodeo.site.config import Site
 from rodeo.site.tls import OPERATOR, identity
 from rodeo.text.redaction import redacted
 from rodeo_cli import formatting
+from rodeo_cli.completion import site_names
 from rodeo_cli.layout import Row, lines, printable
 
 if TYPE_CHECKING:
@@ -82,7 +83,14 @@ SiteOption = Annotated[
         "--site", envvar="RODEO_SITE", help="Site file.", show_default=DEFAULT_SITE_SHOWN, metavar="FILE"
     ),
 ]
-ParticipantOption = Annotated[str, typer.Option("--as", help="Whose wallet pays and signs.")]
+PARTICIPANTS, ROBOTS, KINDS = (
+    site_names(*places, default=DEFAULT_SITE)
+    for places in (("organization", "robots.name", "participants.name"), ("robots.name",), ("kinds.name",))
+)
+"""What a shell completes by the names of the site file."""
+ParticipantOption = Annotated[
+    str, typer.Option("--as", help="Whose wallet pays and signs.", autocompletion=PARTICIPANTS)
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 
 _CONNECT_S = _CLOCK_S = 3.0

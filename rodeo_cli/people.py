@@ -16,6 +16,8 @@ from rodeo.person.photo_code import photo_code
 from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
+    KINDS,
+    PARTICIPANTS,
     JsonOption,
     SiteOption,
     connected,
@@ -37,13 +39,18 @@ if TYPE_CHECKING:
     from rodeo.person.statement import Executor
 
 AsOption = Annotated[
-    str | None, typer.Option("--as", help="The participant; by default the only one in the site file.")
+    str | None,
+    typer.Option(
+        "--as",
+        help="The participant; by default the only one in the site file.",
+        autocompletion=PARTICIPANTS,
+    ),
 ]
 
 
 @reports_errors
 def offer(
-    kind: Annotated[str, typer.Argument(help="The kind of task.")],
+    kind: Annotated[str, typer.Argument(help="The kind of task.", autocompletion=KINDS)],
     price: Annotated[str, typer.Option(help="Price in IEC.")],
     site: SiteOption = DEFAULT_SITE,
     participant: AsOption = None,

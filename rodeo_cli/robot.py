@@ -13,6 +13,7 @@ from rodeo.robot.decisions import KEPT, Decided, Explain, Explained
 from rodeo.site import topics
 from rodeo_cli.common import (
     DEFAULT_SITE,
+    ROBOTS,
     JsonOption,
     SiteOption,
     connected,
@@ -27,7 +28,10 @@ from rodeo_cli.robot_words import facts, taken
 
 robots = typer.Typer(help="Give orders to robots and show their state.", no_args_is_help=True)
 
-NameArgument = Annotated[str, typer.Argument(help="The robot, by its name in the site file.", metavar="NAME")]
+NameArgument = Annotated[
+    str,
+    typer.Argument(help="The robot, by its name in the site file.", metavar="NAME", autocompletion=ROBOTS),
+]
 
 ORDERS = {
     "pause": "Finish the current attempt, then take no new work. The order holds across restarts.",

@@ -18,6 +18,7 @@ from rodeo.site.config import Site
 from rodeo_cli import formatting
 from rodeo_cli.common import (
     DEFAULT_SITE,
+    PARTICIPANTS,
     JsonOption,
     SiteOption,
     connected,
@@ -74,7 +75,10 @@ ServiceArgument = Annotated[
 ]
 
 
-ProviderOption = Annotated[str | None, typer.Option("--as", help="Its provider; looked up by default.")]
+ProviderOption = Annotated[
+    str | None,
+    typer.Option("--as", help="Its provider; looked up by default.", autocompletion=PARTICIPANTS),
+]
 
 
 @services.command("price")

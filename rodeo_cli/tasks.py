@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
+from typer.core import CompletionItem, TyperCommand
 
 from rodeo.bus import queries
 from rodeo.bus.messages import DaoEvent
@@ -19,6 +20,7 @@ from rodeo.money.rewards import Rise
 from rodeo.site.config import Site
 from rodeo_cli.common import (
     DEFAULT_SITE,
+    KINDS,
     JsonOption,
     ParticipantOption,
     SiteOption,
@@ -32,6 +34,7 @@ from rodeo_cli.common import (
     send_command,
     site_clock,
 )
+from rodeo_cli.completion import PARAMETERS, site_names
 from rodeo_cli.formatting import iec
 from rodeo_cli.signing import SignedArgument, SignOption, ValidOption, sign_into, signed_in
 from rodeo_cli.task_params import task_params
@@ -63,11 +66,30 @@ UpToOption = Annotated[
 ]
 
 
-@tasks.command("create", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+class _Create(TyperCommand):
+    """Completes the values of the kind's parameters, which are no options of the command itself."""
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        if ctx.args and (place := PARAMETERS.get(ctx.args[-1])):
+            names = site_names(place, default=DEFAULT_SITE)(ctx, incomplete)
+            return [CompletionItem(name) for name in names]
+        found = super().shell_complete(ctx, incomplete)
+        if incomplete.startswith("-"):
+            found += [CompletionItem(one) for one in PARAMETERS if one.startswith(incomplete)]
+        return found
+
+
+@tasks.command(
+    "create",
+    cls=_Create,
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+)
 @reports_errors
 def create(
     context: typer.Context,
-    kind: Annotated[str, typer.Argument(help="A kind of work that the organization accepts.")],
+    kind: Annotated[
+        str, typer.Argument(help="A kind of work that the organization accepts.", autocompletion=KINDS)
+    ],
     reward: Annotated[str, typer.Option(help="Reward in IEC, put into escrow.")],
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
