@@ -74,7 +74,7 @@ NOT_RUN: dict[str, str] = {
     "rodeo up --site my-site.toml": _CHAIN,
     "rodeo site prepare --site my-site.toml": _CHAIN,
     "rodeo up router chain bridge oracle charger console robot_sim robot_agent": _FOREIGN,
-    "python my_bin.py --site deploy/sites/lab.toml": _FOREIGN,
+    "python examples/my_bin.py --site deploy/sites/lab.toml": _FOREIGN,
     "rodeo organization sign-seat dora-device --owner panther1": _JUDGES,
     "rodeo organization seat 0x... --owner panther1 --signature 0x...": _JUDGES,
     "rodeo organization unseat carl": _JUDGES,

@@ -1,10 +1,9 @@
-"""The bin of docs/tutorials/bin.md, run as it stands there, until a robot is paid."""
+"""The bin of examples/my_bin.py, run as it stands there, until a robot is paid."""
 
 from __future__ import annotations
 
 import ast
 import os
-import re
 import subprocess
 import sys
 import threading
@@ -22,18 +21,12 @@ from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
 
-PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "bin.md"
+PROGRAM = Path(__file__).parents[2] / "examples" / "my_bin.py"
 SITE = "clock.speed = 4\nagent.explore_when_idle = false\nlab.furniture = []"
 
 
-def program() -> str:
-    """The page's program."""
-    (code,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
-    return str(code)
-
-
 def test_the_foreign_bin_imports_nothing_of_the_services() -> None:
-    for node in ast.walk(ast.parse(program())):
+    for node in ast.walk(ast.parse(PROGRAM.read_text())):
         if isinstance(node, ast.ImportFrom):
             assert not (node.module or "").startswith(("services", "deploy", "tests")), node.module
 
@@ -41,15 +34,13 @@ def test_the_foreign_bin_imports_nothing_of_the_services() -> None:
 @pytest.fixture
 def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
     running = RunningSite(write_site(tmp_path, chain_backend, SITE))
-    bin_path = tmp_path / "my_bin.py"
-    bin_path.write_text(program())
     logs = running.site.data_dir / "logs"
     try:
         running.start_founded()
         running.start("robot_sim", "bridge", "oracle")
         with (logs / "itrash.log").open("ab") as output:
             running.children["itrash"] = subprocess.Popen(
-                [sys.executable, str(bin_path), "--site", str(running.path)],
+                [sys.executable, str(PROGRAM), "--site", str(running.path)],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

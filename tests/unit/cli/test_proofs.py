@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from hashlib import sha256
 from pathlib import Path
@@ -24,7 +26,8 @@ from rodeo_cli import app
 from rodeo_cli.proof_export import COLUMNS, DERIVED, rows_of
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, moved, seal, write_bag
-from tests.docs.text import ROOT, blocks
+from rodeo_testing.waiting import HANG_S
+from tests.docs.text import ROOT
 from tests.support.site import LAB
 
 GUIDE = "docs/how-to/proofs.md"
@@ -111,14 +114,21 @@ def test_each_row_of_the_table_is_a_pose_of_a_statement(proof: Path, derived: Pa
     assert {row[-1] for row in own} <= numbers
 
 
-def test_the_recipe_of_the_guide_prints_where_the_robot_ended(
-    proof: Path, derived: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_the_example_plots_the_path_and_prints_where_the_robot_ended(
+    proof: Path, derived: Path, tmp_path: Path
 ) -> None:
-    (recipe,) = [one.text for one in blocks() if one.page == GUIDE and one.kind == "python"]
-    monkeypatch.chdir(derived.parent)
-    exec(compile(recipe, GUIDE, "exec"), {})
+    picture = tmp_path / "path.png"
+    program = [sys.executable, str(ROOT / "examples/read_proof.py")]
+    told = subprocess.run(
+        [*program, str(derived / "proof.derived.mcap"), str(picture)],
+        capture_output=True,
+        text=True,
+        timeout=HANG_S,
+        check=True,
+    )
     x_m, y_m, _ = base_of(case_of(open_proof(proof), Site.load(LAB), None)).position_m[-1]
-    assert capsys.readouterr().out.strip() == f"{x_m:.2f} {y_m:.2f}"
+    assert f"panther1 ended at {x_m:.2f} {y_m:.2f}" in told.stdout.splitlines()
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_each_topic_of_the_foxglove_layout_is_in_the_proof_or_in_what_is_derived(

@@ -1,0 +1,146 @@
+"""The programs of examples/ against one running site: as they stand there, they see a task paid."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rodeo.access.accounts import Accounts, accounts_path
+from rodeo.access.roles import Role
+from rodeo.bus.messages import DaoEvent
+from rodeo.bus.session import DaoEvents
+from rodeo_testing import BINS
+from rodeo_testing.waiting import HANG_S
+from tests.support.dao import Dao
+from tests.support.site import RunningSite, free_port
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+class Robot:
+    """Does each task that it is assigned at once, and the oracle accepts it."""
+
+    def __init__(self, dao: Dao) -> None:
+        self._dao = dao
+        self._todo: queue.SimpleQueue[int | None] = queue.SimpleQueue()
+        dao.command("panther1", "register_service", kind="waste_disposal", price_iec="90")
+        self._thread = threading.Thread(target=self._work)
+        self._thread.start()
+        self._events = DaoEvents(dao.running.bus, dao.site.org, self._on_event)
+
+    def _on_event(self, event: DaoEvent) -> None:
+        if event.name == "TaskAssigned":
+            self._todo.put(event.task_id)
+
+    def _work(self) -> None:
+        while (task_id := self._todo.get()) is not None:
+            self._dao.prove(task_id)
+            self._dao.judge(task_id, True)
+
+    def stop(self) -> None:
+        self._events.close()
+        self._todo.put(None)
+        self._thread.join(timeout=HANG_S)
+
+
+class Lab:
+    """examples/site.toml on free ports, and what a program is given to reach it."""
+
+    def __init__(self, folder: Path, chain_backend: str) -> None:
+        text = (EXAMPLES / "site.toml").read_text()
+        for written, meant in {
+            '"../deploy/sites/lab.toml"': json.dumps(str(EXAMPLES.parent / "deploy/sites/lab.toml")),
+            '"../var/example"': json.dumps(str(folder / "data")),
+            "8089": str(free_port()),
+            "8546": str(free_port()),
+        }.items():
+            assert written in text
+            text = text.replace(written, meant)
+        text = text.replace("[chain]", f"[chain]\nbackend = {json.dumps(chain_backend)}")
+        (folder / "site.toml").write_text(f"{BINS}\n{text}")
+        self.running = RunningSite(folder / "site.toml")
+        self.dao = Dao(self.running)
+
+    def start(self) -> None:
+        self.dao.start()
+        self.running.start("console")
+        self.url = str(self.running.status("console").details["http"])
+        accounts = Accounts(accounts_path(self.running.site), self.running.site.console)
+        accounts.add_user("ada", "correct horse battery", [Role.OPERATOR])
+        self.token = accounts.issue_token("ada", "examples")
+        accounts.close()
+        self.robot = Robot(self.dao)
+
+    def run(self, *words: str) -> subprocess.CompletedProcess[str]:
+        environment = {**os.environ, "RODEO_TOKEN": self.token, "PYTHONPATH": str(EXAMPLES.parent)}
+        return subprocess.run(
+            words,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=HANG_S,
+            check=False,
+            stdin=subprocess.DEVNULL,
+        )
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Lab]:
+    lab = Lab(tmp_path_factory.mktemp("examples"), chain_backend)
+    try:
+        lab.start()
+        yield lab
+        lab.robot.stop()
+    finally:
+        lab.dao.stop()
+        lab.running.stop()
+
+
+def program(lab: Lab, name: str) -> list[str]:
+    """The words that start it, without the item and the ID of the request."""
+    path, site = str(EXAMPLES / name), lab.running.site
+    return {
+        "post_and_wait.py": [sys.executable, path, str(lab.running.path)],
+        "post_and_wait_zenoh.py": [sys.executable, path, site.bus.router, site.org],
+        "post_and_wait.sh": ["sh", path, lab.url],
+        "post_and_wait.mjs": ["node", path, lab.url],
+    }[name]
+
+
+PROGRAMS = ["post_and_wait.py", "post_and_wait_zenoh.py", "post_and_wait.sh", "post_and_wait.mjs"]
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_posts_a_task_and_waits_until_it_is_paid(lab: Lab, name: str) -> None:
+    words = program(lab, name)
+    if shutil.which(words[0]) is None:
+        pytest.skip(f"{words[0]} is not installed")
+    done = lab.run(*words, "item1", f"one of {name}")
+    assert done.returncode == 0, done.stdout + done.stderr
+    task_id = int(done.stdout.split()[1])
+    task = lab.dao.task(task_id)
+    assert (task["state"], task["params"]["item_id"], task["paid_iec"]) == ("settled", "item1", "90")
+    # After a restart it sends the same request: nothing is posted twice.
+    again = lab.run(*words, "item1", f"one of {name}")
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert f"task {task_id} is posted" in again.stdout
+    assert lab.dao.state("tasks", limit=1)["tasks"][0]["id"] == task_id
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_says_why_a_task_was_refused(lab: Lab, name: str) -> None:
+    words = program(lab, name)
+    if shutil.which(words[0]) is None:
+        pytest.skip(f"{words[0]} is not installed")
+    done = lab.run(*words, "item99", f"wrong of {name}")
+    assert done.returncode != 0
+    assert "invalid_request" in done.stdout + done.stderr and "x_m" in done.stdout + done.stderr
