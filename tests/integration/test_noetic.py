@@ -307,6 +307,8 @@ def test_goals_are_carried_out_rejected_and_cancelled_on_either_side(relay: Grap
     with pytest.raises(GoalCanceled):
         long.result(HANG_S)
     assert told(relay, lambda one: "cancelled" in one)["cancelled"] == 200
+    with pytest.raises(GoalRejected):
+        drive.send_goal(pose_goal(3.5), timeout_s=HANG_S, goal_id=long.goal_id)
 
     def follow(goal: Any) -> None:
         names = list(goal.request.trajectory.joint_names)
@@ -338,6 +340,8 @@ def test_a_router_and_a_master_that_were_gone_are_reported_and_used_again(relay:
     side.router.close()
     relay.wait_for("relay", "the router is gone")
     assert told(relay, lambda one: "the router" in one.get("diagnostics", "") and one["level"] == 2)
+    # What came meanwhile is not lost in silence.
+    assert told(relay, lambda one: "/odom" in one.get("diagnostics", "") and one["refused"] != "0")
     side.open_router()
     relay.wait_for("relay", "the router is back")
     side.hear()

@@ -32,7 +32,8 @@ _ENDS = {GoalStatus.SUCCEEDED: SUCCEEDED, GoalStatus.PREEMPTED: CANCELED, GoalSt
 """End of a goal in ROS 1 -> in ROS 2; any other is ABORTED."""
 _ID_BYTES = 16
 _KEPT = 64
-"""Goals that have ended and whose results can still be asked for."""
+"""Goals under way, goals that have ended and whose results can still be asked for, and requests for one: of
+each at most so many, whoever sends more."""
 _DECIDE_S = 3.0
 """For so long a server of ROS 1 may say neither yes nor no to a goal."""
 _SEND_S, _RESULT_S, _LOST_S = 10.0, 60.0, 10.0
@@ -108,7 +109,11 @@ class ActionToRos1:
         identity = goal_id(request.cdr)
         wanted = self._codecs.goal.decode(request.cdr, skip=_ID_BYTES)
         with self._lock:
-            if identity in self._goals:
+            running = sum(goal.status < SUCCEEDED for goal in self._goals.values())
+            if identity in self._goals or running >= _KEPT:
+                self._line.bad(
+                    "a goal came twice" if identity in self._goals else "too many goals are under way"
+                )
                 _answer_goal(request, False, time.time_ns())
                 return
             goal = self._goals[identity] = _Goal(identity, request)
@@ -152,7 +157,8 @@ class ActionToRos1:
         with self._lock:
             if goal.id not in self._goals or goal.status >= SUCCEEDED:
                 return
-            if state in (states.ACTIVE, states.PREEMPTING, states.WAITING_FOR_RESULT):
+            # Not WAITING_FOR_RESULT: a goal that was rejected waits for its result, too.
+            if state in (states.ACTIVE, states.PREEMPTING):
                 self._accept(goal)
             elif state == states.DONE:
                 end = handle.get_goal_status()
@@ -184,6 +190,9 @@ class ActionToRos1:
             goal = self._goals.get(identity)
             if goal is not None and goal.status < SUCCEEDED:
                 goal.waiting.append(request)
+                oldest = goal.waiting.pop(0) if len(goal.waiting) > _KEPT else None
+                if oldest is not None:
+                    oldest.refuse("busy", "others wait for this result since")
                 return
         self._answer_result(request, goal)
 
@@ -271,6 +280,9 @@ class ActionToRos2:
 
     def _carry_out(self, handle: Any) -> None:
         identity = _id_of(handle)
+        if len(self._running) >= _KEPT:
+            handle.set_rejected(text="too many goals are under way")
+            return
         self._running[identity] = handle
         try:
             sent = self._codecs.goal.encode(handle.get_goal(), before=identity)

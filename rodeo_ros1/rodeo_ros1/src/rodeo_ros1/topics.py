@@ -26,6 +26,7 @@ class TopicToRos2:
         self._codec = codecs.codec(entry.type, made)
         self._on_demand = entry.on_demand and not entry.latched
         self._line = health.line(f"{entry.ros1} -> {entry.ros2}")
+        self._router = health.router
         self._publisher = bus.publisher(
             entry.ros2, entry.type, entry.depth if entry.latched else 10, entry.latched
         )
@@ -38,6 +39,9 @@ class TopicToRos2:
                 # Two publishers of one topic count for themselves.
                 sender = (getattr(message, "_connection_header", None) or {}).get("callerid")
                 self._line.heard(sender, message.header.seq)
+            if not self._router.there:
+                self._line.bad("a message came while the router was gone")
+                return
             if self._on_demand and not self._publisher.matched:
                 return
             self._publisher.put(self._codec.encode(message))
