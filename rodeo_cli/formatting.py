@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
 
-from rodeo.display.formatting import FIELD_ADVICE, number, phrase, span
+from rodeo.display.formatting import FIELD_ADVICE, in_eur, number, phrase, span
 from rodeo.errors import RodeoError
 from rodeo.site.config import Site
 from rodeo.text.pydantic_words import MISSING
@@ -215,6 +215,11 @@ def iec(amount: Decimal | str | None) -> str:
     """1,234.5 IEC; every digit of what is less than a hundredth."""
     value = Decimal(str(amount or 0))
     return f"{number(value, 18 if 0 < abs(value) < Decimal('0.01') else 2)} IEC"
+
+
+def worth(amount: Decimal | str | None, site: Site) -> str:
+    """`iec`, and what it is worth where the site names a rate."""
+    return iec(amount) + in_eur(amount or 0, site)
 
 
 def moment(time_s: float, site: Site) -> str:

@@ -28,7 +28,7 @@ from rodeo_cli.common import (
     send_command,
     site_pace,
 )
-from rodeo_cli.formatting import iec
+from rodeo_cli.formatting import iec, worth
 from rodeo_cli.layout import Row
 from rodeo_cli.task_words import party
 
@@ -212,7 +212,7 @@ def wallet(
         Row(
             (
                 one.name,
-                iec(one.balance_iec),
+                worth(one.balance_iec, loaded),
                 one.address,
                 "itself" if one.payout is None else party(one.payout_name, one.payout),
             )

@@ -26,7 +26,7 @@ from rodeo.person.photo_code import photo_code
 from rodeo.site.config import Site
 from rodeo_cli import formatting
 from rodeo_cli.common import time_left
-from rodeo_cli.formatting import iec, plain
+from rodeo_cli.formatting import iec, plain, worth
 from rodeo_cli.layout import Row
 
 if TYPE_CHECKING:
@@ -110,15 +110,15 @@ def facts(
         ("attempts", "" if task.attempt else f"none yet, {task.max_attempts} at most"),
         ("verdict", judged),
         *steps(story, site),
-        ("reward", f"{iec(task.reward_iec)} by {party(task.creator_name, task.creator)}"),
+        ("reward", f"{worth(task.reward_iec, site)} by {party(task.creator_name, task.creator)}"),
         ("executor", party(task.executor_name, task.executor)),
         ("not offered again to", passed_in_words(task)),
         ("service", "" if task.service_id is None else str(task.service_id)),
         *([] if task.requested_service_id is None else [("named service", str(task.requested_service_id))]),
         *_named_provider(task),
-        ("price", iec(task.price_iec) if task.price_iec is not None else ""),
-        ("paid", iec(task.paid_iec) if ended else ""),
-        ("refunded", iec(task.refunded_iec) if ended else ""),
+        ("price", worth(task.price_iec, site) if task.price_iec is not None else ""),
+        ("paid", worth(task.paid_iec, site) if ended else ""),
+        ("refunded", worth(task.refunded_iec, site) if ended else ""),
         ("posted", moment(task.registered)),
         ("assigned", moment(task.assigned)),
         ("proof submitted", moment(task.proof_submitted)),

@@ -35,7 +35,7 @@ from rodeo_cli.common import (
     site_clock,
 )
 from rodeo_cli.completion import PARAMETERS, site_names
-from rodeo_cli.formatting import iec
+from rodeo_cli.formatting import iec, worth
 from rodeo_cli.signing import SignedArgument, SignOption, ValidOption, sign_into, signed_in
 from rodeo_cli.task_params import task_params
 from rodeo_cli.task_words import facts_on, row
@@ -137,7 +137,7 @@ def create(
             return
         reply = send_command(loaded, bus, participant, "register_task", **request)
         if not as_json:
-            say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
+            say(f"Task {reply['task_id']} is posted, and {worth(reward, loaded)} are in escrow for it.")
         if rises is not None:
             reply["task_id"] = _raised(loaded, bus, participant, int(reply["task_id"]), rises, as_json)
     if as_json:

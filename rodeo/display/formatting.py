@@ -11,6 +11,7 @@ from rodeo.bus.messages import PROVEN_FROM, Fault, Task
 from rodeo.bus.queries import BudgetBallot, BudgetVote, KindRules, Known, Offer, ProposedCall
 from rodeo.errors import RodeoError, snake_case
 from rodeo.judging.verdicts import FAULTS
+from rodeo.site.config import Site
 
 STATE_COLOURS = {
     "open": "warn",
@@ -136,6 +137,17 @@ def iec(amount: Decimal | str | float | None) -> str:
         return "–"
     value = Decimal(str(amount))
     return exact(value) if 0 < abs(value) < Decimal("0.01") else f"{number(value)} IEC"
+
+
+def worth(amount: Decimal | str | float | None, site: Site) -> str:
+    """`iec`, and what it is worth where the site names a rate: 1,234.6 IEC (61.73 EUR)."""
+    return iec(amount) + in_eur(amount, site)
+
+
+def in_eur(amount: Decimal | str | float | None, site: Site) -> str:
+    """What follows an amount in IEC; empty where the site names no rate."""
+    rate = site.economy.eur_per_iec
+    return "" if rate is None or amount is None else f" ({Decimal(str(amount)) * rate:,.2f} EUR)"
 
 
 def exact(amount: Decimal) -> str:

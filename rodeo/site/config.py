@@ -265,6 +265,9 @@ class EconomyConfig(_Table):
     whom the oracle passes what it cannot decide. Both windows together are at most 30 days. It counts when a
     kind gets its first judge."""
     max_attempts: int = Field(default=3, ge=1, le=7)
+    eur_per_iec: Decimal | None = Field(default=None, gt=0, max_digits=28, decimal_places=18)
+    """What one IEC is worth. Wallets and tasks then show EUR beside IEC; nothing is paid by it. By default
+    there is no such rate."""
     electricity: list[TariffConfig] = Field(
         default=[TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))], min_length=1
     )

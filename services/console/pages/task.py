@@ -28,6 +28,7 @@ from rodeo.display.formatting import (
     short,
     span,
     tries_in_words,
+    worth,
 )
 from rodeo.display.story import Step
 from rodeo.errors import RodeoError
@@ -42,7 +43,6 @@ from rodeo.judging.verdicts import (
     standing_words,
     verdict_words,
 )
-from rodeo.kinds import Kinds
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.text.strict_json import Json
@@ -128,7 +128,7 @@ class TaskPage:
                         self._replay.visible = False
                 with ui.element("div").classes("stack span-5"):
                     with card("Agreement"):
-                        self._agreement = Section(partial(_draw_agreement, console.kinds)).waiting()
+                        self._agreement = Section(partial(_draw_agreement, console)).waiting()
                     with card("Proof"):
                         self._proof = Section(self._draw_proof).waiting()
             with card(_ORACLES_REPORT) as self._report_head:
@@ -493,7 +493,8 @@ def _deadline(task: Task) -> str:
     return ""
 
 
-def _draw_agreement(kinds: Kinds, task: Task) -> None:
+def _draw_agreement(console: Console, task: Task) -> None:
+    kinds, site = console.kinds, console.site
     live = task.state in LIVE_STATES
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
@@ -509,12 +510,12 @@ def _draw_agreement(kinds: Kinds, task: Task) -> None:
             fact("Only provider", party(task.requested_provider_name, task.requested_provider))
         if task.nonce and kinds.by_people(task.kind):
             fact("Code to show in a photo", photo_code(task.nonce))
-        fact("Reward", iec(task.reward_iec))
-        fact("Agreed price", iec(task.price_iec))
-        fact("In escrow", iec(task.reward_iec if live else 0))
-        fact("Paid", iec(task.paid_iec))
+        fact("Reward", worth(task.reward_iec, site))
+        fact("Agreed price", worth(task.price_iec, site))
+        fact("In escrow", worth(task.reward_iec if live else 0, site))
+        fact("Paid", worth(task.paid_iec, site))
         if task.refunded_iec:
-            fact("Returned", iec(task.refunded_iec))
+            fact("Returned", worth(task.refunded_iec, site))
         for name, value in task.params.items():
             fact(parameter(name), str(value)[:200], "wrap")
 

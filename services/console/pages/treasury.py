@@ -12,7 +12,7 @@ from rodeo.access.roles import Role
 from rodeo.bus import queries
 from rodeo.charging.tariff import prices
 from rodeo.display.earnings import Line
-from rodeo.display.formatting import count, iec, moment, party, short
+from rodeo.display.formatting import count, iec, moment, party, short, worth
 from rodeo.errors import RodeoError
 from rodeo.text.strict_json import Json
 from services.console.actions import ORGANIZATION
@@ -140,8 +140,8 @@ class TreasuryPage:
         if names != self._select.options:
             self._select.set_options(names)
         self._csv.props(f'href="/files/transfers.csv?account={self._account}"')
-        self._balance.set_text(iec(wallet.balance_iec))
-        self._escrow.set_text(iec(wallet.in_escrow_iec))
+        self._balance.set_text(worth(wallet.balance_iec, self._console.site))
+        self._escrow.set_text(worth(wallet.in_escrow_iec, self._console.site))
         changes = [change(one) for one in charted]
         self._earned.set_text(iec(sum((one for one in changes if one > 0), Decimal(0))))
         self._spent.set_text(iec(-sum((one for one in changes if one < 0), Decimal(0))))
@@ -224,7 +224,7 @@ def _draw_tariffs(console: Console) -> None:
             fact(f"Electricity from {tariff.from_hour}:00", f"{tariff.eur_kwh:.2f} EUR/kWh")
         for one in console.kinds.values():
             if one.price_iec:
-                fact(f"Usual price, {one.title.lower()}", iec(one.price_iec))
+                fact(f"Usual price, {one.title.lower()}", worth(one.price_iec, console.site))
     Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
 
 

@@ -27,6 +27,7 @@ from rodeo.commands.judging import Challenge
 from rodeo.commands.organization import AllowKind, SetTerms
 from rodeo.commands.tasks import RegisterTask
 from rodeo.commands.treasury import Deposit
+from rodeo.display import formatting as display
 from rodeo.display.formatting import phrase
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
 from rodeo.person.pace import running_out_s
@@ -345,3 +346,16 @@ def test_the_options_of_every_command_are_told_as_its_help_tells_them(leaf: tupl
     for parameter, told in formatting.options_of(inspect.unwrap(node.callback)).items():
         metavars = {(one.metavar or "").removesuffix("...") for one in node.params}
         assert told in spelled | metavars or told == parameter.upper(), (name, told)
+
+
+def test_an_amount_is_shown_in_eur_too_where_the_site_names_a_rate(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\ndata_dir = "data"\neconomy.eur_per_iec = 0.05\n')
+    rated, plain = Site.load(path), Site.load(LAB)
+    assert formatting.worth("1234.6", rated) == "1,234.6 IEC (61.73 EUR)"
+    assert formatting.worth(None, rated) == "0 IEC (0.00 EUR)"
+    assert formatting.worth("1234.5", plain) == formatting.iec("1234.5")
+    assert display.worth(Decimal("-20"), rated) == "-20 IEC (-1.00 EUR)"
+    assert display.worth(None, rated) == display.iec(None)
+    told = dict(task_words.facts(whole_task("open", reward_iec=Decimal(100)), rated))
+    assert told["reward"].startswith("100 IEC (5.00 EUR) by ")
