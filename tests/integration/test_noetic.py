@@ -334,6 +334,10 @@ def test_goals_are_carried_out_rejected_and_cancelled_on_either_side(relay: Grap
     assert told(relay, lambda one: one.get("feedback") == ["waist", "500"])
     relay.say("small", "cancel")
     assert told(relay, lambda one: one.get("ended") == 2)["said"] == "halfway"
+    # Nobody looks after the robot once the relay is gone.
+    drive.send_goal(pose_goal(300), timeout_s=HANG_S)
+    assert relay.terminate("relay") == 0
+    assert told(relay, lambda one: one.get("cancelled") == 300)
 
 
 def test_a_router_and_a_master_that_were_gone_are_reported_and_used_again(relay: Graph, side: Side) -> None:

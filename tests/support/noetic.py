@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -102,9 +103,18 @@ class Graph:
 
         return wait_until(found, lambda: f"{name} did not say {text!r}:\n{self.log(name)[-4000:]}")
 
+    def terminate(self, name: str) -> int:
+        """Its exit status after SIGTERM."""
+        child = self._running[name]
+        child.terminate()
+        status = child.wait(HANG_S)
+        self.kill(name)
+        return status
+
     def kill(self, name: str) -> None:
         child = self._running.pop(name)
-        os.killpg(child.pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
         child.wait()
         if child.stdin is not None:
             child.stdin.close()

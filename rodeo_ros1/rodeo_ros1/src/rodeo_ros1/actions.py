@@ -36,7 +36,7 @@ _KEPT = 64
 each at most so many, whoever sends more."""
 _DECIDE_S = 3.0
 """For so long a server of ROS 1 may say neither yes nor no to a goal."""
-_SEND_S, _RESULT_S, _LOST_S = 10.0, 60.0, 10.0
+_SEND_S, _RESULT_S, _LOST_S, _STOP_S = 10.0, 60.0, 10.0, 1.0
 
 
 def goal_id(cdr: bytes) -> bytes:
@@ -99,11 +99,16 @@ class ActionToRos1:
         bus.serve(action + "send_goal", entry.type + "_SendGoal", self._on_send_goal)
 
     def close(self) -> None:
-        """Stop what is under way: nobody will hear of it."""
+        """Stop what is under way, and give the robot a moment for it: nobody looks after it any more."""
         with self._lock:
-            running = [goal for goal in self._goals.values() if goal.status < SUCCEEDED and goal.handle]
-        for goal in running:
-            goal.handle.cancel()
+            running = [goal.handle for goal in self._goals.values() if goal.status < SUCCEEDED]
+        for handle in running:
+            handle.cancel()
+        deadline_s, pause = time.monotonic() + _STOP_S, threading.Event()
+        while time.monotonic() < deadline_s and any(
+            handle.get_comm_state() != actionlib.CommState.DONE for handle in running
+        ):
+            pause.wait(0.02)
 
     def _on_send_goal(self, request: Request) -> None:
         identity = goal_id(request.cdr)

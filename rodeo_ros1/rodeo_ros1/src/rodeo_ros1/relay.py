@@ -51,8 +51,8 @@ class _Transport(xmlrpc.client.Transport):
 
 
 class Relay:
-    def __init__(self, config: Config, layouts: Layouts, stopping: threading.Event) -> None:
-        self.stopping = stopping
+    def __init__(self, config: Config, layouts: Layouts) -> None:
+        self.stopping = threading.Event()
         self.forgotten = False
         """A new master does not know this node: it has to begin anew."""
         self.health = Health()
@@ -111,10 +111,14 @@ class Relay:
             )
         self._diagnostics.publish(told)
 
-    def close(self) -> None:
+    def stop(self) -> None:
+        """Called by rospy before it closes what the robot is told by."""
         for one in self._carried:
             if isinstance(one, ActionToRos1):
                 one.close()
+        self.stopping.set()
+
+    def close(self) -> None:
         if self._bus is not None:
             self._bus.close()
 
@@ -128,18 +132,17 @@ def main() -> int:
         layouts = Layouts.load()
         config = load(arguments[1], layouts)
         rospy.init_node("rodeo_relay")
-        stopping = threading.Event()
-        rospy.on_shutdown(stopping.set)
-        relay = Relay(config, layouts, stopping)
+        relay = Relay(config, layouts)
+        rospy.on_shutdown(relay.stop)
         try:
             relay.open()
             relay.run()
         finally:
+            rospy.signal_shutdown("the relay ends")
             relay.close()
     except RelayError as error:
         sys.stderr.write(f"{error}\n")
         return 1
     if relay.forgotten:
-        rospy.signal_shutdown("the master does not know this node")
         os.execv(sys.executable, [sys.executable, *sys.argv])
     return 0

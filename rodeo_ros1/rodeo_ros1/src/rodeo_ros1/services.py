@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import rospy
@@ -38,7 +37,6 @@ class ServiceToRos1(_Service):
         self._line = health.line(f"{entry.ros2} -> {entry.ros1}")
         self._proxy = rospy.ServiceProxy(entry.ros1, self._class)
         self._free = threading.BoundedSemaphore(_AT_ONCE)
-        self._workers = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix=entry.ros1)
         bus.serve(entry.ros2, entry.type, self._on_request)
 
     def _on_request(self, request: Request) -> None:
@@ -47,7 +45,8 @@ class ServiceToRos1(_Service):
             self._line.bad(f"{_AT_ONCE} requests are under way already")
             request.refuse("busy", f"{self._entry.ros1} does not answer")
             return
-        self._workers.submit(self._answer, request, asked)
+        # A server that hangs must not keep the relay from its end.
+        threading.Thread(target=self._answer, args=(request, asked), daemon=True).start()
 
     def _answer(self, request: Request, asked: Any) -> None:
         try:
