@@ -11,7 +11,7 @@ import pytest
 from deploy.chain.server import RpcServer
 from rodeo.chain.deployment import Deployment
 from rodeo.site.config import Site
-from services.bridge import orders, outcomes, signer
+from services.bridge import orders, outcomes, receipts, signer
 from tests.support.bridge_wallet import Robot
 from tests.support.chain import CHAIN_ID, EmbeddedChain, FaultyNode
 from tests.support.deployed import DeployedChain
@@ -44,7 +44,7 @@ def robot(chain: DeployedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(outcomes, "REBROADCAST_S", 0.05)
     monkeypatch.setattr(outcomes, "FIRST_LOOK_S", 0.01)
     made = Robot(chain, tmp_path)
-    for module in (orders, outcomes, signer):
+    for module in (orders, outcomes, receipts, signer):
         monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: made.wall_s))
     yield made
     made.transactions.close()
