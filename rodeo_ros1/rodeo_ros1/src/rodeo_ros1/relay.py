@@ -112,7 +112,7 @@ class Relay:
         self._diagnostics.publish(told)
 
     def stop(self) -> None:
-        """Called by rospy before it closes what the robot is told by."""
+        """Called by rospy before it closes its publishers: the robot still hears what is cancelled."""
         for one in self._carried:
             if isinstance(one, ActionToRos1):
                 one.close()
