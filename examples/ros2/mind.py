@@ -104,7 +104,6 @@ class Mind(Robot):
         await self.grip(SHUT)
         await self.lift(pads, 0.15, closing)
         await self.move(viperx.ASIDE)
-
         self.say(f"bringing {item.item_id} to {self.bin.name}", 0.5)
         await self.go(*self.bin.parking)
         x, y, z = self.bin.view
@@ -138,10 +137,11 @@ def main():
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         mind.wait_for_servers(mind.register, mind.start, mind.present, mind.stop)
         offer = RegisterService.Request(kind="waste_disposal", price_iec="90", auto_accept=[False])
-        offer.request_id = ["the-minds-offer"]  # the same one after a restart
         offered = mind.register.call_async(offer)
         rclpy.spin_until_future_complete(mind, offered)
-        answered(offered.result())
+        # One that it made before stands; `update_service` changes its price.
+        if "already_offered" not in [one.code for one in offered.result().problem]:
+            answered(offered.result())
         rclpy.spin(mind)
     rclpy.try_shutdown()
 

@@ -45,7 +45,7 @@ SIGNATURES: dict[str, tuple[str, dict[str, str]]] = {
         SOURCE + "action/client.py",
         {
             "__init__": "node, action_type, action_name",
-            "send_goal_async": "goal, feedback_callback",
+            "send_goal_async": "goal, feedback_callback, goal_uuid",
             "wait_for_server": "timeout_sec",
         },
     ),

@@ -84,8 +84,11 @@ class ActionClient:
     def wait_for_server(self, timeout_sec: float | None = None) -> bool:
         return self._goals.wait_for_service(timeout_sec)
 
-    def send_goal_async(self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None) -> Future:
-        goal_id, handled = uuid.uuid4().bytes, Future()
+    def send_goal_async(
+        self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None, goal_uuid: Any = None
+    ) -> Future:
+        goal_id = uuid.uuid4().bytes if goal_uuid is None else bytes(goal_uuid.uuid)
+        handled = Future()
         if feedback_callback is not None:
             self._feedback[goal_id] = feedback_callback
 

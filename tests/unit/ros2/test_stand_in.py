@@ -29,7 +29,7 @@ from tests.support.site import free_port
 
 NODES = sorted(EXAMPLES.glob("*.py"))
 STANDARD = {"action_msgs", "builtin_interfaces", "control_msgs", "geometry_msgs", "nav2_msgs", "sensor_msgs"}
-STANDARD |= {"trajectory_msgs", "rodeo_msgs", "rclpy", "numpy", "scipy"}
+STANDARD |= {"trajectory_msgs", "rodeo_msgs", "rclpy", "numpy", "scipy", "unique_identifier_msgs"}
 
 
 def run(code: str, *arguments: str, **environment: str) -> str:
