@@ -19,8 +19,8 @@ from rodeo_testing.waiting import HANG_S
 
 ROOT = Path(__file__).parents[2]
 DECLARED_IN, CONTRACT = "rodeo/commands/", "rodeo/chain/"
-APART = ("tests/", "bench/", "training/", "rodeo_testing/", DECLARED_IN, CONTRACT)
-"""Tests, and the declarations themselves with the contracts whose functions have the same names."""
+APART = ("tests/", "bench/", "training/", "rodeo_testing/", "examples/", DECLARED_IN, CONTRACT)
+"""Tests, examples, and the declarations themselves with the contracts whose functions have the same names."""
 MEANS_ANOTHER = {
     "transfer": (
         "services/bridge/projection/tokens.py",
