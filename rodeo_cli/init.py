@@ -7,12 +7,13 @@ import sys
 import zlib
 from pathlib import Path
 from string import Template
+from tempfile import TemporaryDirectory
 from typing import Annotated, TypeVar
 
 import typer
 
 from rodeo.display.formatting import count as counted
-from rodeo.errors import InvalidRequest
+from rodeo.errors import ConfigError, InvalidRequest
 from rodeo.host.listeners import is_free
 from rodeo.site.config import Site
 from rodeo_cli.common import make_folder, reports_errors, say, write_file
@@ -24,8 +25,8 @@ _TEMPLATE = Path(__file__).with_name("new_site.toml")
 _POSES = ((1.4, 1.3), (2.6, 3.4), (1.4, 2.6))
 """Where robots stand: each leaves the way to bin and dock free."""
 _FIRST_PORT, _PORTS = 20_000, 4_000
-"""Triples of ports below those that systems give to outgoing connections. A folder's name chooses one, so
-that two sites that do not run now do not clash later."""
+"""Triples of ports below those that systems give to outgoing connections. A folder's path chooses one, so
+that two sites that do not run now seldom clash later."""
 _NAME = re.compile(r"[a-z][a-z0-9-]*")
 _PERSON = re.compile(r"[a-z][a-z0-9_-]*")
 
@@ -65,9 +66,9 @@ def init(
         not worker or bool(_PERSON.fullmatch(worker)), "--person", worker, "small letters, digits, _ and -"
     )
     text = site_text(path, org, count, worker, slow)
+    site = _loaded(text)
     make_folder(folder)
     write_file(path, text)
-    site = Site.load(path)
     say(f"{path}: {org}, {counted(count, 'robot')}, console on port {site.console.port}")
     say("Start it, post a task and look at it:")
     for line in (
@@ -77,6 +78,19 @@ def init(
         "rodeo status",
     ):
         say(f"    {line}")
+
+
+def _loaded(text: str) -> Site:
+    """The site before its file is written: what is no site must not stand in the way of the next try. Raises
+    InvalidRequest."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / SITE_FILE
+        path.write_text(text)
+        try:
+            return Site.load(path)
+        except ConfigError as error:
+            fields = error.details.get("fields", {"site": error.message})
+            raise InvalidRequest("no site can be made of this", fields=fields) from error
 
 
 def site_text(path: Path, org: str, robots: int, person: str, real_time: bool) -> str:

@@ -7,6 +7,7 @@ that only RODEO reads. What is written here is sealed by nobody, and says so.
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO, StringIO
@@ -17,6 +18,7 @@ from mcap.writer import Writer
 from rodeo.checks.case import Case, CaseError
 from rodeo.checks.motion.poses import Pose, base_of, motions_of, pose_of
 from rodeo.checks.signed.testimony import motion_capture_of
+from rodeo.evidence.container import limit
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.series import Array
 from rodeo.ros2.definitions import schema_text
@@ -28,6 +30,10 @@ DERIVED = "rodeo:derived"
 _HELD_S = 1.0
 """A body at rest has a pose at either end of the rest. Between them it is written once in so long: tf2
 forgets what is older than 10 s."""
+_LONGEST_S = 24 * 3600.0
+"""A recording of a day is the longest that readers of proofs admit."""
+_FARTHEST_M = 300.0
+_MOST_BODIES = 100
 COLUMNS = ("time_s", "body", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "statement")
 _TF, _TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
 _PATH, _POSE = "nav_msgs/msg/Path", "geometry_msgs/msg/PoseStamped"
@@ -46,22 +52,32 @@ class Bodies:
 def bodies_of(case: Case) -> Bodies:
     """What motion capture signed; on a site without, where the robot's own localisation saw the base.
 
-    Raises CaseError where the recording has no pose at all, OthersFailed where they are nonsense.
+    Raises CaseError where the recording has no pose at all, OthersFailed where they are nonsense, and
+    ProofTooLarge.
     """
     found: dict[str, Pose] = {}
     try:
         if case.mocap:
-            for body in sorted({name for one in motions_of(case) for name in (*one.tracks, *one.resting)}):
+            names = sorted({name for one in motions_of(case) for name in (*one.tracks, *one.resting)})
+            limit("bodies", len(names), _MOST_BODIES)
+            for body in names:
                 # One that was seen once only has no motion.
                 if (pose := _seen(case, body)) is not None:
-                    found[body] = pose
+                    found[body] = bounded(pose)
         else:
-            found[case.robot.name] = base_of(case)
+            found[case.robot.name] = bounded(base_of(case))
     except (CaseError, LayoutChanged) as error:
         raise CaseError("nobody signed poses in this recording", problem=error.message) from error
     if not found:
         raise CaseError("nobody signed poses in this recording")
     return Bodies(found, case.base_source, motion_capture_of(case).address if case.mocap else "")
+
+
+def bounded(pose: Pose) -> Pose:
+    """The pose, if a picture or a file of it has a size that anybody wants. Raises ProofTooLarge."""
+    limit("seconds of poses", math.ceil(pose.time_s[-1] - pose.time_s[0]), int(_LONGEST_S))
+    limit("metres from the room's corner", math.ceil(np.abs(pose.position_m).max()), int(_FARTHEST_M))
+    return pose
 
 
 def _seen(case: Case, body: str) -> Pose | None:

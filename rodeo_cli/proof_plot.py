@@ -25,6 +25,7 @@ from rodeo.lab.geometry import Rectangle, ahead
 from rodeo.lab.layout import BinLayout, dock_floor, footprint, furniture_floor
 from rodeo.text.foreign_text import printable
 from rodeo.witness.statement import Classification, Drop, MeterRecord
+from rodeo_cli.proof_export import bounded
 
 _WIDTH, _MARGIN, _GAP, _SIDE = 1180, 28, 24, 330
 _PLAN = _WIDTH - 2 * _MARGIN - _GAP - _SIDE
@@ -36,7 +37,7 @@ _VERDICTS = {"accepted": "#1a7f4b", "rejected": "#b3261e"}
 _OTHER_VERDICT = "#9a6b00"
 _COMPARTMENTS = {"blue": "#7fa8dd", "yellow": "#ecc94b", "green": "#6fb583", "grey": "#a3abb5"}
 _MOST_POINTS = 600
-_ARROW_EACH = 90
+_ARROW_EACH, _MOST_ARROWS = 90, 40
 _CSS = f"""text {{ font: 13px system-ui, -apple-system, "Segoe UI", sans-serif; fill: {_INK}; }}
 .title {{ font-size: 21px; font-weight: 600; }} .soft {{ fill: {_SOFT}; }} .small {{ font-size: 11.5px; }}
 .head {{ font-weight: 600; }} .verdict {{ font-size: 17px; font-weight: 600; fill: #fff; }}
@@ -53,14 +54,14 @@ class _Work:
         self.phases: Phases | None = None
         self.lost = self.missing = ""
         try:
-            self.base = base_of(case)
+            self.base = bounded(base_of(case))
         except EvidenceError as error:
             self.lost = printable(error.message)
         if case.checks.item is None or self.base is None:
             return
         try:
             self.gap = gaps_of(case)
-            self.item = pose_of(case, case.item.id) if case.mocap else None
+            self.item = bounded(pose_of(case, case.item.id)) if case.mocap else None
             self.phases = phases_of(case)
         except EvidenceError as error:
             self.missing = printable(error.message)
@@ -275,7 +276,9 @@ class _Strips:
 
     def _axis(self) -> None:
         duration_s = self._end_s - self._begin_s
-        step_s = next((one for one in (5, 10, 20, 30, 60, 120, 300, 600) if duration_s / one <= 9), 1800)
+        step_s = next(
+            (one for one in (5, 10, 20, 30, 60, 120, 300, 600) if duration_s / one <= 9), duration_s
+        )
         for second in np.arange(0, duration_s + 1e-9, step_s):
             x = self._x(self._begin_s + float(second))
             self.lines += [
@@ -289,7 +292,7 @@ class _Strips:
                 ("lifts", self._phases.lifted_s),
                 ("rests", self._phases.rest_s),
             )
-            last = -1e9
+            last = -1000.0
             for word, at_s in named:
                 x = self._x(at_s)
                 shown = x if x - last > 46 else last + 46
@@ -382,11 +385,12 @@ def _way_words(base: Pose, phases: Phases | None) -> Iterator[str]:
 
 
 def _arrows(points: list[tuple[float, float]], colour: str) -> Iterator[str]:
-    """Which way it goes, each `_ARROW_EACH` pixels."""
+    """Which way it goes, each `_ARROW_EACH` pixels, at most `_MOST_ARROWS` times."""
     places = np.array(points)
     steps = np.hypot(*np.diff(places, axis=0).T)
     gone = np.concatenate([[0.0], np.cumsum(steps)])
-    for at in np.arange(_ARROW_EACH / 2, gone[-1] - _ARROW_EACH / 4, _ARROW_EACH):
+    each = max(_ARROW_EACH, gone[-1] / _MOST_ARROWS)
+    for at in np.arange(each / 2, gone[-1] - each / 4, each):
         row = int(np.searchsorted(gone, at))
         (x, y), (dx, dy) = places[row], places[row] - places[max(row - 1, 0)]
         turn = np.degrees(np.arctan2(dy, dx))
@@ -398,7 +402,7 @@ def _arrows(points: list[tuple[float, float]], colour: str) -> Iterator[str]:
 
 def _thinned(points: list[tuple[float, float]]) -> Iterable[tuple[float, float]]:
     """Points that are not where the one before is, to a third of a pixel."""
-    last = (-1e9, -1e9)
+    last = (-1000.0, -1000.0)
     for number, point in enumerate(points):
         if number == len(points) - 1 or max(abs(point[0] - last[0]), abs(point[1] - last[1])) > 0.3:
             last = point

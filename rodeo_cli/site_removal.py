@@ -9,11 +9,15 @@ from pathlib import Path
 from rodeo.errors import RodeoError
 from rodeo.host.instance import LAUNCHER, lock_holder
 from rodeo.site.config import Site
-from rodeo.site.processes import PROCESSES, processes_of
+from rodeo.site.processes import processes_of
 
 _KEYS = ("keys", "deployments")
 """On a chain elsewhere the keys hold what their addresses own, and the deployment knows the contracts."""
-_OTHERS = ("bus", "contracts", LAUNCHER, "logs", "mocap", "store", "tls")
+_OTHERS = ("bus", "contracts", LAUNCHER, "logs", "ros2", "statements", "store", "tls")
+
+
+class NotOnlyOurs(RodeoError):
+    """The data folder holds what RODEO did not make, or is none."""
 
 
 class SiteRuns(RodeoError):
@@ -30,28 +34,36 @@ class Part:
 
 @dataclass(frozen=True)
 class Removal:
-    """The parts that go, those that stay because their keys may hold money, and what RODEO did not make."""
+    """The parts that go, and those that stay because their keys may hold money."""
 
     parts: list[Part]
     kept: list[Path]
-    foreign: list[Path]
 
 
 def removal_of(site: Site, keys: bool) -> Removal:
-    """What is removed of `site`; on a chain elsewhere with `keys` its keys, too. Raises SiteRuns."""
+    """What is removed of `site`; on a chain elsewhere with `keys` its keys, too.
+
+    Raises SiteRuns, and NotOnlyOurs where anything lies in the data folder that this site's processes do not
+    make: the folder may be another project's, with `logs` of its own, and it may hold copies of keys.
+    """
     folder = site.data_dir
-    names = [LAUNCHER, "contracts", *(process.name for process in processes_of(site))]
-    names += [f"{LAUNCHER}/{process.name}" for process in processes_of(site)]
-    if running := [name for name in names if lock_holder(folder / name) is not None]:
+    processes = [process.name for process in processes_of(site)]
+    locked = [LAUNCHER, "contracts", *processes, *(f"{LAUNCHER}/{name}" for name in processes)]
+    if running := [name for name in locked if lock_holder(folder / name) is not None]:
         raise SiteRuns("the site runs: stop it with `rodeo down` first", running=", ".join(running))
-    own = {*_KEYS, *_OTHERS, *(process.name for process in PROCESSES)}
     found = sorted(folder.iterdir()) if folder.is_dir() else []
-    ours = [
-        one for one in found if one.name.partition(".")[0] in own and one.is_dir() and not one.is_symlink()
-    ]
-    kept = [one for one in ours if one.name in _KEYS and site.chain.backend == "external" and not keys]
-    parts = [Part(one, _size(one)) for one in ours if one not in kept]
-    return Removal(parts, kept, [one for one in found if one not in ours])
+    own = {*_KEYS, *_OTHERS, *processes}
+    if foreign := [one.name for one in found if one.name not in own or one.is_symlink() or not one.is_dir()]:
+        raise NotOnlyOurs(
+            "RODEO did not make all that lies in this folder, so nothing was removed: move that elsewhere",
+            folder=str(folder),
+            found=", ".join(foreign),
+        )
+    ran = any((folder / name / "lock").is_file() for name in locked)
+    if found and not ran and not any((folder / "deployments").glob("[0-9]*.json")):
+        raise NotOnlyOurs("no site has run in this folder: nothing was removed", folder=str(folder))
+    kept = [one for one in found if one.name in _KEYS and site.chain.backend == "external" and not keys]
+    return Removal([Part(one, _size(one)) for one in found if one not in kept], kept)
 
 
 def remove(site: Site, removal: Removal) -> None:

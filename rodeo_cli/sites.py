@@ -115,8 +115,6 @@ def remove(
         say(f"{part.path}  {part.size_bytes / 1e6:.1f} MB")
     for path in removal.kept:
         say(f"{path}  stays: keys and contracts of an external chain")
-    for path in removal.foreign:
-        say(f"{path}  stays: RODEO did not make it")
     if not removal.parts:
         say(f"{loaded.data_dir}: there is nothing to remove")
         return

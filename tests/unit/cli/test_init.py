@@ -86,10 +86,23 @@ def test_what_no_site_file_takes_is_refused_before_it_is_written(
     assert not (tmp_path / "lab").exists()
 
 
-def test_two_sites_get_different_ports_and_one_site_the_same_again(tmp_path: Path) -> None:
-    first, second = (free_ports(tmp_path / name / "site.toml") for name in ("one", "two"))
+@pytest.mark.parametrize(
+    "options", [("--person", "panther1"), ("--person", "organization"), ("--person", "oracle")]
+)
+def test_a_site_that_could_not_be_is_not_written_and_the_next_try_works(
+    options: tuple[str, ...], tmp_path: Path
+) -> None:
+    done = rodeo("init", tmp_path / "lab", *options)
+    assert done.exit_code == 1 and "Traceback" not in done.output
+    assert not (tmp_path / "lab").exists()
+    assert rodeo("init", tmp_path / "lab").exit_code == 0
+
+
+def test_two_sites_get_different_ports_and_one_site_the_same_again() -> None:
+    # Fixed names: of four thousand pairs of folders one gets the same ports.
+    first, second = (free_ports(Path("/srv") / name / "site.toml") for name in ("one", "two"))
     assert len({*first, *second}) == 6
-    assert free_ports(tmp_path / "one" / "site.toml") == first
+    assert free_ports(Path("/srv/one/site.toml")) == first
 
 
 def test_ports_that_are_taken_are_left_out(tmp_path: Path) -> None:
@@ -170,9 +183,11 @@ def test_status_says_how_a_laptop_shows_the_console(monkeypatch: pytest.MonkeyPa
 def site_with_data(folder: Path, more: str = "") -> Path:
     path = folder / "site.toml"
     path.write_text(f'extends = "{LAB}"\ndata_dir = "data"\n{more}')
-    for name in ("keys", "deployments", "store", "robot_agent.panther1", "itrash"):
+    for name in ("keys", "deployments", "store", "launcher", "robot_agent", "itrash"):
         (folder / "data" / name).mkdir(parents=True)
         (folder / "data" / name / "content").write_text("x" * 1000)
+    (folder / "data" / "launcher" / "lock").touch()
+    (folder / "data" / "deployments" / "31337.json").touch()
     return path
 
 
@@ -185,7 +200,7 @@ def test_a_site_is_removed_with_its_parts_named_and_its_file_stays(tmp_path: Pat
     path = site_with_data(tmp_path)
     done = rodeo("site", "remove", "--site", path, "--yes")
     assert done.exit_code == 0, done.output
-    for name in ("keys", "store", "robot_agent.panther1"):
+    for name in ("keys", "store", "robot_agent"):
         assert str(tmp_path / "data" / name) in done.output
     assert [one.name for one in tmp_path.iterdir()] == ["site.toml"]
     assert "there is nothing to remove" in rodeo("site", "remove", "--site", path, "--yes").output
@@ -197,15 +212,35 @@ def test_nothing_is_removed_where_nobody_can_be_asked(tmp_path: Path) -> None:
     assert (tmp_path / "data" / "store" / "content").exists()
 
 
-def test_what_rodeo_did_not_make_stays(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["thesis", "keys.bak", "deployments.old", "site.toml", "robot_agent.former"])
+def test_where_anything_lies_that_rodeo_did_not_make_nothing_is_removed(name: str, tmp_path: Path) -> None:
     path = site_with_data(tmp_path)
-    (tmp_path / "data" / "thesis").mkdir()
+    (tmp_path / "data" / name).mkdir()
+    done = rodeo("site", "remove", "--site", path, "--yes")
+    assert done.exit_code == 1 and "not_only_ours: RODEO did not make all" in done.output
+    assert name in done.output
+    assert (tmp_path / "data" / "store" / "content").exists() and (tmp_path / "data" / name).is_dir()
+
+
+def test_no_link_is_followed(tmp_path: Path) -> None:
+    path = site_with_data(tmp_path)
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "data" / "logs").symlink_to(tmp_path / "elsewhere")
-    done = rodeo("site", "remove", "--site", path, "--yes")
-    assert done.exit_code == 0 and "RODEO did not make it" in done.output
-    assert {one.name for one in (tmp_path / "data").iterdir()} == {"thesis", "logs"}
+    assert rodeo("site", "remove", "--site", path, "--yes").exit_code == 1
     assert (tmp_path / "elsewhere").is_dir()
+
+
+@pytest.mark.parametrize("data_dir", [".", "../project"])
+def test_the_folders_of_another_project_are_not_removed(data_dir: str, tmp_path: Path) -> None:
+    path = tmp_path / "site" / "site.toml"
+    path.parent.mkdir()
+    path.write_text(f'extends = "{LAB}"\ndata_dir = "{data_dir}"\n')
+    project = (path.parent / data_dir).resolve()
+    for name in ("contracts", "logs", "store"):
+        (project / name).mkdir(parents=True)
+    done = rodeo("site", "remove", "--site", path, "--yes")
+    assert done.exit_code == 1 and "not_only_ours" in done.output
+    assert {"contracts", "logs", "store"} <= {one.name for one in project.iterdir()}
 
 
 def test_a_site_that_runs_is_not_removed(tmp_path: Path) -> None:

@@ -20,10 +20,11 @@ from typer.testing import CliRunner, Result
 
 from rodeo.checks.motion.poses import Pose, base_of, motion_of, pose_of
 from rodeo.checks.verify import case_of, verify_file
+from rodeo.evidence.errors import ProofTooLarge
 from rodeo.evidence.proof import open_proof
 from rodeo.site.config import Site
 from rodeo_cli import app
-from rodeo_cli.proof_export import COLUMNS, DERIVED, rows_of
+from rodeo_cli.proof_export import COLUMNS, DERIVED, bounded, rows_of
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, moved, seal, write_bag
 from rodeo_testing.waiting import HANG_S
@@ -90,6 +91,26 @@ def test_a_body_at_rest_is_told_each_second_and_one_that_is_unseen_is_not() -> N
     told = list(rows_of(pose, held=True))
     assert [at_ns / 1e9 for at_ns, *_ in told] == pytest.approx([0.0, 1.0, 2.0, 3.0, 3.1, 9.0])
     assert [position for _, position, _ in told[:4]] == [[1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("time_s", "x_m"), [(1e9, 1.0), (60.0, 1e6), (60.0, -2000.0)], ids=["long", "far", "far behind"]
+)
+def test_a_recording_that_would_fill_the_memory_is_refused(time_s: float, x_m: float) -> None:
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+    pose = Pose(np.array([0.0, time_s]), np.array([[1.0, 1.0, 0.0], [x_m, 1.0, 0.0]]), upright)
+    with pytest.raises(ProofTooLarge, match="than allowed"):
+        bounded(pose)
+
+
+def test_a_hostile_recording_makes_neither_a_large_file_nor_a_large_picture(
+    cleaning: Take, tmp_path: Path
+) -> None:
+    take = cleaning.edited("mocap/item1/pose", lambda sample: moved(sample, x=600.0))
+    file = seal(take, tmp_path / "far.mcap", BINDING, ROBOT).path
+    assert "proof_too_large" in command("export", file, tmp_path / "into").output
+    assert "No grip is shown" in drawn(file, tmp_path)
+    assert (tmp_path / "far.derived.svg").stat().st_size < 300_000
 
 
 def test_the_derived_file_names_its_proof_and_is_accepted_as_none(proof: Path, derived: Path) -> None:
