@@ -7,15 +7,16 @@ async function api(path, options = {}) {
   const answer = await fetch(`${url}/api${path}`, { ...options, headers: { ...headers, ...options.headers } });
   if (answer.ok) return answer;
   const problem = await answer.json();
-  throw new Error(`${problem.code}: ${problem.detail} ${JSON.stringify(problem.details)}`);
+  const error = new Error(`${problem.code}: ${problem.detail} ${JSON.stringify(problem.details)}`);
+  throw Object.assign(error, { status: answer.status });
 }
 
 /** Every event after `last`, also across streams that end: the server ends each after some minutes. */
 async function* events(last) {
   for (;;) {
-    const answer = await api("/events", { headers: last ? { "Last-Event-ID": last } : {} });
-    let text = "";
     try {
+      const answer = await api("/events", { headers: last ? { "Last-Event-ID": last } : {} });
+      let text = "";
       for await (const chunk of answer.body.pipeThrough(new TextDecoderStream())) {
         text += chunk;
         const blocks = text.split("\n\n");
@@ -28,6 +29,7 @@ async function* events(last) {
         }
       }
     } catch (error) {
+      if (error.status >= 400 && error.status < 500) throw error; // what we ask is wrong, and stays so
       console.error(`the stream broke (${error.message}); it is read on after ${last}`);
     }
     await new Promise((resolve) => setTimeout(resolve, 1000));

@@ -91,7 +91,8 @@ def form(
         if complete is not None:
             request = complete(site, request)
         if line.asks is not None and not yes:
-            _require_agreement(line.asks, site, request | {"participant": participant})
+            agreed = _require_agreement(line.asks, site, request | {"participant": participant})
+            request |= {key: value for key, value in agreed.items() if request[key] is None}
         _carry_out(model, line, site, participant, request, None if sign is None else (sign, valid_s))
 
     from rodeo.commands.declare import Command, arguments
@@ -120,18 +121,20 @@ def form(
     return reports_errors(run)
 
 
-def _require_agreement(asks: Callable[[Request], str], site: Path, words: Request) -> None:
-    """Ask whoever types. Raises InvalidRequest where nobody agrees."""
+def _require_agreement(asks: Callable[[Request], tuple[str, Request]], site: Path, words: Request) -> Request:
+    """Ask whoever types; the fields that are agreed to. Raises InvalidRequest where nobody agrees."""
     with connected(site) as (loaded, bus):
         task = queries.ask(bus, loaded.org, queries.TASK, id=words["task_id"])
-    if not (question := asks(words | {"task": task})):
-        return
+    question, agreed = asks(words | {"task": task})
+    if not question:
+        return agreed
     try:
         agrees = typer.confirm(question)
     except typer.Abort as error:
         raise InvalidRequest("nobody answered, and nothing was sent: agree with --yes") from error
     if not agrees:
         raise InvalidRequest("nothing was sent")
+    return agreed
 
 
 def _carry_out(

@@ -48,9 +48,9 @@ class Line:
     """`done` gets the task as it is then, as `task`."""
     valid_s: int = 86_400
     """Seconds for which a request may be sent that is only signed."""
-    asks: Callable[[Mapping[str, Any]], str] | None = None
-    """What is asked before it is sent, of the fields, `participant` and the `task` as it is then. Nothing is
-    asked for an empty text, or with `--yes`."""
+    asks: Callable[[Mapping[str, Any]], tuple[str, dict[str, Any]]] | None = None
+    """What is asked before it is sent, of the fields, `participant` and the `task` as it is then, and the
+    fields that are agreed to by that. Nothing is asked for an empty text, or with `--yes`."""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ RequestError
 ├── NothingToPay          the recipient got no votes, or was paid its share
 ├── KindWithoutQuorum     nobody said how many oracles have to agree about this kind
 ├── NoDispute             no ruling stands that can be challenged
+├── AnotherRuling         the challenge was meant for another ruling, or another stake
 ├── CanOnlyLose           no decision about this challenge would be better for the challenger
 ├── CannotSign            the participant signs nothing for others to send
 ├── NoPermit              the payment token takes no signed permits
@@ -174,6 +175,10 @@ class NothingToPay(RequestError):
 
 class NoDispute(RequestError):
     """No ruling stands that can be challenged."""
+
+
+class AnotherRuling(RequestError):
+    """The ruling that stands, or the stake that a challenge of it takes, is not what was agreed to."""
 
 
 class CanOnlyLose(RequestError):

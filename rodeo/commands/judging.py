@@ -37,6 +37,7 @@ from rodeo.chain.contracts.abi import Instance, Quorum
 from rodeo.chain.contracts.types import Role, halves, hex_bytes
 from rodeo.commands.declare import Command, Line, command
 from rodeo.commands.errors import (
+    AnotherRuling,
     CannotSign,
     CanOnlyLose,
     InvalidQuorum,
@@ -143,15 +144,25 @@ class PostVotes(Command):
         raise NotAJudge("nobody votes on this task: another contract judges it", judge=judge)
 
 
-def _what_a_challenge_costs(words: Mapping[str, Any]) -> str:
+def _what_a_challenge_costs(words: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Nothing where the ruling cannot be challenged: the bridge says why."""
     task: Task = words["task"]
-    if task.dispute is None or task.dispute.challenge_iec is None:
-        return ""
-    return (
-        f"A challenge of the ruling on task {task.id} takes {task.dispute.challenge_iec} IEC of "
+    if (agreed := challenge_of(task)) is None:
+        return "", {}
+    question = (
+        f"A challenge of the ruling on task {task.id} takes {agreed['stake_iec']} IEC of "
         f"{words['participant']}, which are lost if the ruling is right. Challenge it?"
     )
+    return question, agreed
+
+
+def challenge_of(task: Task) -> dict[str, Any] | None:
+    """The fields by which a challenge is of the ruling that stands now, and takes no other stake; None where
+    that cannot be challenged."""
+    dispute = task.dispute
+    if dispute is None or dispute.challenge_iec is None:
+        return None
+    return {"attempt": task.attempt, "instance": dispute.instance, "stake_iec": f"{dispute.challenge_iec:f}"}
 
 
 @command(
@@ -174,9 +185,20 @@ class Challenge(Command):
     reason: Annotated[str, StringConstraints(max_length=500, pattern=r"\S")] = Field(
         description="Why the ruling is wrong.", examples=["the item lies beside the bin"]
     )
+    attempt: Attempt | None = Field(
+        None, description="The attempt that was ruled on. By default the last one.", examples=[1]
+    )
+    instance: Annotated[int, Field(ge=0, lt=2)] | None = Field(
+        None,
+        description="Whose ruling: 0 for the oracles, 1 for the judges of challenges. By default the last.",
+        examples=[0],
+    )
+    stake_iec: Payment | None = Field(
+        None, description="The stake that is agreed to, in IEC. By default whatever it is.", examples=["20"]
+    )
 
     def calls(self, desk: Desk) -> list[Call]:
-        task = disputed(desk, self.task_id)
+        task = self._meant(desk)
         stake, against = stake_of(desk, task), (task["attempt"], task["dispute"]["instance"])
         _require_can_win(desk, task, desk.key_address)
         desk.require_funds(desk.key_address, stake)
@@ -185,11 +207,21 @@ class Challenge(Command):
             desk.client.dispute_calls.challenge(self.task_id, *against, self.reason),
         ]
 
+    def _meant(self, desk: Desk) -> Row:
+        """The task, while the ruling is the one that was meant. Raises NoDispute, AnotherRuling."""
+        task = disputed(desk, self.task_id)
+        stake_iec = desk.currency.from_units(stake_of(desk, task))
+        stands = {"attempt": task["attempt"], "instance": task["dispute"]["instance"], "stake_iec": stake_iec}
+        if any(getattr(self, name) not in (None, value) for name, value in stands.items()):
+            stands["stake_iec"] = f"{stake_iec:f}"
+            raise AnotherRuling("another ruling stands now: look at it before you challenge it", **stands)
+        return task
+
     def spends(self, desk: Desk) -> int:
         return stake_of(desk, disputed(desk, self.task_id))
 
     def to_sign(self, desk: Desk, nonce: int, deadline: int) -> Said:
-        task = disputed(desk, self.task_id)
+        task = self._meant(desk)
         _require_can_win(desk, task, desk.address)
         desk.require_funds(desk.address, stake_of(desk, task))
         return signed_requests.Challenge(

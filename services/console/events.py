@@ -65,7 +65,7 @@ class Place:
 
 
 class Streams:
-    """All streams of the console. `start` blocks; `follow` belongs to the event loop."""
+    """All streams of the console. They belong to the event loop."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -93,18 +93,22 @@ class Streams:
             with self._lock:
                 self._open[account] -= 1
 
-    def start(self, last_id: str | None, after: int | None) -> Place:
+    async def start(self, last_id: str | None, after: int | None) -> Place:
         """The place that a client names, or that of the newest event. Raises InvalidEventId, UnknownEventId
         and the bridge's errors."""
-        if last_id is not None:
-            place = Place.parse(last_id)
-            self._page(place)
-            return place
-        newest = self._ask(2**63 - 1)
+        named = None if last_id is None else Place.parse(last_id)
+        async with self._asking:
+            return await asyncio.to_thread(self._start, named, after)
+
+    def _start(self, named: Place | None, after: int | None) -> Place:
+        if named is not None:
+            self._page(named, 1)
+            return named
+        newest = self._ask(2**63 - 1, 1)
         seq = newest.last_seq if after is None else after
         if seq == 0:
             return Place(_short(newest.chain), 0, _NOTHING_YET)
-        at = self._ask(seq - 1).events
+        at = self._ask(seq - 1, 1).events
         if not at:
             raise UnknownEventId("there is no event of this number yet", seq=seq, last_seq=newest.last_seq)
         return Place.after(at[0])
@@ -135,6 +139,9 @@ class Streams:
                         yield ServerSentEvent(
                             id=str(place), event=event.name, raw_data=event.model_dump_json()
                         )
+                if found and not wanted(found[-1]):
+                    # Else a client of few events would have all the others read again when it resumes.
+                    yield ServerSentEvent(id=str(place))
                 if not found:
                     await _set_within(changed, min(check_s, ends_s) - now_s)
         except (NotLoggedIn, UnknownEventId):
@@ -163,9 +170,9 @@ class Streams:
         async with self._asking:
             return await asyncio.to_thread(self._page, place)
 
-    def _page(self, place: Place) -> list[DaoEvent]:
+    def _page(self, place: Place, limit: int = _PAGE) -> list[DaoEvent]:
         """From the index. Raises UnknownEventId."""
-        answer = self._ask(max(0, place.seq - 1))
+        answer = self._ask(max(0, place.seq - 1), limit)
         if _short(answer.chain) != place.chain:
             raise UnknownEventId(
                 "this id is of another chain, whose events are gone: begin without an id",
@@ -183,8 +190,8 @@ class Streams:
         _require(answer.events[0], place)
         return answer.events[1:]
 
-    def _ask(self, after: int) -> queries.Events:
-        return self._console.queries.ask(queries.EVENTS, after=after, limit=_PAGE)
+    def _ask(self, after: int, limit: int) -> queries.Events:
+        return self._console.queries.ask(queries.EVENTS, after=after, limit=limit)
 
 
 def _require(event: DaoEvent, place: Place) -> None:

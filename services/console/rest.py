@@ -192,7 +192,7 @@ def _questions_about_tasks(api: FastAPI, console: Console, caller: Any) -> None:
 def _stream_of_events(api: FastAPI, console: Console, bearer: HTTPBearer, caller: Any) -> None:
     streams = event_streams.Streams(console)
 
-    def place(
+    async def place(
         user: caller,
         last_event_id: Annotated[
             str | None,
@@ -207,9 +207,9 @@ def _stream_of_events(api: FastAPI, console: Console, bearer: HTTPBearer, caller
                 "new events are sent",
             ),
         ] = None,
-    ) -> Iterator[event_streams.Place]:
+    ) -> AsyncIterator[event_streams.Place]:
         with streams.admitted(user.name):
-            yield streams.start(last_event_id, after)
+            yield await streams.start(last_event_id, after)
 
     @api.get("/events", response_class=EventSourceResponse)
     async def events(

@@ -504,7 +504,10 @@ def test_what_cannot_be_challenged_is_refused(dao: Dao) -> None:
     assert caught.value.details["stake_iec"] == f"{STAKE:g}"
     for judge in ("anna", "bert"):
         fund(dao, judge)
-    dao.command("anna", "challenge", task_id=task_id, reason="more")
+    stale: dict[str, Any] = {"attempt": 1, "instance": 1, "stake_iec": f"{2 * STAKE:g}"}
+    assert refused("anna", "challenge", task_id=task_id, reason="more", **stale) == "another_ruling"
+    agreed: dict[str, Any] = {"attempt": 1, "instance": 0, "stake_iec": f"{STAKE:g}"}
+    dao.command("anna", "challenge", task_id=task_id, reason="more", **agreed)
     assert refused("bert", "challenge", task_id=task_id, reason="no") == "challenged_before"
     assert refused("anna", "post_votes", **early) == "too_few_votes"
     assert refused("mallory", "sign_vote", task_id=task_id, ruling="rejected") == "not_a_judge"

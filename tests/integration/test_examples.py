@@ -18,10 +18,10 @@ from rodeo.access.accounts import Accounts, accounts_path
 from rodeo.access.roles import Role
 from rodeo.bus.messages import DaoEvent
 from rodeo.bus.session import DaoEvents
-from rodeo_testing import BINS
+from rodeo.site.config import Site
 from rodeo_testing.waiting import HANG_S
 from tests.support.dao import Dao
-from tests.support.site import RunningSite, free_port
+from tests.support.site import LAB, RunningSite, free_port
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -62,11 +62,12 @@ class Lab:
             '"../var/example"': json.dumps(str(folder / "data")),
             "8089": str(free_port()),
             "8546": str(free_port()),
+            "http_port = 8091": "",  # a free one
         }.items():
             assert written in text
             text = text.replace(written, meant)
         text = text.replace("[chain]", f"[chain]\nbackend = {json.dumps(chain_backend)}")
-        (folder / "site.toml").write_text(f"{BINS}\n{text}")
+        (folder / "site.toml").write_text(text)
         self.running = RunningSite(folder / "site.toml")
         self.dao = Dao(self.running)
 
@@ -134,6 +135,14 @@ def test_a_program_posts_a_task_and_waits_until_it_is_paid(lab: Lab, name: str) 
     assert again.returncode == 0, again.stdout + again.stderr
     assert f"task {task_id} is posted" in again.stdout
     assert lab.dao.state("tasks", limit=1)["tasks"][0]["id"] == task_id
+
+
+def test_the_site_shares_no_port_and_no_folder_with_the_lab() -> None:
+    def taken(site: Site) -> set[str]:
+        bins = {str(one.http_port) for one in site.bins}
+        return {str(site.console.port), site.chain.url, str(site.data_dir), *bins}
+
+    assert taken(Site.load(EXAMPLES / "site.toml")).isdisjoint(taken(Site.load(LAB)))
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

@@ -6,6 +6,7 @@ from nicegui import ui
 
 from rodeo.access.accounts import User
 from rodeo.bus.messages import DaoEvent, Task
+from rodeo.commands.judging import challenge_of
 from rodeo.display.formatting import iec, moment
 from rodeo.display.story import Step
 from rodeo.errors import RodeoError
@@ -47,12 +48,12 @@ def challenger_of(console: Console, task: Task, user: User) -> str | None:
 @on_page
 async def _challenge(console: Console, task: Task, participant: str) -> None:
     async def perform(answer: dict[str, str]) -> bool:
-        request = {"participant": participant, "task_id": task.id, **answer}
+        request = {"participant": participant, "task_id": task.id, **answer, **agreed}
         done = f"The ruling on task {task.id} is challenged"
         return await act(console, "challenge", request, done) is not None
 
-    assert task.dispute is not None
-    stake = iec(task.dispute.challenge_iec)
+    agreed = challenge_of(task) or {}
+    stake = iec(agreed["stake_iec"])
     await ask_form(
         f"Challenge the ruling on task {task.id}? {participant} loses {stake} if it is right",
         {"reason": Field("Why it is wrong")},

@@ -15,7 +15,14 @@ from rodeo.chain.contract_calls import CommitteeJudgeCalls, DisputeJudgeCalls, R
 from rodeo.chain.contracts.abi import Windows
 from rodeo.chain.deployment import Deployment
 from rodeo.commands.desk import Desk
-from rodeo.commands.errors import KindWithoutQuorum, KindWithoutRules, NoDispute, NotAJudge, UnknownKind
+from rodeo.commands.errors import (
+    AnotherRuling,
+    KindWithoutQuorum,
+    KindWithoutRules,
+    NoDispute,
+    NotAJudge,
+    UnknownKind,
+)
 from rodeo.errors import InvalidRequest
 from rodeo.money.currency import IEC
 from services.bridge.names import Names
@@ -196,6 +203,14 @@ def test_a_ruling_that_nobody_can_replace_is_not_challenged(task: dict[str, Any]
     """A ruling of no instance, a concluded one, or one of the last instance."""
     with pytest.raises(NoDispute):
         called("challenge", {"task_id": 1, "reason": "no"}, instances=2, **task)
+
+
+@pytest.mark.parametrize("meant", [{"attempt": 2}, {"instance": 1}, {"stake_iec": "19"}])
+def test_a_challenge_that_was_meant_for_another_ruling_takes_no_stake(meant: dict[str, Any]) -> None:
+    stands = {"state": "ruled", "dispute": {"instance": 0, "stakes_iec": ["20", "40"]}}
+    with pytest.raises(AnotherRuling) as refused:
+        called("challenge", {"task_id": 1, "reason": "no", **meant}, **stands)
+    assert refused.value.details == {"attempt": 1, "instance": 0, "stake_iec": "20"}
 
 
 def test_what_concerns_providers_goes_to_the_contract_that_knows_them() -> None:

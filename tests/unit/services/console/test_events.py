@@ -36,7 +36,7 @@ class Site:
         self.index: list[DaoEvent] = []
         self.events: deque[DaoEvent] = deque(maxlen=5)
         self.tokens = {"ada", "bert"} | {f"user{number}" for number in range(20)}
-        self.asked = 0
+        self.asked = self.rows = 0
         self.is_away = False
         self.listeners: list[Callable[[], None]] = []
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -56,6 +56,7 @@ class Site:
         if self.is_away:
             raise NoResponder("nobody answers")
         found = [one for one in self.index if one.seq > after][:limit]
+        self.rows += len(found)
         return Events(events=found, last_seq=len(self.index), chain=self.chain)
 
     def listen(self, _what: str, listener: Callable[[], None]) -> Callable[[], None]:
@@ -116,9 +117,9 @@ class Reader:
             return
         self._lines = self.answer.iter_lines()
         if last is None:
-            self._take()
+            self.take()
 
-    def _take(self) -> dict[str, str]:
+    def take(self) -> dict[str, str]:
         said: dict[str, str] = {}
         for line in self._lines:
             if not line:
@@ -132,7 +133,7 @@ class Reader:
         """Names of the next events."""
         found: list[str] = []
         while len(found) < count:
-            said = self._take()
+            said = self.take()
             if "data" in said:
                 told = json.loads(said["data"])
                 assert told["name"] == said["event"]
@@ -196,6 +197,20 @@ def test_the_past_is_read_from_a_number_on_and_filtered(site: Site, client: http
         assert reader.read(2) == ["2 B", "4 B"]
     with Reader(client, after=0, name="B", task_id=8) as reader:
         assert reader.read(1) == ["4 B"]
+
+
+def test_a_client_of_few_events_resumes_behind_all_that_it_did_not_want(
+    site: Site, client: httpx.Client
+) -> None:
+    with Reader(client, name="Z") as reader:
+        site.happen(*"ABCDEFGH")
+        while not (reader.last or "").startswith("aaaaaaaa-8-"):
+            assert "data" not in reader.take()
+    rows = site.rows
+    with Reader(client, last=reader.last, name="Z") as reader:
+        site.happen("Z")
+        assert reader.read(1) == ["9 Z"]
+    assert site.rows - rows == 1  # that of its id
 
 
 def test_an_id_of_another_chain_of_the_future_or_of_a_former_index_is_refused(
