@@ -3,20 +3,32 @@ const [url, item, requestId] = process.argv.slice(2);
 const headers = { Authorization: `Bearer ${process.env.RODEO_TOKEN}` };
 const ENDS = ["TaskSettled", "TaskFailed", "TaskCancelled"];
 
+const pause = () => new Promise((resolve) => setTimeout(resolve, 1000));
+
+/** Ask until there is an answer: a console that starts again is waited for. The same request_id posts nothing twice. */
 async function api(path, options = {}) {
-  const answer = await fetch(`${url}/api${path}`, { ...options, headers: { ...headers, ...options.headers } });
-  if (answer.ok) return answer;
-  const problem = await answer.json();
-  const error = new Error(`${problem.code}: ${problem.detail} ${JSON.stringify(problem.details)}`);
-  throw Object.assign(error, { status: answer.status });
+  for (;; await pause()) {
+    let answer;
+    try {
+      answer = await fetch(`${url}/api${path}`, { ...options, headers: { ...headers, ...options.headers } });
+    } catch (error) {
+      console.error(`no answer: ${error.message}`);
+      continue;
+    }
+    if (answer.ok) return answer;
+    const problem = await answer.json();
+    const said = `${problem.code}: ${problem.detail} ${JSON.stringify(problem.details)}`;
+    if (answer.status < 500) throw new Error(said); // what we ask is wrong, and stays so
+    console.error(said);
+  }
 }
 
 /** Every event after `last`, also across streams that end: the server ends each after some minutes. */
 async function* events(last) {
-  for (;;) {
+  for (;; await pause()) {
+    const answer = await api("/events", { headers: last ? { "Last-Event-ID": last } : {} });
+    let text = "";
     try {
-      const answer = await api("/events", { headers: last ? { "Last-Event-ID": last } : {} });
-      let text = "";
       for await (const chunk of answer.body.pipeThrough(new TextDecoderStream())) {
         text += chunk;
         const blocks = text.split("\n\n");
@@ -29,10 +41,8 @@ async function* events(last) {
         }
       }
     } catch (error) {
-      if (error.status >= 400 && error.status < 500) throw error; // what we ask is wrong, and stays so
-      console.error(`the stream broke (${error.message}); it is read on after ${last}`);
+      console.error(`the stream broke: ${error.message}`);
     }
-    await new Promise((resolve) => setTimeout(resolve, 1000));
   }
 }
 

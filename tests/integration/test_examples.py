@@ -32,6 +32,8 @@ class Robot:
     def __init__(self, dao: Dao) -> None:
         self._dao = dao
         self._todo: queue.SimpleQueue[int | None] = queue.SimpleQueue()
+        self.may_work = threading.Event()
+        self.may_work.set()
         dao.command("panther1", "register_service", kind="waste_disposal", price_iec="90")
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
@@ -43,6 +45,7 @@ class Robot:
 
     def _work(self) -> None:
         while (task_id := self._todo.get()) is not None:
+            self.may_work.wait(timeout=HANG_S)
             self._dao.prove(task_id)
             self._dao.judge(task_id, True)
 
@@ -81,11 +84,14 @@ class Lab:
         accounts.close()
         self.robot = Robot(self.dao)
 
+    @property
+    def environment(self) -> dict[str, str]:
+        return {**os.environ, "RODEO_TOKEN": self.token, "PYTHONPATH": str(EXAMPLES.parent)}
+
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:
-        environment = {**os.environ, "RODEO_TOKEN": self.token, "PYTHONPATH": str(EXAMPLES.parent)}
         return subprocess.run(
             words,
-            env=environment,
+            env=self.environment,
             capture_output=True,
             text=True,
             timeout=HANG_S,
@@ -135,6 +141,34 @@ def test_a_program_posts_a_task_and_waits_until_it_is_paid(lab: Lab, name: str) 
     assert again.returncode == 0, again.stdout + again.stderr
     assert f"task {task_id} is posted" in again.stdout
     assert lab.dao.state("tasks", limit=1)["tasks"][0]["id"] == task_id
+
+
+@pytest.mark.parametrize("name", ["post_and_wait.sh", "post_and_wait.mjs"])
+def test_a_program_waits_for_a_console_that_starts_again(lab: Lab, name: str) -> None:
+    words = program(lab, name)
+    if shutil.which(words[0]) is None:
+        pytest.skip(f"{words[0]} is not installed")
+    lab.robot.may_work.clear()
+    words += ["item1", f"long wait of {name}"]
+    with subprocess.Popen(
+        words,
+        env=lab.environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as running:
+        assert running.stdout is not None
+        try:
+            assert "is posted" in running.stdout.readline()
+            lab.running.kill("console")
+            lab.running.start("console")
+            lab.robot.may_work.set()
+            assert "ettled" in running.communicate(timeout=HANG_S)[0]
+        finally:
+            lab.robot.may_work.set()
+            running.kill()
+    assert running.returncode == 0
 
 
 def test_the_site_shares_no_port_and_no_folder_with_the_lab() -> None:
