@@ -344,10 +344,17 @@ def test_goals_are_carried_out_rejected_and_cancelled_on_either_side(relay: Grap
     assert told(relay, lambda one: one.get("feedback") == ["waist", "500"])
     relay.say("small", "cancel")
     assert told(relay, lambda one: one.get("ended") == 2)["said"] == "halfway"
-    # Nobody looks after the robot once the relay is gone.
+    # A relay that was killed leaves the robot at work, until the next one begins.
     drive.send_goal(pose_goal(300), timeout_s=HANG_S)
-    assert relay.terminate("relay") == 0
+    relay.kill("relay")
+    relay.start_relay("relay", {**CONFIG, "router": side.endpoint})
     assert told(relay, lambda one: one.get("cancelled") == 300)
+    side.hear()
+    # Nobody looks after the robot once the relay is gone.
+    assert drive.wait_for_server(HANG_S)
+    drive.send_goal(pose_goal(400), timeout_s=HANG_S)
+    assert relay.terminate("relay") == 0
+    assert told(relay, lambda one: one.get("cancelled") == 400)
 
 
 def test_a_router_and_a_master_that_were_gone_are_reported_and_used_again(relay: Graph, side: Side) -> None:
@@ -356,9 +363,14 @@ def test_a_router_and_a_master_that_were_gone_are_reported_and_used_again(relay:
     assert told(relay, lambda one: "the router" in one.get("diagnostics", "") and one["level"] == 2)
     # What came meanwhile is not lost in silence.
     assert told(relay, lambda one: "/odom" in one.get("diagnostics", "") and one["refused"] != "0")
+    relay.say("small", "frame camera")
+    assert told(relay, lambda one: "tf_static" in one.get("diagnostics", "") and one["carried"] == "2")
     side.open_router()
     relay.wait_for("relay", "the router is back")
     side.hear()
+    late: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    side.node.subscription("tf_static", "tf2_msgs/msg/TFMessage", lambda one, _: late.put(one), wire.LATCHED)
+    assert late.get(timeout=HANG_S).transforms[0].child_frame_id == "camera"
 
     relay.kill("master")
     relay.wait_for("relay", "the ROS 1 master is gone")

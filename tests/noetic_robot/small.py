@@ -3,6 +3,7 @@
 wallet NAME      call /lab/panther1/get_wallet
 goal SECONDS     send a trajectory to /far/follow_joint_trajectory
 cancel           cancel that goal
+frame NAME       publish this frame on /tf_static
 """
 
 from __future__ import annotations
@@ -133,6 +134,8 @@ def main() -> None:
             ask_wallet(rest[0])
         elif word == "goal":
             far.send(float(rest[0]))
+        elif word == "frame":
+            frames.publish(TFMessage([TransformStamped(child_frame_id=rest[0])]))
         else:
             far.cancel()
 

@@ -46,11 +46,14 @@ def test_types_may_have_their_name_of_either_ros(tmp_path: Path) -> None:
     assert config.tls is None and config.domain_id == 0
 
 
-def test_a_participant_stands_for_all_that_its_nodes_may_ask_and_hear(tmp_path: Path) -> None:
+WORK = {"register_service", "update_service", "accept_task", "abandon_task", "submit_proof"}
+
+
+def test_a_participant_stands_for_what_its_nodes_read_and_for_its_work(tmp_path: Path) -> None:
     config = read(tmp_path, {"router": "tcp/127.0.0.1:7447", "participants": ["lab/anna"]})
     services = {one.ros2 for one in config.entries["services_to_ros2"]}
-    assert services == {f"lab/anna/{name}" for name in (*commands(), *asked())}
-    assert [one.ros1 for one in config.entries["actions_to_ros2"]] == ["/lab/anna/create_task"]
+    # Whoever reaches the master may call them: nothing that spends, judges or votes.
+    assert services == {f"lab/anna/{name}" for name in (*WORK, *asked())} and set(commands()) > WORK
     assert {one.ros2 for one in config.entries["topics_to_ros1"]} == {
         one.name(org="lab", participant="anna")
         for one in topics.TOPICS
@@ -58,7 +61,23 @@ def test_a_participant_stands_for_all_that_its_nodes_may_ask_and_hear(tmp_path: 
     }
     assert all(one.latched for one in config.entries["topics_to_ros1"])
     # Each task would be given back where nobody serves it.
-    assert config.entries["actions_to_ros1"] == []
+    assert config.entries["actions_to_ros1"] == config.entries["actions_to_ros2"] == []
+
+
+def test_a_command_that_spends_judges_or_votes_is_relayed_where_it_is_named(tmp_path: Path) -> None:
+    anna = {"name": "lab/anna", "commands": ["transfer", "create_task"]}
+    config = read(tmp_path, {"router": "tcp/127.0.0.1:7447", "participants": [anna, {"name": "lab/ben"}]})
+    services = {one.ros2 for one in config.entries["services_to_ros2"]}
+    both = {f"lab/{name}/{one}" for name in ("anna", "ben") for one in (*WORK, *asked())}
+    assert services == both | {"lab/anna/transfer"}
+    assert [one.ros1 for one in config.entries["actions_to_ros2"]] == ["/lab/anna/create_task"]
+
+
+def test_every_command_can_be_named(tmp_path: Path) -> None:
+    every = {"name": "lab/anna", "commands": [*commands(), "create_task"]}
+    config = read(tmp_path, {"router": "tcp/127.0.0.1:7447", "participants": [every]})
+    services = {one.ros2 for one in config.entries["services_to_ros2"]}
+    assert services == {f"lab/anna/{name}" for name in (*commands(), *asked())}
 
 
 def test_the_shipped_one_has_what_the_interface_of_a_robot_asks_for(tmp_path: Path) -> None:
@@ -98,6 +117,16 @@ def test_the_shipped_one_has_what_the_interface_of_a_robot_asks_for(tmp_path: Pa
         ({"tls": dict.fromkeys(("ca", "certificate", "key"), "no.pem")}, "there is no .*no.pem"),
         ({"participants": ["anna"]}, "is not <organization>/<participant>"),
         ({"participants": [5]}, "is not <organization>/<participant>"),
+        ({"participants": [{"commands": []}]}, "is not <organization>/<participant>"),
+        ({"participants": [{"name": "lab/anna", "all": True}]}, "participants: unknown 'all'"),
+        ({"participants": [{"name": "lab/anna", "commands": "transfer"}]}, "commands cannot be 'transfer'"),
+        (
+            {"participants": [{"name": "lab/anna", "commands": ["pay"]}]},
+            "no command 'pay'; known: abandon_task",
+        ),
+        ({"participants": [{"name": "lab/anna", "commands": ["get_task"]}]}, "no command 'get_task'"),
+        ({"participants": [{"name": "lab/anna", "commands": [["a"]]}]}, r"no command \['a'\]"),
+        ({"participants": ["lab/anna", {"name": "lab/anna"}]}, "more than once"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], words: str) -> None:

@@ -9,11 +9,12 @@ import time
 import uuid
 from collections import OrderedDict
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import actionlib
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus
 
 from rodeo_ros1.bus import Bus, Info, Request
 from rodeo_ros1.cdr import Codecs, Reader, Writer
@@ -36,7 +37,9 @@ _KEPT = 64
 each at most so many, whoever sends more."""
 _DECIDE_S = 3.0
 """For so long a server of ROS 1 may say neither yes nor no to a goal."""
-_SEND_S, _RESULT_S, _LOST_S, _STOP_S = 10.0, 60.0, 10.0, 1.0
+_SEND_S, _RESULT_S, _LOST_S, _STOP_S, _START_S, _AGAIN_S = 10.0, 60.0, 10.0, 1.0, 1.0, 0.5
+_NOT_CANCELED = {1: "it refuses to", 2: "it does not know the goal"}
+"""Codes in a response of CancelGoal after which the goal may run; 3 is of a goal that has ended."""
 
 
 def goal_id(cdr: bytes) -> bytes:
@@ -90,7 +93,20 @@ class ActionToRos1:
         self._line = health.line(f"{entry.ros2} -> {entry.ros1}")
         self._goals: OrderedDict[bytes, _Goal] = OrderedDict()
         self._lock = threading.RLock()
+        self._closing = False
+        self._told = threading.Event()
+        # Before the client, which uses the same topic, or a server could be there unnoticed.
+        self._stop = rospy.Publisher(
+            rospy.remap_name(entry.ros1) + "/cancel",
+            GoalID,
+            subscriber_listener=SimpleNamespace(
+                peer_subscribe=self._on_server, peer_unsubscribe=lambda *_: None
+            ),
+            queue_size=10,
+        )
         self._client = actionlib.ActionClient(entry.ros1, self._codecs.spec)
+        # A goal that came before the server was told would be stopped, too.
+        self._told.wait(_START_S)
         action = entry.ros2 + "/_action/"
         self._feedback = bus.publisher(action + "feedback", entry.type + "_FeedbackMessage")
         self._status = bus.publisher(action + "status", _STATUS, depth=1, latched=True)
@@ -98,9 +114,15 @@ class ActionToRos1:
         bus.serve(action + "cancel_goal", _CANCEL, self._on_cancel)
         bus.serve(action + "send_goal", entry.type + "_SendGoal", self._on_send_goal)
 
+    def _on_server(self, _topic: str, _tell_all: Any, tell: Any) -> None:
+        """A server that is found stops first: a relay that crashed may have left it at work."""
+        tell(GoalID())
+        self._told.set()
+
     def close(self) -> None:
         """Stop what is under way, and give the robot a moment for it: nobody looks after it any more."""
         with self._lock:
+            self._closing = True
             running = [goal.handle for goal in self._goals.values() if goal.status < SUCCEEDED]
         for handle in running:
             handle.cancel()
@@ -115,10 +137,17 @@ class ActionToRos1:
         wanted = self._codecs.goal.decode(request.cdr, skip=_ID_BYTES)
         with self._lock:
             running = sum(goal.status < SUCCEEDED for goal in self._goals.values())
-            if identity in self._goals or running >= _KEPT:
-                self._line.bad(
-                    "a goal came twice" if identity in self._goals else "too many goals are under way"
-                )
+            refused = (
+                "a goal came twice"
+                if identity in self._goals
+                else "too many goals are under way"
+                if running >= _KEPT
+                else "the relay ends"
+                if self._closing
+                else ""
+            )
+            if refused:
+                self._line.bad(refused)
                 _answer_goal(request, False, time.time_ns())
                 return
             goal = self._goals[identity] = _Goal(identity, request)
@@ -227,6 +256,9 @@ class ActionToRos1:
         # Not under the lock: actionlib calls back under one of its own.
         for goal in live:
             goal.handle.cancel()
+        if not any(identity) and not until_ns:
+            # Also what this relay does not know.
+            self._client.cancel_all_goals()
         # ERROR_NONE, ERROR_UNKNOWN_GOAL_ID or ERROR_GOAL_TERMINATED
         code = 0 if live or not any(identity) else 3 if chosen else 2
         writer = Writer()
@@ -260,6 +292,14 @@ def _answer_goal(request: Request, accepted: bool, stamp_ns: int) -> None:
     request.respond(bytes(writer.cdr))
 
 
+class _Sent:
+    """A goal of ROS 1 that is carried out in ROS 2."""
+
+    def __init__(self, handle: Any) -> None:
+        self.handle = handle
+        self.accepted = self.canceled = False
+
+
 class ActionToRos2:
     """A server in ROS 2 for clients in ROS 1."""
 
@@ -267,7 +307,8 @@ class ActionToRos2:
         self._entry, self._bus = entry, bus
         self._codecs = _Codecs(entry, codecs, layouts)
         self._line = health.line(f"{entry.ros1} -> {entry.ros2}")
-        self._running: dict[bytes, Any] = {}
+        self._running: dict[bytes, _Sent] = {}
+        self._lock = threading.Lock()
         self._action = entry.ros2 + "/_action/"
         self._send, self._get = entry.type + "_SendGoal", entry.type + "_GetResult"
         feedback = entry.type + "_FeedbackMessage"
@@ -281,26 +322,49 @@ class ActionToRos2:
         self._server.start()
 
     def _on_goal(self, handle: Any) -> None:
-        _thread(self._carry_out, handle)
-
-    def _carry_out(self, handle: Any) -> None:
-        identity = _id_of(handle)
-        if len(self._running) >= _KEPT:
+        identity, goal = _id_of(handle), _Sent(handle)
+        with self._lock:
+            full = len(self._running) >= _KEPT
+            if not full:
+                self._running[identity] = goal
+        if full:
             handle.set_rejected(text="too many goals are under way")
-            return
-        self._running[identity] = handle
+        else:
+            _thread(self._carry_out, identity, goal)
+
+    def _carry_out(self, identity: bytes, goal: _Sent) -> None:
+        try:
+            if self._begin(identity, goal.handle):
+                with self._lock:
+                    goal.accepted, canceled = True, goal.canceled
+                if canceled:
+                    _thread(self._cancel, identity)
+                self._finish(identity, goal.handle)
+        finally:
+            with self._lock:
+                del self._running[identity]
+
+    def _begin(self, identity: bytes, handle: Any) -> bool:
+        """Whether the server has accepted the goal."""
         try:
             sent = self._codecs.goal.encode(handle.get_goal(), before=identity)
-            response = self._bus.call(self._action + "send_goal", self._send, sent, _SEND_S)
+            try:
+                response = self._bus.call(self._action + "send_goal", self._send, sent, _SEND_S)
+            except Refused:
+                # It may have begun, and have answered too late.
+                _thread(self._ask_to_cancel, identity)
+                raise
             if response[4:5] != b"\x01":
                 raise Refused(f"{self._entry.ros2} rejected the goal")
         except (Malformed, Refused) as error:
-            del self._running[identity]
             self._line.bad(error)
             handle.set_rejected(text=str(error))
-            return
+            return False
         handle.set_accepted()
         self._line.passed()
+        return True
+
+    def _finish(self, identity: bytes, handle: Any) -> None:
         try:
             status, result = self._wait(identity)
         except (Malformed, Refused) as error:
@@ -313,8 +377,6 @@ class ActionToRos2:
                 handle.set_canceled(result)
             else:
                 handle.set_aborted(result, "" if status == ABORTED else "the server no longer knows the goal")
-        finally:
-            del self._running[identity]
 
     def _wait(self, identity: bytes) -> tuple[int, Any]:
         """Status and result. Raises Refused once there has been no server for a while, and Malformed."""
@@ -325,7 +387,7 @@ class ActionToRos2:
             asked_s = time.monotonic()
             try:
                 answer = self._bus.call(self._action + "get_result", self._get, bytes(writer.cdr), _RESULT_S)
-                return goal_status(answer), self._codecs.result.decode(answer, skip=1)
+                return code_of(answer), self._codecs.result.decode(answer, skip=1)
             except Refused:
                 now_s = time.monotonic()
                 if now_s - asked_s >= _RESULT_S - 1:
@@ -338,30 +400,52 @@ class ActionToRos2:
         raise Refused("the relay ends")
 
     def _on_feedback(self, cdr: bytes, _info: Info) -> None:
-        handle = self._running.get(goal_id(cdr))
-        if handle is not None:
-            handle.publish_feedback(self._codecs.feedback.decode(cdr, skip=_ID_BYTES))
+        goal = self._running.get(goal_id(cdr))
+        if goal is not None:
+            goal.handle.publish_feedback(self._codecs.feedback.decode(cdr, skip=_ID_BYTES))
 
     def _on_cancel(self, handle: Any) -> None:
-        _thread(self._cancel, _id_of(handle))
+        identity = _id_of(handle)
+        with self._lock:
+            goal = self._running.get(identity)
+            if goal is None:
+                return
+            goal.canceled = True
+            # The server refuses what it does not know yet.
+            accepted = goal.accepted
+        if accepted:
+            _thread(self._cancel, identity)
 
     def _cancel(self, identity: bytes) -> None:
+        """Ask until the server has answered, or the goal is over."""
+        while identity in self._running and not rospy.is_shutdown():
+            if self._ask_to_cancel(identity):
+                return
+            threading.Event().wait(_AGAIN_S)
+
+    def _ask_to_cancel(self, identity: bytes) -> bool:
+        """Whether the server has answered."""
         writer = Writer()
         writer.cdr += identity
         writer.numbers("i", 0)
         writer.numbers("I", 0)
         try:
-            self._bus.call(self._action + "cancel_goal", _CANCEL, bytes(writer.cdr), _SEND_S)
-        except Refused as error:
+            answer = self._bus.call(self._action + "cancel_goal", _CANCEL, bytes(writer.cdr), _SEND_S)
+            code = code_of(answer)
+        except (Malformed, Refused) as error:
             self._line.bad(error)
+            return False
+        if code in _NOT_CANCELED:
+            self._line.bad(f"{self._entry.ros2} did not cancel a goal: {_NOT_CANCELED[code]}")
+        return True
 
 
-def goal_status(response: bytes) -> int:
-    """The status in a response of `get_result`. Raises Malformed."""
+def code_of(response: bytes) -> int:
+    """The status or the code that a response begins with. Raises Malformed."""
     try:
         return int(Reader(response).numbers("b", 1)[0])
     except ValueError as error:
-        raise Malformed(f"no result: {error}") from error
+        raise Malformed(f"no response: {error}") from error
 
 
 def _id_of(handle: Any) -> bytes:
@@ -369,5 +453,5 @@ def _id_of(handle: Any) -> bytes:
     return uuid.uuid5(uuid.NAMESPACE_OID, handle.get_goal_id().id).bytes
 
 
-def _thread(run: Any, argument: Any) -> None:
-    threading.Thread(target=run, args=(argument,), daemon=True).start()
+def _thread(run: Any, *arguments: Any) -> None:
+    threading.Thread(target=run, args=arguments, daemon=True).start()

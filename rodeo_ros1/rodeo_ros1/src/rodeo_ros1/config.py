@@ -21,6 +21,9 @@ _OPTIONS = {
     "actions": {},
 }
 _MOST_DEPTH = 1000
+_COMMANDS, _READS = ("services_to_ros2", "actions_to_ros2"), "get_"
+_WORK = ("register_service", "update_service", "accept_task", "abandon_task", "submit_proof")
+"""Commands that every node in the ROS 1 graph may give for a participant; any other where it is named."""
 
 
 @dataclass(frozen=True)
@@ -136,12 +139,28 @@ def _name(where: str, name: str) -> str:
 
 
 def _add_participant(participant: Any, entries: dict[str, list[Entry]], layouts: Layouts) -> None:
-    """All that `ros_dao` has for one participant, under the same names in ROS 1."""
-    name = _name("participants", participant) if isinstance(participant, str) else ""
-    if name.strip("/").count("/") != 1:
+    """What `ros_dao` has for one participant, under the same names in ROS 1: what nodes read and work needs.
+
+    Nobody has to show who they are in a ROS 1 graph: what spends, judges or votes has to be named.
+    """
+    said = participant if isinstance(participant, dict) else {"name": participant}
+    name = said.get("name")
+    if not isinstance(name, str) or _name("participants", name).strip("/").count("/") != 1:
         raise ConfigError(f"participants: {participant!r} is not <organization>/<participant>")
+    _check("participants", said, {"name": str, "commands": list}, {"name"})
+    named = said.get("commands", [])
+    known = [one for group in _COMMANDS for one in layouts.organization[group] if not one.startswith(_READS)]
+    unknown = [one for one in named if one not in known]
+    if unknown:
+        raise ConfigError(
+            "participants: {} has no command {!r}; known: {}".format(
+                name, unknown[0], ", ".join(sorted(known))
+            )
+        )
     for group, offered in layouts.organization.items():
         for one, typename in offered.items():
+            if group in _COMMANDS and not one.startswith(_READS) and one not in (*_WORK, *named):
+                continue
             place = "{}/{}".format(name.strip("/"), one)
             entry = Entry("/" + place, place, typename, latched=group == "topics_to_ros1")
             entries[group].append(entry)

@@ -24,9 +24,10 @@ class TopicToRos2:
     def __init__(self, entry: Entry, bus: Bus, codecs: Codecs, layouts: Layouts, health: Health) -> None:
         made = message_class(*layouts.ros1_name(entry.type))
         self._codec = codecs.codec(entry.type, made)
+        self._latched = entry.latched
         self._on_demand = entry.on_demand and not entry.latched
         self._line = health.line(f"{entry.ros1} -> {entry.ros2}")
-        self._router = health.router
+        self._bus = bus
         self._publisher = bus.publisher(
             entry.ros2, entry.type, entry.depth if entry.latched else 10, entry.latched
         )
@@ -39,7 +40,8 @@ class TopicToRos2:
                 # Two publishers of one topic count for themselves.
                 sender = (getattr(message, "_connection_header", None) or {}).get("callerid")
                 self._line.heard(sender, message.header.seq)
-            if not self._router.there:
+            # What is latched waits in the publisher for whoever comes, the router too.
+            if not self._latched and not self._bus.connected:
                 self._line.bad("a message came while the router was gone")
                 return
             if self._on_demand and not self._publisher.matched:
