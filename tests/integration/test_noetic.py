@@ -347,9 +347,10 @@ def test_goals_are_carried_out_rejected_and_cancelled_on_either_side(relay: Grap
     # A relay that was killed leaves the robot at work, until the next one begins.
     drive.send_goal(pose_goal(300), timeout_s=HANG_S)
     relay.kill("relay")
+    before = len(relay.log("relay"))
     relay.start_relay("relay", {**CONFIG, "router": side.endpoint})
     assert told(relay, lambda one: one.get("cancelled") == 300)
-    side.hear()
+    relay.wait_for("relay", "relaying 7 names", before)
     # Nobody looks after the robot once the relay is gone.
     assert drive.wait_for_server(HANG_S)
     drive.send_goal(pose_goal(400), timeout_s=HANG_S)

@@ -10,6 +10,7 @@ import os
 import sys
 import threading
 import xmlrpc.client
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import genpy
@@ -71,6 +72,8 @@ class Relay:
         codecs = Codecs(self._layouts, message_class, genpy.Time, genpy.Duration)
         for group, entries in self._config.entries.items():
             for entry in entries:
+                if self.stopping.is_set():
+                    return
                 self._carried.append(_KINDS[group](entry, self._bus, codecs, self._layouts, self.health))
         log.info("relaying %d names to and from %s", len(self._carried), self._config.router)
 
@@ -135,7 +138,9 @@ def main() -> int:
         relay = Relay(config, layouts)
         rospy.on_shutdown(relay.stop)
         try:
-            relay.open()
+            # rospy ends in the main thread, which must not be in a call to the master then.
+            with ThreadPoolExecutor(1) as opening:
+                opening.submit(relay.open).result()
             relay.run()
         finally:
             rospy.signal_shutdown("the relay ends")
