@@ -218,6 +218,8 @@ def relay(graph: Graph, side: Side) -> Graph:
     graph.wait_for("small", '"up"')
     graph.start_relay("relay", {**CONFIG, "router": side.endpoint})
     side.hear()
+    # What is sent to ROS 1 before its subscriber has found the relay is lost.
+    graph.wait_for("relay", "relaying 7 names")
     return graph
 
 
