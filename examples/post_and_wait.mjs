@@ -61,5 +61,5 @@ while (!["settled", "failed", "cancelled"].includes(task.state)) {
   const { event } = (await stream.next()).value;
   if (event?.task_id === taskId && ENDS.includes(event.name)) task = await (await api(`/tasks/${taskId}`)).json();
 }
-console.log(`${task.state}: ${task.executor_name} was paid ${task.paid_iec} IEC`);
-process.exit(task.state === "settled" ? 0 : 1);
+console.log(`${task.state}: ${task.executor_name} was paid ${task.paid_iec} IEC; verdict ${task.verdict}: ${task.reason}`);
+process.exit(task.verdict === "accepted" ? 0 : 1);

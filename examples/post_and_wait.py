@@ -30,7 +30,8 @@ def main(site_file: str, item: str, request_id: str) -> int:
             print(f"{error.message}: {error.details['reason']}")
             return 1
         print(f"{task.executor_name} was paid {task.paid_iec} IEC; its proof is {task.proof_sha256}")
-    return 0
+        print(f"{task.verdict}: {task.reason}")
+    return 0 if task.verdict == "accepted" else 1  # who did not do it is paid as well, a tenth or nothing
 
 
 if __name__ == "__main__":

@@ -37,7 +37,8 @@ def main(endpoint: str, org: str, item: str, request_id: str) -> int:
             happened.clear()
         listener.undeclare()
     print(f"{task['state']}: {task['executor_name']} was paid {task['paid_iec']} IEC")
-    return 0 if task["state"] == "settled" else 1
+    print(f"{task['verdict']}: {task['reason']}")
+    return 0 if task["verdict"] == "accepted" else 1
 
 
 if __name__ == "__main__":

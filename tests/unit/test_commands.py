@@ -19,8 +19,9 @@ from rodeo_testing.waiting import HANG_S
 
 ROOT = Path(__file__).parents[2]
 DECLARED_IN, CONTRACT = "rodeo/commands/", "rodeo/chain/"
-APART = ("tests/", "bench/", "training/", "rodeo_testing/", "examples/", DECLARED_IN, CONTRACT)
-"""Tests, examples, and the declarations themselves with the contracts whose functions have the same names."""
+APART = ("tests/", "bench/", "training/", "rodeo_testing/", "examples/", "rodeo_ros1/", DECLARED_IN, CONTRACT)
+"""Tests, programs that import nothing of ours, and the declarations themselves with the contracts, whose
+functions have the same names."""
 MEANS_ANOTHER = {
     "transfer": (
         "services/bridge/projection/tokens.py",
