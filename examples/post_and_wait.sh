@@ -18,4 +18,6 @@ until
 do sleep 1; done
 kill $! 2>/dev/null || true
 rm -r "$folder"
-$curl "$url/api/tasks/$task"
+settled=$($curl "$url/api/tasks/$task")
+echo "$settled"
+echo "$settled" | grep --quiet '"verdict": *"accepted"'

@@ -365,11 +365,14 @@ def _hurried(site: Site) -> Iterator[tuple[Place, str]]:
         if one.judge is not None or one.name not in known:
             continue
         if (grace_s := declared(one).grace_period_s) < site.answer_s:
+            # As in `answer_s`: another robot may be given a task while one charges. 0 is as fast as it goes.
+            idles = len(site.robots) > 1 and (clock.idle_speed or math.inf) > (clock.speed or math.inf)
+            faster = "idle_speed" if idles else "speed"
             yield (
                 ("kinds", number),
                 f"a task of {one.name} can be given back for {grace_s} s of site time, and a process may "
                 f"need {site.answer_s:g} s for that, {ANSWER_WALL_S:g} s on the wall clock: lower "
-                "clock.speed, or raise grace_s",
+                f"clock.{faster}, or raise grace_s",
             )
 
 

@@ -21,7 +21,7 @@ node_major=18
 # Measured with empty caches on two cores: what $1 costs, and the megabytes of disk to ask for.
 measure() {
     case $1 in
-        site) mb=1500 costs="127 packages, 280 MB to download, 0.9 GB on disk, about 2 minutes" ;;
+        site) mb=1500 costs="124 packages, 280 MB to download, 0.9 GB on disk, about 2 minutes" ;;
         experiment) mb=1600 costs="134 packages, 300 MB to download, 0.9 GB on disk, about 2 minutes" ;;
         # Measured: what three test files at a time use, with their sites.
         dev) mb=3000 memory_mb=5000 costs="195 packages, 445 MB to download, 1.5 GB on disk, about 3 minutes" ;;

@@ -130,7 +130,8 @@ class Streams:
                     check_s = now_s + CHECK_S
                 try:
                     found = await self._after(place)
-                except (BusError, RemoteError):
+                except (BusError, RemoteError) as error:
+                    yield ServerSentEvent(comment=f"{error.code}: the bridge is asked again")
                     await asyncio.sleep(_RETRY_S)
                     continue
                 for event in found:

@@ -27,13 +27,14 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 class Robot:
-    """Does each task that it is assigned at once, and the oracle accepts it."""
+    """Hands in a proof of each task that it is assigned at once; the oracle rules as `ruling` says."""
 
     def __init__(self, dao: Dao) -> None:
         self._dao = dao
         self._todo: queue.SimpleQueue[int | None] = queue.SimpleQueue()
         self.may_work = threading.Event()
         self.may_work.set()
+        self.ruling = "accepted"
         dao.command("panther1", "register_service", kind="waste_disposal", price_iec="90")
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
@@ -47,7 +48,10 @@ class Robot:
         while (task_id := self._todo.get()) is not None:
             self.may_work.wait(timeout=HANG_S)
             self._dao.prove(task_id)
-            self._dao.judge(task_id, True)
+            if self.ruling == "accepted":
+                self._dao.judge(task_id, True)
+            else:
+                self._dao.verdict(task_id, self.ruling, "it was not there")
 
     def stop(self) -> None:
         self._events.close()
@@ -141,6 +145,22 @@ def test_a_program_posts_a_task_and_waits_until_it_is_paid(lab: Lab, name: str) 
     assert again.returncode == 0, again.stdout + again.stderr
     assert f"task {task_id} is posted" in again.stdout
     assert lab.dao.state("tasks", limit=1)["tasks"][0]["id"] == task_id
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_ends_badly_where_the_work_was_not_done(lab: Lab, name: str) -> None:
+    words = program(lab, name)
+    if shutil.which(words[0]) is None:
+        pytest.skip(f"{words[0]} is not installed")
+    lab.robot.ruling = "impossible"
+    try:
+        done = lab.run(*words, "item1", f"nothing of {name}")
+    finally:
+        lab.robot.ruling = "accepted"
+    task = lab.dao.task(int(done.stdout.split()[1]))
+    assert (task["state"], task["verdict"]) == ("settled", "impossible")
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "impossible" in done.stdout
 
 
 @pytest.mark.parametrize("name", ["post_and_wait.sh", "post_and_wait.mjs"])

@@ -266,6 +266,14 @@ DOUBTFUL = [
         "50 s for that, 5 s on the wall clock: lower clock.speed, or raise grace_s",
     ),
     (
+        '[[kinds]]\nname = "battery_charging"\n[[kinds]]\nname = "waste_disposal"\n'
+        '[[robots]]\nname = "panther1"\npose = { x_m = 1.4, y_m = 1.3 }\n'
+        '[[robots]]\nname = "panther2"\npose = { x_m = 3.1, y_m = 2.2 }\n',
+        5,
+        "kinds.1: a task of waste_disposal can be given back for 180 s of site time, and a process may need "
+        "2000 s for that, 5 s on the wall clock: lower clock.idle_speed, or raise grace_s",
+    ),
+    (
         '[[kinds]]\nname = "battery_charging"\n[[kinds]]\nname = "dusting"\njudge = "auditor"\n',
         5,
         "kinds.1: dusting has no price_iec, so an attempt counts up to 100 IEC in its provider's record: say "
