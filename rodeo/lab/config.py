@@ -103,6 +103,24 @@ def gripper_body(robot: str) -> str:
     return f"{robot}/gripper"
 
 
+class MocapConfig(Section):
+    """The source of motion capture's poses, on a site with `lab.mocap`."""
+
+    source: str | None = Field(None, pattern=_DEVICE_NAME)
+    """`sim`, or a system of cameras: one of `services.mocap.sources`, or an installed package's. Left out:
+    `sim` where the clock is simulated, else nobody."""
+    address: str = ""
+    """Where the system is; what this says depends on the source."""
+    settings: dict[str, Any] = {}
+    """Other settings of the source."""
+    bodies: dict[str, str] = {}
+    """Robot or item -> its name in the system; by default the same."""
+    origin: Pose2 = Pose2(x_m=0.0, y_m=0.0)
+    """Where the system's origin is in the map, and how its x axis is turned there."""
+    latency_s: float = Field(0.0, ge=0, le=1)
+    """Time from the exposure to the frame's arrival. It counts where the system stamps no frames."""
+
+
 class CameraConfig(Section):
     """Where a bin's pictures come from."""
 

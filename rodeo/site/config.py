@@ -32,7 +32,16 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 
 from rodeo.errors import ConfigError, unreadable
 from rodeo.host.stamps import FASTEST_CLOCK
-from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, PlaceConfig, Pose2, RobotConfig
+from rodeo.lab.config import (
+    BinConfig,
+    DockConfig,
+    ItemConfig,
+    LabConfig,
+    MocapConfig,
+    PlaceConfig,
+    Pose2,
+    RobotConfig,
+)
 from rodeo.lab.rooms import RoomConfig, walls
 from rodeo.money.currency import IEC, MAX_DECIMALS, MIN_DECIMALS, Currency, InvalidAmount
 from rodeo.money.rewards import Rise
@@ -724,6 +733,7 @@ class Site(BaseSettings):
     console: ConsoleConfig = ConsoleConfig()
 
     lab: LabConfig
+    mocap: MocapConfig = MocapConfig()
     bins: list[BinConfig] = []
     docks: list[DockConfig] = []
     rooms: list[RoomConfig] = []
