@@ -36,12 +36,11 @@ STATE_COLOURS = {
     "abandoned": "warn",
     "given up": "warn",
     "impossible": "warn",
+    "undecided": "warn",
     "void": "warn",
     "paid": "good",
     "superseded": "",
     "compromised": "bad",
-    "at work": "info",
-    "in verification": "brand",
 }
 """The class of a badge that shows this word."""
 

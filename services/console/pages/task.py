@@ -6,7 +6,6 @@ import tempfile
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from nicegui import ui
 
@@ -64,6 +63,7 @@ from services.console.pages.frame import (
     time_left,
     user,
 )
+from services.console.pages.verdict import draw_report
 from services.console.pages.widgets import (
     Field,
     Section,
@@ -256,7 +256,7 @@ class TaskPage:
             Text("p", f"{verdict[:1].upper()}{verdict[1:]}", "wrap")
             empty("A person judged this proof; the oracle's checks did not decide it.")
         else:
-            _draw_report(report)
+            draw_report(report)
 
     def _choice(self, attempt: Attempt, is_shown: bool) -> None:
         if attempt.proof_sha256 is None:
@@ -407,7 +407,7 @@ def _verdict(by_kind: bool, attempt: Attempt, transactions: list[Transaction], p
 
 def _draw_outcome(attempt: Attempt, verdict: str) -> None:
     word = WORDS.get(attempt.verdict or "", attempt.verdict) or ("ruled" if attempt.standing else None)
-    badge(word or ("in verification" if attempt.submitted_s else "at work"))
+    badge(word or ("submitted" if attempt.submitted_s else "assigned"))
     if attempt.paid_iec is not None:
         Text("div", f"paid {iec(attempt.paid_iec)}", "soft")
     if not attempt.counts:
@@ -518,50 +518,6 @@ def _draw_agreement(console: Console, task: Task) -> None:
             fact("Returned", worth(task.refunded_iec, site))
         for name, value in task.params.items():
             fact(parameter(name), str(value)[:200], "wrap")
-
-
-def _draw_report(report: Json) -> None:
-    with ui.element("div").classes("line"):
-        badge(str(report.get("outcome", "rejected"))[:20])
-        Text("span", str(report.get("reason", ""))[:500], "wrap")
-    checks = [check for check in report.get("checks", []) if isinstance(check, dict)]
-    words = {True: ("passed", "good"), False: ("failed", "bad"), None: ("skipped", "")}
-
-    def result(check: Json) -> tuple[str, str]:
-        if check.get("impossible"):
-            return "impossible", "warn"
-        return ("undecided", "warn") if check.get("fault") else words.get(check.get("passed"), words[None])
-
-    table(
-        "Checks of the oracle",
-        [
-            ("Check", "plain"),
-            ("Result", ""),
-            ("Measured", "number"),
-            ("Limit", "number"),
-            ("About", "wide-only wrap"),
-        ],
-        [
-            (
-                str(check.get("name", "")).replace("_", " "),
-                partial(badge, *result(check)),
-                _measured(check.get("measured"), check.get("unit")),
-                _measured(check.get("limit"), check.get("unit")),
-                str(check.get("detail") or check.get("source") or "")[:300],
-            )
-            for check in checks
-        ],
-    )
-
-
-def _measured(value: Any, unit: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    text = text if len(text) <= 24 else f"{text[:12]}…{text[-8:]}"
-    return f"{text} {unit}" if unit else text
 
 
 def _draw_transactions(transactions: list[Transaction], problem: str) -> None:

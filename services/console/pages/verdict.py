@@ -1,0 +1,52 @@
+"""The oracle's report on a task: its verdict in a sentence, and groups of checks that open."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from rodeo.display.checked import Line, groups, lines, sentence
+from rodeo.text.strict_json import Json
+from services.console.pages.widgets import Text, badge
+
+_COLOURS = {"passed": "good", "failed": "bad", "skipped": ""}
+"""State of a check -> class; any other one warns."""
+
+
+def draw_report(report: Json) -> None:
+    checks = lines(report)
+    outcome = str(report.get("outcome", "rejected"))[:20].replace("_", " ")
+    with ui.element("div").classes("line"):
+        badge(outcome)
+        Text("span", f"{sentence(checks)}.", "wrap")
+    if checks and (reason := str(report.get("reason", ""))[:500]) != outcome:
+        Text("p", reason, "soft wrap")
+    for title, some in groups(checks).items():
+        _draw_group(title, some)
+
+
+def _draw_group(title: str, checks: list[Line]) -> None:
+    """Open where something did not pass."""
+    failed = any(one.failed for one in checks)
+    with ui.element("details").classes("checks") as group:
+        if failed:
+            group.props("open")
+        with ui.element("summary"):
+            Text("strong", title)
+            Text("span", sentence(checks), "bad" if failed else "soft")
+        with ui.element("ul").props(f'aria-label="{title}"'):
+            for one in checks:
+                _draw_check(one)
+
+
+def _draw_check(check: Line) -> None:
+    with ui.element("li"):
+        Text("span", check.name, "title")
+        badge(check.state, _COLOURS.get(check.state, "warn"))
+        if check.values:
+            Text("span", check.values, "values wrap")
+        if check.used is not None:
+            # The numbers beside it say the same.
+            with ui.element("div").classes("bar").props('aria-hidden="true"'):
+                ui.element("div").style(f"width: {min(check.used, 1.0):.0%}")
+        if check.about:
+            Text("span", check.about, "soft wrap")
